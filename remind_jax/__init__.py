@@ -1,0 +1,1 @@
+"""Online long-term re-identification of object instances, in JAX."""

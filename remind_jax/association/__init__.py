@@ -1,0 +1,1 @@
+"""Who is who: similarity, gating, locks and the joint assignment (paper III-E)."""

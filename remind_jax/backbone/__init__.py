@@ -1,0 +1,1 @@
+"""Frozen patch features behind one registry; the embedded default needs no weights."""

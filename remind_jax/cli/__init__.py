@@ -1,0 +1,1 @@
+"""The `remind` command, one module per verb."""

@@ -1,0 +1,1 @@
+"""Configuration: static structure, traced thresholds, YAML files, the original's keys."""

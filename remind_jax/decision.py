@@ -1,0 +1,92 @@
+"""What leaves the tracker for each detection: outcome codes and the `Decisions` of one frame."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+from jaxtyping import Array, Bool, Float, Int
+
+NO_ID = -1
+
+
+class Outcome(enum.IntEnum):
+    """What became of a detection (association.md section 19)."""
+
+    EMPTY = 0  # padding slot, no detection
+    MATCH = 1  # a known object
+    NEW = 2  # the first sight of an object
+    AMBIGUOUS = 3  # one of two or three known objects, undecided
+    PROVISIONAL_NEW = 4  # probably new, but a known object cannot be excluded
+    PROVISIONAL_PARENT = 5  # probably a known object, but not certainly
+    UNASSIGNED = 6  # decided nothing and remembered nothing
+    DROPPED = 7  # unusable: empty mask or no finite feature
+
+    @property
+    def is_firm(self) -> bool:
+        """True if the detection has one identity now."""
+        return self in (Outcome.MATCH, Outcome.NEW)
+
+
+class Status(enum.IntEnum):
+    """How clear the visual evidence is (association.md section 9.1)."""
+
+    NONE = 0
+    STRONG = 1
+    AMBIGUOUS = 2
+    WEAK = 3
+
+
+class Reason(enum.IntEnum):
+    """Why a detection became what it became (association.md section 19)."""
+
+    NONE = 0
+    ASSIGNED = 1
+    CREATED_NEW = 2
+    NO_ASSIGNMENT = 3
+    KNOWN_BUT_AMBIGUOUS = 4
+    KNOWN_BUT_AMBIGUOUS_VISUAL = 5
+    KNOWN_BUT_AMBIGUOUS_MATCH = 6
+    KNOWN_BUT_AMBIGUOUS_VISUAL_MATCH = 7
+    KNOWN_BUT_AMBIGUOUS_IDENTITY_STABILITY = 8
+    KNOWN_AND_COMMITTED_NEW_COMPETITION = 9
+    KNOWN_BUT_AMBIGUOUS_BLOCKED_FALLBACK = 10
+    KNOWN_BUT_AMBIGUOUS_CONTEXTUAL_FALLBACK = 11
+    UNCERTAIN_PARENT = 12
+    UNCERTAIN_KNOWN_BLOCKED = 13
+    UNCERTAIN_NEW_WITH_KNOWN_CONTEXT = 14
+    UNCERTAIN_NEW_VISUAL_FALLBACK = 15
+    UNCERTAIN_NEW = 16
+    INVALID_INPUT = 17
+
+
+class Lock(enum.IntEnum):
+    """Whether a clear win settled the pair before the joint assignment (section 12)."""
+
+    NONE = 0
+    OBJECT = 1
+    DETECTION = 2
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Decisions:
+    """The decisions of one frame; `N` detection slots, `C` candidates shown per detection."""
+
+    outcome: Int[Array, "N"]  # Outcome
+    reason: Int[Array, "N"]  # Reason
+    object_id: Int[Array, "N"]  # matched or created object, -1 without identity
+    pending_id: Int[Array, "N"]  # ambiguous or provisional track, numbered per kind; -1 none
+    score: Float[Array, "N"]  # final score of the match, best score of an undecided one, 0 if new
+    status: Int[Array, "N"]  # Status of the visual scores
+    confidence: Float[Array, "N"]  # [0, 1]
+    best_score: Float[Array, "N"]  # highest visual score over candidates, 0 without any
+    second_score: Float[Array, "N"]  # second highest, 0 without any
+    num_close: Int[Array, "N"]  # candidates within `close_delta` of the best
+    lock: Int[Array, "N"]  # Lock
+    assigned_id: Int[Array, "N"]  # object after locks and joint assignment, before guards; -1 new
+    candidate_id: Int[Array, "N C"]  # by falling score, then rising id; -1 padding
+    candidate_score: Float[Array, "N C"]  # visual score
+    candidate_final: Float[Array, "N C"]  # score after context
+    candidate_eligible: Bool[Array, "N C"]  # open to assignment

@@ -1,0 +1,1 @@
+"""Instance masks from ONNX segmentation exports or any callable."""

@@ -1,0 +1,35 @@
+"""The one exception family of the package: what went wrong, what is allowed, what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class RemindError(ValueError):
+    """Something the caller can mend; its text is one sentence fit to be shown to a user."""
+
+
+class SourceError(RemindError):
+    """A video, folder, archive or mask file cannot be used."""
+
+
+class ConfigError(RemindError):
+    """A configuration key or value is not accepted."""
+
+
+class WeightsError(RemindError):
+    """A weight file is missing, damaged or of another model."""
+
+
+class OutputError(RemindError):
+    """A result cannot be written or read back."""
+
+
+def nearest_names(name: str, allowed: Iterable[str]) -> str:
+    """Half a sentence that helps with a misspelt name: the closest ones, else all of them."""
+    names = sorted(allowed)
+    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    if close:
+        return "did you mean " + " or ".join(repr(c) for c in close) + "?"
+    return "allowed: " + ", ".join(names)

@@ -1,0 +1,1 @@
+"""Evaluation: HOTA, Identity, CLEAR, recovery."""

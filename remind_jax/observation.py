@@ -1,0 +1,40 @@
+"""What enters one step of the tracker on the device.
+
+Letters: `N` detection slots, `Hp Wp` patch grid, `P = Hp * Wp` patches in raster order, `D`
+feature dimension.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+from jaxtyping import Array, Bool, Float, Int
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FrameFeats:
+    """What a backbone says about one frame."""
+
+    patches: Float[Array, "Hp Wp D"]  # raw patch features, not normalised
+    frame_size: Int[Array, "2"]  # height and width in pixels
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Masks:
+    """What the tracker needs of the pixel masks of one frame, reduced on the host.
+
+    Padding slots are zero with `valid` false. Detection order is slot order.
+    """
+
+    coverage: Float[Array, "N Hp Wp"]  # share of each patch inside the mask, [0, 1]
+    filled_coverage: Float[Array, "N Hp Wp"]  # the same for the sanitised (convex) mask
+    quality: Float[Array, "N"]  # mask area / sanitised area, [0, 1]
+    box: Float[Array, "N 4"]  # left, top, right, bottom in pixels, right and bottom excluded
+    center: Float[Array, "N 2"]  # mean x, mean y of the mask pixels (pixel indices)
+    area: Float[Array, "N"]  # pixels
+    class_id: Int[Array, "N"]  # index into the class vocabulary
+    detector_score: Float[Array, "N"]  # [0, 1]
+    valid: Bool[Array, "N"]

@@ -1,0 +1,1 @@
+"""What does each detection look like: pooling, parts, rings (paper III-B)."""

@@ -1,0 +1,1 @@
+"""Procedural rooms, objects and camera paths with ground truth, seeded."""

@@ -1,0 +1,80 @@
+"""What leaves the tracker on the host: the identities of one frame's detections.
+
+Letters: `N` detections, `C` candidates shown per detection.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pycocotools import mask as coco_mask
+
+from remind_jax.decision import NO_ID, Outcome
+
+Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
+
+
+@dataclasses.dataclass(frozen=True)
+class Tracks:
+    """Identities of the detections of one frame, in detection order.
+
+    Masks are kept run-length encoded, so that thousands of frames fit in memory.
+    """
+
+    frame_index: int  # processed frame, 0, 1, 2, ...
+    source_index: int  # number in the source
+    time_s: float
+    name: str
+    frame_size: tuple[int, int]  # height, width in pixels
+    outcome: Int[np.ndarray, "N"]  # decision.Outcome
+    reason: Int[np.ndarray, "N"]  # decision.Reason
+    object_id: Int[np.ndarray, "N"]  # -1 without a firm identity
+    pending_id: Int[np.ndarray, "N"]  # ambiguous or provisional track, -1 none
+    status: Int[np.ndarray, "N"]  # decision.Status
+    score: Float[np.ndarray, "N"]
+    confidence: Float[np.ndarray, "N"]
+    candidate_id: Int[np.ndarray, "N C"]  # -1 padding
+    candidate_score: Float[np.ndarray, "N C"]
+    labels: tuple[str, ...]  # class names
+    boxes: Float[np.ndarray, "N 4"]  # left, top, right, bottom in pixels; right and bottom excluded
+    areas: Int[np.ndarray, "N"]  # pixels
+    detector_scores: Float[np.ndarray, "N"]
+    instance_ids: Int[np.ndarray, "N"]  # ground truth where known, else -1
+    rles: tuple[Rle, ...]
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @property
+    def masks(self) -> Bool[np.ndarray, "N H W"]:
+        """Pixel masks, decoded anew at every call."""
+        if not self.rles:
+            return np.zeros((0, *self.frame_size), bool)
+        return np.moveaxis(coco_mask.decode(list(self.rles)), -1, 0).astype(bool)
+
+    @property
+    def is_firm(self) -> Bool[np.ndarray, "N"]:
+        """Detections that have one identity now (matched or new)."""
+        return np.isin(self.outcome, [Outcome.MATCH, Outcome.NEW])
+
+    def display_name(self, row: int) -> str:
+        """What to write beside a detection: `cup 3`, `cup 3 or 5?`, `cup new?`."""
+        label, object_id = self.labels[row], int(self.object_id[row])
+        if object_id != NO_ID:
+            return f"{label} {object_id}"
+        shown = [str(i) for i in self.candidate_id[row] if i != NO_ID]
+        if self.outcome[row] == Outcome.AMBIGUOUS and shown:
+            return f"{label} {' or '.join(shown)}?"
+        if self.outcome[row] == Outcome.PROVISIONAL_PARENT and shown:
+            return f"{label} {shown[0]}?"
+        return f"{label} new?"
+
+
+def encode_masks(masks: Bool[np.ndarray, "N H W"]) -> tuple[Rle, ...]:
+    """Run-length encodes pixel masks, one COCO RLE per mask."""
+    if not len(masks):
+        return ()
+    return tuple(coco_mask.encode(np.asfortranarray(np.moveaxis(masks, 0, -1).astype(np.uint8))))
