@@ -1,1 +1,19 @@
 """Instance masks from ONNX segmentation exports or any callable."""
+
+from remind_jax.detectors.detector import (
+    CallableDetector,
+    Detector,
+    OnnxDetector,
+    as_detector,
+)
+from remind_jax.detectors.options import DetectorOptions
+from remind_jax.detectors.refinement import DropCounts
+
+__all__ = [
+    "CallableDetector",
+    "Detector",
+    "DetectorOptions",
+    "DropCounts",
+    "OnnxDetector",
+    "as_detector",
+]

@@ -1,0 +1,213 @@
+"""What finds instances in a frame: an ONNX segmentation export, or any callable."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from remind_jax.detectors import rfdetr_seg, yolo_seg
+from remind_jax.detectors.onnx_file import OnnxFile
+from remind_jax.detectors.onnx_session import OnnxSession
+from remind_jax.detectors.options import DetectorOptions
+from remind_jax.detectors.refinement import DropCounts, refine_detections
+from remind_jax.errors import ConfigError, SourceError, WeightsError
+from remind_jax.frame import Detections
+
+# Another's masks are taken as they are unless the caller asks for more.
+_AS_GIVEN = DetectorOptions(confidence=0.0, erosion_px=0)
+
+
+@runtime_checkable
+class Detector(Protocol):
+    """Finds the instances of a frame.
+
+    Attributes:
+      dropped: Instances left out so far for their masks, by reason.
+    """
+
+    dropped: DropCounts
+
+    def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:
+        """Instances of one RGB frame, in detector order."""
+        ...
+
+    def describe(self) -> dict[str, Any]:
+        """What it is and how it is set, fit for JSON."""
+        ...
+
+
+class SegmentationHead(Protocol):
+    """The knowledge about one family of networks, without the network."""
+
+    kind: str
+
+    @property
+    def names(self) -> tuple[str | None, ...]:
+        """Class names by class column."""
+        ...
+
+    def prepare(self, image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "1 3 H W"]:
+        """The network's input for a frame."""
+        ...
+
+    def decode(
+        self, outputs: Mapping[str, Float[np.ndarray, "..."]], frame_size: tuple[int, int]
+    ) -> Detections:
+        """Detections from the network's outputs for a frame of this (height, width)."""
+        ...
+
+
+class OnnxDetector:
+    """A segmentation network from an ONNX file, recognised by its outputs."""
+
+    def __init__(self, path: str | Path, options: DetectorOptions | None = None):
+        """Loads and recognises the network.
+
+        Raises:
+          WeightsError: If the file is missing, damaged, of an unknown kind or cannot be run.
+          ConfigError: If an option does not fit the network.
+        """
+        self.options = options or DetectorOptions()
+        # The file says what it is before a runtime spends seconds on loading it.
+        self._head = recognise_head(OnnxFile.read(path), self.options)
+        self._session = OnnxSession(path, self.options.engine, self.options.num_threads)
+        self.dropped = DropCounts()
+
+    def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:
+        """Instances of one RGB frame, best first.
+
+        Raises:
+          SourceError: If the frame is not an RGB image of bytes.
+          WeightsError: If the network fails on it.
+        """
+        height, width = _check_image(image)
+        outputs = self._session(self._head.prepare(image))
+        detections = self._head.decode(outputs, (height, width))
+        detections, drops = refine_detections(detections, self.options)
+        self.dropped += drops
+        return detections
+
+    def describe(self) -> dict[str, Any]:
+        """Kind of network, file, engine, classes and options, fit for JSON."""
+        return {
+            "kind": self._head.kind,
+            "file": str(self._session.file.path),
+            "engine": self._session.engine,
+            "classes": [name for name in self._head.names if name is not None],
+            "options": dataclasses.asdict(self.options),
+        }
+
+
+class CallableDetector:
+    """Any function from an RGB frame to instances, whatever type it answers with."""
+
+    def __init__(self, function: Callable[[Any], Any], options: DetectorOptions | None = None):
+        self.options = options or _AS_GIVEN
+        self._function = function
+        self.dropped = DropCounts()
+
+    def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:
+        """Instances of one RGB frame, in the order of the function's answer.
+
+        Raises:
+          SourceError: If the frame is not an RGB image of bytes, or if the answer is not a set of
+            masks of the frame's size.
+        """
+        size = _check_image(image)
+        answer = self._function(image)
+        if not isinstance(answer, Detections):
+            from remind_jax.sources.detections import detections_from
+
+            answer = detections_from(answer, size, class_names=self.options.class_names)
+        if answer.masks.shape[1:] != size:
+            raise SourceError(
+                f"the detector answered with masks of {answer.masks.shape[2]}x"
+                f"{answer.masks.shape[1]} pixels for a frame of {size[1]}x{size[0]}; "
+                "give masks of the frame's size"
+            )
+        detections, drops = refine_detections(answer, self.options)
+        self.dropped += drops
+        return detections
+
+    def describe(self) -> dict[str, Any]:
+        """The function's name and the options, fit for JSON."""
+        name = getattr(self._function, "__qualname__", type(self._function).__qualname__)
+        return {
+            "kind": "callable",
+            "function": name,
+            "options": dataclasses.asdict(self.options),
+        }
+
+
+def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector | None:
+    """Makes a detector from what a user gives.
+
+    Args:
+      spec: Path of an `.onnx` file, a `Detector`, any callable from an RGB frame to instances
+        (`Detections`, supervision's detections, arrays), or None.
+      options: Thresholds and class lists. Without them an ONNX model gets the defaults, and a
+        callable's masks are taken as they are. A `Detector` keeps its own.
+
+    Returns:
+      The detector; None for None.
+
+    Raises:
+      ConfigError: If the specification is none of these, or an option does not fit.
+      WeightsError: If the file cannot be used.
+    """
+    if spec is None or isinstance(spec, Detector):
+        return spec
+    if isinstance(spec, (str, os.PathLike)):
+        return OnnxDetector(Path(spec), options)
+    if callable(spec):
+        return CallableDetector(spec, options)
+    raise ConfigError(
+        f"a detector cannot be made from {type(spec).__name__}; "
+        "give the path of a .onnx file or a function from an RGB image to instances"
+    )
+
+
+def recognise_head(file: OnnxFile, options: DetectorOptions) -> SegmentationHead:
+    """Chooses the family of a network by the shapes of its outputs.
+
+    Raises:
+      WeightsError: If the input is not one RGB image or the outputs are of no known family.
+      ConfigError: If an option does not fit the network.
+    """
+    if len(file.inputs) != 1 or len(file.inputs[0].shape) != 4:
+        found = ", ".join(map(str, file.inputs)) or "none"
+        raise WeightsError(f"'{file.path}' has the inputs {found}; a detector has one image input")
+    batch, channels, *_ = file.inputs[0].shape
+    if batch not in (1, None) or channels not in (3, None):
+        raise WeightsError(
+            f"'{file.path}' takes {file.inputs[0]}; a detector takes one RGB image, [1, 3, H, W]"
+        )
+    yolo_layout = yolo_seg.recognise_yolo_seg(file.outputs)
+    if yolo_layout is not None:
+        return yolo_seg.YoloSeg.from_file(file, yolo_layout, options)
+    rfdetr_layout = rfdetr_seg.recognise_rfdetr_seg(file.outputs)
+    if rfdetr_layout is not None:
+        return rfdetr_seg.RfDetrSeg.from_file(file, rfdetr_layout, options)
+    found = ", ".join(map(str, file.outputs))
+    raise WeightsError(
+        f"'{file.path}' has outputs of no known segmentation network ({found}); "
+        f"known are {yolo_seg.KNOWN_SHAPES}, and {rfdetr_seg.KNOWN_SHAPES}"
+    )
+
+
+def _check_image(image: Any) -> tuple[int, int]:
+    """Height and width of an RGB frame."""
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3:
+        got = f"{getattr(image, 'dtype', type(image).__name__)} {getattr(image, 'shape', '')}"
+        raise SourceError(f"the detector got a frame of {got.strip()}; give uint8 [H, W, 3] RGB")
+    if image.shape[2] != 3 or 0 in image.shape:
+        raise SourceError(
+            f"the detector got a frame of shape {image.shape}; give uint8 [H, W, 3] RGB"
+        )
+    return image.shape[0], image.shape[1]

@@ -1,0 +1,143 @@
+"""What an ONNX file says about itself: inputs, outputs and metadata, read without any runtime.
+
+ONNX files are Protocol Buffers messages. Only the few fields named below are read (numbers from
+`onnx.proto3`); weights are skipped, so this takes milliseconds whatever the model's size.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import mmap
+from collections.abc import Iterator
+from pathlib import Path
+
+from remind_jax.errors import WeightsError
+
+_MODEL_GRAPH, _MODEL_METADATA = 7, 14
+_GRAPH_INITIALIZER, _GRAPH_INPUT, _GRAPH_OUTPUT = 5, 11, 12
+_TENSOR_NAME = 8
+_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
+_DTYPES = {1: "float32", 2: "uint8", 10: "float16", 11: "float64"}
+
+Message = dict[int, list["int | memoryview"]]
+
+
+@dataclasses.dataclass(frozen=True)
+class TensorSpec:
+    """Name, shape and element type of an input or output; None stands for a size left open."""
+
+    name: str
+    shape: tuple[int | None, ...]
+    dtype: str
+
+    def __str__(self) -> str:
+        return f"{self.name} [{', '.join('?' if n is None else str(n) for n in self.shape)}]"
+
+
+@dataclasses.dataclass(frozen=True)
+class OnnxFile:
+    """Signature and metadata of a model file."""
+
+    path: Path
+    inputs: tuple[TensorSpec, ...]
+    outputs: tuple[TensorSpec, ...]
+    metadata: dict[str, str]
+
+    @classmethod
+    def read(cls, path: str | Path) -> OnnxFile:
+        """Reads a file's signature.
+
+        Raises:
+          WeightsError: If the file is missing, is no ONNX file or is cut short.
+        """
+        path = Path(path)
+        if not path.is_file():
+            raise WeightsError(f"model file '{path}' does not exist; give the path of a .onnx file")
+        try:
+            with path.open("rb") as file:
+                data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            model = _parse(data)
+            graph = _parse(_one(model, _MODEL_GRAPH))
+            constants = {
+                _text(_parse(_bytes(tensor)), _TENSOR_NAME)
+                for tensor in graph.get(_GRAPH_INITIALIZER, [])
+            }
+            inputs = tuple(_tensor_spec(v) for v in graph.get(_GRAPH_INPUT, []))
+            outputs = tuple(_tensor_spec(v) for v in graph.get(_GRAPH_OUTPUT, []))
+            entries = [_parse(_bytes(entry)) for entry in model.get(_MODEL_METADATA, [])]
+            metadata = {_text(entry, 1): _text(entry, 2) for entry in entries}
+        except (ValueError, IndexError) as error:
+            raise WeightsError(
+                f"'{path}' is not a complete ONNX file; export or download it again"
+            ) from error
+        except OSError as error:
+            raise WeightsError(f"model file '{path}' cannot be read: {error.strerror}") from error
+        inputs = tuple(spec for spec in inputs if spec.name not in constants)
+        return cls(path, inputs, outputs, metadata)
+
+
+def _parse(data: memoryview) -> Message:
+    fields: Message = {}
+    for number, value in _walk(data):
+        fields.setdefault(number, []).append(value)
+    return fields
+
+
+def _walk(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+    position = 0
+    while position < len(data):
+        key, position = _varint(data, position)
+        number, wire_type = key >> 3, key & 7
+        if wire_type == _VARINT:
+            value, position = _varint(data, position)
+            yield number, value
+            continue
+        if wire_type == _BYTES:
+            size, position = _varint(data, position)
+        elif wire_type in (_FIXED32, _FIXED64):
+            size = 4 if wire_type == _FIXED32 else 8
+        else:
+            raise ValueError(f"wire type {wire_type}")
+        if number == 0 or position + size > len(data):
+            raise ValueError("field beyond the end")
+        yield number, data[position : position + size]
+        position += size
+
+
+def _varint(data: memoryview, position: int) -> tuple[int, int]:
+    value = 0
+    for shift in range(0, 70, 7):
+        byte = data[position]
+        position += 1
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value, position
+    raise ValueError("number of more than 10 bytes")
+
+
+def _bytes(value: int | memoryview) -> memoryview:
+    if isinstance(value, int):
+        raise ValueError("a number where a message belongs")
+    return value
+
+
+def _one(message: Message, number: int) -> memoryview:
+    if number not in message:
+        raise ValueError(f"field {number} is missing")
+    return _bytes(message[number][-1])
+
+
+def _text(message: Message, number: int) -> str:
+    return bytes(_one(message, number)).decode("utf-8") if number in message else ""
+
+
+def _tensor_spec(value: int | memoryview) -> TensorSpec:
+    info = _parse(_bytes(value))
+    tensor = _parse(_one(_parse(_one(info, 2)), 1))
+    code = tensor.get(1, [0])[-1]
+    shape = _parse(_one(tensor, 2)) if 2 in tensor else {}
+    sizes = [_parse(_bytes(dimension)).get(1, [0])[-1] for dimension in shape.get(1, [])]
+    dtype = _DTYPES.get(code, f"type {code}") if isinstance(code, int) else "unknown"
+    # Exporters write -1, a ten-byte varint, for a size that they leave open.
+    known = tuple(n if isinstance(n, int) and 0 < n < 2**63 else None for n in sizes)
+    return TensorSpec(_text(info, 1), known, dtype)

@@ -1,0 +1,137 @@
+"""Runs an ONNX model on the CPU: onnxruntime where it is installed, otherwise cv2.dnn."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from remind_jax.detectors.onnx_file import OnnxFile
+from remind_jax.errors import ConfigError, WeightsError
+
+_INSTALL = "pip install 'remind-jax[detect]'"
+
+
+class OnnxSession:
+    """A loaded model with one image input; call it with the input, get the outputs by name.
+
+    Attributes:
+      file: Signature and metadata.
+      engine: The library that runs it, `onnxruntime` or `cv2.dnn`.
+    """
+
+    def __init__(self, path: str | Path, engine: str = "auto", num_threads: int | None = None):
+        """Loads the model.
+
+        Args:
+          path: The `.onnx` file.
+          engine: `onnxruntime`, `cv2.dnn`, or `auto` for the first of them that is installed.
+          num_threads: Threads within one operator (onnxruntime only: OpenCV has one setting for
+            the whole process, which is left alone).
+
+        Raises:
+          WeightsError: If the file is missing, damaged, or beyond what the engine can run.
+          ConfigError: If the engine is not installed.
+        """
+        self.file = OnnxFile.read(path)
+        if len(self.file.inputs) != 1:
+            names = ", ".join(str(spec) for spec in self.file.inputs) or "none"
+            raise WeightsError(
+                f"'{self.file.path}' has the inputs {names}; a detector has one, the image"
+            )
+        self.engine = _choose_engine(engine)
+        if self.engine == "onnxruntime":
+            self._model = _load_onnxruntime(self.file.path, num_threads)
+        else:
+            self._model = _load_cv2(self.file.path)
+
+    def __call__(self, tensor: Float[np.ndarray, "1 3 H W"]) -> dict[str, np.ndarray]:
+        """Runs the model once.
+
+        Raises:
+          WeightsError: If the model fails on an input of this shape.
+        """
+        spec = self.file.inputs[0]
+        names = [output.name for output in self.file.outputs]
+        try:
+            if self.engine == "onnxruntime":
+                dtype = np.float16 if spec.dtype == "float16" else np.float32
+                arrays = self._model.run(names, {spec.name: tensor.astype(dtype, copy=False)})
+            else:
+                self._model.setInput(tensor, spec.name)
+                arrays = self._model.forward(_cv2_names(self._model, names))
+        except Exception as error:
+            raise WeightsError(
+                f"'{self.file.path}' fails in {self.engine} on an input of shape "
+                f"{list(tensor.shape)}: {_first_line(error)}"
+            ) from error
+        return {
+            name: np.asarray(array, np.float32) for name, array in zip(names, arrays, strict=True)
+        }
+
+
+def _choose_engine(engine: str) -> str:
+    has_onnxruntime = importlib.util.find_spec("onnxruntime") is not None
+    if engine == "auto":
+        return "onnxruntime" if has_onnxruntime else "cv2.dnn"
+    if engine == "onnxruntime" and not has_onnxruntime:
+        raise ConfigError(f"detector engine onnxruntime is not installed; {_INSTALL}")
+    return engine
+
+
+def _load_onnxruntime(path: Path, num_threads: int | None) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # errors only: they are raised, not needed on the terminal
+    if num_threads is not None:
+        options.intra_op_num_threads = num_threads
+    try:
+        return onnxruntime.InferenceSession(
+            str(path), sess_options=options, providers=["CPUExecutionProvider"]
+        )
+    except Exception as error:
+        raise WeightsError(f"onnxruntime cannot load '{path}': {_first_line(error)}") from error
+
+
+def _load_cv2(path: Path) -> Any:
+    try:
+        with _quiet_cv2():
+            return cv2.dnn.readNetFromONNX(str(path))
+    except cv2.error as error:
+        operator = re.search(r"Node \[(\w+)", str(error))
+        reason = f"it does not know the operator {operator[1]}" if operator else _first_line(error)
+        raise WeightsError(
+            f"cv2.dnn cannot load '{path}' ({reason}); use onnxruntime: {_INSTALL}"
+        ) from error
+
+
+@contextlib.contextmanager
+def _quiet_cv2() -> Iterator[None]:
+    """Keeps OpenCV from printing what is raised as an error anyway."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _cv2_names(net: Any, names: list[str]) -> list[str]:
+    """OpenCV's names of the outputs, in the file's order.
+
+    Some versions give layer names; those come in the file's order.
+    """
+    own = list(net.getUnconnectedOutLayersNames())
+    return own if set(own) != set(names) and len(own) == len(names) else names
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,83 @@
+"""How a detector's raw answers become the instances that the tracker sees."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from remind_jax.errors import ConfigError, nearest_names
+
+ENGINES = ("auto", "onnxruntime", "cv2.dnn")
+
+
+@dataclasses.dataclass(frozen=True)
+class DetectorOptions:
+    """Thresholds and class lists of a detector.
+
+    All fields apply to ONNX models. Of a callable's answers only `confidence`, `classes`,
+    `ignored_classes`, `erosion_px` and `min_mask_px` change anything: the rest is its own affair.
+    """
+
+    confidence: float = 0.25  # lowest score that is kept; the paper's runs used 0.7
+    iou: float = 0.5  # two boxes that overlap more are one thing (networks that need suppression)
+    class_agnostic: bool = False  # suppress across classes too
+    max_detections: int = 100  # the best-scored ones are kept
+    mask_threshold: float = 0.5  # probability from which a pixel belongs to an instance
+    erosion_px: int = 2  # square kernel of 2 r + 1, once; the image border does not eat into masks
+    min_mask_px: int = 1  # smaller masks are dropped and counted, after erosion
+    classes: tuple[str, ...] | None = None  # keep only these, any letter case; None keeps all
+    ignored_classes: tuple[str, ...] = ()  # never kept, any letter case
+    class_names: tuple[str, ...] | None = None  # by class index, instead of the file's own
+    input_size_px: int | None = None  # longer side of the input of models that leave it open
+    num_threads: int | None = None  # of onnxruntime within one operator; None leaves it the choice
+    engine: str = "auto"  # one of `ENGINES`; auto is onnxruntime where installed
+
+    def __post_init__(self):
+        for name in ("classes", "ignored_classes", "class_names"):
+            object.__setattr__(self, name, _names(name, getattr(self, name)))
+        for name in ("confidence", "iou"):
+            _require_number(name, getattr(self, name), 0.0, 1.0)
+        _require_number("mask_threshold", self.mask_threshold, 0.01, 0.99)
+        _require_count("max_detections", self.max_detections, 1)
+        _require_count("erosion_px", self.erosion_px, 0)
+        _require_count("min_mask_px", self.min_mask_px, 1)
+        for name, least in (("input_size_px", 32), ("num_threads", 1)):
+            if getattr(self, name) is not None:
+                _require_count(name, getattr(self, name), least)
+        if self.engine not in ENGINES:
+            raise ConfigError(
+                f"detector engine {self.engine!r} is unknown; {nearest_names(self.engine, ENGINES)}"
+            )
+
+    def admits(self, label: str) -> bool:
+        """Whether instances of the class `label` are wanted."""
+        folded = label.casefold()
+        if any(folded == name.casefold() for name in self.ignored_classes):
+            return False
+        return self.classes is None or any(folded == name.casefold() for name in self.classes)
+
+
+def _names(field: str, value: Any) -> tuple[str, ...] | None:
+    if value is None and field != "ignored_classes":
+        return None
+    if isinstance(value, (list, tuple, set, frozenset)) and all(isinstance(n, str) for n in value):
+        return tuple(sorted(value) if isinstance(value, (set, frozenset)) else value)
+    raise ConfigError(
+        f"detector option {field} is {value!r}; give a list of class names, for example ['chair']"
+    )
+
+
+def _require_number(field: str, value: Any, low: float, high: float) -> None:
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or not low <= value <= high:
+        raise ConfigError(
+            f"detector option {field} is {value!r}; give a number from {low:g} to {high:g}"
+        )
+
+
+def _require_count(field: str, value: Any, least: int) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+        raise ConfigError(
+            f"detector option {field} is {value!r}; give a whole number of {least} or more"
+        )
