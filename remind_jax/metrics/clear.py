@@ -1,0 +1,171 @@
+"""CLEAR MOT: detection errors and identity switches with a matching that prefers continuity.
+
+Bernardin and Stiefelhagen, "Evaluating Multiple Object Tracking Performance: The CLEAR MOT
+Metrics", 2008; evaluation reference, section 10.2. Values equal TrackEval's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from remind_jax.metrics.matching import EPSILON, assign_frame, contested_frames
+from remind_jax.metrics.sequence import TrackingSequence
+
+CLEAR_THRESHOLD = 0.5
+MOSTLY_TRACKED = 0.8  # above: MT
+MOSTLY_LOST = 0.2  # below: ML
+
+# Worth of keeping the id of the previous frame; any similarity is less.
+_CONTINUITY_BONUS = 1000.0
+
+
+@dataclasses.dataclass(frozen=True)
+class ClearCounts:
+    """What CLEAR sums; counts of several sequences add up."""
+
+    true_positives: Float[np.ndarray, "*batch"]
+    false_negatives: Float[np.ndarray, "*batch"]
+    false_positives: Float[np.ndarray, "*batch"]
+    switches: Float[np.ndarray, "*batch"]
+    fragments: Float[np.ndarray, "*batch"]
+    mostly_tracked: Float[np.ndarray, "*batch"]  # objects
+    partly_tracked: Float[np.ndarray, "*batch"]
+    mostly_lost: Float[np.ndarray, "*batch"]
+    similarity_sum: Float[np.ndarray, "*batch"]  # over matches
+    frames: Float[np.ndarray, "*batch"]  # 0 if ground truth or predictions are empty
+
+
+def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) -> ClearCounts:
+    """Matches one sequence frame by frame and counts what CLEAR needs.
+
+    Args:
+      sequence: Ground truth and predictions.
+      threshold: Least similarity of a match.
+    """
+    pairs = np.flatnonzero(sequence.pair_similarity >= threshold - EPSILON)
+    matches = pairs[_match_continuously(sequence, pairs)]
+    objects = sequence.gt_index[sequence.pair_gt[matches]]
+    labels = sequence.pred_index[sequence.pair_pred[matches]]
+    switches, fragments = _count_breaks(sequence, sequence.pair_frame[matches], objects, labels)
+
+    lengths = sequence.gt_lengths
+    tracked = np.bincount(objects, minlength=len(lengths)) / np.maximum(1, lengths)
+    mostly_tracked = int((tracked > MOSTLY_TRACKED).sum())
+    partly_tracked = int((tracked >= MOSTLY_LOST).sum()) - mostly_tracked
+    is_evaluated = len(sequence.gt_id) > 0 and len(sequence.pred_id) > 0
+    counts = (
+        len(matches),
+        len(sequence.gt_id) - len(matches),
+        len(sequence.pred_id) - len(matches),
+        switches,
+        fragments,
+        mostly_tracked,
+        partly_tracked,
+        len(lengths) - mostly_tracked - partly_tracked,
+        sequence.pair_similarity[matches].sum(),
+        sequence.num_frames if is_evaluated else 0,
+    )
+    return ClearCounts(*(np.asarray(count) for count in counts))
+
+
+def _processed_order(sequence: TrackingSequence) -> Int[np.ndarray, "T"]:
+    """Running number of each frame among those with both ground truth and predictions.
+
+    Only these frames advance the matching: a frame without any prediction cuts no track.
+    """
+    has_both = (np.diff(sequence.gt_start) > 0) & (np.diff(sequence.pred_start) > 0)
+    return np.cumsum(has_both) - 1
+
+
+def _match_continuously(
+    sequence: TrackingSequence, pairs: Int[np.ndarray, "C"]
+) -> Bool[np.ndarray, "C"]:
+    """Chooses among the admitted pairs, keeping the ids of the previous processed frame first.
+
+    Frames in which the admitted pairs are a matching already need no look at the past.
+    """
+    chosen = np.ones(len(pairs), bool)
+    objects = sequence.gt_index[sequence.pair_gt[pairs]]
+    labels = sequence.pred_index[sequence.pair_pred[pairs]]
+    frames = sequence.pair_frame[pairs]
+    step = _processed_order(sequence)[frames]
+    for frame in contested_frames(sequence, pairs):
+        first, last = np.searchsorted(frames, [frame, frame + 1])
+        before = slice(np.searchsorted(step, step[first] - 1), first)
+        kept = {
+            (int(g), int(p))
+            for g, p, c in zip(objects[before], labels[before], chosen[before], strict=True)
+            if c
+        }
+        here = slice(first, last)
+        is_kept = [(int(g), int(p)) in kept for g, p in zip(objects[here], labels[here], strict=True)]
+        score = _CONTINUITY_BONUS * np.asarray(is_kept) + sequence.pair_similarity[pairs[here]]
+        chosen[here] = assign_frame(sequence, int(frame), pairs[here], score)
+    return chosen
+
+
+def _count_breaks(
+    sequence: TrackingSequence,
+    frame: Int[np.ndarray, "M"],
+    objects: Int[np.ndarray, "M"],
+    labels: Int[np.ndarray, "M"],
+) -> tuple[int, int]:
+    """Identity switches (across any gap) and fragmentations of the matches."""
+    order = np.lexsort((frame, objects))
+    step = _processed_order(sequence)[frame[order]]
+    objects, labels = objects[order], labels[order]
+    is_same_object = objects[1:] == objects[:-1]
+    is_switch = is_same_object & (labels[1:] != labels[:-1])
+    is_break = is_same_object & (step[1:] != step[:-1] + 1)
+    return int(is_switch.sum()), int(is_break.sum())
+
+
+def clear_scores(counts: ClearCounts, *, pooled: bool = False) -> dict[str, Any]:
+    """CLEAR fields under TrackEval's names.
+
+    Args:
+      counts: Of one sequence, or summed over many.
+      pooled: Whether the counts are a sum. TrackEval gives a single sequence without ground truth
+        zero ratios (and `MLR` 1), but applies the formulas to sums, which makes `MOTA` negative.
+    """
+    tp, fn, fp = counts.true_positives, counts.false_negatives, counts.false_positives
+    switches, frames = counts.switches, counts.frames
+    similarity_sum = counts.similarity_sum
+    gt = np.maximum(1.0, tp + fn)
+    objects = counts.mostly_tracked + counts.partly_tracked + counts.mostly_lost
+    num_objects = np.maximum(1.0, objects)
+    log_switches = np.log10(np.maximum(1, switches))
+    ratios = {
+        "MOTA": (tp - fp - switches) / gt,
+        "MOTP": similarity_sum / np.maximum(1.0, tp),
+        "MODA": (tp - fp) / gt,
+        "CLR_Re": tp / gt,
+        "CLR_Pr": tp / np.maximum(1.0, tp + fp),
+        "MTR": counts.mostly_tracked / num_objects,
+        "PTR": counts.partly_tracked / num_objects,
+        "MLR": counts.mostly_lost / num_objects,
+        "sMOTA": (similarity_sum - fp - switches) / gt,
+        "CLR_F1": tp / np.maximum(1.0, tp + 0.5 * fn + 0.5 * fp),
+        "FP_per_frame": fp / np.maximum(1.0, frames),
+        "MOTAL": (tp - fp - log_switches) / gt,
+    }
+    if not pooled:
+        has_truth = objects > 0
+        ratios = {name: np.where(has_truth, value, 0.0) for name, value in ratios.items()}
+        ratios["MLR"] = np.where(has_truth, ratios["MLR"], 1.0)
+    return ratios | {
+        "MOTP_sum": similarity_sum,
+        "CLR_TP": tp,
+        "CLR_FN": fn,
+        "CLR_FP": fp,
+        "IDSW": switches,
+        "MT": counts.mostly_tracked,
+        "PT": counts.partly_tracked,
+        "ML": counts.mostly_lost,
+        "Frag": counts.fragments,
+        "CLR_Frames": frames,
+    }

@@ -1,0 +1,107 @@
+"""HOTA: detection and association accuracy over 19 localisation thresholds.
+
+Luiten et al., "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking", IJCV 2021;
+evaluation reference, section 10.1. Values equal TrackEval's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.sequence import TrackingSequence
+
+# Computed as TrackEval does: a similarity on a threshold must meet the same rounding.
+ALPHAS: Float[np.ndarray, "19"] = np.arange(0.05, 0.99, 0.05)
+
+# Keeps LocA at 1 where nothing was matched.
+_LOC_FLOOR = 1e-10
+
+
+@dataclasses.dataclass(frozen=True)
+class HotaCounts:
+    """What HOTA sums over frames, per threshold; counts of several sequences add up.
+
+    All fields may have leading axes (sequences, resamples).
+    """
+
+    true_positives: Float[np.ndarray, "*batch 19"]
+    false_negatives: Float[np.ndarray, "*batch 19"]
+    false_positives: Float[np.ndarray, "*batch 19"]
+    similarity_sum: Float[np.ndarray, "*batch 19"]  # over matches
+    association_sum: Float[np.ndarray, "*batch 19"]  # association accuracy over matches
+    association_recall_sum: Float[np.ndarray, "*batch 19"]
+    association_precision_sum: Float[np.ndarray, "*batch 19"]
+
+
+def count_hota(sequence: TrackingSequence) -> HotaCounts:
+    """Matches one sequence at all thresholds and sums what HOTA needs."""
+    object_of, label_of, id_pair = sequence.id_pairs
+    gt_lengths = sequence.gt_lengths[object_of]
+    pred_lengths = sequence.pred_lengths[label_of]
+    alignment = _align_ids(sequence)
+    chosen = match_frames(sequence, alignment[id_pair] * sequence.pair_similarity)
+    similarity, id_pair = sequence.pair_similarity[chosen], id_pair[chosen]
+
+    sums = np.zeros((5, len(ALPHAS)))
+    for index, alpha in enumerate(ALPHAS):
+        is_match = similarity >= alpha - EPSILON
+        matches = np.bincount(id_pair[is_match], minlength=len(object_of))
+        sums[:, index] = (
+            matches.sum(),
+            similarity[is_match].sum(),
+            (matches * (matches / np.maximum(1, gt_lengths + pred_lengths - matches))).sum(),
+            (matches * (matches / np.maximum(1, gt_lengths))).sum(),
+            (matches * (matches / np.maximum(1, pred_lengths))).sum(),
+        )
+    return HotaCounts(
+        sums[0], len(sequence.gt_id) - sums[0], len(sequence.pred_id) - sums[0], *sums[1:]
+    )
+
+
+def _align_ids(sequence: TrackingSequence) -> Float[np.ndarray, "I"]:
+    """How well each pair of ids fits over the whole sequence, all frames at once (J in 10.1)."""
+    gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
+    gt_total = np.bincount(gt, similarity, len(sequence.gt_id))
+    pred_total = np.bincount(pred, similarity, len(sequence.pred_id))
+    soft_union = gt_total[gt] + pred_total[pred] - similarity
+    share = np.where(soft_union > EPSILON, similarity / np.maximum(soft_union, EPSILON), 0.0)
+    object_of, label_of, id_pair = sequence.id_pairs
+    common = np.bincount(id_pair, share, len(object_of))
+    union = sequence.gt_lengths[object_of] + sequence.pred_lengths[label_of] - common
+    return common / union
+
+
+def hota_scores(counts: HotaCounts) -> dict[str, Any]:
+    """HOTA fields under TrackEval's names, from the counts of one or of many sequences.
+
+    Returns:
+      Arrays over the 19 thresholds; the usual headline numbers are their means. `HOTA(0)`,
+      `LocA(0)`, `HOTALocA(0)` are values at the lowest threshold.
+    """
+    tp, fn, fp = counts.true_positives, counts.false_negatives, counts.false_positives
+    detections = np.maximum(1, tp + fn + fp)
+    matched = np.maximum(1, tp)
+    recall = tp / np.maximum(1, tp + fn)
+    scores = {
+        "DetA": tp / detections,
+        "AssA": counts.association_sum / matched,
+        "DetRe": recall,
+        "DetPr": tp / np.maximum(1, tp + fp),
+        "AssRe": counts.association_recall_sum / matched,
+        "AssPr": counts.association_precision_sum / matched,
+        "LocA": np.maximum(_LOC_FLOOR, counts.similarity_sum) / np.maximum(_LOC_FLOOR, tp),
+        "HOTA_TP": tp,
+        "HOTA_FN": fn,
+        "HOTA_FP": fp,
+    }
+    scores["HOTA"] = np.sqrt(scores["DetA"] * scores["AssA"])
+    scores["OWTA"] = np.sqrt(recall * scores["AssA"])
+    scores["HOTA(0)"] = scores["HOTA"][..., 0]
+    scores["LocA(0)"] = scores["LocA"][..., 0]
+    scores["HOTALocA(0)"] = scores["HOTA(0)"] * scores["LocA(0)"]
+    return scores

@@ -1,0 +1,75 @@
+"""IDF1, IDP, IDR: how much of the sequence carries the one right identity.
+
+Ristani et al., "Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking",
+ECCVW 2016; evaluation reference, section 10.3. Values equal TrackEval's.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from remind_jax.metrics.sequence import TrackingSequence
+
+IDENTITY_THRESHOLD = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class IdentityCounts:
+    """Detections with right, missing and wrong identity; counts of several sequences add up."""
+
+    true_positives: Float[np.ndarray, "*batch"]  # IDTP
+    false_negatives: Float[np.ndarray, "*batch"]  # IDFN
+    false_positives: Float[np.ndarray, "*batch"]  # IDFP
+
+
+def count_identity(
+    sequence: TrackingSequence, threshold: float = IDENTITY_THRESHOLD
+) -> IdentityCounts:
+    """Gives each object at most one predicted id for the whole sequence and counts agreement.
+
+    Maximising the common frames is the same as minimising false positives plus false negatives.
+
+    Args:
+      sequence: Ground truth and predictions.
+      threshold: Least similarity at which a pair counts as common.
+    """
+    object_of, label_of, common = count_common_frames(sequence, threshold)
+    num_right = 0
+    if len(common):
+        matrix = np.zeros((object_of.max() + 1, label_of.max() + 1))
+        matrix[object_of, label_of] = common
+        num_right = int(matrix[linear_sum_assignment(matrix, maximize=True)].sum())
+    return IdentityCounts(
+        np.asarray(num_right),
+        np.asarray(len(sequence.gt_id) - num_right),
+        np.asarray(len(sequence.pred_id) - num_right),
+    )
+
+
+def count_common_frames(
+    sequence: TrackingSequence, threshold: float = IDENTITY_THRESHOLD
+) -> tuple[Int[np.ndarray, "I"], Int[np.ndarray, "I"], Int[np.ndarray, "I"]]:
+    """Object, label and number of common frames of the id pairs that have any."""
+    object_of, label_of, id_pair = sequence.id_pairs
+    is_common = sequence.pair_similarity >= threshold
+    common = np.bincount(id_pair[is_common], minlength=len(object_of))
+    found = common > 0
+    return object_of[found], label_of[found], common[found]
+
+
+def identity_scores(counts: IdentityCounts) -> dict[str, Any]:
+    """Identity fields under TrackEval's names, from the counts of one or of many sequences."""
+    tp, fn, fp = counts.true_positives, counts.false_negatives, counts.false_positives
+    return {
+        "IDF1": tp / np.maximum(1.0, tp + 0.5 * fp + 0.5 * fn),
+        "IDR": tp / np.maximum(1.0, tp + fn),
+        "IDP": tp / np.maximum(1.0, tp + fp),
+        "IDTP": tp,
+        "IDFN": fn,
+        "IDFP": fp,
+    }
