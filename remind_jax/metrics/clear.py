@@ -89,23 +89,31 @@ def _match_continuously(
     Frames in which the admitted pairs are a matching already need no look at the past.
     """
     chosen = np.ones(len(pairs), bool)
-    objects = sequence.gt_index[sequence.pair_gt[pairs]]
-    labels = sequence.pred_index[sequence.pair_pred[pairs]]
+    before = _find_predecessors(sequence, pairs)
     frames = sequence.pair_frame[pairs]
-    step = _processed_order(sequence)[frames]
-    for frame in contested_frames(sequence, pairs):
-        first, last = np.searchsorted(frames, [frame, frame + 1])
-        before = slice(np.searchsorted(step, step[first] - 1), first)
-        kept = {
-            (int(g), int(p))
-            for g, p, c in zip(objects[before], labels[before], chosen[before], strict=True)
-            if c
-        }
-        here = slice(first, last)
-        is_kept = [(int(g), int(p)) in kept for g, p in zip(objects[here], labels[here], strict=True)]
-        score = _CONTINUITY_BONUS * np.asarray(is_kept) + sequence.pair_similarity[pairs[here]]
+    contested = contested_frames(sequence, pairs)
+    starts = np.searchsorted(frames, contested)
+    stops = np.searchsorted(frames, contested, side="right")
+    for frame, start, stop in zip(contested, starts, stops, strict=True):
+        here = slice(start, stop)
+        is_kept = (before[here] >= 0) & chosen[before[here]]
+        score = _CONTINUITY_BONUS * is_kept + sequence.pair_similarity[pairs[here]]
         chosen[here] = assign_frame(sequence, int(frame), pairs[here], score)
     return chosen
+
+
+def _find_predecessors(
+    sequence: TrackingSequence, pairs: Int[np.ndarray, "C"]
+) -> Int[np.ndarray, "C"]:
+    """Where in `pairs` the same two ids meet in the previous processed frame, -1 if they do not."""
+    _, _, id_pair = sequence.id_pairs
+    id_pair = id_pair[pairs]
+    step = _processed_order(sequence)[sequence.pair_frame[pairs]]
+    order = np.argsort(id_pair, kind="stable")  # by frame within a pair of ids
+    is_next = (np.diff(id_pair[order]) == 0) & (np.diff(step[order]) == 1)
+    before = np.full(len(pairs), -1)
+    before[order[1:][is_next]] = order[:-1][is_next]
+    return before
 
 
 def _count_breaks(

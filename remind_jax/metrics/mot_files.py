@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
+from remind_jax.metrics.decimal_text import parse_decimal_table
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.similarity import covered_share, find_overlap, pair_boxes, rle_iou
@@ -93,13 +94,14 @@ def read_mot_rows(path: str | Path) -> BoxRows:
       SourceError: If the file is missing, or a row is not numeric or has fewer than 6 columns.
     """
     table = _parse_numbers(path)
-    order = _frame_order(table[:, 0])
-    table = table[order]
+    table = _order_by_frame(table)
     boxes = table[:, 2:6].copy()
     boxes[:, 2:] += boxes[:, :2]
     flag = table[:, 6] if table.shape[1] > 6 else np.ones(len(table))
     class_id = table[:, 7].astype(np.int64) if table.shape[1] > 7 else np.full(len(table), -1)
-    return BoxRows(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), boxes, flag, class_id)
+    return BoxRows(
+        table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), boxes, flag, class_id
+    )
 
 
 def read_mots_rows(path: str | Path) -> MaskRows:
@@ -122,10 +124,9 @@ def read_mots_rows(path: str | Path) -> MaskRows:
                 f"{path}, line {line_number}: '{line[:60]}' is not a MOTS row; "
                 "it needs frame id class height width rle, separated by spaces"
             ) from None
-    table = np.asarray(numbers, np.int64).reshape(-1, 3)
-    order = _frame_order(table[:, 0])
-    frame, track_id, class_id = table[order].T
-    return MaskRows(frame, track_id, class_id, tuple(rles[row] for row in order))
+    rows = np.asarray([(*row, at) for at, row in enumerate(numbers)], np.int64).reshape(-1, 4)
+    frame, track_id, class_id, place = _order_by_frame(rows).T
+    return MaskRows(frame, track_id, class_id, tuple(rles[at] for at in place))
 
 
 def load_mot_sequence(
@@ -283,17 +284,24 @@ def _sequence_length(
     return length
 
 
-def _frame_order(frame: np.ndarray) -> np.ndarray:
-    if np.any(np.diff(frame) < 0):
-        return np.argsort(frame, kind="stable")
-    return np.arange(len(frame))
+def _order_by_frame(table: np.ndarray) -> np.ndarray:
+    if np.any(np.diff(table[:, 0]) < 0):
+        return table[np.argsort(table[:, 0], kind="stable")]
+    return table
+
+
+def _read_bytes(path: str | Path) -> bytes:
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror}") from None
 
 
 def _read_text(path: str | Path) -> str:
     try:
-        return Path(path).read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise SourceError(f"{path} cannot be read as text: {error}") from None
+        return _read_bytes(path).decode()
+    except UnicodeDecodeError:
+        raise SourceError(f"{path} is not a text file; give MOTChallenge or MOTS text") from None
 
 
 def _split_row(line: str) -> list[str]:
@@ -301,19 +309,25 @@ def _split_row(line: str) -> list[str]:
 
 
 def _parse_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
-    text = _read_text(path)
-    if not text.strip():
-        return np.zeros((0, 10))
-    delimiter = "," if "," in text.split("\n", 1)[0] else None
-    try:
-        table = np.loadtxt(io.StringIO(text), delimiter=delimiter, ndmin=2, comments=None)
-    except ValueError as error:
-        raise SourceError(
-            f"{path} is not MOTChallenge text (frame,id,left,top,width,height,...): {error}"
-        ) from None
+    table = parse_decimal_table(_read_bytes(path))
+    if table is None:
+        table = _parse_any_numbers(path)
     if table.shape[1] < 6 or not np.isfinite(table[:, :6]).all():
         raise SourceError(
             f"{path} has rows of {table.shape[1]} columns; MOTChallenge needs frame,id,left,top,"
             "width,height and finite numbers"
         )
     return table
+
+
+def _parse_any_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
+    text = _read_text(path)
+    if not text.strip():
+        return np.zeros((0, 10))
+    delimiter = "," if "," in text.split("\n", 1)[0] else None
+    try:
+        return np.loadtxt(io.StringIO(text), delimiter=delimiter, ndmin=2, comments=None)
+    except ValueError as error:
+        raise SourceError(
+            f"{path} is not MOTChallenge text (frame,id,left,top,width,height,...): {error}"
+        ) from None

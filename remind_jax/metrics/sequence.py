@@ -319,7 +319,10 @@ def _check_pairs(
     bad = ~((similarity >= -SIMILARITY_SLACK) & (similarity <= 1 + SIMILARITY_SLACK))
     if bad.any():
         raise SourceError(f"{name}: similarity {similarity[bad][0]} is outside of [0, 1]")
-    for side, pair, rows in (("ground-truth", pair_gt, gt_frame), ("predicted", pair_pred, pred_frame)):
+    for side, pair, rows in (
+        ("ground-truth", pair_gt, gt_frame),
+        ("predicted", pair_pred, pred_frame),
+    ):
         if len(pair) and not 0 <= pair.min() <= pair.max() < len(rows):
             raise SourceError(f"{name}: a pair names a {side} row outside of 0 to {len(rows) - 1}")
     if np.any(gt_frame[pair_gt] != pred_frame[pair_pred]):
