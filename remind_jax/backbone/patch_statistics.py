@@ -1,0 +1,201 @@
+"""The embedded default backbone: what colour, gradients and texture say about a patch.
+
+A pure function of the image without any weights. Each patch of 16 pixels is described by soft
+histograms of five quantities, taken at half resolution. Light is divided out where it enters:
+
+* hue and saturation: logarithms of colour ratios, with the offset of the logarithm tied to the
+  brightness around, so that a dimmer lamp or a shorter exposure moves almost nothing;
+* chroma and luminance against the surrounding 7x7 patches, which cancels tinted and uneven light;
+* texture: both opposite neighbours darker, alike or brighter, in units of the local contrast;
+* chroma gradients on a logarithmic scale.
+
+Hue and saturation enter at the scale of the patch, and everything at the scale of the 3x3 patches
+around it. Nothing depends on the frame as a whole: a patch looks the same wherever it is seen.
+
+Square roots of histograms make Euclidean products into Hellinger affinities. The square root of a
+typical histogram, written down below from general knowledge of scenes and fitted to nothing, is
+subtracted in part: what all objects share would otherwise lift every cosine towards one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, UInt8
+
+from remind_jax.backbone.cell_histograms import (
+    CELL_PX,
+    above_surround,
+    cell_mean,
+    halve,
+    histogram,
+    joint_histogram,
+    shift,
+    smooth,
+    soft_bins,
+    soft_bins_periodic,
+    spread,
+    window_mean,
+)
+from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
+from remind_jax.errors import ConfigError
+
+PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
+
+NUM_HUES, NUM_SATURATIONS = 16, 5
+NUM_CHROMA, NUM_LUMINANCE, NUM_GRADIENT, NUM_CONTRAST = 5, 10, 8, 3
+SATURATION_MAX = 2.2
+CHROMA_MAX, YELLOW_MAX, LUMINANCE_MAX = 0.3, 0.4, 1.0  # natural logarithms of ratios
+GRADIENT_MIN, GRADIENT_MAX = 0.01, 0.4  # the same per pixel
+
+SENSOR_OFFSET = 4.0  # grey levels; keeps noise in the dark from looking like colour
+LOCAL_OFFSET = 0.2  # of the brightness around
+SURROUND_RADIUS = 3  # cells
+NEIGHBOUR_PX = 3  # at half resolution
+DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))  # down, right
+
+
+@dataclasses.dataclass(frozen=True)
+class Block:
+    """One histogram within the feature vector."""
+
+    quantity: str  # key of `measure_cells` and of `typical_histograms`
+    window_radius: int  # cells; 0: the patch alone
+    weight: float
+    # Length of the mean square-root histogram: below one, as a patch fills few of the bins.
+    common_length: float
+
+
+BLOCKS = (
+    Block("hue_saturation", 0, weight=1.4, common_length=0.4),
+    Block("hue_saturation", 1, weight=1.4, common_length=0.5),
+    Block("surround_chroma", 1, weight=1.1, common_length=0.9),
+    Block("texture", 1, weight=2.0, common_length=0.9),
+    Block("luminance", 1, weight=1.0, common_length=0.8),
+    Block("chroma_gradient", 1, weight=0.8, common_length=0.9),
+)
+
+
+@functools.cache
+def patch_statistics(*, centering: float = 0.7) -> Backbone:
+    """Makes the weight-free backbone.
+
+    Args:
+      centering: How much of what all scenes share is subtracted, in [0, 1]. It spreads cosines
+        (towards 1: different objects near 0) and hardly changes which object is nearest.
+
+    Raises:
+      ConfigError: If `centering` is out of range.
+    """
+    if not 0.0 <= centering <= 1.0:
+        raise ConfigError(f"centering is {centering}; it must lie in [0, 1]")
+    describe = functools.partial(describe_patches, centering=centering)
+    dim = sum(len(histogram) for _, histogram in _typical_blocks())
+    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, jax.jit(jax.vmap(describe)))
+
+
+def describe_patches(image: UInt8[Array, "H W 3"], centering: float) -> Float[Array, "Hp Wp D"]:
+    """Features of every patch of one image whose sides are multiples of `PATCH_PX`."""
+    cells = measure_cells(image)
+    parts = []
+    for block, typical in _typical_blocks():
+        near = cells[block.quantity]
+        pooled = near if block.window_radius == 0 else window_mean(near, block.window_radius)
+        common = np.float32(centering * block.common_length) * np.sqrt(typical)
+        parts.append(block.weight * (jnp.sqrt(pooled) - common[:, None, None]))
+    return jnp.moveaxis(jnp.concatenate(parts), 0, -1)
+
+
+def measure_cells(image: UInt8[Array, "H W 3"]) -> dict[str, Float[Array, "K Hp Wp"]]:
+    """Histograms of the five quantities over each patch, each summing to one."""
+    colour = halve(jnp.moveaxis(image, -1, 0).astype(jnp.float32))
+    grey = colour.mean(0)
+    around = spread(window_mean(cell_mean(grey), 1))
+    red, green, blue = jnp.log(colour + SENSOR_OFFSET + LOCAL_OFFSET * around)
+    chroma = jnp.stack([red - green, blue - (red + green) / 2])
+    luminance = jnp.log(grey + SENSOR_OFFSET)
+    smoothed = smooth(jnp.stack([luminance, *chroma]), sigma_px=1.5, reach_px=4)
+    chroma_above = above_surround(chroma, SURROUND_RADIUS)
+    luminance_above = above_surround(luminance, SURROUND_RADIUS)
+    return {
+        "hue_saturation": _hue_saturation_histogram(chroma),
+        "surround_chroma": joint_histogram(
+            soft_bins(chroma_above[0], -CHROMA_MAX, CHROMA_MAX, NUM_CHROMA),
+            soft_bins(chroma_above[1], -YELLOW_MAX, YELLOW_MAX, NUM_CHROMA),
+        ),
+        "texture": _texture_histogram(smoothed[0]),
+        "luminance": histogram(
+            soft_bins(luminance_above, -LUMINANCE_MAX, LUMINANCE_MAX, NUM_LUMINANCE)
+        ),
+        "chroma_gradient": _gradient_histogram(smoothed[1:]),
+    }
+
+
+def _hue_saturation_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
+    """Hue by saturation; the least saturated bin has no hue, for the hue of grey is noise."""
+    turns = jnp.arctan2(chroma[1], chroma[0]) / np.float32(2 * np.pi)
+    saturation = jnp.log1p(8 * jnp.hypot(chroma[0], chroma[1]))
+    shares = soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS)
+    coloured = joint_histogram(soft_bins_periodic(turns, NUM_HUES), shares[1:])
+    return jnp.concatenate([histogram(shares[:1]), coloured])
+
+
+def _texture_histogram(luminance: Float[Array, "H W"]) -> Float[Array, "K Hp Wp"]:
+    """Soft ternary patterns of opposite neighbours in four directions, by local contrast."""
+    variance = cell_mean((luminance - spread(cell_mean(luminance))) ** 2)
+    contrast = spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2))
+
+    def compare(down: int, right: int) -> Float[Array, "3 H W"]:
+        neighbour = shift(luminance, down * NEIGHBOUR_PX, right * NEIGHBOUR_PX)
+        difference = jnp.tanh((neighbour - luminance) / (0.4 * contrast))
+        return soft_bins(difference, -1.0, 1.0, NUM_CONTRAST)
+
+    patterns = [
+        joint_histogram(compare(down, right), compare(-down, -right)) for down, right in DIRECTIONS
+    ]
+    return jnp.concatenate(patterns) / len(DIRECTIONS)
+
+
+def _gradient_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
+    """Logarithms of the length of the chroma gradient."""
+    across = (shift(chroma, 0, 1) - shift(chroma, 0, -1)) / 2
+    down = (shift(chroma, 1, 0) - shift(chroma, -1, 0)) / 2
+    length = jnp.sqrt((across**2 + down**2).sum(0))
+    low, high = np.log(GRADIENT_MIN), np.log(GRADIENT_MAX)
+    return histogram(soft_bins(jnp.log(length + GRADIENT_MIN), low, high, NUM_GRADIENT))
+
+
+@functools.cache
+def typical_histograms() -> dict[str, Float[np.ndarray, "K"]]:
+    """What a patch of an unknown scene may be expected to hold, quantity by quantity.
+
+    Contrasts fall off exponentially, hues are equally frequent, edges and ridges of all directions
+    are as common as each other and evenness twice as common.
+    """
+
+    def decay(highest: float, num: int, scale: float) -> np.ndarray:
+        return np.exp(-np.abs(np.linspace(-highest, highest, num)) / scale)
+
+    saturations = np.exp(-np.linspace(0.0, SATURATION_MAX, NUM_SATURATIONS) / 0.5)
+    coloured = np.tile(saturations[1:] / NUM_HUES, NUM_HUES)
+    patterns = np.ones((NUM_CONTRAST, NUM_CONTRAST))
+    patterns[1, 1] = 2.0
+    gradients = np.linspace(np.log(GRADIENT_MIN), np.log(GRADIENT_MAX), NUM_GRADIENT)
+    counts = {
+        "hue_saturation": np.append(saturations[:1], coloured),
+        "surround_chroma": np.outer(
+            decay(CHROMA_MAX, NUM_CHROMA, 0.08), decay(YELLOW_MAX, NUM_CHROMA, 0.12)
+        ).ravel(),
+        "texture": np.tile(patterns.ravel(), len(DIRECTIONS)),
+        "luminance": decay(LUMINANCE_MAX, NUM_LUMINANCE, 0.35),
+        "chroma_gradient": np.exp(-0.5 * ((gradients - np.log(0.03)) / 0.8) ** 2),
+    }
+    return {name: (count / count.sum()).astype(np.float32) for name, count in counts.items()}
+
+
+def _typical_blocks() -> list[tuple[Block, Float[np.ndarray, "K"]]]:
+    return [(block, typical_histograms()[block.quantity]) for block in BLOCKS]

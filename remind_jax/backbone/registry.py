@@ -1,0 +1,166 @@
+"""Backbones by name: what turns frames into patch features, found without importing any of them.
+
+Letters: `B` images, `H W` their size in pixels, `Hp Wp` the patch grid, `D` feature dimension.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from remind_jax.errors import ConfigError, SourceError, nearest_names
+
+if TYPE_CHECKING:
+    import jax
+    import numpy as np
+    from jaxtyping import Float, UInt8
+
+DEFAULT_BACKBONE = "patch-statistics"
+
+
+@dataclasses.dataclass(frozen=True)
+class Backbone:
+    """A frozen feature extractor; make one with `get_backbone`.
+
+    `apply` maps uint8 RGB `[B, H, W, 3]` to float32 `[B, Hp, Wp, D]` and compiles once per image
+    size; call `extract`, which checks the images first.
+    """
+
+    name: str
+    patch_px: int
+    dim: int
+    apply: Callable[[Any], Any]
+
+    def extract(
+        self, images: UInt8[np.ndarray, "B H W 3"] | UInt8[jax.Array, "B H W 3"]
+    ) -> Float[jax.Array, "B Hp Wp D"]:
+        """Describes every patch of every image; raw features, not normalised.
+
+        Cropping to a multiple of the patch is the caller's part: it alone knows which part of the
+        frame its masks belong to. Only shapes and types are checked, so this can be traced.
+
+        Args:
+          images: RGB, height and width multiples of `patch_px`.
+
+        Raises:
+          SourceError: If the images are not such an array, or smaller than one patch.
+        """
+        shape = tuple(images.shape)
+        if len(shape) != 4 or shape[-1] != 3 or images.dtype != "uint8":
+            raise SourceError(
+                f"backbone '{self.name}' was given {images.dtype} images of shape {shape}; "
+                "give uint8 RGB images [B, H, W, 3]"
+            )
+        height, width = shape[1:3]
+        if min(height, width) < self.patch_px:
+            raise SourceError(
+                f"a frame of {width}x{height} pixels is smaller than one patch of backbone "
+                f"'{self.name}'; both sides must be at least {self.patch_px} pixels"
+            )
+        if height % self.patch_px or width % self.patch_px:
+            raise SourceError(
+                f"a frame of {width}x{height} pixels does not divide into patches of "
+                f"{self.patch_px} pixels; crop it to "
+                f"{width - width % self.patch_px}x{height - height % self.patch_px} first"
+            )
+        return self.apply(images)
+
+
+BackboneFactory = Callable[..., Backbone]
+
+# A string is "module:function" and is imported when the backbone is first asked for.
+_factories: dict[str, BackboneFactory | str] = {
+    DEFAULT_BACKBONE: "remind_jax.backbone.patch_statistics:patch_statistics",
+}
+
+
+def register(name: str, factory: BackboneFactory | str | None = None) -> Any:
+    """Adds a backbone under `name`; also a decorator: `@register("my-backbone")`.
+
+    Args:
+      name: What `get_backbone` is asked for; no colon (what follows one is handed to the factory).
+      factory: `factory(**options) -> Backbone`, or `"module:function"` to import it when needed.
+
+    Raises:
+      ConfigError: If the name is taken by another backbone or holds a colon.
+    """
+    if ":" in name or not name:
+        raise ConfigError(
+            f"'{name}' cannot name a backbone; use a name without a colon, which sets off what is "
+            "handed to the backbone, as in 'onnx:encoder.onnx'"
+        )
+
+    def add(new_factory: BackboneFactory | str) -> Any:
+        # The same function defined again is a notebook cell run twice, not a clash.
+        if name in _factories and _origin(_factories[name]) != _origin(new_factory):
+            raise ConfigError(f"a backbone '{name}' is registered already; choose another name")
+        _factories[name] = new_factory
+        return new_factory
+
+    return add if factory is None else add(factory)
+
+
+def list_backbones() -> tuple[str, ...]:
+    """Names of all registered backbones in alphabetical order; imports none of them."""
+    return tuple(sorted(_factories))
+
+
+def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
+    """Makes the backbone called `name`.
+
+    Args:
+      name: A registered name, or `"NAME:TARGET"` for a backbone that reads `TARGET`, usually a
+        file; the target becomes the first argument of its factory.
+      **options: What this backbone can be told; see its factory.
+
+    Raises:
+      ConfigError: If there is no such backbone or it does not take such an option.
+    """
+    family, colon, target = name.partition(":")
+    if family not in _factories:
+        raise ConfigError(
+            f"there is no backbone '{family}'; {nearest_names(family, list_backbones())}"
+        )
+    factory = _factories[family]
+    if isinstance(factory, str):
+        module, _, function = factory.partition(":")
+        factory = getattr(importlib.import_module(module), function)
+    targets = (target,) if colon else ()
+    _check_call(family, factory, targets, options)
+    return factory(*targets, **options)
+
+
+def _origin(factory: BackboneFactory | str) -> str:
+    """Where a factory is defined, `"module:function"`."""
+    if isinstance(factory, str):
+        return factory
+    return f"{factory.__module__}:{factory.__qualname__}"
+
+
+def _check_call(
+    name: str, factory: BackboneFactory, targets: tuple[str, ...], options: dict[str, Any]
+) -> None:
+    """Raises a `ConfigError` if the factory cannot be called like this."""
+    signature = inspect.signature(factory)
+    kinds = {parameter.kind for parameter in signature.parameters.values()}
+    allowed = [
+        key
+        for key, parameter in signature.parameters.items()
+        if parameter.kind
+        in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    ]
+    if inspect.Parameter.VAR_KEYWORD not in kinds:
+        for key in options:
+            if key not in allowed:
+                hint = nearest_names(key, allowed) if allowed else "it takes none"
+                raise ConfigError(f"backbone '{name}' has no option '{key}'; {hint}")
+    try:
+        signature.bind(*targets, **options)
+    except TypeError as error:
+        raise ConfigError(
+            f"backbone '{name}' cannot be made from {targets or 'no target'} and options "
+            f"{options}: {error}"
+        ) from error
