@@ -73,6 +73,8 @@ def recognise_yolo_seg(outputs: Sequence[TensorSpec]) -> YoloLayout | None:
         return YoloLayout(candidates.name, prototypes.name, num_coefficients, None, True)
     if rows is None or rows <= 4 + num_coefficients:
         return None
+    if columns is not None and columns < rows:
+        return None  # YOLOv5 lists its candidates along the other axis, with one more value each
     num_classes = rows - 4 - num_coefficients
     return YoloLayout(candidates.name, prototypes.name, num_coefficients, num_classes, False)
 
@@ -222,16 +224,15 @@ def suppress_duplicates(candidates: Candidates, options: DetectorOptions) -> Can
     """Non-maximum suppression, among candidates of one class unless `class_agnostic`."""
     if len(candidates.scores) == 0:
         return candidates
-    corners, far = candidates.boxes[:, :2], candidates.boxes[:, 2:]
-    classes = (
-        np.zeros_like(candidates.class_index)
-        if options.class_agnostic
-        else (candidates.class_index)
-    )
+    # OpenCV keeps classes apart by shifting their boxes, which needs coordinates of 0 or more.
+    origin = candidates.boxes[:, :2].min(axis=0)
+    corners = candidates.boxes[:, :2] - origin
+    sides = candidates.boxes[:, 2:] - candidates.boxes[:, :2]
+    classes = candidates.class_index * (not options.class_agnostic)
     kept = cv2.dnn.NMSBoxesBatched(
-        np.concatenate([corners, far - corners], axis=1).astype(float),
-        candidates.scores,
-        classes.astype(np.int32),
+        np.concatenate([corners, sides], axis=1).tolist(),
+        candidates.scores.tolist(),
+        classes.tolist(),
         score_threshold=0.0,
         nms_threshold=options.iou,
     )

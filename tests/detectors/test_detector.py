@@ -1,0 +1,223 @@
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.special import expit
+
+from remind_jax.detectors import (
+    CallableDetector,
+    Detector,
+    DetectorOptions,
+    OnnxDetector,
+    as_detector,
+)
+from remind_jax.errors import ConfigError, SourceError, WeightsError
+from remind_jax.frame import Detections
+
+from .onnx_bytes import write_echo, write_fixed_answer
+from .test_onnx_session import HAS_ONNXRUNTIME, engines
+from .test_rfdetr_seg import NAMED, answer
+from .test_yolo_seg import NAMES, raw_outputs
+
+REAL = Path(os.environ.get("REMIND_REAL_DATA", "/work/shared/real"))
+FRAME = np.zeros((192, 256, 3), np.uint8)
+
+
+@engines
+def test_a_yolo_file_becomes_a_detector(tmp_path, engine):
+    path = write_fixed_answer(tmp_path / "yolo.onnx", raw_outputs(), (1, 3, 96, 128), NAMES)
+    detector = as_detector(str(path), DetectorOptions(engine=engine, ignored_classes=("chair",)))
+    assert isinstance(detector, Detector)
+    found = detector(FRAME)
+    assert found.labels == ("wall", "cup")
+    # Boxes of 32 and 80 pixels in the frame, two pixels eroded from every side.
+    assert found.masks.sum(axis=(1, 2)).tolist() == [28**2, 76**2]
+    assert detector.dropped.total == 0
+    described = json.loads(json.dumps(detector.describe()))
+    assert described["kind"] == "yolo-seg"
+    assert described["engine"] == engine
+    assert described["classes"] == ["cup", "chair", "wall"]
+    assert described["options"]["erosion_px"] == 2
+
+
+@engines
+def test_an_rfdetr_file_becomes_a_detector(tmp_path, engine):
+    path = write_fixed_answer(tmp_path / "rfdetr.onnx", answer(), (1, 3, 48, 48), NAMED)
+    detector = OnnxDetector(path, DetectorOptions(engine=engine, erosion_px=0))
+    assert detector(FRAME).labels == ("bed", "tv", "cup", "cup")
+    assert detector.describe()["kind"] == "rfdetr-seg"
+
+
+def test_instances_that_erode_to_nothing_are_counted_over_frames(tmp_path):
+    path = write_fixed_answer(tmp_path / "yolo.onnx", raw_outputs(), (1, 3, 96, 128), NAMES)
+    detector = OnnxDetector(path, DetectorOptions(erosion_px=16))
+    for _ in range(3):
+        assert detector(FRAME).labels == ("cup", "chair")
+    assert (detector.dropped.eroded, detector.dropped.total) == (3, 3)
+
+
+def test_an_unknown_network_is_told_what_is_known(tmp_path):
+    path = write_echo(tmp_path / "other.onnx", (1, 3, 96, 128))
+    with pytest.raises(WeightsError) as caught:
+        as_detector(path)
+    message = str(caught.value)
+    assert "echo [1, 3, 96, 128]" in message
+    assert "YOLO-seg [1, 4+C+M, A]" in message
+    assert "RF-DETR-seg dets [1, Q, 4]" in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("shape", [(4, 3, 96, 128), (1, 1, 96, 128), (1, 96, 128)])
+def test_inputs_other_than_one_rgb_image_are_refused(tmp_path, shape):
+    path = write_fixed_answer(tmp_path / "odd.onnx", raw_outputs(), shape, NAMES)
+    with pytest.raises(WeightsError, match=r"one RGB image|one image input"):
+        as_detector(path)
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        FRAME.astype(np.float32),
+        FRAME[..., 0],
+        np.zeros((4, 4, 4), np.uint8),
+        np.zeros((0, 4, 3), np.uint8),
+        None,
+    ],
+)
+def test_frames_that_are_no_rgb_image_are_refused(image):
+    with pytest.raises(SourceError, match=r"give uint8 \[H, W, 3\] RGB"):
+        CallableDetector(lambda image: Detections.empty(4, 4))(image)
+
+
+def one_dot(image: np.ndarray) -> Detections:
+    masks = np.zeros((2, *image.shape[:2]), bool)
+    masks[0, 3, 3] = True
+    masks[1, :9, :9] = True
+    return Detections.create(masks, ["dot", "Wall"], [0.1, 0.6], [4, 5])
+
+
+def test_a_callable_keeps_its_masks_unless_asked_otherwise():
+    plain = as_detector(one_dot)
+    assert plain is not None
+    assert plain(FRAME).masks.sum(axis=(1, 2)).tolist() == [1, 81]
+    assert plain(FRAME).instance_ids.tolist() == [4, 5]
+    assert plain.describe()["function"] == "one_dot"
+    strict = as_detector(one_dot, DetectorOptions(confidence=0.0, ignored_classes=("wall",)))
+    assert strict is not None
+    assert len(strict(FRAME)) == 0
+    assert strict.dropped.eroded == 1
+    json.dumps(strict.describe())
+
+
+def test_a_callable_with_masks_of_another_size_is_refused():
+    detector = CallableDetector(lambda image: Detections.create(np.ones((1, 5, 6))))
+    with pytest.raises(SourceError, match=r"masks of 6x5 pixels for a frame of 256x192"):
+        detector(FRAME)
+
+
+def test_none_detectors_and_nonsense():
+    assert as_detector(None) is None
+    detector = CallableDetector(one_dot)
+    assert as_detector(detector) is detector
+    with pytest.raises(ConfigError, match="cannot be made from int"):
+        as_detector(3)
+    with pytest.raises(WeightsError, match="'yolo' does not exist"):
+        as_detector("yolo")
+
+
+def test_importing_detectors_loads_no_runtime():
+    code = (
+        "import sys, remind_jax.detectors;"
+        "print([m for m in ('onnxruntime', 'torch', 'supervision') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+real_model = pytest.mark.skipif(
+    not (HAS_ONNXRUNTIME and (REAL / "yolov8n-seg-int8.onnx").is_file()),
+    reason="needs onnxruntime and the test network (folder in REMIND_REAL_DATA)",
+)
+
+
+def decode_plainly(image: np.ndarray) -> list[tuple[int, float, np.ndarray]]:
+    """The network's instances, best first, in the fewest lines: for this one file only."""
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(
+        str(REAL / "yolov8n-seg-int8.onnx"), providers=["CPUExecutionProvider"]
+    )
+    height, width = image.shape[:2]
+    scaled_height = round(height * 320 / width)
+    top = (320 - scaled_height) // 2
+    canvas = np.full((320, 320, 3), 114, np.uint8)
+    canvas[top : top + scaled_height] = cv2.resize(image, (320, scaled_height))
+    tensor = (canvas.transpose(2, 0, 1)[None] / 255).astype(np.float32)
+    rows, prototypes = (np.asarray(output) for output in session.run(None, {"images": tensor}))
+    instances: list[tuple[int, float, np.ndarray]] = []
+    boxes: list[tuple[int, np.ndarray]] = []
+    for row in sorted(rows[0].T, key=lambda row: -row[4:84].max()):
+        score, index = row[4:84].max(), int(row[4:84].argmax())
+        box = np.array([row[0], row[1], row[0], row[1]]) + row[[2, 3, 2, 3]] / [-2, -2, 2, 2]
+        if score < 0.25:
+            break
+        if any(index == other and overlap(box, seen) > 0.5 for other, seen in boxes):
+            continue
+        boxes.append((index, box))
+        plane = cv2.resize(np.tensordot(row[84:], prototypes[0], 1), (320, 320))
+        plane = cv2.resize(plane[top : top + scaled_height], (width, height))
+        y, x = np.indices((height, width)) + 0.5
+        x, y = x * 320 / width, y * scaled_height / height + top
+        inside = (x >= box[0]) & (x < box[2]) & (y >= box[1]) & (y < box[3])
+        mask = ((expit(plane) >= 0.5) & inside).astype(np.uint8)
+        instances.append((index, float(score), cv2.erode(mask, np.ones((5, 5))).astype(bool)))
+    return instances
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    sides = np.clip(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0, None)
+    shared = sides.prod()
+    return shared / ((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - shared)
+
+
+@real_model
+@pytest.mark.parametrize(
+    ("frame", "labels"),
+    [
+        ("bedroom/JPEGImages/bedroom/00000.jpg", ["person", "bed", "person", "clock"]),
+        ("kitchen/JPEGImages/kitchen/00062.jpg", None),
+    ],
+)
+def test_the_real_network_agrees_with_a_plain_decode(frame, labels):
+    bgr = cv2.imread(str(REAL / frame))
+    if bgr is None:
+        pytest.skip(f"{REAL / frame} is not here")
+    image = np.ascontiguousarray(bgr[..., ::-1])
+    detector = OnnxDetector(REAL / "yolov8n-seg-int8.onnx")
+    found = detector(image)
+    expected = decode_plainly(image)
+    if labels is not None:
+        assert list(found.labels) == labels
+        # Seen by the data's author with the frame at the top of the input, not in its middle.
+        assert np.abs(found.scores - [0.87, 0.86, 0.78, 0.49]).max() < 0.1
+    names = detector.describe()["classes"]
+    assert list(found.labels) == [names[index] for index, _, _ in expected]
+    for mask, score, (_, plain_score, plain_mask) in zip(
+        found.masks, found.scores, expected, strict=True
+    ):
+        # The same network on the same bytes, divided by 255 in another order.
+        assert abs(score - plain_score) < 1e-3
+        # Pixels on the threshold may fall either way in float32.
+        assert (mask & plain_mask).sum() / (mask | plain_mask).sum() > 0.995
+
+
+@real_model
+def test_the_8_bit_network_needs_onnxruntime(capfd):
+    with pytest.raises(WeightsError, match=r"operator DynamicQuantizeLinear.*use onnxruntime"):
+        OnnxDetector(REAL / "yolov8n-seg-int8.onnx", DetectorOptions(engine="cv2.dnn"))
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,85 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from remind_jax.detectors.letterbox import GREY, Letterbox
+
+sides = st.integers(1, 900)
+frames = st.tuples(sides, sides)
+inputs = st.tuples(st.integers(32, 700), st.integers(32, 700))
+
+
+@given(frame_size=frames, input_size=inputs)
+def test_the_frame_lies_in_the_middle_and_touches_two_sides(frame_size, input_size):
+    box = Letterbox.fit(frame_size, input_size)
+    below = input_size[0] - box.top_px - box.scaled_size[0]
+    right = input_size[1] - box.left_px - box.scaled_size[1]
+    assert below - box.top_px in (0, 1)
+    assert right - box.left_px in (0, 1)
+    assert min(box.top_px + below, box.left_px + right) == 0
+
+
+@given(frame_size=frames, input_size=inputs, data=st.data())
+def test_boxes_survive_the_round_trip(frame_size, input_size, data):
+    box = Letterbox.fit(frame_size, input_size)
+    height, width = frame_size
+    xs = sorted(data.draw(st.tuples(st.floats(0, width), st.floats(0, width))))
+    ys = sorted(data.draw(st.tuples(st.floats(0, height), st.floats(0, height))))
+    drawn = np.array([[xs[0], ys[0], xs[1], ys[1]]])
+    there = box.boxes_to_input(drawn)
+    assert (there[:, :2] >= [box.left_px, box.top_px]).all()
+    # Rounding of one multiplication and one division, in pixels.
+    np.testing.assert_allclose(box.boxes_to_frame(there), drawn, atol=1e-9)
+
+
+@given(
+    frame_size=st.tuples(st.integers(20, 400), st.integers(20, 400)),
+    input_size=st.tuples(st.integers(32, 400), st.integers(32, 400)),
+    data=st.data(),
+)
+def test_a_drawn_rectangle_is_found_where_the_box_says(frame_size, input_size, data):
+    box = Letterbox.fit(frame_size, input_size)
+    height, width = frame_size
+    x0 = data.draw(st.integers(0, width - 10))
+    y0 = data.draw(st.integers(0, height - 10))
+    x1 = data.draw(st.integers(x0 + 8, width))
+    y1 = data.draw(st.integers(y0 + 8, height))
+    # Without antialiasing a thing must be wider than the step between samples to be seen.
+    scale = np.min(np.divide(box.scaled_size, frame_size))
+    if min(x1 - x0, y1 - y0) * scale < 3:
+        return
+    image = np.zeros((height, width, 3), np.uint8)
+    image[y0:y1, x0:x1] = 255
+    seen = box.apply(image)[..., 0]
+    inside = np.zeros(input_size, bool)
+    rows = slice(box.top_px, box.top_px + box.scaled_size[0])
+    columns = slice(box.left_px, box.left_px + box.scaled_size[1])
+    inside[rows, columns] = True
+    assert (seen[~inside] == GREY).all()
+    ys, xs = np.nonzero(inside & (seen >= 128))
+    found = np.array([[xs.min(), ys.min(), xs.max() + 1, ys.max() + 1]], float)
+    expected = box.boxes_to_input(np.array([[x0, y0, x1, y1]], float))
+    # An edge between two input pixels is seen at one of them; bytes round by 1 / 255 more.
+    assert np.abs(found - expected).max() <= 0.5 + 0.01 * max(1.0, 1 / scale)
+
+
+@given(frame_size=frames, input_size=inputs, slope=st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
+def test_maps_come_back_to_the_pixel_centres(frame_size, input_size, slope):
+    """Bilinear resampling keeps a sloping plane, so any shift or wrong scale would show."""
+    box = Letterbox.fit(frame_size, input_size)
+    centres_y, centres_x = np.indices(input_size) + 0.5
+    corners = np.stack([centres_x.ravel(), centres_y.ravel()] * 2, axis=1)
+    in_frame = box.boxes_to_frame(corners)[:, :2]
+    plane = (in_frame @ slope).reshape(input_size).astype(np.float32)
+    came_back = box.plane_to_frame(plane)
+    assert came_back.shape == frame_size
+    # Beyond the outermost input pixel centres the plane is continued as a constant.
+    margin_y, margin_x = np.ceil(0.5 * np.divide(frame_size, box.scaled_size)).astype(int)
+    rows, columns = np.indices(frame_size) + 0.5
+    expected = columns * slope[0] + rows * slope[1]
+    middle = (
+        slice(margin_y, frame_size[0] - margin_y),
+        slice(margin_x, frame_size[1] - margin_x),
+    )
+    # float32 arithmetic on values up to 1,800: 1e-2 px is a fiftieth of the half pixel allowed.
+    np.testing.assert_allclose(came_back[middle], expected[middle], atol=1e-2)

@@ -1,0 +1,45 @@
+import pytest
+
+from remind_jax.detectors import DetectorOptions
+from remind_jax.errors import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "allowed"),
+    [
+        ("confidence", 1.5, "0 to 1"),
+        ("confidence", float("nan"), "0 to 1"),
+        ("confidence", "high", "0 to 1"),
+        ("iou", -0.1, "0 to 1"),
+        ("mask_threshold", 0.0, "0.01 to 0.99"),
+        ("max_detections", 0, "1 or more"),
+        ("erosion_px", -1, "0 or more"),
+        ("erosion_px", 1.5, "0 or more"),
+        ("erosion_px", True, "0 or more"),
+        ("min_mask_px", 0, "1 or more"),
+        ("input_size_px", 8, "32 or more"),
+        ("num_threads", 0, "1 or more"),
+        ("classes", "chair", "list of class names"),
+        ("ignored_classes", None, "list of class names"),
+        ("ignored_classes", [3], "list of class names"),
+        ("engine", "onnxrutime", "'onnxruntime'"),
+    ],
+)
+def test_a_bad_value_is_named_with_what_is_allowed(field, value, allowed):
+    with pytest.raises(ConfigError) as caught:
+        DetectorOptions(**{field: value})
+    message = str(caught.value)
+    assert str(value) in message
+    assert allowed in message
+    assert "\n" not in message
+
+
+def test_class_lists_ignore_letter_case_and_exclusion_wins():
+    options = DetectorOptions(classes=("Chair", "wall"), ignored_classes=("WALL",))
+    assert options.admits("chair")
+    assert not options.admits("Wall")
+    assert not options.admits("cup")
+
+
+def test_lists_from_yaml_give_equal_hashable_options():
+    assert hash(DetectorOptions(classes=["cup"])) == hash(DetectorOptions(classes=("cup",)))  # type: ignore[arg-type]
