@@ -1,1 +1,31 @@
-"""Evaluation: HOTA, Identity, CLEAR, recovery."""
+"""Evaluation: HOTA, Identity, CLEAR, recovery.
+
+`evaluate_tracks` scores a run, `evaluate_files` any tracker's output, `evaluate_sequence` anything
+brought into a `TrackingSequence`; `pool_evaluations` joins sequences.
+"""
+
+from remind_jax.metrics.combine import average_classes, bootstrap_intervals, stack_counts
+from remind_jax.metrics.evaluate import (
+    Evaluation,
+    evaluate_files,
+    evaluate_sequence,
+    evaluate_tracks,
+    pool_evaluations,
+)
+from remind_jax.metrics.recovery import Answers, count_recovery, find_reference
+from remind_jax.metrics.sequence import TrackingSequence
+
+__all__ = [
+    "Answers",
+    "Evaluation",
+    "TrackingSequence",
+    "average_classes",
+    "bootstrap_intervals",
+    "count_recovery",
+    "evaluate_files",
+    "evaluate_sequence",
+    "evaluate_tracks",
+    "find_reference",
+    "pool_evaluations",
+    "stack_counts",
+]

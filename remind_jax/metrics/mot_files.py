@@ -14,13 +14,18 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.metrics.decimal_text import parse_decimal_table
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence
-from remind_jax.metrics.similarity import covered_share, find_overlap, pair_boxes, rle_iou
+from remind_jax.metrics.similarity import (
+    covered_share,
+    find_overlap,
+    merge_rles,
+    pair_boxes,
+    rle_iou,
+)
 from remind_jax.tracks import Rle
 
 FileFormat = Literal["mot", "mots", "kitti-mots"]
@@ -245,7 +250,7 @@ def _find_ignored(pred: MaskRows, ignored: MaskRows) -> Bool[np.ndarray, "N"]:
     for frame in np.intersect1d(pred.frame, ignored.frame):
         first, stop = np.searchsorted(pred.frame, [frame, frame + 1])
         regions = [ignored.rles[row] for row in np.flatnonzero(ignored.frame == frame)]
-        share = covered_share(pred.rles[first:stop], coco_mask.merge(regions, intersect=False))
+        share = covered_share(pred.rles[first:stop], merge_rles(regions))
         is_ignored[first:stop] = share > _IGNORED_SHARE + EPSILON
     return is_ignored
 

@@ -192,7 +192,7 @@ class TrackingSequence:
 
     @cached_property
     def id_pairs(self) -> tuple[Int[np.ndarray, "I"], Int[np.ndarray, "I"], Int[np.ndarray, "K"]]:
-        """The `I` pairs of ids that ever overlap: object, label, and the id pair of each row pair."""
+        """Pairs of ids that ever overlap (object, label), and which of them each row pair is."""
         num_labels = max(1, len(self.pred_objects))
         key = self.gt_index[self.pair_gt] * num_labels + self.pred_index[self.pair_pred]
         found, member = _number_keys(key, len(self.gt_objects) * num_labels)

@@ -6,6 +6,7 @@ Letters: `G` ground truths, `P` predictions, `K` overlapping pairs, `H W` pixels
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -124,7 +125,7 @@ def rle_iou(gt_rles: Sequence[Rle], pred_rles: Sequence[Rle]) -> Float[np.ndarra
         )
     if not gt_rles or not pred_rles:
         return np.zeros((len(gt_rles), len(pred_rles)))
-    return np.asarray(coco_mask.iou(list(gt_rles), list(pred_rles), [0] * len(pred_rles)), float)
+    return _iou(gt_rles, pred_rles, is_crowd=False)
 
 
 def mask_iou(
@@ -173,15 +174,31 @@ def covered_share(rles: Sequence[Rle], region: Rle) -> Float[np.ndarray, "N"]:
     if not rles:
         return np.zeros(0)
     # With `iscrowd` set, pycocotools divides by the area of the first mask alone.
-    return np.asarray(coco_mask.iou(list(rles), [region], [1]), float)[:, 0]
+    return _iou(rles, [region], is_crowd=True)[:, 0]
 
 
 def find_overlap(rles: Sequence[Rle]) -> bool:
     """Whether any two masks of a frame share a pixel, which MOTS forbids."""
     if len(rles) < 2:
         return False
-    together = coco_mask.area(coco_mask.merge(list(rles), intersect=False))
-    return int(coco_mask.area(list(rles)).sum()) != int(together)
+    areas: Any = coco_mask.area(_as_coco(list(rles)))
+    return int(np.sum(areas)) != int(coco_mask.area(_as_coco(merge_rles(rles))))
+
+
+def merge_rles(rles: Sequence[Rle]) -> Rle:
+    """The union of masks."""
+    merged: Any = coco_mask.merge(_as_coco(list(rles)), intersect=False)
+    return merged
+
+
+def _iou(rles: Sequence[Rle], others: Sequence[Rle], *, is_crowd: bool) -> Float[np.ndarray, "N M"]:
+    crowd = [int(is_crowd)] * len(others)
+    return np.asarray(coco_mask.iou(_as_coco(list(rles)), _as_coco(list(others)), crowd), float)
+
+
+def _as_coco(rles: Any) -> Any:
+    # pycocotools types its masks as a class of its own; they are plain dictionaries.
+    return rles
 
 
 def _number_pixels(label_map: np.ndarray, ids: np.ndarray) -> Int[np.ndarray, "pixels"]:

@@ -1,0 +1,120 @@
+"""From the counts of many sequences, objects or classes to one number and its uncertainty.
+
+Pooling adds counts and then applies the formulas, as TrackEval does over sequences and for its
+"detection averaged" classes. Counts are dataclasses of arrays; a leading axis runs over the units
+(sequences, objects) that are pooled or resampled.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+
+from remind_jax.errors import RemindError
+
+Counts = TypeVar("Counts", bound=Any)
+Scores = Mapping[str, Any]
+
+# TrackEval averages ratios over classes but adds these.
+SUMMED_FIELDS = frozenset(
+    {"HOTA_TP", "HOTA_FN", "HOTA_FP", "IDTP", "IDFN", "IDFP", "Dets", "GT_Dets", "IDs", "GT_IDs"}
+    | {"CLR_TP", "CLR_FN", "CLR_FP", "CLR_Frames", "IDSW", "Frag", "MT", "PT", "ML"}
+)
+
+
+def stack_counts(counts: Iterable[Counts]) -> Counts:
+    """Counts of several units as one, with a leading axis over the units.
+
+    Raises:
+      RemindError: If there is none.
+    """
+    units = list(counts)
+    if not units:
+        raise RemindError("there is nothing to combine; give the counts of at least one sequence")
+    fields = [field.name for field in dataclasses.fields(units[0])]
+    stacked = {name: np.stack([getattr(unit, name) for unit in units]) for name in fields}
+    return type(units[0])(**stacked)
+
+
+def sum_counts(counts: Counts) -> Counts:
+    """Adds the units of a leading axis."""
+    return _map_fields(counts, lambda values: np.asarray(values).sum(axis=0))
+
+
+def pool_counts(counts: Iterable[Counts]) -> Counts:
+    """Adds the counts of several sequences."""
+    return sum_counts(stack_counts(counts))
+
+
+def resample_counts(counts: Counts, num_resamples: int = 1000, seed: int = 0) -> Counts:
+    """Draws the units of the leading axis with replacement and pools every draw.
+
+    Args:
+      counts: Leading axis over units.
+      num_resamples: Leading axis of the result.
+      seed: Same seed, same draws, whatever the kind of counts.
+    """
+    num_units = len(np.asarray(getattr(counts, dataclasses.fields(counts)[0].name)))
+    rng = np.random.default_rng(seed)
+    times_drawn = rng.multinomial(num_units, np.full(num_units, 1 / num_units), num_resamples)
+    return _map_fields(counts, lambda values: np.tensordot(times_drawn, values, axes=1))
+
+
+def bootstrap_intervals(
+    counts: Counts,
+    score: Callable[[Counts], Scores],
+    *,
+    level: float = 0.95,
+    num_resamples: int = 1000,
+    seed: int = 0,
+) -> dict[str, tuple[float, float]]:
+    """Percentile bootstrap intervals of pooled scores; thresholds (last axis) are averaged.
+
+    Args:
+      counts: Leading axis over the units to resample: sequences (`stack_counts`) or objects.
+      score: From counts with a leading axis to named scores, such as `identity_scores`.
+      level: Probability that the interval is to hold.
+      num_resamples: Draws.
+      seed: Of the draws.
+
+    Returns:
+      Lower and upper end by name; NaN for a score that is undefined in every draw.
+
+    Raises:
+      RemindError: If `level` is not between 0 and 1.
+    """
+    if not 0 < level < 1:
+        raise RemindError(f"level is {level}; it must lie between 0 and 1, such as 0.95")
+    ends = 50 * (1 - level), 50 * (1 + level)
+    intervals = {}
+    for name, values in score(resample_counts(counts, num_resamples, seed)).items():
+        values = np.asarray(values, float).reshape(num_resamples, -1).mean(axis=1)
+        values = values[np.isfinite(values)]
+        low, high = np.percentile(values, ends) if len(values) else (np.nan, np.nan)
+        intervals[name] = (float(low), float(high))
+    return intervals
+
+
+def average_classes(scores: Sequence[Scores]) -> dict[str, Any]:
+    """TrackEval's class average: ratios are averaged over classes, counts are added.
+
+    (Its other way, averaging over detections, is pooling the counts of the classes.)
+    """
+    if not scores:
+        raise RemindError("there is no class to average; give the scores of at least one class")
+    return {
+        name: np.sum([s[name] for s in scores], axis=0)
+        if name in SUMMED_FIELDS
+        else np.mean([s[name] for s in scores], axis=0)
+        for name in scores[0]
+    }
+
+
+def _map_fields(counts: Counts, change: Callable[[Any], Any]) -> Counts:
+    changed = {
+        field.name: change(getattr(counts, field.name)) for field in dataclasses.fields(counts)
+    }
+    return type(counts)(**changed)

@@ -1,0 +1,186 @@
+"""Recovery: does an object get its identity back when it returns to view?
+
+An object's visible frames, counted in processed frames, are cut into intervals; every interval but
+the first is an opportunity. It is *recovered* if some frame of it carries the object's reference
+label, *hard recovered* if its first frame does. Evaluation reference, section 6.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.sequence import TrackingSequence, number_ids
+
+NO_LABEL = -1
+ANY_CLASS = -1
+
+Reference = Literal["one_to_one", "majority"]
+
+# In the one-to-one reference common frames come first, overlap breaks ties.
+_FRAME_WEIGHT = 1000.0
+
+# Sums of overlaps that differ by less are equal; they differ by rounding only.
+_SUM_DECIMALS = 9
+
+
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """What a tracker firmly said about each visible object.
+
+    Letters: `N` observations (a visible object in a frame), `L` labels.
+    """
+
+    frame: Int[np.ndarray, "N"]  # processed frame
+    gt_id: Int[np.ndarray, "N"]
+    label: Int[np.ndarray, "N"]  # 0 ... L - 1, NO_LABEL without a firm answer
+    similarity: Float[np.ndarray, "N"]  # of the answering detection, 0 without one
+    gt_class: Int[np.ndarray, "N"]
+    label_class: Int[np.ndarray, "L"]  # ANY_CLASS where unknown
+
+    @property
+    def objects(self) -> Int[np.ndarray, "objects"]:
+        """Ids of the objects, ascending; references and counts per object are in this order."""
+        return number_ids(self.gt_id)[0]
+
+
+@dataclasses.dataclass(frozen=True)
+class RecoveryCounts:
+    """Returns of objects; counts of several objects or sequences add up."""
+
+    opportunities: Float[np.ndarray, "*batch"]
+    recovered: Float[np.ndarray, "*batch"]
+    hard_recovered: Float[np.ndarray, "*batch"]
+
+
+def collect_answers(sequence: TrackingSequence, min_similarity: float = 0.5) -> Answers:
+    """Matches predictions with ground truth and keeps what each visible object was called.
+
+    Within a frame the total similarity of pairs of one class is maximised. Labels are positions in
+    `sequence.pred_objects`; the class of a label is that of its first row.
+
+    Args:
+      sequence: Ground truth and firm predictions.
+      min_similarity: Least similarity of a match; 0 admits any overlap, as the paper does.
+    """
+    gt, pred = sequence.pair_gt, sequence.pair_pred
+    similarity = sequence.pair_similarity
+    is_admitted = similarity >= min_similarity - EPSILON
+    is_admitted &= sequence.gt_class[gt] == sequence.pred_class[pred]
+    chosen = match_frames(sequence, np.where(is_admitted, similarity, 0.0))
+    label = np.full(len(sequence.gt_id), NO_LABEL)
+    label[gt[chosen]] = sequence.pred_index[pred[chosen]]
+    overlap = np.zeros(len(sequence.gt_id))
+    overlap[gt[chosen]] = similarity[chosen]
+    label_class = np.full(len(sequence.pred_objects), ANY_CLASS)
+    label_class[sequence.pred_index[::-1]] = sequence.pred_class[::-1]
+    return Answers(
+        sequence.gt_frame, sequence.gt_id, label, overlap, sequence.gt_class, label_class
+    )
+
+
+def find_reference(answers: Answers, kind: Reference = "one_to_one") -> Int[np.ndarray, "objects"]:
+    """The label that counts as right for each object, over the whole sequence.
+
+    Args:
+      answers: Firm answers.
+      kind: `one_to_one` assigns each label to at most one object, per class, by common frames, then
+        overlap (the original's evaluator; a tracker gains nothing by calling everything alike).
+        `majority` takes the most frequent label of each object (the paper's words); ties go to the
+        larger overlap, then to the earlier first use, then to the smaller label.
+
+    Returns:
+      Label per object in the order of `answers.objects`, NO_LABEL if there is none.
+    """
+    if kind == "majority":
+        return _majority_reference(answers)
+    return _one_to_one_reference(answers)
+
+
+def count_recovery(answers: Answers, reference: Int[np.ndarray, "objects"]) -> RecoveryCounts:
+    """Counts the returns of every object and how many of them were recovered.
+
+    Returns:
+      Counts per object, in the order of `answers.objects`.
+    """
+    objects, index = number_ids(answers.gt_id)
+    order = np.lexsort((answers.frame, index))
+    index, frame = index[order], answers.frame[order]
+    is_right = (answers.label[order] == reference[index]) & (answers.label[order] != NO_LABEL)
+    is_first_sight = np.diff(index, prepend=-1) != 0
+    is_return = ~is_first_sight & (np.diff(frame, prepend=0) > 1)
+    interval = np.cumsum(is_first_sight | is_return) - 1
+    starts = np.flatnonzero(is_first_sight | is_return)
+    has_right = np.bincount(interval, is_right, len(starts)) > 0
+    counted = is_return[starts]
+    owner = index[starts][counted]
+
+    def per_object(holds: np.ndarray) -> np.ndarray:
+        return np.bincount(owner[holds[counted]], minlength=len(objects))
+
+    return RecoveryCounts(
+        per_object(np.ones(len(starts), bool)), per_object(has_right), per_object(is_right[starts])
+    )
+
+
+def recovery_scores(counts: RecoveryCounts) -> dict[str, Any]:
+    """Recovery rates and what they were counted from; NaN where nothing ever returned."""
+    has_any = counts.opportunities > 0
+    total = np.where(has_any, counts.opportunities, 1)
+    return {
+        "Recovery": np.where(has_any, counts.recovered / total, np.nan),
+        "HardRecovery": np.where(has_any, counts.hard_recovered / total, np.nan),
+        "Opportunities": counts.opportunities,
+        "Recovered": counts.recovered,
+        "HardRecovered": counts.hard_recovered,
+    }
+
+
+def _tally(answers: Answers) -> tuple[np.ndarray, ...]:
+    """Object, label, common frames, sum of overlaps and first frame of each pair that occurs."""
+    _, index = number_ids(answers.gt_id)
+    said = np.flatnonzero(answers.label != NO_LABEL)
+    num_labels = max(1, len(answers.label_class))
+    key = index[said] * num_labels + answers.label[said]
+    found, member = np.unique(key, return_inverse=True)
+    count = np.bincount(member, minlength=len(found))
+    overlap = np.bincount(member, answers.similarity[said], len(found))
+    first = np.full(len(found), np.iinfo(np.int64).max)
+    np.minimum.at(first, member, answers.frame[said])
+    return found // num_labels, found % num_labels, count, overlap, first
+
+
+def _majority_reference(answers: Answers) -> Int[np.ndarray, "objects"]:
+    owner, label, count, overlap, first = _tally(answers)
+    order = np.lexsort((label, first, -overlap.round(_SUM_DECIMALS), -count, owner))
+    reference = np.full(len(answers.objects), NO_LABEL)
+    found, best = np.unique(owner[order], return_index=True)
+    reference[found] = label[order][best]
+    return reference
+
+
+def _one_to_one_reference(answers: Answers) -> Int[np.ndarray, "objects"]:
+    owner, label, count, overlap, _ = _tally(answers)
+    objects, index = number_ids(answers.gt_id)
+    object_class = np.zeros(len(objects), np.int64)
+    object_class[index[::-1]] = answers.gt_class[::-1]
+    weight = _FRAME_WEIGHT * count + overlap
+    reference = np.full(len(objects), NO_LABEL)
+    for class_id in np.unique(object_class):
+        fits = np.isin(answers.label_class[label], [class_id, ANY_CLASS])
+        here = fits & (object_class[owner] == class_id)
+        if not here.any():
+            continue
+        rows, row = np.unique(owner[here], return_inverse=True)
+        columns, column = np.unique(label[here], return_inverse=True)
+        matrix = np.zeros((len(rows), len(columns)))
+        matrix[row, column] = weight[here]
+        chosen_row, chosen_column = linear_sum_assignment(matrix, maximize=True)
+        is_common = matrix[chosen_row, chosen_column] > 0
+        reference[rows[chosen_row[is_common]]] = columns[chosen_column[is_common]]
+    return reference
