@@ -1,0 +1,71 @@
+"""Instance maps from image files: the number of a pixel is the instance it belongs to.
+
+OpenCV expands palette PNGs to colours and stretches grey values of fewer than 8 bits, which
+destroys the numbers; FFmpeg (PyAV) keeps palette indices of every depth.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+
+import av
+import cv2
+import numpy as np
+from av.error import FFmpegError
+from jaxtyping import Int
+
+from remind_jax.sources.source import UnreadableFrame
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+GREY, PALETTE = 0, 3  # PNG colour types
+MAX_PIXELS = 1 << 28
+
+
+def read_label_map(data: bytes) -> Int[np.ndarray, "H W"]:
+    """Decodes an instance map: grey PNG of 1 to 16 bits, palette PNG, or another grey image.
+
+    Raises:
+      UnreadableFrame: If it is damaged, too large, or a colour picture without a palette.
+    """
+    if data[:8] == PNG_SIGNATURE and len(data) >= 33:
+        width, height, depth, colour_type = struct.unpack(">IIBB", data[16:26])
+        if width * height > MAX_PIXELS:
+            raise UnreadableFrame(f"it claims {width}x{height} pixels, more than {MAX_PIXELS}")
+        if colour_type == PALETTE:
+            return _read_palette_indices(data)
+        if colour_type == GREY and depth < 8:
+            return _decode(data) // (255 // (2**depth - 1))
+    return _decode(data)
+
+
+def _read_palette_indices(data: bytes) -> Int[np.ndarray, "H W"]:
+    try:
+        with av.open(io.BytesIO(data), mode="r", format="png_pipe") as container:
+            frame = next(container.decode(video=0))
+    except (FFmpegError, StopIteration) as error:
+        raise UnreadableFrame(f"it is a damaged palette PNG ({error})") from error
+    plane = frame.planes[0]
+    if frame.format.name != "pal8":
+        raise UnreadableFrame(f"its palette was decoded as {frame.format.name}, indices are lost")
+    indices = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)
+    return indices[: frame.height, : frame.width].copy()
+
+
+def _decode(data: bytes) -> Int[np.ndarray, "H W"]:
+    try:
+        labels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise UnreadableFrame(f"it cannot be decoded ({error.err})") from error
+    if labels is None:
+        raise UnreadableFrame("it is damaged or not an image")
+    if labels.ndim == 3:
+        colours = labels[..., :3]
+        if (colours != colours[..., :1]).any():
+            raise UnreadableFrame(
+                "it is a colour picture; instance maps are grey (8 or 16 bits) or have a palette"
+            )
+        labels = colours[..., 0]
+    if labels.dtype.kind not in "ui":
+        raise UnreadableFrame(f"its pixels are {labels.dtype}; instance maps hold whole numbers")
+    return labels

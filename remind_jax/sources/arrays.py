@@ -1,0 +1,166 @@
+"""Frames that are already in memory, or come from any Python iterable."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Generator, Iterable, Sequence, Sized
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from remind_jax.errors import SourceError
+from remind_jax.frame import Detections, Frame
+from remind_jax.sources.class_names import ClassNames
+from remind_jax.sources.detections import ClassNaming, detections_from
+from remind_jax.sources.image_folder import decode_image
+from remind_jax.sources.label_maps import (
+    detections_in,
+    fit_label_map,
+    instance_ids_in,
+    require_classes,
+)
+from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
+
+
+class ItemReader:
+    """Items of an iterable.
+
+    Each is one of
+    - an image `[H, W, 3]` of bytes in RGB (also grey `[H, W]`, or with alpha);
+    - the path of an image file;
+    - a pair of such an image and its detections, in any form that `detections_from` takes;
+    - a `Frame`, whose number, time and name are kept.
+
+    An array `[T, H, W, 3]` is a sequence of images. An iterator can be read once only.
+
+    Args:
+      items: The items, in temporal order.
+      name: Name of the sequence.
+      fps: Images per second, for time stamps.
+      class_names: Name per class id, for detections that have only numbers.
+    """
+
+    kind = "arrays"
+
+    def __init__(
+        self,
+        items: Iterable[Any],
+        name: str,
+        fps: float,
+        class_names: ClassNaming | None = None,
+    ) -> None:
+        self.name = name
+        self.fps: float | None = fps
+        self.num_entries: int | None = len(items) if isinstance(items, Sized) else None
+        self.entry_names: tuple[str, ...] | None = None
+        self._items, self._interval_s, self._class_names = items, 1 / fps, class_names
+        self._is_used_up = False
+
+    def entries(self, report: Report) -> Generator[Entry, None, None]:
+        """Yields one entry per item."""
+        del report
+        iterator = iter(self._items)
+        if iterator is self._items:
+            if self._is_used_up:
+                raise SourceError(
+                    f"'{self.name}' is an iterator and was read already; give a list, or an "
+                    "iterable that starts again"
+                )
+            self._is_used_up = True
+        for index, item in enumerate(iterator):
+            if isinstance(item, Frame):
+                content = Content(item.image, item.detections, item.features)
+                read = functools.partial(_give, content)
+                yield Entry(item.source_index, item.time_s, item.name, read)
+                continue
+            name = Path(item).name if isinstance(item, str | Path) else f"{index:06d}"
+            read = functools.partial(read_item, item, index, self._class_names)
+            yield Entry(index, index * self._interval_s, name, read)
+
+
+class ArrayMasks:
+    """Given masks by frame number: instance maps `[T, H, W]` or one form of detections each.
+
+    Args:
+      per_frame: What `detections_from` takes, per source frame.
+      class_names: Name per class id, or class per instance id of instance maps.
+    """
+
+    def __init__(self, per_frame: Sequence[Any], class_names: ClassNaming | None = None) -> None:
+        self.notes: list[str] = []
+        self._per_frame, self._class_names = per_frame, class_names
+
+    def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
+        """Detections of one frame.
+
+        Raises:
+          SourceError: If there are masks for fewer frames than there are frames.
+        """
+        if entry.source_index >= len(self._per_frame):
+            raise SourceError(
+                f"masks were given for {len(self._per_frame)} frames, but there is a frame "
+                f"number {entry.source_index}; give one item per source frame (None for nothing)"
+            )
+        return self._convert(self._per_frame[entry.source_index], frame_size)
+
+    def _convert(self, given: Any, frame_size: tuple[int, int]) -> Detections:
+        return detections_from(given, frame_size, self._class_names)
+
+
+class StoredMaps(ArrayMasks):
+    """Instance maps `[T, H, W]` of a NumPy file.
+
+    Raises:
+      SourceError: If instances have no class.
+    """
+
+    def __init__(self, maps: np.ndarray, classes: ClassNames, file: str) -> None:
+        super().__init__(maps)  # pyright: ignore[reportArgumentType]
+        if maps.ndim != 3 or maps.dtype.kind not in "ui":
+            raise SourceError(
+                f"masks in '{file}' are {maps.dtype} {maps.shape}; give instance maps, whole "
+                "numbers [T, H, W]"
+            )
+        require_classes(classes, instance_ids_in(maps), file)
+        self._classes, self._file = classes, file
+
+    def _convert(self, given: Any, frame_size: tuple[int, int]) -> Detections:
+        labels = fit_label_map(given, frame_size, self._file)
+        return detections_in(labels, self._classes)
+
+
+def read_item(item: Any, index: int, class_names: ClassNaming | None) -> Content:
+    """Reads one item of an iterable.
+
+    Raises:
+      UnreadableFrame: If an image file is damaged.
+      SourceError: If the item is of an unknown form.
+    """
+    if isinstance(item, tuple) and len(item) == 2:
+        image = _as_image(item[0], index)
+        return Content(image, detections_from(item[1], image.shape[:2], class_names))
+    return Content(_as_image(item, index))
+
+
+def _as_image(item: Any, index: int) -> UInt8[np.ndarray, "H W 3"]:
+    if isinstance(item, str | Path):
+        try:
+            return decode_image(Path(item).read_bytes())
+        except OSError as error:
+            raise UnreadableFrame(f"'{item}' cannot be read: {error.strerror or error}") from error
+    array = np.asarray(item)
+    if array.dtype == np.uint8 and array.ndim == 2:
+        return np.repeat(array[:, :, None], 3, axis=2)
+    if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] in (1, 3, 4):
+        channels = [0, 0, 0] if array.shape[2] == 1 else [0, 1, 2]
+        return array if array.shape[2] == 3 else np.ascontiguousarray(array[:, :, channels])
+    raise SourceError(
+        f"item {index} is {type(item).__name__} of shape {array.shape} and type {array.dtype}; "
+        "give images as uint8 RGB [H, W, 3], pairs (image, detections), or Frames"
+    )
+
+
+def _give(content: Content) -> Content:
+    return content

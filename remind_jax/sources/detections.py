@@ -1,0 +1,184 @@
+"""Detections from the forms in which people have them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from remind_jax.errors import SourceError
+from remind_jax.frame import Detections
+from remind_jax.sources.class_names import ANY_CLASS
+from remind_jax.sources.label_maps import MAX_ASPECT_DIFFERENCE, instance_ids_in
+from remind_jax.sources.source import say_size
+
+ClassNaming = Mapping[int, str] | Sequence[str]
+
+
+def detections_from(
+    obj: Any, frame_size: tuple[int, int], class_names: ClassNaming | None = None
+) -> Detections:
+    """Turns what a detector or a file gave into `Detections` of a frame.
+
+    Args:
+      obj: One of
+        - `Detections`, or None (nothing was detected);
+        - a `supervision.Detections` or the like: `xyxy`, `mask`, `confidence`, `class_id`,
+          `data["class_name"]`; boxes stand in for missing masks;
+        - a mapping with `masks` and/or `boxes` (left, top, right, bottom), and optionally
+          `labels`, `class_ids`, `scores`, `instance_ids`;
+        - masks `[N, H, W]`, or one mask `[H, W]` of booleans, non-zero inside;
+        - an instance map `[H, W]` of whole numbers: 0 is nothing, the rest ascending.
+      frame_size: Height and width of the frame in pixels.
+      class_names: Name per class id; for an instance map, class per instance id.
+
+    Raises:
+      SourceError: If the form is unknown, a class id has no name, or masks show another picture.
+    """
+    if obj is None:
+        return Detections.empty(*frame_size)
+    if isinstance(obj, Detections):
+        return _with_masks(obj, _fit_masks(obj.masks, frame_size))
+    if isinstance(obj, Mapping):
+        return _from_mapping(obj, frame_size, class_names)
+    if hasattr(obj, "xyxy") and hasattr(obj, "mask"):
+        return _from_mapping(_read_attributes(obj), frame_size, class_names)
+    if hasattr(obj, "__array__") or (isinstance(obj, Sequence) and not isinstance(obj, str)):
+        return _from_array(_as_array(obj), frame_size, class_names)
+    raise SourceError(
+        f"detections of type {type(obj).__name__} are not understood; give masks [N, H, W], an "
+        "instance map [H, W], a mapping with 'masks', or a supervision.Detections"
+    )
+
+
+def fill_boxes(
+    boxes: Float[np.ndarray, "N 4"], frame_size: tuple[int, int]
+) -> Bool[np.ndarray, "N H W"]:
+    """Masks of boxes (left, top, right, bottom in pixels), cut off at the frame's border.
+
+    Raises:
+      SourceError: If a coordinate is not finite.
+    """
+    boxes = np.asarray(boxes, np.float64).reshape(-1, 4)
+    if not np.isfinite(boxes).all():
+        row = int(np.flatnonzero(~np.isfinite(boxes).all(axis=1))[0])
+        raise SourceError(f"box {row} is {boxes[row].tolist()}; coordinates must be finite")
+    height, width = frame_size
+    edges = np.clip(np.rint(boxes), 0, [width, height, width, height]).astype(int)
+    masks = np.zeros((len(edges), height, width), bool)
+    for mask, (left, top, right, bottom) in zip(masks, edges, strict=True):
+        mask[top:bottom, left:right] = True
+    return masks
+
+
+def name_classes(class_ids: Any, class_names: ClassNaming | None) -> tuple[str, ...]:
+    """Names of class ids; the number itself where no names are given.
+
+    Raises:
+      SourceError: If names are given, but not for every id.
+    """
+    ids = [int(i) for i in np.asarray(class_ids).ravel()]
+    if class_names is None:
+        return tuple(str(i) for i in ids)
+    named = class_names if isinstance(class_names, Mapping) else dict(enumerate(class_names))
+    missing = sorted({i for i in ids if i not in named})
+    if missing:
+        raise SourceError(
+            f"class ids {', '.join(map(str, missing))} have no name; "
+            f"{len(named)} names were given, for {min(named, default=0)} to {max(named, default=0)}"
+        )
+    return tuple(str(named[i]) for i in ids)
+
+
+def _read_attributes(obj: Any) -> dict[str, Any]:
+    data = getattr(obj, "data", None) or {}
+    return {
+        "boxes": obj.xyxy,
+        "masks": obj.mask,
+        "scores": getattr(obj, "confidence", None),
+        "class_ids": getattr(obj, "class_id", None),
+        "labels": data.get("class_name"),
+    }
+
+
+def _from_mapping(
+    parts: Mapping[str, Any], frame_size: tuple[int, int], class_names: ClassNaming | None
+) -> Detections:
+    allowed = ("masks", "boxes", "labels", "class_ids", "scores", "instance_ids")
+    unknown = sorted(set(parts) - set(allowed))
+    if unknown:
+        raise SourceError(
+            f"detections have the unknown part '{unknown[0]}'; allowed: {', '.join(allowed)}"
+        )
+    masks, boxes, labels = parts.get("masks"), parts.get("boxes"), parts.get("labels")
+    if masks is None and boxes is None:
+        raise SourceError("detections have neither 'masks' nor 'boxes'; give one of them")
+    if masks is None:
+        planes = fill_boxes(np.asarray(boxes), frame_size)
+    else:
+        planes = _as_planes(_as_array(masks), frame_size)
+    if labels is None and parts.get("class_ids") is not None:
+        labels = name_classes(parts["class_ids"], class_names)
+    scores, ids = parts.get("scores"), parts.get("instance_ids")
+    return Detections.create(planes, labels, scores, ids)
+
+
+def _from_array(
+    array: np.ndarray, frame_size: tuple[int, int], class_names: ClassNaming | None
+) -> Detections:
+    if array.ndim == 2 and array.dtype.kind in "ui":
+        ids = instance_ids_in(array)
+        planes = _fit_masks(array[None] == np.reshape(ids, (-1, 1, 1)), frame_size)
+        labels = name_classes(ids, class_names) if class_names else [ANY_CLASS] * len(ids)
+        return Detections.create(planes, labels, instance_ids=ids)
+    return Detections.create(_as_planes(array, frame_size))
+
+
+def _as_array(values: Any) -> np.ndarray:
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        raise SourceError(
+            "masks of one frame have different sizes; give them all the frame's"
+        ) from (error)
+
+
+def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"]:
+    if array.size == 0:
+        return np.zeros((0, *frame_size), bool)
+    if array.dtype.kind not in "buif":
+        raise SourceError(f"masks are {array.dtype}; give booleans or numbers, non-zero inside")
+    planes = array[None] if array.ndim == 2 else array
+    if planes.ndim != 3:
+        raise SourceError(f"masks have shape {array.shape}; give [N, H, W]")
+    return _fit_masks(planes.astype(bool, copy=False), frame_size)
+
+
+def _fit_masks(
+    masks: Bool[np.ndarray, "N H W"], frame_size: tuple[int, int]
+) -> Bool[np.ndarray, "N H W"]:
+    """Brings masks to the frame's size (nearest neighbour) if they have its aspect ratio."""
+    if masks.shape[1:] == frame_size:
+        return masks
+    if not len(masks):
+        return np.zeros((0, *frame_size), bool)
+    height, width = masks.shape[1:]
+    if abs(width * frame_size[0] / max(1, height * frame_size[1]) - 1) > MAX_ASPECT_DIFFERENCE:
+        raise SourceError(
+            f"masks are {say_size((height, width))}, their frame is {say_size(frame_size)} "
+            "(width x height): give masks of the frame's size or aspect ratio"
+        )
+    fitted = [
+        cv2.resize(mask.astype(np.uint8), frame_size[::-1], interpolation=cv2.INTER_NEAREST)
+        for mask in masks
+    ]
+    return np.stack(fitted).astype(bool)
+
+
+def _with_masks(detections: Detections, masks: Bool[np.ndarray, "N H W"]) -> Detections:
+    if masks is detections.masks:
+        return detections
+    return Detections(masks, detections.labels, detections.scores, detections.instance_ids)

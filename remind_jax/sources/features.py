@@ -1,0 +1,145 @@
+"""Sequences of precomputed patch features, `.npz` or `.npy`.
+
+`.npy`: `[T, Hp, Wp, D]`, memory-mapped. `.npz`, by name:
+    features  float [T, Hp, Wp, D]      required
+    masks     whole numbers [T, H, W]   instance maps, 0 for nothing
+    ids, labels   [K], [K]              class name of each instance id in `masks`
+    images    uint8 [T, H, W, 3]        RGB, only for pictures of the result
+    times_s   float [T]                 time stamps
+    names     text [T]                  names of frames
+"""
+
+from __future__ import annotations
+
+import functools
+import zipfile
+from collections.abc import Generator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from remind_jax.errors import SourceError, nearest_names
+from remind_jax.sources.class_names import UNNAMED, ClassNames
+from remind_jax.sources.label_maps import detections_in, instance_ids_in, require_classes
+from remind_jax.sources.source import Content, Entry, Report
+
+FEATURE_SUFFIXES = (".npz", ".npy")
+KNOWN_ARRAYS = ("features", "masks", "ids", "labels", "images", "times_s", "names")
+
+
+class FeatureReader:
+    """Features of one sequence.
+
+    Args:
+      arrays: Arrays by the names of this module.
+      name: Name of the sequence.
+      fps: Frames per second, where there are no `times_s`.
+      file: The file for messages.
+      classes: Class of each instance id, if not in `arrays`.
+
+    Raises:
+      SourceError: If arrays are missing, unknown, of a wrong shape, or disagree in length.
+    """
+
+    kind = "features"
+
+    def __init__(
+        self,
+        arrays: Mapping[str, Any],
+        name: str,
+        fps: float,
+        file: str,
+        classes: ClassNames | None = None,
+    ) -> None:
+        self._arrays = {key: np.asanyarray(value) for key, value in arrays.items()}
+        _check_arrays(self._arrays, file)
+        self.name = name
+        self.num_entries: int | None = len(self._arrays["features"])
+        self._times_s = self._arrays.get("times_s", np.arange(self.num_entries) / fps)
+        self.fps: float | None = _rate(self._times_s, fps)
+        self._names = tuple(
+            str(n)
+            for n in self._arrays.get("names", [f"{i:06d}" for i in range(len(self._times_s))])
+        )
+        self.entry_names: tuple[str, ...] | None = self._names
+        self._classes = classes or classes_in(self._arrays, file) or UNNAMED
+        if "masks" in self._arrays:
+            require_classes(self._classes, instance_ids_in(self._arrays["masks"]), file)
+
+    def entries(self, report: Report) -> Generator[Entry, None, None]:
+        """Yields one entry per frame."""
+        del report
+        for index, name in enumerate(self._names):
+            read = functools.partial(self._read, index)
+            yield Entry(index, float(self._times_s[index]), name, read)
+
+    def _read(self, index: int) -> Content:
+        features = np.asarray(self._arrays["features"][index], np.float32)
+        image = self._arrays["images"][index] if "images" in self._arrays else None
+        detections = None
+        if "masks" in self._arrays:
+            detections = detections_in(self._arrays["masks"][index], self._classes)
+        return Content(image, detections, features)
+
+
+def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
+    """Reads a NumPy file without running anything that it may contain (no pickles).
+
+    Args:
+      path: The file.
+      single: What the one array of a `.npy` file is.
+
+    Raises:
+      SourceError: If it is no NumPy file.
+    """
+    try:
+        if path.suffix.lower() == ".npy":
+            return {single: np.load(path, mmap_mode="r", allow_pickle=False)}
+        with np.load(path, allow_pickle=False) as stored:
+            return {key: stored[key] for key in stored.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise SourceError(f"'{path}' cannot be read as a NumPy file: {error}") from error
+
+
+def _check_arrays(arrays: Mapping[str, np.ndarray], file: str) -> None:
+    for key in arrays:
+        if key not in KNOWN_ARRAYS:
+            raise SourceError(
+                f"'{file}' holds an array '{key}'; {nearest_names(key, KNOWN_ARRAYS)}"
+            )
+    features = arrays.get("features")
+    if features is None:
+        raise SourceError(f"'{file}' holds no array 'features'; it must be [T, Hp, Wp, D]")
+    if features.ndim != 4 or features.dtype.kind != "f" or 0 in features.shape[1:]:
+        raise SourceError(
+            f"features in '{file}' are {features.dtype} {features.shape}; they must be floats "
+            "[T, Hp, Wp, D]"
+        )
+    for key, ndim, kinds in (("masks", 3, "ui"), ("images", 4, "u"), ("times_s", 1, "f")):
+        if key in arrays and (arrays[key].ndim != ndim or arrays[key].dtype.kind not in kinds):
+            raise SourceError(f"'{key}' in '{file}' is {arrays[key].dtype} {arrays[key].shape}")
+    for key in ("masks", "images", "times_s", "names"):
+        if key in arrays and len(arrays[key]) != len(features):
+            raise SourceError(
+                f"'{file}' has features for {len(features)} frames, but '{key}' for "
+                f"{len(arrays[key])}"
+            )
+    if ("ids" in arrays) != ("labels" in arrays) or len(arrays.get("ids", ())) != len(
+        arrays.get("labels", ())
+    ):
+        raise SourceError(f"'{file}' needs as many 'labels' as 'ids', one class name per id")
+
+
+def classes_in(arrays: Mapping[str, np.ndarray], file: str) -> ClassNames | None:
+    """Classes from the arrays `ids` and `labels`, if they are there."""
+    if "ids" not in arrays:
+        return None
+    pairs = zip(arrays["ids"], arrays["labels"], strict=True)
+    return ClassNames({int(i): str(label) for i, label in pairs}, file=file)
+
+
+def _rate(times_s: np.ndarray, fps: float) -> float | None:
+    if len(times_s) < 2 or times_s[-1] <= times_s[0]:
+        return fps
+    return float((len(times_s) - 1) / (times_s[-1] - times_s[0]))

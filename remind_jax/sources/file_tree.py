@@ -1,0 +1,294 @@
+"""Files below a folder or inside a tar, read in place: nothing is ever unpacked to disk.
+
+Paths inside a tree are relative, with forward slashes; `""` is the top.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import tarfile
+from pathlib import Path, PurePosixPath
+from typing import IO, Protocol
+
+from remind_jax.errors import SourceError
+from remind_jax.sources.source import UnreadableFrame
+
+TAR_SUFFIXES = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
+STREAMED_SUFFIXES = (".mkv", ".mp4", ".mov", ".avi", ".webm", ".m4v", ".bin", ".ply")
+LAYOUT_FOLDERS = ("JPEGImages", "Annotations", "annotations", "dslr", "iphone")  # never a wrapper
+MAX_WHOLE_FILE_BYTES = 1 << 30  # files read as a whole: images, masks, JSON
+
+
+class FileTree(Protocol):
+    """Read-only access by relative path."""
+
+    path: Path
+
+    def files_in(self, folder: str) -> list[str]:
+        """Names of the files directly in a folder, naturally sorted; none if it is missing."""
+        ...
+
+    def folders_in(self, folder: str) -> list[str]:
+        """Names of the folders directly in a folder, naturally sorted."""
+        ...
+
+    def has_file(self, path: str) -> bool:
+        """Whether there is a file of this path."""
+        ...
+
+    def read(self, path: str) -> bytes:
+        """The whole file.
+
+        Raises:
+          UnreadableFrame: If it cannot be read.
+        """
+        ...
+
+    def open(self, path: str) -> IO[bytes]:
+        """The file as a stream of bytes."""
+        ...
+
+    def locate(self, path: str) -> str:
+        """The file as text for messages."""
+        ...
+
+    def second_handle(self) -> FileTree:
+        """The same tree with a read position of its own (compressed tars rewind slowly)."""
+        ...
+
+
+class FolderTree:
+    """A folder on disk."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def files_in(self, folder: str) -> list[str]:
+        """Names of the files directly in a folder, naturally sorted; none if it is missing."""
+        return self._names(folder, files=True)
+
+    def folders_in(self, folder: str) -> list[str]:
+        """Names of the folders directly in a folder, naturally sorted."""
+        return self._names(folder, files=False)
+
+    def has_file(self, path: str) -> bool:
+        """Whether there is a file of this path."""
+        return (self.path / path).is_file()
+
+    def read(self, path: str) -> bytes:
+        """The whole file.
+
+        Raises:
+          UnreadableFrame: If it cannot be read.
+        """
+        try:
+            return (self.path / path).read_bytes()
+        except OSError as error:
+            raise UnreadableFrame(f"cannot be read: {error.strerror or error}") from error
+
+    def open(self, path: str) -> IO[bytes]:
+        """The file as a stream of bytes."""
+        return (self.path / path).open("rb")
+
+    def locate(self, path: str) -> str:
+        """The file as text for messages."""
+        return str(self.path / path)
+
+    def second_handle(self) -> FolderTree:
+        """The same tree with a read position of its own."""
+        return self
+
+    def _names(self, folder: str, *, files: bool) -> list[str]:
+        place = self.path / folder
+        if not place.is_dir():
+            return []
+        names = [p.name for p in place.iterdir() if (p.is_file() if files else p.is_dir())]
+        return sorted(filter(_is_shown, names), key=natural_key)
+
+
+class TarTree:
+    """A tar archive, compressed or not; a single folder around everything is looked through.
+
+    Raises:
+      SourceError: If the archive cannot be read or a member could reach outside of it or exhaust
+        the machine: absolute paths, `..`, links, devices, sparse or giant files.
+    """
+
+    def __init__(self, path: Path, members: dict[str, tarfile.TarInfo] | None = None) -> None:
+        self.path = path
+        self._archive: tarfile.TarFile | None = None
+        self._members = _strip_top(_list_members(path)) if members is None else members
+        self._folders: dict[str, set[str]] = {"": set()}
+        self._files: dict[str, set[str]] = {}
+        for name in self._members:
+            pure = PurePosixPath(name)
+            self._files.setdefault(_folder_name(pure.parent), set()).add(pure.name)
+            for parent in pure.parents[:-1]:
+                self._folders.setdefault(_folder_name(parent.parent), set()).add(parent.name)
+
+    def files_in(self, folder: str) -> list[str]:
+        """Names of the files directly in a folder, naturally sorted; none if it is missing."""
+        names = self._files.get(_folder_name(PurePosixPath(folder)), ())
+        return sorted(filter(_is_shown, names), key=natural_key)
+
+    def folders_in(self, folder: str) -> list[str]:
+        """Names of the folders directly in a folder, naturally sorted."""
+        names = self._folders.get(_folder_name(PurePosixPath(folder)), ())
+        return sorted(filter(_is_shown, names), key=natural_key)
+
+    def has_file(self, path: str) -> bool:
+        """Whether there is a file of this path."""
+        return path in self._members
+
+    def read(self, path: str) -> bytes:
+        """The whole file.
+
+        Raises:
+          UnreadableFrame: If it cannot be read.
+        """
+        try:
+            with self.open(path) as file:
+                data = file.read()
+        except (OSError, EOFError, tarfile.TarError, ValueError) as error:
+            raise UnreadableFrame(f"cannot be read from the archive: {error}") from error
+        if len(data) != self._members[path].size:
+            raise UnreadableFrame(
+                f"only {len(data)} of its {self._members[path].size} bytes are in the archive"
+            )
+        return data
+
+    def open(self, path: str) -> IO[bytes]:
+        """The file as a stream of bytes."""
+        if self._archive is None:
+            self._archive = tarfile.open(self.path)  # noqa: SIM115  (kept open between frames)
+        file = self._archive.extractfile(self._members[path])
+        assert file is not None, "only regular files are listed"
+        return file
+
+    def locate(self, path: str) -> str:
+        """The file as text for messages."""
+        return f"{self.path}:{path}"
+
+    def second_handle(self) -> TarTree:
+        """The same tree with a read position of its own."""
+        return TarTree(self.path, self._members)
+
+
+def open_tree(path: Path) -> FileTree:
+    """A folder or a tar, by what is there.
+
+    Raises:
+      SourceError: If it is neither.
+    """
+    if path.is_dir():
+        return FolderTree(path)
+    if is_tar_name(path.name):
+        return TarTree(path)
+    raise SourceError(f"'{path}' is neither a folder nor a tar archive")
+
+
+def read_bytes(path: Path) -> bytes:
+    """A whole file on disk.
+
+    Raises:
+      SourceError: If it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise SourceError(f"'{path}' cannot be read: {error.strerror or error}") from error
+
+
+def is_tar_name(name: str) -> bool:
+    """Whether a file name is that of a tar archive."""
+    return name.lower().endswith(TAR_SUFFIXES)
+
+
+def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sorts `frame_9` before `frame_10`."""
+    parts = re.split(r"(\d+)", name)
+    return tuple((0, int(p), p) if p.isdecimal() else (1, 0, p.lower()) for p in parts if p)
+
+
+def last_number(name: str) -> int | None:
+    """The last group of digits in the stem of a file name: `frame_000610.png` is 610."""
+    digits = re.findall(r"\d+", PurePosixPath(name).stem)
+    return int(digits[-1]) if digits else None
+
+
+def join(folder: str, name: str) -> str:
+    """Path of a name in a folder of a tree."""
+    return f"{folder}/{name}" if folder else name
+
+
+def _is_shown(name: str) -> bool:
+    return not name.startswith(".")
+
+
+def _folder_name(path: PurePosixPath) -> str:
+    return "" if str(path) == "." else str(path)
+
+
+def _list_members(path: Path) -> dict[str, tarfile.TarInfo]:
+    """Regular files by name; a truncated archive gives what came before the cut."""
+    archive_bytes = path.stat().st_size
+    members: dict[str, tarfile.TarInfo] = {}
+    try:
+        with tarfile.open(path) as archive:
+            is_plain = isinstance(archive.fileobj, io.BufferedReader)
+            while (member := _next_member(archive, bool(members))) is not None:
+                danger = _say_danger(member, archive_bytes if is_plain else None)
+                if danger:
+                    raise SourceError(
+                        f"archive '{path}' is refused: member '{member.name[:200]}' {danger}"
+                    )
+                if member.isreg():
+                    members[str(PurePosixPath(member.name))] = member
+    except (OSError, EOFError, tarfile.TarError) as error:
+        raise SourceError(f"archive '{path}' cannot be read: {error}") from error
+    if not members:
+        raise SourceError(f"archive '{path}' holds no files")
+    return members
+
+
+def _next_member(archive: tarfile.TarFile, has_members: bool) -> tarfile.TarInfo | None:
+    try:
+        return archive.next()
+    except (OSError, EOFError, tarfile.TarError):
+        if has_members:
+            return None
+        raise
+
+
+def _say_danger(member: tarfile.TarInfo, archive_bytes: int | None) -> str | None:
+    """Why a member is not acceptable; None if it is."""
+    name = member.name
+    if name.startswith("/") or re.match(r"^[A-Za-z]:[\\/]|^\\", name):
+        return "has an absolute path; pack with relative paths"
+    if ".." in re.split(r"[\\/]", name):
+        return "points outside with '..'; pack with plain relative paths"
+    if member.issym() or member.islnk():
+        return f"is a link to '{member.linkname[:200]}'; pack with 'tar -h --hard-dereference'"
+    if member.isdir():
+        return None
+    if not member.isreg():
+        return "is a device or pipe; only files and folders are read"
+    if member.issparse():
+        return "is a sparse file; pack without 'tar --sparse'"
+    if archive_bytes is not None and member.size > archive_bytes:
+        return f"claims {member.size} bytes, more than the whole archive has"
+    if member.size > MAX_WHOLE_FILE_BYTES and not name.lower().endswith(STREAMED_SUFFIXES):
+        return f"claims {member.size} bytes; at most {MAX_WHOLE_FILE_BYTES} are accepted"
+    return None
+
+
+def _strip_top(members: dict[str, tarfile.TarInfo]) -> dict[str, tarfile.TarInfo]:
+    """Removes the one folder that everything lies in, if there is one that only wraps."""
+    tops = {PurePosixPath(name).parts[0] for name in members}
+    if len(tops) != 1 or any(len(PurePosixPath(name).parts) == 1 for name in members):
+        return members
+    top = tops.pop()
+    if top in LAYOUT_FOLDERS:
+        return members
+    return {name[len(top) + 1 :]: member for name, member in members.items()}

@@ -1,0 +1,93 @@
+"""Pictures in natural order of their names, from a folder or a tar."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Generator, Sequence
+from pathlib import PurePosixPath
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from remind_jax.errors import SourceError
+from remind_jax.sources.file_tree import FileTree, join
+from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
+
+
+class ImageReader:
+    """Pictures of one folder of a tree.
+
+    Args:
+      tree: Where the files are.
+      folder: Folder inside the tree.
+      name: Name of the sequence.
+      fps: Pictures per second of recording, for time stamps.
+      file_names: The pictures in order; all of the folder, naturally sorted, if left out.
+
+    Raises:
+      SourceError: If there is no picture, or one of `file_names` is missing.
+    """
+
+    kind = "images"
+
+    def __init__(
+        self,
+        tree: FileTree,
+        folder: str,
+        name: str,
+        fps: float,
+        file_names: Sequence[str] | None = None,
+    ) -> None:
+        if file_names is None:
+            file_names = list_images(tree, folder)
+        else:
+            missing = [f for f in file_names if not tree.has_file(join(folder, f))]
+            if missing:
+                raise SourceError(
+                    f"{len(missing)} of {len(file_names)} frames that the metadata lists are "
+                    f"missing in '{tree.locate(folder)}', the first is '{missing[0]}'"
+                )
+        if not file_names:
+            raise SourceError(
+                f"'{tree.locate(folder)}' holds no images ({', '.join(IMAGE_SUFFIXES)})"
+            )
+        self.name = name
+        self.fps: float | None = fps
+        self.num_entries: int | None = len(file_names)
+        self.entry_names: tuple[str, ...] | None = tuple(file_names)
+        self._tree, self._folder, self._interval_s = tree, folder, 1 / fps
+
+    def entries(self, report: Report) -> Generator[Entry, None, None]:
+        """Yields one entry per picture."""
+        del report
+        for index, name in enumerate(self.entry_names or ()):
+            path = join(self._folder, name)
+            read = functools.partial(_read, self._tree, path)
+            yield Entry(index, index * self._interval_s, name, read)
+
+
+def list_images(tree: FileTree, folder: str) -> list[str]:
+    """Names of the pictures directly in a folder."""
+    return [n for n in tree.files_in(folder) if PurePosixPath(n).suffix.lower() in IMAGE_SUFFIXES]
+
+
+def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
+    """Decodes a picture to RGB, 8 bits, turned upright as its EXIF entry says.
+
+    Raises:
+      UnreadableFrame: If it is damaged.
+    """
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise UnreadableFrame(f"the image cannot be decoded ({error.err})") from error
+    if image is None:
+        raise UnreadableFrame("the image is damaged or empty")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def _read(tree: FileTree, path: str) -> Content:
+    return Content(decode_image(tree.read(path)))

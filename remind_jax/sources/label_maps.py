@@ -1,0 +1,215 @@
+"""Given masks, one instance map per frame (DAVIS, ScanNet++, any folder of PNGs).
+
+An annotation belongs to the frame of the same stem (`00012.jpg` and `00012.png`, also
+`DSC1.JPG.png`); where no stems agree, of the same number (`frame_000012.png`); where no numbers
+agree either and there are as many annotations as frames, of the same place in order. A frame
+without annotation has no detections.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import PurePosixPath
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Int
+
+from remind_jax.errors import SourceError
+from remind_jax.frame import Detections
+from remind_jax.sources.annotation_png import read_label_map
+from remind_jax.sources.class_names import ClassNames
+from remind_jax.sources.file_tree import FileTree, join, last_number
+from remind_jax.sources.image_folder import IMAGE_SUFFIXES
+from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
+
+Unlabelled = Literal["error", "skip"]
+MAX_ASPECT_DIFFERENCE = 0.01
+NUM_CHECKED = 3  # annotations looked at before work starts
+
+
+class LabelMaps:
+    """Instance maps of a sequence.
+
+    Args:
+      tree: Where the annotation files are.
+      folder: Folder inside the tree.
+      reader: The frames that they belong to.
+      classes: Class of each instance.
+      unlabelled: What an instance without class is: an error, or left out.
+      by_position: The number in an annotation's name is the frame's place in the sequence,
+        whatever the frame is called (ScanNet++, metadata with `frame_names`).
+
+    Raises:
+      SourceError: If no annotation belongs to any frame, or instances lack a class.
+    """
+
+    def __init__(
+        self,
+        tree: FileTree,
+        folder: str,
+        reader: Reader,
+        classes: ClassNames,
+        unlabelled: Unlabelled = "error",
+        *,
+        by_position: bool = False,
+    ) -> None:
+        self._tree, self._folder = tree, folder
+        self._classes, self._unlabelled = classes, unlabelled
+        files = [n for n in tree.files_in(folder) if n.lower().endswith((".png", ".tif", ".tiff"))]
+        if not files:
+            raise SourceError(f"'{tree.locate(folder)}' holds no annotations (.png)")
+        self._file_of = match_annotations(
+            files, None if by_position else reader.entry_names, reader.num_entries
+        )
+        if not self._file_of:
+            frames = reader.entry_names
+            raise SourceError(
+                f"no annotation in '{tree.locate(folder)}' belongs to a frame of '{reader.name}': "
+                f"neither stems nor numbers agree (first annotation '{files[0]}', first frame "
+                f"'{frames[0] if frames else '0'}')"
+            )
+        self.notes: list[str] = []
+        if reader.entry_names is not None and len(self._file_of) < len(reader.entry_names):
+            self.notes.append(
+                f"{len(reader.entry_names) - len(self._file_of)} of {len(reader.entry_names)} "
+                f"frames of '{reader.name}' have no annotation and count as frames without "
+                "detections"
+            )
+        self._check_some()
+
+    def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
+        """Instances of one frame, ascending by id, as boolean masks of the frame's size."""
+        file = self._file_of.get(entry.source_index)
+        if file is None:
+            return Detections.empty(*frame_size)
+        labels = fit_label_map(self._read(file), frame_size, file)
+        ids = instance_ids_in(labels)
+        self._require_classes(ids)
+        return detections_in(labels, self._classes, ids)
+
+    def _read(self, file: str) -> Int[np.ndarray, "H W"]:
+        try:
+            return read_label_map(self._tree.read(join(self._folder, file)))
+        except UnreadableFrame as error:
+            raise UnreadableFrame(f"its annotation '{file}' is of no use: {error}") from error
+
+    def _check_some(self) -> None:
+        """Looks at a few annotations, so that missing classes show before work starts."""
+        files = list(self._file_of.values())
+        for at in np.unique(np.linspace(0, len(files) - 1, NUM_CHECKED).astype(int)):
+            try:
+                labels = self._read(files[at])
+            except UnreadableFrame:
+                continue
+            self._require_classes(instance_ids_in(labels))
+
+    def _require_classes(self, ids: list[int]) -> None:
+        if self._unlabelled == "error" and self._classes.missing(ids):
+            require_classes(self._classes, self._all_ids(), self._tree.locate(self._folder))
+
+    def _all_ids(self) -> set[int]:
+        """Ids of all annotations: read only to name everything that is to be mended at once."""
+        ids: set[int] = set()
+        for file in self._file_of.values():
+            try:
+                ids.update(instance_ids_in(self._read(file)))
+            except UnreadableFrame:
+                continue
+        return ids
+
+
+def detections_in(
+    labels: Int[np.ndarray, "H W"], classes: ClassNames, ids: Sequence[int] | None = None
+) -> Detections:
+    """Takes an instance map apart, ascending by id; instances without class are left out.
+
+    Args:
+      labels: The map.
+      classes: Class of each instance.
+      ids: `instance_ids_in(labels)`, if it is known already.
+    """
+    ids = [i for i in ids or instance_ids_in(labels) if classes[i] is not None]
+    masks = np.zeros((len(ids), *labels.shape), bool)
+    for row, instance_id in enumerate(ids):
+        np.equal(labels, instance_id, out=masks[row])
+    return Detections.create(masks, [str(classes[i]) for i in ids], instance_ids=ids)
+
+
+def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str) -> None:
+    """Asks for a class of every instance.
+
+    Raises:
+      SourceError: If some have none; it names all of them and the file to mend.
+    """
+    missing = classes.missing(i for i in instance_ids if i > 0)
+    if missing:
+        raise SourceError(
+            f"instances {', '.join(map(str, missing))} in '{place}' have no class; add them to "
+            f"'{classes.file}' (null leaves one out), or open the source with unlabelled='skip'"
+        )
+
+
+def fit_label_map(
+    labels: Int[np.ndarray, "H W"], frame_size: tuple[int, int], name: str
+) -> Int[np.ndarray, "H W"]:
+    """Brings an instance map to the frame's size, without inventing numbers.
+
+    Raises:
+      SourceError: If the aspect ratios differ by more than a hundredth.
+    """
+    if labels.shape == frame_size:
+        return labels
+    height, width = labels.shape
+    ratio = (width * frame_size[0]) / (height * frame_size[1])
+    if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
+        raise SourceError(
+            f"annotation '{name}' is {say_size((height, width))}, its frame is "
+            f"{say_size(frame_size)} (width x height): they show different pictures; give masks "
+            "of the frame's size or aspect ratio"
+        )
+    is_small = labels.dtype in (np.uint8, np.uint16)
+    labels = labels if is_small else labels.astype(np.int32)  # OpenCV knows no 32-bit unsigned
+    return cv2.resize(labels, frame_size[::-1], interpolation=cv2.INTER_NEAREST)
+
+
+def match_annotations(
+    files: Sequence[str], frame_names: Sequence[str] | None, num_frames: int | None
+) -> dict[int, str]:
+    """Says which annotation belongs to which frame number, by the rules of this module.
+
+    Args:
+      files: Names of annotation files, in order.
+      frame_names: Names of the frames in order; None where annotations are numbered by the
+        frame's place (videos): from 0, or from 1 where there is no annotation 0 and the last one
+        equals the count of frames.
+      num_frames: How many frames there are, if known.
+    """
+    numbers = {number: f for f in files if (number := last_number(f)) is not None}
+    if frame_names is None:
+        first = 1 if 0 not in numbers and max(numbers, default=0) == num_frames else 0
+        return {number - first: file for number, file in numbers.items()}
+    stems = {_stem(file): file for file in files}
+    by_stem = {i: stems[_stem(n)] for i, n in enumerate(frame_names) if _stem(n) in stems}
+    if by_stem:
+        return by_stem
+    by_number = {i: last_number(name) for i, name in enumerate(frame_names)}
+    matched = {i: numbers[n] for i, n in by_number.items() if n is not None and n in numbers}
+    if matched:
+        return matched
+    return dict(enumerate(files)) if len(files) == len(frame_names) else {}
+
+
+def _stem(name: str) -> str:
+    pure = PurePosixPath(name)
+    inner = PurePosixPath(pure.stem)
+    return inner.stem if inner.suffix.lower() in IMAGE_SUFFIXES else pure.stem
+
+
+def instance_ids_in(labels: Int[np.ndarray, "..."]) -> list[int]:
+    """The numbers above 0, ascending."""
+    if labels.dtype == bool or (labels.dtype.kind == "u" and labels.dtype.itemsize <= 2):
+        # Counting takes a tenth of the time of sorting the pixels.
+        return [int(i) for i in np.flatnonzero(np.bincount(labels.ravel())) if i > 0]
+    return [int(i) for i in np.unique(labels) if i > 0]

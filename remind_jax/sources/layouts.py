@@ -1,0 +1,159 @@
+"""Recognises what a path holds: where its frames are, and the masks that lie with them."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from remind_jax.errors import SourceError
+from remind_jax.sources import davis, scannetpp
+from remind_jax.sources.class_names import Metadata, find_metadata, read_metadata
+from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, load_arrays
+from remind_jax.sources.file_tree import FileTree, FolderTree, is_tar_name, join, open_tree
+from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
+from remind_jax.sources.source import Reader
+from remind_jax.sources.video import VideoReader
+
+METADATA_BESIDE_MASKS = ("metadata.json", "../metadata.json", "../../metadata.json")
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """What the user chose among the things that a path may hold."""
+
+    name: str | None = None  # name of the sequence
+    sequence: str | None = None  # of a DAVIS folder
+    images: str | None = None  # of a ScanNet++ scene
+    mask_variant: str | None = None  # of a ScanNet++ scene
+    metadata: Path | None = None
+    image_fps: float = 30.0
+
+
+@dataclasses.dataclass(frozen=True)
+class MaskPlace:
+    """A folder of instance maps."""
+
+    tree: FileTree
+    folder: str
+    metadata: Metadata
+    by_position: bool = False  # numbered by the frame's place in the sequence
+
+
+@dataclasses.dataclass(frozen=True)
+class Located:
+    """Frames, and masks where the layout has them."""
+
+    reader: Reader
+    masks: MaskPlace | None = None
+
+
+def locate(path: Path, choice: Choice) -> Located:
+    """Recognises a file, folder or archive with frames.
+
+    Raises:
+      SourceError: If it holds none, or several and none was chosen.
+    """
+    suffix = path.suffix.lower()
+    name = choice.name or path.stem
+    if path.is_dir() or is_tar_name(path.name):
+        return _locate_in_tree(path, choice)
+    if suffix in FEATURE_SUFFIXES:
+        arrays = load_arrays(path)
+        classes = read_metadata(choice.metadata, name).classes if choice.metadata else None
+        return Located(FeatureReader(arrays, name, choice.image_fps, str(path), classes))
+    if suffix in IMAGE_SUFFIXES:
+        tree = FolderTree(path.parent)
+        return Located(ImageReader(tree, "", name, choice.image_fps, [path.name]))
+    if suffix in (".json", ".jsonl"):
+        raise SourceError(f"'{path}' may hold masks, but no frames; give it as masks")
+    return Located(VideoReader(lambda: str(path), name, str(path)))
+
+
+def locate_masks(path: Path, reader: Reader, choice: Choice) -> MaskPlace:
+    """Finds instance maps in a folder or archive that was named for them.
+
+    Raises:
+      SourceError: If there are none.
+    """
+    tree = open_tree(path)
+    if tree.files_in("") and any(n.lower().endswith(".png") for n in tree.files_in("")):
+        beside = METADATA_BESIDE_MASKS if path.is_dir() else METADATA_BESIDE_MASKS[:1]
+        return MaskPlace(tree, "", _metadata(tree, beside, reader.name, choice))
+    place = scannetpp.find_masks(tree, choice.mask_variant)
+    if place is not None:
+        metadata = _metadata(tree, place.metadata_files, reader.name, choice)
+        return MaskPlace(tree, place.folder, metadata, place.by_position)
+    for name in dict.fromkeys(n for n in (choice.sequence, reader.name) if n):
+        for folder in (join(davis.ANNOTATIONS, name), name):
+            if tree.files_in(folder):
+                files = davis.metadata_files(name)
+                return MaskPlace(tree, folder, _metadata(tree, files, name, choice))
+    raise SourceError(
+        f"'{path}' holds no instance maps (.png), neither directly nor in "
+        f"{davis.ANNOTATIONS}/{reader.name} or {scannetpp.EXPORTED}/<variant>"
+    )
+
+
+def _locate_in_tree(path: Path, choice: Choice) -> Located:
+    inside = davis.split_davis_path(path) if path.is_dir() else None
+    if inside is not None:
+        root, sequence = inside
+        chosen = dataclasses.replace(choice, sequence=sequence or choice.sequence)
+        return _locate_davis(FolderTree(root), chosen)
+    tree = open_tree(path)
+    if davis.is_davis(tree):
+        return _locate_davis(tree, choice)
+    name = choice.name or scannetpp.scene_name(path)
+    if list_images(tree, "") and choice.images is None:
+        return Located(ImageReader(tree, "", name, choice.image_fps))
+    if scannetpp.is_scene(tree) or choice.images is not None:
+        return _locate_scene(path, tree, name, choice)
+    folders = [f for f in tree.folders_in("") if list_images(tree, f)]
+    if len(folders) == 1:
+        return Located(ImageReader(tree, folders[0], name, choice.image_fps))
+    hint = (
+        f"; its folders {', '.join(folders[:4])} do: give one of them"
+        if folders
+        else "; recognised are a folder of images, JPEGImages/<sequence> and ScanNet++ scenes"
+    )
+    raise SourceError(f"'{path}' holds no images ({', '.join(IMAGE_SUFFIXES)}){hint}")
+
+
+def _locate_davis(tree: FileTree, choice: Choice) -> Located:
+    sequence = davis.find_sequence(tree, choice.sequence)
+    name = choice.name or Path(sequence).name or tree.path.name
+    metadata = _metadata(tree, davis.metadata_files(sequence), Path(sequence).name, choice)
+    folder = join(davis.IMAGES, sequence)
+    reader = ImageReader(tree, folder, name, choice.image_fps, metadata.frame_names)
+    masks = davis.annotation_folder(tree, sequence)
+    if masks is None:
+        return Located(reader)
+    has_list = metadata.frame_names is not None
+    return Located(reader, MaskPlace(tree.second_handle(), masks, metadata, has_list))
+
+
+def _locate_scene(path: Path, tree: FileTree, name: str, choice: Choice) -> Located:
+    mask_tree = tree.second_handle()
+    place = scannetpp.find_masks(mask_tree, choice.mask_variant)
+    beside = scannetpp.find_annotations_beside(path)
+    if place is None and beside is not None:
+        mask_tree = open_tree(beside)
+        place = scannetpp.find_masks(mask_tree, choice.mask_variant)
+    metadata = _metadata(mask_tree, place.metadata_files if place else (), name, choice)
+    images = scannetpp.find_images(tree, choice.images)
+    if tree.has_file(images):
+        reader: Reader = VideoReader(lambda: tree.open(images), name, tree.locate(images))
+    else:
+        reader = ImageReader(tree, images, name, choice.image_fps, metadata.frame_names)
+    if place is None:
+        return Located(reader)
+    return Located(reader, MaskPlace(mask_tree, place.folder, metadata, place.by_position))
+
+
+def _metadata(
+    tree: FileTree, candidates: tuple[str, ...] | list[str], sequence: str, choice: Choice
+) -> Metadata:
+    """The metadata that was named, else the first of the candidates."""
+    if choice.metadata is not None:
+        return read_metadata(choice.metadata, sequence)
+    return find_metadata(tree, candidates, sequence)

@@ -1,0 +1,209 @@
+"""One door to all inputs: `open_source` recognises what it is given."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from remind_jax.errors import ConfigError, SourceError, nearest_names
+from remind_jax.sources.arrays import ArrayMasks, ItemReader, StoredMaps
+from remind_jax.sources.class_names import UNNAMED, read_metadata
+from remind_jax.sources.coco_masks import CocoMasks, read_categories
+from remind_jax.sources.detections import ClassNaming
+from remind_jax.sources.features import FEATURE_SUFFIXES, classes_in, load_arrays
+from remind_jax.sources.file_tree import read_bytes
+from remind_jax.sources.label_maps import LabelMaps, Unlabelled
+from remind_jax.sources.layouts import Choice, Located, MaskPlace, locate, locate_masks
+from remind_jax.sources.sampling import Sampling
+from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
+
+DEFAULT_IMAGE_FPS = 30.0
+NO_MASKS = "none"
+
+
+def open_source(
+    spec: Any,
+    *,
+    masks: Any = None,
+    sampling: Sampling | Mapping[str, Any] | None = None,
+    metadata: str | Path | None = None,
+    sequence: str | None = None,
+    images: str | None = None,
+    mask_variant: str | None = None,
+    unlabelled: Unlabelled = "error",
+    image_fps: float = DEFAULT_IMAGE_FPS,
+    allow_size_change: bool = False,
+    class_names: ClassNaming | None = None,
+    name: str | None = None,
+) -> Source:
+    """Opens whatever holds frames.
+
+    Args:
+      spec: A video; a folder of images; a DAVIS folder (its root, or a sequence in `JPEGImages`);
+        a ScanNet++ scene; a tar of one of these folders; a feature file `.npz` or `.npy`; an array
+        `[T, H, W, 3]`; an iterable of images, image paths, pairs (image, detections) or `Frame`s;
+        a `Source`, which is returned as it is unless other options are given.
+      masks: Detections kept apart: a folder or tar of instance maps, a COCO-RLE file (`.json`,
+        `.jsonl`), instance maps `[T, H, W]` (array, `.npy`, `.npz` with `masks`), or detections
+        per source frame. Left out, those that belong to the layout; `"none"` ignores these.
+      sampling: Which frames are processed.
+      metadata: JSON with the class of each instance id, or with the names of COCO categories.
+      sequence: Which one, where a DAVIS folder holds several.
+      images: Which images of a ScanNet++ scene, for instance `"iphone/rgb"`.
+      mask_variant: Which masks of a ScanNet++ scene, for instance `"raw"`.
+      unlabelled: Whether annotated instances without class are an `"error"`, or `"skip"` leaves
+        them out as the original tracker does.
+      image_fps: Images per second where there are no time stamps.
+      allow_size_change: Yield frames whose size differs from the first; else they are skipped.
+      class_names: Names of class ids (or instance ids of instance maps) of detections in memory.
+      name: Name of the sequence; that of the file or folder if left out.
+
+    Raises:
+      SourceError: If nothing can be made of it; one sentence.
+      ConfigError: If an option is out of range.
+    """
+    chosen = _check_sampling(sampling)
+    if not (math.isfinite(image_fps) and image_fps > 0):
+        raise ConfigError(f"image_fps is {image_fps}; give a number above 0")
+    if unlabelled not in ("error", "skip"):
+        raise ConfigError(f"unlabelled is {unlabelled!r}; give 'error' or 'skip'")
+    if isinstance(spec, Source) and masks is None and chosen == Sampling():
+        return spec
+    json_file = None if metadata is None else _existing(metadata)
+    choice = Choice(name, sequence, images, mask_variant, json_file, image_fps)
+    reopen: dict[str, Any] | None = None
+    if isinstance(spec, str | Path):
+        path = _existing(spec)
+        located = locate(path, choice)
+        reopen = {
+            "spec": str(path),
+            "masks": _masks_as_json(masks),
+            "sampling": dataclasses.asdict(chosen),
+            "metadata": None if json_file is None else str(json_file),
+            "sequence": sequence,
+            "images": images,
+            "mask_variant": mask_variant,
+            "unlabelled": unlabelled,
+            "image_fps": image_fps,
+            "allow_size_change": allow_size_change,
+            "name": name,
+        }
+    else:
+        located = _locate_in_memory(spec, choice, class_names)
+    provider = _open_masks(masks, located, choice, unlabelled, class_names)
+    return SampledSource(
+        located.reader, provider, chosen, allow_size_change=allow_size_change, reopen=reopen
+    )
+
+
+def reopen_source(description: Mapping[str, Any]) -> Source:
+    """Opens again what `Source.describe` described.
+
+    Masks that were given in memory are not there; the frames are.
+
+    Raises:
+      SourceError: If the frames came from memory, or are no longer where they were.
+    """
+    arguments = description.get("reopen")
+    if not arguments:
+        raise SourceError(
+            f"source '{description.get('name')}' came from memory and cannot be opened again; give "
+            "its video or images anew"
+        )
+    return open_source(**arguments)
+
+
+def _locate_in_memory(spec: Any, choice: Choice, class_names: ClassNaming | None) -> Located:
+    if not isinstance(spec, Iterable) and not hasattr(spec, "__array__"):
+        raise SourceError(
+            f"a {type(spec).__name__} is no source of frames; give a path, an array [T, H, W, 3] "
+            "or an iterable of images"
+        )
+    name = choice.name or getattr(spec, "name", None) or "frames"
+    return Located(ItemReader(spec, str(name), choice.image_fps, class_names))
+
+
+def _open_masks(
+    masks: Any,
+    located: Located,
+    choice: Choice,
+    unlabelled: Unlabelled,
+    class_names: ClassNaming | None,
+) -> MaskProvider | None:
+    """The masks that were given, else those of the layout."""
+    if masks is None:
+        return _open_maps(located.masks, located.reader, unlabelled) if located.masks else None
+    if isinstance(masks, str) and masks == NO_MASKS:
+        return None
+    if isinstance(masks, str | Path):
+        return _open_mask_file(_existing(masks), located.reader, choice, unlabelled)
+    if not isinstance(masks, Sequence) and not hasattr(masks, "__array__"):
+        if not isinstance(masks, Iterable):
+            raise SourceError(
+                f"masks of type {type(masks).__name__} are not understood; give a path, instance "
+                "maps [T, H, W] or one item per frame"
+            )
+        masks = list(masks)
+    return ArrayMasks(masks, class_names)
+
+
+def _open_mask_file(
+    path: Path, reader: Reader, choice: Choice, unlabelled: Unlabelled
+) -> MaskProvider:
+    suffix = path.suffix.lower()
+    if suffix in (".json", ".jsonl"):
+        named = choice.metadata
+        categories = read_categories(read_bytes(named), str(named)) if named else None
+        return CocoMasks(read_bytes(path), str(path), reader, categories)
+    if suffix not in FEATURE_SUFFIXES:
+        return _open_maps(locate_masks(path, reader, choice), reader, unlabelled)
+    arrays = load_arrays(path, "masks")
+    if "masks" not in arrays:
+        raise SourceError(f"'{path}' holds no array 'masks'; it must be [T, H, W]")
+    if choice.metadata is not None:
+        classes = read_metadata(choice.metadata, reader.name).classes
+    else:
+        classes = classes_in(arrays, str(path)) or UNNAMED
+    return StoredMaps(arrays["masks"], classes, str(path))
+
+
+def _open_maps(place: MaskPlace, reader: Reader, unlabelled: Unlabelled) -> LabelMaps:
+    return LabelMaps(
+        place.tree,
+        place.folder,
+        reader,
+        place.metadata.classes,
+        unlabelled,
+        by_position=place.by_position,
+    )
+
+
+def _existing(path: str | Path) -> Path:
+    resolved = Path(path).expanduser().absolute()
+    if resolved.exists():
+        return resolved
+    where = resolved.parent
+    if not where.is_dir():
+        raise SourceError(f"'{path}' does not exist, nor does the folder '{where}'")
+    hint = nearest_names(resolved.name, [p.name for p in where.iterdir()])
+    is_close = hint.startswith("did you mean")
+    raise SourceError(f"'{path}' does not exist" + (f"; {hint}" if is_close else ""))
+
+
+def _check_sampling(sampling: Sampling | Mapping[str, Any] | None) -> Sampling:
+    if sampling is None or isinstance(sampling, Sampling):
+        return sampling or Sampling()
+    allowed = [field.name for field in dataclasses.fields(Sampling)]
+    for key in sampling:
+        if key not in allowed:
+            raise ConfigError(f"sampling has no option '{key}'; {nearest_names(key, allowed)}")
+    return Sampling(**sampling)
+
+
+def _masks_as_json(masks: Any) -> str | None:
+    if masks is None or (isinstance(masks, str) and masks == NO_MASKS):
+        return masks
+    return str(Path(masks).absolute()) if isinstance(masks, str | Path) else NO_MASKS

@@ -1,0 +1,97 @@
+"""Which frames of a source are processed: a range, a stride or a rate."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator
+from typing import Protocol, TypeVar
+
+from remind_jax.errors import ConfigError
+
+RATE_SLACK = 1e-6  # frames; time stamps are rounded to the container's clock
+
+
+class Timed(Protocol):
+    """Anything that has a place in a source."""
+
+    @property
+    def source_index(self) -> int:
+        """Number before sampling."""
+        ...
+
+    @property
+    def time_s(self) -> float:
+        """Time from the start of the source."""
+        ...
+
+
+TimedT = TypeVar("TimedT", bound=Timed)
+
+
+@dataclasses.dataclass(frozen=True)
+class Sampling:
+    """Chooses frames by number first (`start`, `end`), then by `stride` or `fps`.
+
+    Raises:
+      ConfigError: If a value is out of range, or both `fps` and `stride` are given.
+    """
+
+    fps: float | None = None  # at most so many frames per second of source time; never repeats one
+    stride: int = 1  # every so many frames
+    start: int = 0  # first source frame
+    end: int | None = None  # source frame to stop before
+    max_frames: int | None = None  # stop after so many chosen frames
+
+    def __post_init__(self) -> None:
+        if self.fps is not None and not (math.isfinite(self.fps) and self.fps > 0):
+            raise ConfigError(f"sampling fps is {self.fps}; give a number above 0")
+        if self.stride < 1:
+            raise ConfigError(f"sampling stride is {self.stride}; give 1 (every frame) or more")
+        if self.fps is not None and self.stride != 1:
+            raise ConfigError(
+                f"sampling has both fps={self.fps} and stride={self.stride}; give one of them"
+            )
+        if self.start < 0:
+            raise ConfigError(f"sampling start is {self.start}; frames are numbered from 0")
+        if self.end is not None and self.end <= self.start:
+            raise ConfigError(
+                f"sampling end is {self.end}; it must lie after start, which is {self.start}"
+            )
+        if self.max_frames is not None and self.max_frames < 1:
+            raise ConfigError(f"sampling max_frames is {self.max_frames}; give 1 or more")
+
+    def select(self, items: Iterable[TimedT]) -> Iterator[TimedT]:
+        """Yields the chosen items, in order, and asks for none beyond the last of them."""
+        chosen, last_tick, first_time_s = 0, -1, None
+        for item in items:
+            if self.end is not None and item.source_index >= self.end:
+                return
+            if item.source_index < self.start or (item.source_index - self.start) % self.stride:
+                continue
+            if self.fps is not None:
+                first_time_s = item.time_s if first_time_s is None else first_time_s
+                tick = math.floor((item.time_s - first_time_s) * self.fps + RATE_SLACK)
+                if tick <= last_tick:
+                    continue
+                last_tick = tick
+            yield item
+            chosen += 1
+            if chosen == self.max_frames or item.source_index + 1 == self.end:
+                return
+
+    def count(self, num_frames: int | None, source_fps: float | None) -> int | None:
+        """How many of `num_frames` evenly timed frames are chosen; None if that is unknown."""
+        ends = [n for n in (num_frames, self.end) if n is not None]
+        if num_frames is None or (self.fps is not None and source_fps is None):
+            return None
+        count = -(-max(0, min(ends) - self.start) // self.stride)
+        if self.fps is not None and source_fps is not None and self.fps < source_fps and count:
+            count = math.floor((count - 1) / source_fps * self.fps + RATE_SLACK) + 1
+        return count if self.max_frames is None else min(count, self.max_frames)
+
+    def rate(self, source_fps: float | None) -> float | None:
+        """Chosen frames per second of source time."""
+        if source_fps is None:
+            return self.fps
+        return min(source_fps / self.stride, self.fps if self.fps is not None else math.inf)

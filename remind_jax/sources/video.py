@@ -1,0 +1,161 @@
+"""Videos through FFmpeg (PyAV): every frame once, upright, in RGB, with its own time stamp."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Generator, Iterator
+from typing import IO
+
+import av
+import av.container
+import numpy as np
+from av.error import EOFError as EndOfFile
+from av.error import FFmpegError
+from jaxtyping import UInt8
+
+from remind_jax.errors import SourceError
+from remind_jax.sources.source import Content, Entry, Report, SkippedFrame, UnreadableFrame
+
+ESTIMATE_SLACK = 0.02  # share by which a frame count taken from the duration may err
+
+
+class VideoReader:
+    """One video file.
+
+    Args:
+      open_file: Gives the path of the file, or the open file; called for every pass.
+      name: Name of the sequence.
+      file: The file for messages.
+
+    Raises:
+      SourceError: If it is no video, or no frame of it can be decoded.
+    """
+
+    kind = "video"
+
+    def __init__(self, open_file: Callable[[], str | IO[bytes]], name: str, file: str) -> None:
+        self._open_file, self._file = open_file, file
+        self.name = name
+        self.entry_names: tuple[str, ...] | None = None
+        with self._open() as container:
+            stream = _video_stream(container, file)
+            self.fps = _positive(stream.average_rate) or _positive(stream.guessed_rate)
+            self.num_entries, self._is_estimate = _count_frames(container, stream, self.fps)
+        self._require_a_frame()
+
+    def entries(self, report: Report) -> Generator[Entry, None, None]:
+        """Yields decoded pictures; damaged stretches and a missing end are reported."""
+        index, origin_s = 0, None
+        with self._open() as container:
+            stream = _video_stream(container, self._file)
+            stream.thread_type = "AUTO"
+            for frame in _decode(container, stream):
+                if isinstance(frame, SkippedFrame):
+                    report(frame)
+                    index += frame.count
+                    continue
+                time_s = frame.time if frame.time is not None else index / (self.fps or 1.0)
+                origin_s = time_s if origin_s is None else origin_s
+                read = functools.partial(_read, frame)
+                yield Entry(index, time_s - origin_s, f"{index:06d}", read)
+                index += 1
+        self._report_missing_end(index, report)
+
+    def _open(self) -> av.container.InputContainer:
+        try:
+            return av.open(self._open_file(), mode="r")
+        except (FFmpegError, OSError, ValueError) as error:
+            raise SourceError(
+                f"'{self._file}' cannot be opened as a video ({_say(error)}): it is damaged, cut "
+                "off, or not a video"
+            ) from error
+
+    def _require_a_frame(self) -> None:
+        reports: list[SkippedFrame] = []
+        entries = self.entries(reports.append)
+        first = next(entries, None)
+        entries.close()
+        if first is None:
+            why = f" ({reports[0].reason})" if reports else ""
+            raise SourceError(f"no frame of the video '{self._file}' can be decoded{why}")
+
+    def _report_missing_end(self, num_seen: int, report: Report) -> None:
+        if self.num_entries is None:
+            return
+        missing = self.num_entries - num_seen
+        tolerated = max(1, round(self.num_entries * ESTIMATE_SLACK)) if self._is_estimate else 0
+        if missing > tolerated:
+            name = f"frames {num_seen} to {self.num_entries - 1}"
+            report(SkippedFrame(name, "the video ends early (cut off or damaged)", missing))
+
+
+def _decode(
+    container: av.container.InputContainer, stream: av.VideoStream
+) -> Iterator[av.VideoFrame | SkippedFrame]:
+    """Decodes packet by packet, so that one damaged packet costs one frame."""
+    packets = container.demux(stream)
+    while True:
+        try:
+            packet = next(packets)
+        except StopIteration:
+            return
+        except FFmpegError as error:
+            yield SkippedFrame("rest", f"the file is damaged: {_say(error)}", count=0)
+            return
+        try:
+            yield from packet.decode()
+        except EndOfFile:
+            return
+        except FFmpegError as error:
+            yield SkippedFrame(_name_packet(packet), f"it cannot be decoded: {_say(error)}")
+
+
+def _name_packet(packet: av.Packet) -> str:
+    if packet.pts is None or packet.time_base is None:
+        return "packet"
+    return f"packet at {float(packet.pts * packet.time_base):.2f} s"
+
+
+def _video_stream(container: av.container.InputContainer, file: str) -> av.VideoStream:
+    if not container.streams.video:
+        raise SourceError(f"'{file}' has no video track")
+    return container.streams.video[0]
+
+
+def _count_frames(
+    container: av.container.InputContainer, stream: av.VideoStream, fps: float | None
+) -> tuple[int | None, bool]:
+    """Frames as the container says, and whether that is only an estimate from the duration."""
+    if stream.frames > 0:
+        return stream.frames, False
+    duration_s = None
+    if stream.duration is not None and stream.time_base is not None:
+        duration_s = float(stream.duration * stream.time_base)
+    elif container.duration is not None and len(container.streams) == 1:
+        duration_s = container.duration / av.time_base
+    if duration_s is None or fps is None or duration_s <= 0:
+        return None, True
+    return max(1, round(duration_s * fps)), True
+
+
+def _read(frame: av.VideoFrame) -> Content:
+    if frame.is_corrupt:
+        raise UnreadableFrame("the picture is damaged")
+    return Content(to_rgb(frame))
+
+
+def to_rgb(frame: av.VideoFrame) -> UInt8[np.ndarray, "H W 3"]:
+    """One decoded picture, turned upright as the container says (telephones film sideways)."""
+    image = frame.to_ndarray(format="rgb24")
+    quarter_turns = round(frame.rotation / 90) % 4
+    return np.ascontiguousarray(np.rot90(image, quarter_turns)) if quarter_turns else image
+
+
+def _positive(rate: object) -> float | None:
+    value = float(rate) if rate else 0.0  # pyright: ignore[reportArgumentType]
+    return value if 0 < value < 1000 else None
+
+
+def _say(error: Exception) -> str:
+    text = getattr(error, "strerror", None) or str(error)
+    return str(text).rstrip(".")
