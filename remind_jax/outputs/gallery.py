@@ -1,0 +1,174 @@
+"""`gallery.png`: what each identity looked like at first sight and at each return."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from pycocotools import mask as coco_mask
+
+from remind_jax.outputs.lettering import put_text, shorten
+from remind_jax.outputs.overlay import NO_IMAGE_GREY, fit_image
+from remind_jax.outputs.palette import identity_colour
+from remind_jax.outputs.tables import firm_rows
+from remind_jax.result import MIN_ABSENCE_FRAMES
+from remind_jax.tracks import Tracks
+
+CROP_PX = 144
+MAX_SIGHTINGS = 8  # per identity: the first sight and the first returns
+
+_BACKGROUND = (250, 250, 251)
+_INK = (28, 31, 38)
+_FAINT = (110, 116, 128)
+_MARGIN_PX = 20
+_NAME_PX = 170
+_CAPTION_PX = 22
+_GAP_PX = 12
+_HEADING_PX = 52
+
+
+@dataclasses.dataclass(frozen=True)
+class Sighting:
+    """An identity's crop at its first sight or at a return."""
+
+    object_id: int
+    label: str
+    position: int  # place in the run, 0, 1, 2, ...
+    frame_index: int
+    absent_frames: int  # before this sighting; 0 at first sight
+    image: UInt8[np.ndarray, "S S 3"]  # RGB, mask outlined, S = CROP_PX
+
+
+class SightingCollector:
+    """Cuts out the crops of first sights and returns while frames pass by.
+
+    Memory grows with the number of identities, not of frames.
+    """
+
+    def __init__(self) -> None:
+        self.sightings: list[Sighting] = []
+        self._last_position: dict[int, int] = {}
+        self._num_sightings: dict[int, int] = {}
+        self._position = 0
+
+    def add(self, image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> None:
+        """Looks at the next frame of the run; without an image the mask is drawn on grey."""
+        for row in firm_rows(tracks):
+            object_id = int(tracks.object_id[row])
+            last = self._last_position.get(object_id)
+            absent = 0 if last is None else self._position - last - 1
+            self._last_position[object_id] = self._position
+            if last is not None and absent < MIN_ABSENCE_FRAMES:
+                continue
+            num_sightings = self._num_sightings.get(object_id, 0)
+            if num_sightings >= MAX_SIGHTINGS:
+                continue
+            self._num_sightings[object_id] = num_sightings + 1
+            self.sightings.append(
+                Sighting(
+                    object_id=object_id,
+                    label=tracks.labels[row],
+                    position=self._position,
+                    frame_index=tracks.frame_index,
+                    absent_frames=absent,
+                    image=crop_detection(image, tracks, int(row)),
+                )
+            )
+        self._position += 1
+
+
+def crop_detection(
+    image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks, row: int, size_px: int = CROP_PX
+) -> UInt8[np.ndarray, "S S 3"]:
+    """A square around a detection with some margin, its mask outlined; grey outside the frame."""
+    height, width = tracks.frame_size
+    if image is None:
+        image = np.full((height, width, 3), NO_IMAGE_GREY, np.uint8)
+    image = fit_image(image, height, width)
+    left, top, right, bottom = tracks.boxes[row]
+    side = max(1.3 * max(right - left, bottom - top), 24.0)
+    # Maps crop pixels to frame pixels; one warp cuts out and resizes without copies of the frame.
+    scale = side / size_px
+    matrix = np.array(
+        [
+            [scale, 0, (left + right - side) / 2 + (scale - 1) / 2],
+            [0, scale, (top + bottom - side) / 2 + (scale - 1) / 2],
+        ]
+    )
+    crop = _sample(image, matrix, size_px, NO_IMAGE_GREY)
+    mask = _sample(coco_mask.decode(tracks.rles[row]) * np.uint8(255), matrix, size_px, 0)
+    contours, _ = cv2.findContours(
+        (mask > 127).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+    )
+    colour = identity_colour(int(tracks.object_id[row]))
+    cv2.drawContours(crop, contours, -1, (16, 18, 22), 4, cv2.LINE_AA)
+    cv2.drawContours(crop, contours, -1, colour, 2, cv2.LINE_AA)
+    return crop
+
+
+def _sample(image: np.ndarray, matrix: np.ndarray, size_px: int, border: int) -> np.ndarray:
+    shrinks = matrix[0, 0] > 2
+    if shrinks:  # averaging first keeps small crops of large objects free of moire
+        factor = float(1 / matrix[0, 0])
+        image = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+        matrix = np.array([[1, 0, matrix[0, 2] * factor], [0, 1, matrix[1, 2] * factor]])
+    return cv2.warpAffine(
+        image,
+        matrix,
+        (size_px, size_px),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(border, border, border),
+    )
+
+
+def draw_gallery(sightings: Sequence[Sighting], title: str) -> UInt8[np.ndarray, "H W 3"]:
+    """One row per identity by rising id, crops from left to right in time; RGB.
+
+    Identities that never return share rows, so that the picture stays short.
+    """
+    groups: dict[int, list[Sighting]] = {}
+    for sighting in sightings:
+        groups.setdefault(sighting.object_id, []).append(sighting)
+    columns = max((len(group) for group in groups.values()), default=1)
+    block_px = _NAME_PX + columns * (CROP_PX + _GAP_PX) + _GAP_PX
+    blocks = max(1, min(1500 // block_px, len(groups)))
+    rows = -(-len(groups) // blocks)
+    row_px = CROP_PX + _CAPTION_PX + _GAP_PX
+    canvas = np.full(
+        (_HEADING_PX + max(rows, 1) * row_px + _MARGIN_PX, 2 * _MARGIN_PX + blocks * block_px, 3),
+        _BACKGROUND,
+        np.uint8,
+    )
+    heading = f"{title}: {len(groups)} identities at first sight and at each return"
+    heading = shorten(heading, 18, canvas.shape[1] - 2 * _MARGIN_PX)
+    put_text(canvas, heading, _MARGIN_PX, 34, 18, _INK)
+    for number, object_id in enumerate(sorted(groups)):
+        left = _MARGIN_PX + (number // rows) * block_px
+        top = _HEADING_PX + (number % rows) * row_px
+        _draw_identity(canvas, groups[object_id], left, top)
+    return canvas
+
+
+def _draw_identity(canvas: np.ndarray, group: list[Sighting], left: int, top: int) -> None:
+    """Swatch and name, then each crop with its frame number."""
+    object_id, label = group[0].object_id, group[0].label
+    colour = identity_colour(object_id)
+    canvas[top : top + CROP_PX, left : left + 5] = colour
+    name = shorten(f"{label} {object_id}", 17, _NAME_PX - 26)
+    put_text(canvas, name, left + 14, top + 20, 17, _INK)
+    num_returns = len(group) - 1
+    shown = f"{num_returns}+" if len(group) == MAX_SIGHTINGS else str(num_returns)
+    told = "no return" if not num_returns else f"{shown} return{'s' * (num_returns > 1)}"
+    put_text(canvas, told, left + 14, top + 42, 13, _FAINT)
+    for column, sighting in enumerate(group):
+        x = left + _NAME_PX + column * (CROP_PX + _GAP_PX)
+        canvas[top : top + CROP_PX, x : x + CROP_PX] = sighting.image
+        caption = f"frame {sighting.frame_index}"
+        if sighting.absent_frames:
+            caption += f", {sighting.absent_frames} away"
+        caption = shorten(caption, 12, CROP_PX)
+        put_text(canvas, caption, x, top + CROP_PX + 15, 12, _FAINT)

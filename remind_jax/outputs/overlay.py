@@ -1,0 +1,222 @@
+"""`overlay.mp4`: the video with every detection tinted in the colour of its identity."""
+
+from __future__ import annotations
+
+import dataclasses
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+from pycocotools import mask as coco_mask
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.outputs.lettering import put_text, text_width
+from remind_jax.outputs.palette import (
+    AMBIGUOUS,
+    DISCARDED,
+    PROVISIONAL,
+    Colour,
+    identity_colour,
+    ink_on,
+)
+from remind_jax.outputs.store import writing
+from remind_jax.tracks import Rle, Tracks
+
+NO_IMAGE_GREY = 72
+
+_TINT = 0.42
+# A seek decodes from the last key frame on: one per second keeps clicks in the report quick.
+_KEY_FRAME_EVERY_S = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class _Rectangle:
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def overlaps(self, other: _Rectangle) -> bool:
+        return (
+            self.left < other.right
+            and other.left < self.right
+            and self.top < other.bottom
+            and other.top < self.bottom
+        )
+
+
+def draw_overlay(image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> np.ndarray:
+    """The frame with masks, outlines and labels; RGB `[H, W, 3]`, grey where there is no image.
+
+    Identities have their own colour, undecided detections are white with their candidates,
+    discarded ones a thin grey outline.
+    """
+    height, width = tracks.frame_size
+    if image is None:
+        canvas = np.full((height, width, 3), NO_IMAGE_GREY, np.uint8)
+    else:
+        canvas = fit_image(image, height, width).copy()
+    size_px = int(np.clip(round(height / 34), 11, 40))
+    largest_first = np.argsort(-tracks.areas, kind="stable")
+    for row in largest_first:
+        colour, thin = detection_colour(tracks, row), _is_discarded(tracks, row)
+        _draw_mask(canvas, tracks.rles[row], colour, thin)
+    placed: list[_Rectangle] = []
+    for row in largest_first[::-1]:
+        if not _is_discarded(tracks, row):
+            _draw_label(canvas, tracks, int(row), size_px, placed)
+    return canvas
+
+
+def fit_image(image: UInt8[np.ndarray, "H W 3"], height: int, width: int) -> np.ndarray:
+    """The image at the given size in pixels, resized only if it has another one."""
+    if image.shape[:2] == (height, width):
+        return image
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def detection_colour(tracks: Tracks, row: int) -> Colour:
+    """Colour of a detection: its identity's, white if ambiguous, light grey if provisional."""
+    if tracks.object_id[row] != NO_ID:
+        return identity_colour(int(tracks.object_id[row]))
+    if _is_discarded(tracks, row):
+        return DISCARDED
+    return AMBIGUOUS if tracks.outcome[row] == Outcome.AMBIGUOUS else PROVISIONAL
+
+
+def _is_discarded(tracks: Tracks, row: int) -> bool:
+    return tracks.object_id[row] == NO_ID and tracks.outcome[row] in (
+        Outcome.EMPTY,
+        Outcome.UNASSIGNED,
+        Outcome.DROPPED,
+    )
+
+
+def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Colour, thin: bool) -> None:
+    """Tints the mask unless it is only to be outlined, and draws its outline with a dark rim."""
+    left, top, width, height = (int(side) for side in coco_mask.toBbox(rle))
+    if not width or not height:
+        return
+    mask = np.ascontiguousarray(coco_mask.decode(rle)[top : top + height, left : left + width])
+    if not thin:
+        region = canvas[top : top + height, left : left + width]
+        tinted = (region * (1 - _TINT) + np.multiply(ink, _TINT)).astype(np.uint8)
+        np.copyto(region, tinted, where=mask.astype(bool)[..., None])
+    contours, _ = cv2.findContours(
+        mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
+    )
+    line_px = 1 if thin else max(2, round(canvas.shape[0] / 320))
+    if not thin:
+        cv2.drawContours(canvas, contours, -1, (16, 18, 22), line_px + 2, cv2.LINE_AA)
+    cv2.drawContours(canvas, contours, -1, ink, line_px, cv2.LINE_AA)
+
+
+def _draw_label(
+    canvas: np.ndarray, tracks: Tracks, row: int, size_px: int, placed: list[_Rectangle]
+) -> None:
+    """Writes the name on a filled box above the detection, out of the way of earlier labels."""
+    text = tracks.display_name(row)
+    pad = max(2, size_px // 4)
+    box_height = size_px + 2 * pad
+    box_width = text_width(text, size_px) + 2 * pad
+    spot = _free_spot(canvas.shape[:2], tracks.boxes[row], box_width, box_height, placed)
+    placed.append(spot)
+    colour = detection_colour(tracks, row)
+    cv2.rectangle(
+        canvas,
+        (spot.left - 1, spot.top - 1),
+        (spot.right, spot.bottom),
+        (16, 18, 22),
+        1,
+        cv2.LINE_AA,
+    )
+    canvas[spot.top : spot.bottom, spot.left : spot.right] = colour
+    baseline = spot.top + pad + round(0.86 * size_px)
+    put_text(canvas, text, spot.left + pad, baseline, size_px, ink_on(colour))
+
+
+def _free_spot(
+    frame_size: tuple[int, int], box: np.ndarray, width: int, height: int, placed: list[_Rectangle]
+) -> _Rectangle:
+    """Where a label goes: above the box, else inside, else below, else down the column."""
+    frame_height, frame_width = frame_size
+    left = int(np.clip(box[0], 0, max(frame_width - width, 0)))
+    lowest = max(frame_height - height, 0)
+    tops = [box[1] - height, box[1], box[3]]
+    tops += [box[1] + step * (height + 1) for step in range(1, 5)]
+    spots = [
+        _Rectangle(left, top, min(left + width, frame_width), min(top + height, frame_height))
+        for top in (int(np.clip(t, 0, lowest)) for t in tops)
+    ]
+    for spot in spots:
+        if not any(spot.overlaps(other) for other in placed):
+            return spot
+    return spots[0]
+
+
+class OverlayVideo:
+    """Writes an H.264 video frame by frame; browsers play it and seek in it.
+
+    All frames get the size of the first one, made even as yuv420p needs.
+    """
+
+    def __init__(self, path: Path, fps: float) -> None:
+        self._path = path
+        self._rate = Fraction(fps).limit_denominator(1001)
+        with writing(path):
+            self._container = av.open(str(path), "w", options={"movflags": "+faststart"})
+        self._stream: Any = None
+        self._size = (0, 0)
+
+    def add(self, image: UInt8[np.ndarray, "H W 3"]) -> None:
+        """Appends one RGB frame.
+
+        Raises:
+          OutputError: If it cannot be written.
+        """
+        with writing(self._path):
+            if self._stream is None:
+                self._start(image.shape[0], image.shape[1])
+            image = fit_image(image, *self._size)
+            height, width = self._size
+            even = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+            frame = av.VideoFrame.from_ndarray(even, format="rgb24")
+            for packet in self._stream.encode(frame):
+                self._container.mux(packet)
+
+    def close(self) -> None:
+        """Writes what the encoder still holds and closes the file; it plays afterwards.
+
+        Raises:
+          OutputError: If that cannot be written.
+        """
+        with writing(self._path):
+            try:
+                if self._stream is not None:
+                    for packet in self._stream.encode(None):
+                        self._container.mux(packet)
+            finally:
+                self._container.close()
+        if self._stream is None:
+            self._path.unlink(missing_ok=True)
+
+    def _start(self, height: int, width: int) -> None:
+        key_frame_every = max(1, round(_KEY_FRAME_EVERY_S * float(self._rate)))
+        stream: Any = self._container.add_stream("libx264", rate=self._rate)
+        stream.width, stream.height = width + width % 2, height + height % 2
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"crf": "21", "preset": "veryfast", "g": str(key_frame_every)}
+        self._stream, self._size = stream, (height, width)
+
+    def __enter__(self) -> OverlayVideo:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        self.close()

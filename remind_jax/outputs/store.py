@@ -1,0 +1,286 @@
+"""`detections.jsonl` and `run.json`: the complete record of a run, from which all else is drawn.
+
+`detections.jsonl` starts with a header line (the description of the run) and has one line per
+processed frame. It is written line by line, so that a run that is killed keeps all frames but
+the one being written; a last line cut off in the middle is left out when it is read.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import av
+import numpy as np
+
+from remind_jax.decision import NO_ID, Outcome, Reason, Status
+from remind_jax.errors import OutputError
+from remind_jax.tracks import Rle, Tracks
+
+DETECTIONS_NAME = "detections.jsonl"
+RUN_NAME = "run.json"
+FORMAT = "remind-jax detections"
+VERSION = 1
+
+_LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turns what the system says about a failed write into one sentence that names the file.
+
+    Raises:
+      OutputError: Instead of the `OSError` or the video library's error.
+    """
+    try:
+        yield
+    except (OSError, av.FFmpegError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise OutputError(
+            f"cannot write '{path}': {why}; what was written so far is kept, make room or choose "
+            "another output folder"
+        ) from error
+
+
+def make_folder(folder: Path) -> None:
+    """Makes the folder and its parents if they are missing.
+
+    Raises:
+      OutputError: If it cannot be made, is a file, or may not be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"cannot make the output folder '{folder}': {error.strerror}; choose another one"
+        ) from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"the output folder '{folder}' may not be written to; choose another one")
+
+
+class DetectionsWriter:
+    """Writes `detections.jsonl` frame by frame; every frame is on disk when `add` returns."""
+
+    def __init__(self, path: Path, info: dict[str, Any]) -> None:
+        self._path = path
+        with writing(path):
+            self._file = path.open("w", encoding="utf-8", newline="\n")
+            self._write({"format": FORMAT, "version": VERSION, "info": info})
+
+    def add(self, tracks: Tracks) -> None:
+        """Appends one frame.
+
+        Raises:
+          OutputError: If it cannot be written.
+        """
+        with writing(self._path):
+            self._write(tracks_to_json(tracks))
+
+    def close(self) -> None:
+        """Closes the file."""
+        with writing(self._path):
+            self._file.close()
+
+    def _write(self, content: dict[str, Any]) -> None:
+        self._file.write(json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n")
+        self._file.flush()
+
+    def __enter__(self) -> DetectionsWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def tracks_to_json(tracks: Tracks) -> dict[str, Any]:
+    """One frame as a dictionary that `json` can write; numbers that are not finite become null."""
+    height, width = tracks.frame_size
+    return {
+        "frame": int(tracks.frame_index),
+        "source_index": int(tracks.source_index),
+        "time_s": _number(tracks.time_s),
+        "name": tracks.name,
+        "size": [int(height), int(width)],
+        "num_candidates": int(tracks.candidate_id.shape[1]),
+        "detections": [_detection_to_json(tracks, row) for row in range(len(tracks))],
+    }
+
+
+def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
+    shown = tracks.candidate_id[row] != NO_ID
+    candidates = zip(
+        tracks.candidate_id[row, shown].tolist(),
+        map(_number, tracks.candidate_score[row, shown]),
+        strict=True,
+    )
+    return {
+        "label": tracks.labels[row],
+        "outcome": Outcome(tracks.outcome[row]).name.lower(),
+        "reason": Reason(tracks.reason[row]).name.lower(),
+        "object_id": int(tracks.object_id[row]),
+        "pending_id": int(tracks.pending_id[row]),
+        "status": Status(tracks.status[row]).name.lower(),
+        "score": _number(tracks.score[row]),
+        "confidence": _number(tracks.confidence[row]),
+        "candidates": [list(pair) for pair in candidates],
+        "box": [_number(side) for side in tracks.boxes[row]],
+        "area": int(tracks.areas[row]),
+        "detector_score": _number(tracks.detector_scores[row]),
+        "instance_id": int(tracks.instance_ids[row]),
+        "rle": tracks.rles[row]["counts"].decode("ascii"),
+    }
+
+
+def tracks_from_json(content: dict[str, Any]) -> Tracks:
+    """Reads back one frame; scores come as float64, padding candidates as id -1 and score 0."""
+    rows = content["detections"]
+    num, width = len(rows), content["num_candidates"]
+    candidate_id = np.full((num, width), NO_ID, np.int32)
+    candidate_score = np.zeros((num, width))
+    for row, detection in enumerate(rows):
+        for column, (object_id, score) in enumerate(detection["candidates"]):
+            candidate_id[row, column] = object_id
+            candidate_score[row, column] = np.nan if score is None else score
+
+    def integers(key: str) -> np.ndarray:
+        return np.array([row[key] for row in rows], np.int32)
+
+    def reals(key: str) -> np.ndarray:
+        return np.array([row[key] for row in rows], float)  # None becomes NaN
+
+    size = (int(content["size"][0]), int(content["size"][1]))
+    return Tracks(
+        frame_index=content["frame"],
+        source_index=content["source_index"],
+        time_s=content["time_s"],
+        name=content["name"],
+        frame_size=size,
+        outcome=np.array([Outcome[row["outcome"].upper()] for row in rows], np.int32),
+        reason=np.array([Reason[row["reason"].upper()] for row in rows], np.int32),
+        object_id=integers("object_id"),
+        pending_id=integers("pending_id"),
+        status=np.array([Status[row["status"].upper()] for row in rows], np.int32),
+        score=reals("score"),
+        confidence=reals("confidence"),
+        candidate_id=candidate_id,
+        candidate_score=candidate_score,
+        labels=tuple(row["label"] for row in rows),
+        boxes=reals("box").reshape(num, 4),
+        areas=integers("area"),
+        detector_scores=reals("detector_score"),
+        instance_ids=integers("instance_id"),
+        rles=tuple(_rle(size, row["rle"]) for row in rows),
+    )
+
+
+def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
+    """Reads `detections.jsonl`: the description of the run and its frames.
+
+    A last line without its end (the run was killed while writing it) is left out.
+
+    Raises:
+      OutputError: If the file is missing, of another kind, or damaged before its last line.
+    """
+    try:
+        lines = path.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise OutputError(
+            f"'{path.parent}' is not the output folder of a run: cannot read '{path.name}' "
+            f"({error.strerror})"
+        ) from error
+    if lines and not lines[-1].endswith(b"\n"):
+        lines.pop()
+    info: dict[str, Any] | None = None
+    frames = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            content = json.loads(line)
+            if info is None:
+                info = _read_header(path, content)
+            else:
+                frames.append(tracks_from_json(content))
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            if isinstance(error, OutputError):
+                raise
+            raise OutputError(
+                f"'{path}' is damaged in line {number} ({type(error).__name__}: {error}); run the "
+                "tracker again or restore the file"
+            ) from error
+    if info is None:
+        raise OutputError(f"'{path}' holds no run; run the tracker again")
+    return info, tuple(frames)
+
+
+def write_run_json(path: Path, content: dict[str, Any]) -> None:
+    """Writes `run.json` at once or not at all; lists of numbers stay on one line.
+
+    Raises:
+      OutputError: If it cannot be written.
+    """
+    text = json.dumps(content, indent=2, ensure_ascii=False)
+    text = _LIST_OF_NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text)
+    replace_file(path, (text + "\n").encode("utf-8"))
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Writes a file at once or not at all.
+
+    Raises:
+      OutputError: If it cannot be written; an older file of this name is then kept.
+    """
+    partial = path.with_name(path.name + ".part")
+    try:
+        with writing(path):
+            partial.write_bytes(content)
+            partial.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+
+
+def read_run_json(path: Path) -> dict[str, Any] | None:
+    """Reads `run.json`; None if the run ended before it was written.
+
+    Raises:
+      OutputError: If it is damaged.
+    """
+    if not path.exists():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if not isinstance(content, dict):
+            raise ValueError("not an object")
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"'{path}' is damaged ({error}); delete it to open the run without its timings"
+        ) from error
+    return content
+
+
+def _read_header(path: Path, content: Any) -> dict[str, Any]:
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise OutputError(f"'{path}' is not a file of detections written by remind-jax")
+    if content["version"] > VERSION:
+        raise OutputError(
+            f"'{path}' has format version {content['version']}, this remind-jax reads up to "
+            f"{VERSION}; upgrade remind-jax"
+        )
+    return content["info"]
+
+
+def _rle(size: tuple[int, int], counts: str) -> Rle:
+    return {"size": list(size), "counts": counts.encode("ascii")}
+
+
+def _number(value: Any) -> float | None:
+    number = float(value)
+    return number if math.isfinite(number) else None

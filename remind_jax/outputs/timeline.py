@@ -1,0 +1,227 @@
+"""`timeline.png`: who was seen when, who came back, what stayed undecided.
+
+Letters: `T` processed frames; positions count them 0, 1, 2, ...
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Sequence
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.outputs.lettering import put_text, shorten, text_width
+from remind_jax.outputs.palette import AMBIGUOUS, PROVISIONAL, Colour, identity_colour
+from remind_jax.result import MIN_ABSENCE_FRAMES, UNDECIDED, Result
+
+Run = tuple[int, int]  # first and last position, both included
+
+_BACKGROUND: Colour = (20, 23, 29)
+_STRIPE: Colour = (27, 31, 38)
+_GRID: Colour = (46, 52, 62)
+_INK: Colour = (228, 231, 237)
+_FAINT: Colour = (142, 150, 164)
+_PLOT_PX = 1180
+_MARGIN_PX = 24
+_HEADING_PX = 84
+_FOOTER_PX = 44
+
+
+@dataclasses.dataclass(frozen=True)
+class TimelineRow:
+    """One identity over time."""
+
+    object_id: int
+    label: str
+    seen: tuple[Run, ...]  # frames with a firm detection
+    candidate: tuple[Run, ...]  # frames in which an undecided detection may be this one
+    absences: tuple[Run, ...]  # gaps of at least MIN_ABSENCE_FRAMES
+    returns: tuple[int, ...]  # first position after each absence
+
+
+@dataclasses.dataclass(frozen=True)
+class Timeline:
+    """All identities over time, sorted by first sight, and what was never decided."""
+
+    num_frames: int
+    rows: tuple[TimelineRow, ...]
+    ambiguous: tuple[Run, ...]  # frames with at least one such detection
+    provisional: tuple[Run, ...]
+
+
+def build_timeline(result: Result) -> Timeline:
+    """Collects the runs of presence, absence and doubt from a run."""
+    seen: dict[int, list[int]] = {}
+    candidate: dict[int, list[int]] = {}
+    labels: dict[int, str] = {}
+    ambiguous, provisional = [], []
+    for position, tracks in enumerate(result.tracks):
+        for object_id, label in zip(tracks.object_id.tolist(), tracks.labels, strict=True):
+            if object_id != NO_ID:
+                seen.setdefault(object_id, []).append(position)
+                labels.setdefault(object_id, label)
+        undecided = np.isin(tracks.outcome, UNDECIDED)
+        for object_id in np.unique(tracks.candidate_id[undecided]).tolist():
+            if object_id != NO_ID:
+                candidate.setdefault(object_id, []).append(position)
+        if (tracks.outcome == Outcome.AMBIGUOUS).any():
+            ambiguous.append(position)
+        if (undecided & (tracks.outcome != Outcome.AMBIGUOUS)).any():
+            provisional.append(position)
+    by_first_sight = sorted(seen, key=lambda object_id: (seen[object_id][0], object_id))
+    return Timeline(
+        num_frames=len(result.tracks),
+        rows=tuple(
+            _timeline_row(i, labels[i], seen[i], candidate.get(i, [])) for i in by_first_sight
+        ),
+        ambiguous=_runs(ambiguous),
+        provisional=_runs(provisional),
+    )
+
+
+def _timeline_row(
+    object_id: int, label: str, seen: Sequence[int], candidate: Sequence[int]
+) -> TimelineRow:
+    runs = _runs(seen)
+    gaps = [(a[1] + 1, b[0] - 1) for a, b in zip(runs, runs[1:], strict=False)]
+    absences = tuple(gap for gap in gaps if gap[1] - gap[0] + 1 >= MIN_ABSENCE_FRAMES)
+    return TimelineRow(
+        object_id, label, runs, _runs(candidate), absences, tuple(end + 1 for _, end in absences)
+    )
+
+
+def _runs(positions: Iterable[int]) -> tuple[Run, ...]:
+    """Joins rising positions into runs without gaps; repeated positions count once."""
+    runs: list[list[int]] = []
+    for position in positions:
+        if runs and position <= runs[-1][1] + 1:
+            runs[-1][1] = position
+        else:
+            runs.append([position, position])
+    return tuple((first, last) for first, last in runs)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Axes:
+    """Where things are on the picture, in pixels."""
+
+    names_px: int
+    row_px: int
+    num_frames: int
+
+    def x(self, position: float) -> int:
+        share = position / max(self.num_frames, 1)
+        return _MARGIN_PX + self.names_px + round(share * _PLOT_PX)
+
+    def top(self, row: int) -> int:
+        return _HEADING_PX + row * self.row_px
+
+
+def draw_timeline(result: Result) -> UInt8[np.ndarray, "H W 3"]:
+    """The picture of a run; RGB, 1180 pixels of time beside the names."""
+    timeline = build_timeline(result)
+    row_px = 26 if len(timeline.rows) <= 24 else 20
+    names = [f"{row.label} {row.object_id}" for row in timeline.rows]
+    widths = [text_width(name, row_px - 8) for name in (*names, "provisional")]
+    axes = _Axes(min(max(widths), 240) + 18, row_px, timeline.num_frames)
+    num_rows = len(timeline.rows) + 2
+    canvas = np.full(
+        (axes.top(num_rows) + 10 + _FOOTER_PX, axes.x(axes.num_frames) + _MARGIN_PX, 3),
+        _BACKGROUND,
+        np.uint8,
+    )
+    _draw_heading(canvas, result, timeline)
+    _draw_grid(canvas, axes, num_rows, result.info.fps)
+    for number, (row, name) in enumerate(zip(timeline.rows, names, strict=True)):
+        _draw_row(canvas, axes, number, row, name)
+    bottom = len(timeline.rows)
+    for number, name, runs, colour in (
+        (bottom, "ambiguous", timeline.ambiguous, AMBIGUOUS),
+        (bottom + 1, "provisional", timeline.provisional, PROVISIONAL),
+    ):
+        _draw_name(canvas, axes, number, name, _FAINT)
+        for run in runs:
+            _fill_run(canvas, axes, number, run, colour, inset=axes.row_px // 3)
+    return canvas
+
+
+def _draw_heading(canvas: np.ndarray, result: Result, timeline: Timeline) -> None:
+    num_returns = sum(len(row.returns) for row in timeline.rows)
+    facts = f"{len(timeline.rows)} identities, {num_returns} returns, {timeline.num_frames} frames"
+    title = shorten(f"{result.info.name}: {facts}", 19, canvas.shape[1] // 2)
+    put_text(canvas, title, _MARGIN_PX, 38, 19, _INK)
+    x = canvas.shape[1] - _MARGIN_PX - 408
+    canvas[26:38, x : x + 22] = identity_colour(0)
+    put_text(canvas, "seen", x + 30, 37, 13, _FAINT)
+    _draw_return(canvas, x + 88, 32, 13)
+    put_text(canvas, f"back after {MIN_ABSENCE_FRAMES}+ frames", x + 100, 37, 13, _FAINT)
+    canvas[30:34, x + 250 : x + 272] = AMBIGUOUS
+    put_text(canvas, "candidate, undecided", x + 280, 37, 13, _FAINT)
+
+
+def _draw_grid(canvas: np.ndarray, axes: _Axes, num_rows: int, fps: float) -> None:
+    """Striped rows and, above and below, frame numbers and seconds."""
+    for number in range(0, num_rows, 2):
+        canvas[axes.top(number) : axes.top(number + 1), axes.x(0) : axes.x(axes.num_frames)] = (
+            _STRIPE
+        )
+    bottom = axes.top(num_rows)
+    for position in range(0, axes.num_frames, nice_step(axes.num_frames)):
+        x = axes.x(position)
+        cv2.line(canvas, (x, _HEADING_PX - 4), (x, bottom + 4), _GRID, 1)
+        put_text(canvas, str(position), x + 2, _HEADING_PX - 10, 12, _FAINT)
+        if fps > 0:
+            put_text(canvas, f"{position / fps:.4g} s", x + 2, bottom + 20, 12, _FAINT)
+    put_text(canvas, "frame", _MARGIN_PX, _HEADING_PX - 10, 12, _FAINT)
+    if fps > 0:
+        put_text(canvas, "time", _MARGIN_PX, bottom + 20, 12, _FAINT)
+
+
+def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: TimelineRow, name: str) -> None:
+    _draw_name(canvas, axes, number, name, _INK)
+    colour = identity_colour(row.object_id)
+    middle = axes.top(number) + axes.row_px // 2
+    dim = tuple(round(0.4 * c + 0.6 * b) for c, b in zip(colour, _STRIPE, strict=True))
+    cv2.line(canvas, (axes.x(row.seen[0][0]), middle), (axes.x(row.seen[-1][1]), middle), dim, 1)
+    for run in row.seen:
+        _fill_run(canvas, axes, number, run, colour, inset=4)
+    for run in row.candidate:
+        _fill_run(canvas, axes, number, run, AMBIGUOUS, inset=axes.row_px // 2 - 2)
+    for position in row.returns:
+        _draw_return(canvas, axes.x(position), middle, axes.row_px - 9)
+
+
+def _draw_name(canvas: np.ndarray, axes: _Axes, number: int, name: str, ink: Colour) -> None:
+    size_px = axes.row_px - 8
+    baseline = axes.top(number) + axes.row_px // 2 + round(0.36 * size_px)
+    put_text(
+        canvas, shorten(name, size_px, axes.names_px - 14), _MARGIN_PX, baseline, size_px, ink
+    )
+
+
+def _fill_run(
+    canvas: np.ndarray, axes: _Axes, number: int, run: Run, colour: Colour, inset: int
+) -> None:
+    """A bar from the first to the last frame of the run, two pixels wide at least."""
+    left = axes.x(run[0])
+    right = max(axes.x(run[1] + 1), left + 2)
+    canvas[axes.top(number) + inset : axes.top(number + 1) - inset, left:right] = colour
+
+
+def _draw_return(canvas: np.ndarray, x: int, middle: int, size_px: int) -> None:
+    """A white triangle with a dark rim whose tip points at the moment of the return."""
+    half = size_px // 2
+    triangle = np.array([[x - half, middle - half], [x - half, middle + half], [x + half, middle]])
+    cv2.fillConvexPoly(canvas, triangle, (255, 255, 255), cv2.LINE_AA)
+    cv2.polylines(canvas, [triangle], True, _BACKGROUND, 1, cv2.LINE_AA)
+
+
+def nice_step(num_frames: int) -> int:
+    """Frames between ticks: 1, 2 or 5 times a power of ten, some twelve ticks in all."""
+    rough = max(num_frames / 12, 1)
+    power = 10 ** math.floor(math.log10(rough))
+    return int(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough))
