@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from remind_jax.detectors import rfdetr_seg, yolo_seg
 from remind_jax.detectors.onnx_file import OnnxFile
@@ -18,6 +18,9 @@ from remind_jax.detectors.options import DetectorOptions
 from remind_jax.detectors.refinement import DropCounts, refine_detections
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
+
+# What is known of one family of networks: `prepare` a frame, `decode` the outputs.
+SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg
 
 # Another's masks are taken as they are unless the caller asks for more.
 _AS_GIVEN = DetectorOptions(confidence=0.0, erosion_px=0)
@@ -39,27 +42,6 @@ class Detector(Protocol):
 
     def describe(self) -> dict[str, Any]:
         """What it is and how it is set, fit for JSON."""
-        ...
-
-
-class SegmentationHead(Protocol):
-    """The knowledge about one family of networks, without the network."""
-
-    kind: str
-
-    @property
-    def names(self) -> tuple[str | None, ...]:
-        """Class names by class column."""
-        ...
-
-    def prepare(self, image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "1 3 H W"]:
-        """The network's input for a frame."""
-        ...
-
-    def decode(
-        self, outputs: Mapping[str, Float[np.ndarray, "..."]], frame_size: tuple[int, int]
-    ) -> Detections:
-        """Detections from the network's outputs for a frame of this (height, width)."""
         ...
 
 
@@ -116,21 +98,13 @@ class CallableDetector:
         """Instances of one RGB frame, in the order of the function's answer.
 
         Raises:
-          SourceError: If the frame is not an RGB image of bytes, or if the answer is not a set of
-            masks of the frame's size.
+          SourceError: If the frame is not an RGB image of bytes, or if the answer is in no form
+            that `remind_jax.sources.detections.detections_from` understands.
         """
         size = _check_image(image)
-        answer = self._function(image)
-        if not isinstance(answer, Detections):
-            from remind_jax.sources.detections import detections_from
+        from remind_jax.sources.detections import detections_from
 
-            answer = detections_from(answer, size, class_names=self.options.class_names)
-        if answer.masks.shape[1:] != size:
-            raise SourceError(
-                f"the detector answered with masks of {answer.masks.shape[2]}x"
-                f"{answer.masks.shape[1]} pixels for a frame of {size[1]}x{size[0]}; "
-                "give masks of the frame's size"
-            )
+        answer = detections_from(self._function(image), size, class_names=self.options.class_names)
         detections, drops = refine_detections(answer, self.options)
         self.dropped += drops
         return detections

@@ -144,7 +144,8 @@ class YoloSeg:
         self._check_shapes(rows, prototypes)
         if self.layout.suppressed:
             candidates = read_suppressed_rows(rows[0], self.options.confidence)
-            admitted = [self.options.admits(self._name(i)) for i in candidates.class_index]
+            labels = self.label(candidates.class_index)
+            admitted = [self.options.admits(label) for label in labels]
             candidates = candidates.select(np.array(admitted, bool))
         else:
             candidates = read_candidates(
@@ -156,11 +157,12 @@ class YoloSeg:
         masks = decode_masks(
             candidates, prototypes[0], self.place(frame_size), self.options.mask_threshold
         )
-        labels = [self._name(index) for index in candidates.class_index]
-        return Detections.create(masks, labels, candidates.scores)
+        return Detections.create(masks, self.label(candidates.class_index), candidates.scores)
 
-    def _name(self, index: int) -> str:
-        return self.names[index] if index < len(self.names) else f"class_{index}"
+    def label(self, class_index: Int[np.ndarray, "N"]) -> list[str]:
+        """Class names; numbered ones for classes that the file does not name."""
+        named = dict(enumerate(self.names))
+        return [named.get(index, f"class_{index}") for index in class_index.tolist()]
 
     def _check_shapes(self, rows: np.ndarray, prototypes: np.ndarray) -> None:
         width = self.layout.num_coefficients
@@ -213,7 +215,7 @@ def read_candidates(
     return Candidates(boxes, best[usable], class_index[usable], kept[:, 4 + num_classes :])
 
 
-def read_suppressed_rows(rows: Float[np.ndarray, "N 6+M"], confidence: float) -> Candidates:
+def read_suppressed_rows(rows: Float[np.ndarray, "N F"], confidence: float) -> Candidates:
     """Reads a head with suppression inside; rows of score 0 are padding."""
     usable = np.isfinite(rows[:, :6]).all(axis=1) & (rows[:, 4] >= max(confidence, 1e-6))
     kept = rows[usable]

@@ -114,9 +114,37 @@ def test_a_callable_keeps_its_masks_unless_asked_otherwise():
     json.dumps(strict.describe())
 
 
-def test_a_callable_with_masks_of_another_size_is_refused():
-    detector = CallableDetector(lambda image: Detections.create(np.ones((1, 5, 6))))
-    with pytest.raises(SourceError, match=r"masks of 6x5 pixels for a frame of 256x192"):
+def test_a_callable_may_answer_in_any_known_form():
+    def boxes_only(image):
+        return {"boxes": [[2, 3, 12, 9]], "class_ids": [1], "scores": [0.5]}
+
+    plain, named = (
+        as_detector(boxes_only),
+        as_detector(boxes_only, DetectorOptions(class_names=("cup", "chair"))),
+    )
+    assert plain is not None
+    assert plain(FRAME).masks.sum() == 60
+    assert plain(FRAME).labels == ("1",)
+    assert named is not None
+    assert named(FRAME).masks.sum() == 6 * 2
+    assert named(FRAME).labels == ("chair",)
+    nothing = as_detector(lambda image: None)
+    assert nothing is not None
+    assert nothing(FRAME).masks.shape == (0, 192, 256)
+
+
+@pytest.mark.parametrize("layout", [(0, 1, 2), (1, 2, 0)])
+def test_masks_may_lie_in_memory_in_any_order(layout):
+    detector = CallableDetector(
+        lambda image: one_dot(image).masks.transpose(layout).copy().transpose(np.argsort(layout)),
+        DetectorOptions(),
+    )
+    assert detector(FRAME).masks.sum(axis=(1, 2)).tolist() == [49]
+
+
+def test_a_callable_with_masks_of_another_picture_is_refused():
+    detector = CallableDetector(lambda image: Detections.create(np.ones((1, 50, 6))))
+    with pytest.raises(SourceError, match="256x192"):
         detector(FRAME)
 
 
