@@ -1,0 +1,50 @@
+"""Hand-made sequences: who is where, written as one text line per object."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from remind_jax.metrics.sequence import TrackingSequence
+
+
+def sequence_from_answers(*lines: str) -> TrackingSequence:
+    """One line per object, one character per frame.
+
+    A letter is what the object was called, `?` is visible without answer, `.` is out of view.
+    Overlaps are perfect.
+    """
+    num_frames = len(lines[0])
+    gt: list[list[int]] = [[] for _ in range(num_frames)]
+    pred: list[list[int]] = [[] for _ in range(num_frames)]
+    pairs: list[list[tuple[int, int]]] = [[] for _ in range(num_frames)]
+    for number, line in enumerate(lines):
+        for frame, called in enumerate(line):
+            if called == ".":
+                continue
+            if called != "?":
+                pairs[frame].append((len(gt[frame]), len(pred[frame])))
+                pred[frame].append(ord(called))
+            gt[frame].append(number)
+    matrices = []
+    for frame in range(num_frames):
+        matrix = np.zeros((len(gt[frame]), len(pred[frame])))
+        for row, column in pairs[frame]:
+            matrix[row, column] = 1.0
+        matrices.append(matrix)
+    return TrackingSequence.from_frames(gt, pred, matrices)
+
+
+def random_sequence(seed: int, num_frames: int = 12, num_objects: int = 5) -> TrackingSequence:
+    """Partly overlapping, partly wrong predictions without exact ties."""
+    rng = np.random.default_rng(seed)
+    gt, pred, matrices = [], [], []
+    for _ in range(num_frames):
+        objects = np.flatnonzero(rng.random(num_objects) < 0.8)
+        labels = rng.permutation(num_objects + 2)[: rng.integers(0, num_objects + 2)]
+        overlap = rng.random((len(objects), len(labels)))
+        overlap *= rng.random(overlap.shape) < 0.6
+        overlap[objects[:, None] == labels[None]] **= 0.2
+        gt.append(objects)
+        pred.append(labels)
+        matrices.append(overlap)
+    return TrackingSequence.from_frames(gt, pred, matrices)

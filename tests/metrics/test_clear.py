@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import pytest
+
+from remind_jax.metrics.clear import clear_scores, count_clear
+from remind_jax.metrics.sequence import TrackingSequence
+from tests.metrics.tables import sequence_from_answers
+
+
+@pytest.mark.parametrize(
+    ("lines", "switches", "fragments"),
+    [
+        (["aaaaaaaaaa"], 0, 0),
+        (["aaaaaabbbb"], 1, 0),
+        (["aaaaabaaaa"], 2, 0),
+        (["aaa??bb", "ccccccc"], 1, 1),  # a switch across a gap
+        (["aaa??aa"], 0, 0),  # no prediction at all in between: no fragment
+        (["aaa??aa", "bbbbbbb"], 0, 1),
+        (["a?a?a?a", "bbbbbbb"], 0, 3),
+        (["?????"], 0, 0),
+    ],
+)
+def test_breaks_of_hand_made_tables(lines: list[str], switches: int, fragments: int):
+    counts = count_clear(sequence_from_answers(*lines))
+    assert (counts.switches, counts.fragments) == (switches, fragments)
+
+
+@pytest.mark.parametrize(
+    ("line", "tracked"),
+    [
+        ("aaaaaaaaaa", "MT"),
+        ("aaaaaaaa??", "PT"),
+        ("aaaaaaaaa?", "MT"),
+        ("aa????????", "PT"),
+        ("a?????????", "ML"),
+    ],
+)
+def test_tracked_shares_at_their_edges(line: str, tracked: str):
+    scores = clear_scores(count_clear(sequence_from_answers(line)))
+    assert {name for name in ("MT", "PT", "ML") if scores[name]} == {tracked}
+
+
+def test_continuity_beats_a_better_overlap():
+    better_other = [[0.6, 0.9]]
+    sequence = TrackingSequence.from_frames([[1], [1]], [[7], [7, 8]], [[[0.9]], better_other])
+    counts = count_clear(sequence)
+    assert counts.switches == 0
+    assert counts.similarity_sum == pytest.approx(1.5)
+
+
+def test_continuity_looks_at_the_previous_frame_with_predictions():
+    overlaps = [[[0.9]], [[]], [[0.6, 0.9]]]
+    sequence = TrackingSequence.from_frames([[1], [1], [1]], [[7], [], [7, 8]], overlaps)
+    assert count_clear(sequence).switches == 0
+
+
+def test_without_truth_one_sequence_and_a_sum_differ_as_in_trackeval():
+    counts = count_clear(TrackingSequence.from_frames([[]], [[1, 2]], [[]]))
+    assert clear_scores(counts)["MOTA"] == 0
+    assert clear_scores(counts, pooled=True)["MOTA"] == -2

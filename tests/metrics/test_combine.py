@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import RemindError
+from remind_jax.metrics.combine import (
+    average_classes,
+    bootstrap_intervals,
+    pool_counts,
+    resample_counts,
+    stack_counts,
+    sum_counts,
+)
+from remind_jax.metrics.evaluate import evaluate_sequence
+from remind_jax.metrics.hota import count_hota, hota_scores
+from remind_jax.metrics.identity import IdentityCounts, count_identity, identity_scores
+from remind_jax.metrics.recovery import recovery_scores
+from tests.metrics.tables import random_sequence, sequence_from_answers
+
+SEQUENCES = [random_sequence(seed) for seed in range(8)]
+
+
+def test_resamples_are_pools_of_drawn_units():
+    units = [IdentityCounts(*(np.asarray(v) for v in (10**i, 0, 1))) for i in range(5)]
+    drawn = resample_counts(stack_counts(units), num_resamples=50, seed=3)
+    assert drawn.true_positives.shape == (50,)
+    assert (drawn.false_positives == 5).all()
+    digits = [[int(c) for c in str(int(v))] for v in drawn.true_positives]
+    assert all(sum(d) == 5 for d in digits)
+
+
+def test_intervals_hold_the_pooled_score_and_repeat():
+    stacked = stack_counts(count_identity(sequence) for sequence in SEQUENCES)
+    pooled = float(identity_scores(sum_counts(stacked))["IDF1"])
+    intervals = bootstrap_intervals(stacked, identity_scores, seed=1)
+    low, high = intervals["IDF1"]
+    assert low < pooled < high
+    assert bootstrap_intervals(stacked, identity_scores, seed=1) == intervals
+    assert bootstrap_intervals(stacked, identity_scores, seed=2)["IDF1"] != (low, high)
+    narrow = bootstrap_intervals(stacked, identity_scores, level=0.5, seed=1)["IDF1"]
+    assert low < narrow[0] < narrow[1] < high
+
+
+def test_equal_units_have_no_spread():
+    stacked = stack_counts([count_hota(SEQUENCES[0])] * 6)
+    low, high = bootstrap_intervals(stacked, hota_scores)["HOTA"]
+    expected = float(np.mean(hota_scores(count_hota(SEQUENCES[0]))["HOTA"]))
+    # Sums of six equal numbers over six: last bits.
+    assert low == pytest.approx(expected, abs=1e-12)
+    assert high == pytest.approx(expected, abs=1e-12)
+
+
+def test_objects_can_be_resampled():
+    recovery = evaluate_sequence(sequence_from_answers("aa.aa.aa", "bb.cc.bb", "dd...ee.")).recovery
+    low, high = bootstrap_intervals(recovery, recovery_scores)["Recovery"]
+    assert 0 <= low < 0.6 < high <= 1
+
+
+def test_classes_are_averaged_as_trackeval_does():
+    perfect, half = sequence_from_answers("aaaa"), sequence_from_answers("aa??")
+    scores = [evaluate_sequence(sequence).fields() for sequence in (perfect, half)]
+    mean = average_classes(scores)
+    assert mean["IDR"] == 0.75
+    assert mean["IDTP"] == 6
+    assert mean["CLR_TP"] == 6
+    pooled = identity_scores(pool_counts([count_identity(perfect), count_identity(half)]))
+    assert pooled["IDR"] == 0.75
+    assert mean["IDF1"] == pytest.approx((1 + 2 / 3) / 2)
+    assert pooled["IDF1"] == pytest.approx(12 / 14)
+
+
+def test_nothing_cannot_be_combined():
+    with pytest.raises(RemindError, match="nothing to combine"):
+        pool_counts([])
+    with pytest.raises(RemindError, match="no class"):
+        average_classes([])
+    with pytest.raises(RemindError, match="level is 95"):
+        bootstrap_intervals(count_identity(SEQUENCES[0]), identity_scores, level=95)

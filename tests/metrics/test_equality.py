@@ -1,0 +1,40 @@
+"""Every field of HOTA, CLEAR and Identity equals TrackEval's on every stored case."""
+
+from __future__ import annotations
+
+import pytest
+
+from remind_jax.metrics.clear import clear_scores, count_clear
+from remind_jax.metrics.combine import pool_counts
+from remind_jax.metrics.evaluate import evaluate_sequence, pool_evaluations
+from remind_jax.metrics.hota import count_hota, hota_scores
+from remind_jax.metrics.identity import count_identity, identity_scores
+from tests.metrics.golden import ALL_CASES, ROOT, assert_same_fields, load_case, read_json
+
+
+@pytest.mark.parametrize(("kind", "name"), ALL_CASES)
+def test_fields_equal_trackeval(kind: str, name: str):
+    sequence, expected = load_case(kind, name)
+    ties = tuple(expected["order_sensitive_fields"])
+    assert_same_fields(hota_scores(count_hota(sequence)), expected["HOTA"], but=ties)
+    assert_same_fields(clear_scores(count_clear(sequence)), expected["CLEAR"], but=ties)
+    assert_same_fields(identity_scores(count_identity(sequence)), expected["Identity"], but=ties)
+    fields = evaluate_sequence(sequence).fields()
+    assert_same_fields({name: fields[name] for name in expected["Count"]}, expected["Count"])
+
+
+def test_pooled_masks_equal_trackeval():
+    expected = read_json(ROOT / "combined_masks.json")
+    sequences = [load_case("masks", name)[0] for name in expected["sequences"]]
+    pooled = pool_evaluations([evaluate_sequence(sequence) for sequence in sequences]).fields()
+    for family in ("HOTA", "CLEAR", "Identity", "Count"):
+        assert_same_fields({name: pooled[name] for name in expected[family]}, expected[family])
+
+
+def test_pooling_is_more_than_one_mean():
+    sequences = [load_case("masks", name)[0] for name in ("one_switch", "crowded_12x60")]
+    counts = [count_identity(sequence) for sequence in sequences]
+    pooled = identity_scores(pool_counts(counts))["IDF1"]
+    each = [float(identity_scores(count)["IDF1"]) for count in counts]
+    assert min(each) < pooled < max(each)
+    assert abs(pooled - sum(each) / 2) > 0.01

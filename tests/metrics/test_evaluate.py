@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.errors import RemindError, SourceError
+from remind_jax.metrics import evaluate_files, evaluate_tracks, pool_evaluations
+from remind_jax.tracks import Tracks
+from tests.metrics.golden import ROOT, read_json
+
+MATCH, NEW, SOFT = Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS
+
+
+def frame(index: int, *rows: tuple[Any, ...]) -> Tracks:
+    """Rows: instance, outcome, id, then perhaps candidates with scores, score and label."""
+    num = len(rows)
+    ids, scores = np.full((num, 3), NO_ID), np.zeros((num, 3))
+    for row, (_, _, _, *more) in enumerate(rows):
+        candidates = more[0] if more else {}
+        ids[row, : len(candidates)] = list(candidates)
+        scores[row, : len(candidates)] = list(candidates.values())
+    outcome = np.array([row[1] for row in rows], np.int32)
+    given = np.array([row[2] for row in rows], np.int32)
+    is_firm = np.isin(outcome, [MATCH, NEW])
+    zeros = np.zeros(num, np.int32)
+    return Tracks(
+        frame_index=index,
+        source_index=index,
+        time_s=float(index),
+        name=str(index),
+        frame_size=(4, 4),
+        outcome=outcome,
+        reason=zeros,
+        object_id=np.where(is_firm, given, NO_ID),
+        pending_id=np.where(is_firm, NO_ID, given),
+        status=zeros,
+        score=np.array([row[4] if len(row) > 4 else 0.5 for row in rows]),
+        confidence=np.ones(num),
+        candidate_id=ids,
+        candidate_score=scores,
+        labels=tuple(row[5] if len(row) > 5 else "cup" for row in rows),
+        boxes=np.zeros((num, 4)),
+        areas=np.ones(num, np.int32),
+        detector_scores=np.ones(num),
+        instance_ids=np.array([row[0] for row in rows], np.int32),
+        rles=(),
+    )
+
+
+# Object 1 leaves after frame 1 and returns in frame 4, undecided at first; object 2 stays.
+RUN = [
+    frame(0, (1, NEW, 7), (2, NEW, 8)),
+    frame(1, (1, MATCH, 7), (2, MATCH, 8)),
+    frame(2, (2, MATCH, 8)),
+    frame(3, (2, MATCH, 8)),
+    frame(4, (1, SOFT, 0, {7: 0.9, 8: 0.8}), (2, MATCH, 8)),
+    frame(5, (1, MATCH, 7), (2, MATCH, 8)),
+]
+
+
+def test_undecided_detections_are_missed_or_collapsed():
+    strict, collapsed = (evaluate_tracks(RUN, undecided=u).scores() for u in ("strict", "collapse"))
+    assert (strict["IDTP"], strict["IDFN"], strict["IDFP"]) == (9, 1, 0)
+    assert (collapsed["IDTP"], collapsed["IDFN"], collapsed["IDFP"]) == (10, 0, 0)
+    for scores in (strict, collapsed):
+        assert (scores["Recovery"], scores["HardRecovery"]) == (1.0, 0.0)
+        assert (scores["IDs"], scores["GT_IDs"], scores["IDSW"]) == (2, 2, 0)
+        assert scores["CandidateHitRate"] == 1.0
+        assert scores["AmbiguousShare"] == pytest.approx(1 / 10)
+
+
+def test_gaps_are_counted_in_processed_frames():
+    scores = evaluate_tracks([frame(t, (1, MATCH, 7)) for t in (3, 4, 6)]).scores()
+    assert scores["Opportunities"] == 1
+
+
+def test_the_id_given_at_birth_counts():
+    run = [frame(0, (1, NEW, 7))] + [frame(t, (1, MATCH, 7)) for t in range(1, 10)]
+    scores = evaluate_tracks(run).scores()
+    assert (scores["IDF1"], scores["HOTA"], scores["IDSW"]) == (1.0, 1.0, 0)
+    assert np.isnan(scores["Recovery"])
+    assert json.loads(json.dumps(evaluate_tracks(run).to_json()))["metrics"]["Recovery"] is None
+
+
+def test_an_id_given_twice_stays_with_the_better_score():
+    run = [
+        frame(0, (1, NEW, 7), (2, NEW, 8)),
+        frame(1, (1, MATCH, 7, {}, 0.6), (2, MATCH, 7, {}, 0.9)),
+    ]
+    scores = evaluate_tracks(run).scores()
+    assert scores["RepeatedIDs"] == 1
+    assert scores["Dets"] == 3
+    assert scores["IDSW"] == 1  # object 2 was 8, is 7
+
+
+def test_firm_ids_without_truth_are_false_positives():
+    scores = evaluate_tracks([frame(0, (1, NEW, 7), (-1, NEW, 9), (-1, SOFT, 0))]).scores()
+    assert (scores["CLR_FP"], scores["CLR_TP"], scores["GT_Dets"]) == (1, 1, 1)
+
+
+def test_every_class_apart():
+    run = [frame(t, (1, MATCH, 7), (2, MATCH, 8 + t, {}, 0.5, "box")) for t in range(2)]
+    evaluation = evaluate_tracks(run, by_class=True)
+    assert {c: e.scores()["IDF1"] for c, e in evaluation.by_class.items()} == {"cup": 1, "box": 0.5}
+    pooled = pool_evaluations([evaluation, evaluation])
+    assert pooled.by_class["box"].scores()["IDTP"] == 2
+    assert pooled.scores()["GT_IDs"] == 4
+
+
+def test_pooled_recovery_keeps_objects_apart():
+    pooled = pool_evaluations([evaluate_tracks(RUN), evaluate_tracks(RUN)])
+    assert pooled.recovery.opportunities.tolist() == [1, 0, 1, 0]
+    assert pooled.scores()["Recovery"] == 1.0
+    assert pooled.uncertainty is not None
+    assert pooled.uncertainty.ambiguous == 2
+
+
+def test_an_empty_run_is_nothing():
+    assert evaluate_tracks([]).scores()["GT_Dets"] == 0
+    assert evaluate_tracks([frame(0)]).scores()["Frames"] == 1
+
+
+def test_bad_runs_are_refused():
+    with pytest.raises(SourceError, match="no detection has a true instance id"):
+        evaluate_tracks([frame(0, (-1, NEW, 7))])
+    with pytest.raises(SourceError, match="frame 0: ground truth id 1 occurs 2 times"):
+        evaluate_tracks([frame(0, (1, NEW, 7), (1, NEW, 8))])
+    with pytest.raises(SourceError, match="frame 0 follows frame 1"):
+        evaluate_tracks([frame(1, (1, NEW, 7)), frame(0, (1, MATCH, 7))])
+    undecided: Any = "collapsed"
+    with pytest.raises(RemindError, match="undecided is 'collapsed'; did you mean 'collapse'"):
+        evaluate_tracks([], undecided=undecided)
+
+
+@pytest.mark.parametrize(("kind", "format"), [("boxes", "mot"), ("masks", "mots")])
+@pytest.mark.parametrize("is_named", [True, False])
+def test_files(kind: str, format: Any, is_named: bool):
+    folder = ROOT / kind / "one_switch"
+    evaluation = evaluate_files(
+        folder / "gt.txt", folder / "pred.txt", format=format if is_named else None
+    )
+    expected = read_json(folder / "expected.json")
+    scores = evaluation.scores()
+    assert scores["IDF1"] == expected["Identity"]["IDF1"]
+    assert scores["HOTA"] == pytest.approx(np.mean(expected["HOTA"]["HOTA"]), abs=1e-12)
+
+
+def test_unknown_formats_are_refused():
+    unknown: Any = "coco"
+    with pytest.raises(RemindError, match="format is 'coco'; allowed: kitti-mots, mot, mots"):
+        evaluate_files("gt", "pred", format=unknown)

@@ -1,0 +1,110 @@
+"""What must hold of every sequence."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.metrics.evaluate import evaluate_sequence, pool_evaluations
+from remind_jax.metrics.sequence import TrackingSequence
+from tests.metrics.tables import random_sequence
+
+SEEDS = st.integers(0, 2**31)
+
+# Sums in another order: last bits of numbers near 1.
+ROUNDING = 1e-12
+
+
+def assert_scores(got: dict[str, Any], expected: dict[str, Any]) -> None:
+    for name, value in expected.items():
+        np.testing.assert_allclose(got[name], value, rtol=0, atol=ROUNDING, err_msg=name)
+
+
+def per_frame(sequence: TrackingSequence) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    frames = []
+    for t in range(sequence.num_frames):
+        gt = slice(sequence.gt_start[t], sequence.gt_start[t + 1])
+        pred = slice(sequence.pred_start[t], sequence.pred_start[t + 1])
+        matrix = np.zeros((len(sequence.gt_id), len(sequence.pred_id)))
+        matrix[sequence.pair_gt, sequence.pair_pred] = sequence.pair_similarity
+        frames.append((sequence.gt_id[gt], sequence.pred_id[pred], matrix[gt, pred]))
+    return frames
+
+
+def from_frames(frames: list[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> TrackingSequence:
+    gt, pred, matrices = zip(*frames, strict=True)
+    return TrackingSequence.from_frames(gt, pred, matrices)
+
+
+@settings(deadline=None, max_examples=25)
+@given(SEEDS)
+def test_new_names_change_nothing(seed: int):
+    sequence = random_sequence(seed)
+    rng = np.random.default_rng(seed + 1)
+    gt_names, pred_names = rng.permutation(10**6)[:20], rng.permutation(10**6)[:20]
+    renamed = dataclasses.replace(
+        sequence, gt_id=gt_names[sequence.gt_id], pred_id=pred_names[sequence.pred_id]
+    )
+    assert_scores(evaluate_sequence(renamed).scores(), evaluate_sequence(sequence).scores())
+
+
+@settings(deadline=None, max_examples=25)
+@given(SEEDS)
+def test_order_of_rows_changes_nothing(seed: int):
+    sequence = random_sequence(seed)
+    rng = np.random.default_rng(seed + 1)
+    shuffled = []
+    for gt, pred, matrix in per_frame(sequence):
+        rows, columns = rng.permutation(len(gt)), rng.permutation(len(pred))
+        shuffled.append((gt[rows], pred[columns], matrix[np.ix_(rows, columns)]))
+    assert_scores(
+        evaluate_sequence(from_frames(shuffled)).scores(), evaluate_sequence(sequence).scores()
+    )
+
+
+@settings(deadline=None, max_examples=25)
+@given(SEEDS, SEEDS)
+def test_two_sequences_in_a_row_are_two_sequences_pooled(first_seed: int, second_seed: int):
+    first, second = random_sequence(first_seed), random_sequence(second_seed)
+    apart = [(gt + 100, pred + 100, matrix) for gt, pred, matrix in per_frame(second)]
+    joined = from_frames([*per_frame(first), *apart])
+    pooled = pool_evaluations([evaluate_sequence(first), evaluate_sequence(second)])
+    assert_scores(evaluate_sequence(joined).scores(), pooled.scores())
+
+
+@settings(deadline=None, max_examples=25)
+@given(SEEDS)
+def test_truth_and_predictions_swapped_swap_recall_and_precision(seed: int):
+    sequence = random_sequence(seed)
+    swapped = from_frames([(pred, gt, matrix.T) for gt, pred, matrix in per_frame(sequence)])
+    ours, theirs = evaluate_sequence(sequence).scores(), evaluate_sequence(swapped).scores()
+    twins = {"IDP": "IDR", "DetPr": "DetRe", "AssPr": "AssRe", "IDFP": "IDFN"}
+    same = {name: name for name in ("IDF1", "HOTA", "DetA", "AssA", "LocA", "IDTP")}
+    for name, twin in {**twins, **same}.items():
+        np.testing.assert_allclose(ours[name], theirs[twin], rtol=0, atol=ROUNDING)
+
+
+@settings(deadline=None, max_examples=25)
+@given(SEEDS)
+def test_truth_as_its_own_prediction_is_perfect(seed: int):
+    frames = [(gt, gt, np.eye(len(gt))) for gt, _, _ in per_frame(random_sequence(seed))]
+    scores = evaluate_sequence(from_frames(frames)).scores()
+    for name in ("IDF1", "HOTA", "MOTA", "AssA"):
+        assert scores[name] == 1.0
+    assert scores["IDSW"] == 0
+    if scores["Opportunities"]:
+        assert scores["HardRecovery"] == 1.0
+
+
+@settings(deadline=None, max_examples=25)
+@given(SEEDS)
+def test_counts_add_up(seed: int):
+    scores = evaluate_sequence(random_sequence(seed)).scores()
+    assert scores["CLR_TP"] + scores["CLR_FN"] == scores["GT_Dets"]
+    assert scores["IDTP"] + scores["IDFP"] == scores["Dets"]
+    assert scores["HOTA_TP"] + scores["HOTA_FP"] == scores["Dets"]
+    assert scores["HardRecovered"] <= scores["Recovered"] <= scores["Opportunities"]

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.metrics.sequence import TrackingSequence, number_ids
+
+
+def create(**changes: Any) -> TrackingSequence:
+    parts: dict[str, Any] = {
+        "num_frames": 2,
+        "ground_truth": ([0, 0, 1], [5, 6, 5]),
+        "predictions": ([0, 1], [9, 9]),
+        "pairs": ([0, 2], [0, 1], [0.5, 0.7]),
+    }
+    return TrackingSequence.create(**{**parts, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"ground_truth": ([0, 0, 1], [5, 5, 5])}, r"frame 0: ground truth id 5 occurs 2 times"),
+        ({"predictions": ([1, 1], [9, 9])}, r"frame 1: prediction id 9 occurs 2 times"),
+        ({"predictions": ([0, 2], [9, 9])}, r"frames 0 to 1"),
+        ({"predictions": ([1, 0], [9, 9])}, r"ordered by frame"),
+        ({"pairs": ([0], [1], [0.5])}, r"other frames"),
+        ({"pairs": ([0], [0], [1.2])}, r"1\.2 is outside of \[0, 1\]"),
+        ({"pairs": ([0], [0], [np.nan])}, r"nan is outside"),
+        ({"pairs": ([3], [0], [0.5])}, r"ground-truth row outside of 0 to 2"),
+        ({"gt_class": [0]}, r"1 classes were given for 3 rows"),
+    ],
+)
+def test_what_trackeval_refuses_is_refused(changes: dict[str, Any], message: str):
+    with pytest.raises(SourceError, match=message):
+        create(**changes)
+
+
+def test_similarities_must_fit_their_frame():
+    with pytest.raises(SourceError, match=r"frame 1: similarities have shape \(1, 2\)"):
+        TrackingSequence.from_frames([[1], [1]], [[1], [1]], [[[1.0]], [[1.0, 0.0]]])
+
+
+def test_pairs_are_ordered_and_those_without_overlap_left_out():
+    sequence = create(pairs=([2, 1, 0], [1, 0, 0], [0.7, 0.0, 0.5]))
+    assert sequence.pair_gt.tolist() == [0, 2]
+    assert sequence.pair_similarity.tolist() == [0.5, 0.7]
+
+
+def test_selection_keeps_the_pairs_between_what_is_left():
+    sequence = create(
+        gt_class=[0, 1, 0], pred_class=[1, 0], class_names=("cup", "box"), name="desk"
+    )
+    cups = sequence.select_class("cup")
+    assert cups.gt_id.tolist() == [5, 5]
+    assert cups.pred_frame.tolist() == [1]
+    assert (cups.pair_gt.tolist(), cups.pair_pred.tolist()) == ([1], [0])
+    with pytest.raises(SourceError, match="desk has no class 'vase'; it has cup, box"):
+        sequence.select_class("vase")
+
+
+@pytest.mark.parametrize("ids", [[], [3], [7, 7, 5, 6], [-4, 10**12, -4], [2**40, 0, 1]])
+def test_numbering_equals_numpys(ids: list[int]):
+    found, member = number_ids(np.asarray(ids, np.int64))
+    expected, expected_member = np.unique(np.asarray(ids, np.int64), return_inverse=True)
+    assert found.tolist() == expected.tolist()
+    assert member.tolist() == expected_member.tolist()

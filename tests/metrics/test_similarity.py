@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.errors import SourceError
+from remind_jax.metrics import similarity
+from remind_jax.metrics.similarity import (
+    box_iou,
+    covered_share,
+    find_overlap,
+    label_map_iou,
+    mask_iou,
+    pair_boxes,
+    rle_iou,
+)
+from remind_jax.tracks import encode_masks
+from tests.metrics.golden import ROOT, load_case
+
+
+def box_mask(box: list[int], size: int = 20) -> np.ndarray:
+    mask = np.zeros((size, size), bool)
+    mask[box[1] : box[3], box[0] : box[2]] = True
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("other", "iou"),
+    [
+        ([0, 0, 10, 10], 1.0),
+        ([5, 0, 15, 10], 1 / 3),
+        ([10, 0, 20, 10], 0.0),
+        ([2, 2, 2, 8], 0.0),  # no area
+        ([8, 8, 2, 2], 0.0),  # negative width and height
+    ],
+)
+def test_boxes(other: list[float], iou: float):
+    assert box_iou(np.array([[0.0, 0, 10, 10]]), np.array([other], float)) == pytest.approx(iou)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**31))
+def test_boxes_are_masks(seed: int):
+    rng = np.random.default_rng(seed)
+    corners = np.sort(rng.integers(0, 20, (7, 2, 2)), axis=1)
+    boxes = np.concatenate([corners[:, 0], corners[:, 1] + 1], axis=1)
+    masks = np.stack([box_mask(box) for box in boxes.clip(max=20)])
+    boxes = boxes.clip(max=20).astype(float)
+    by_box = box_iou(boxes[:3], boxes[3:])
+    by_mask = mask_iou(masks[:3], masks[3:])
+    by_rle = rle_iou(encode_masks(masks[:3]), encode_masks(masks[3:]))
+    # Ratios of the same whole numbers.
+    np.testing.assert_array_equal(by_box, by_mask)
+    np.testing.assert_array_equal(by_rle, by_mask)
+
+
+def test_sequences_in_chunks_equal_frames_alone(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(similarity, "_PAIRS_PER_CHUNK", 40)
+    rng = np.random.default_rng(0)
+    gt_frame, pred_frame = np.sort(rng.integers(0, 9, 60)), np.sort(rng.integers(2, 12, 50))
+    corner = rng.random((110, 2)) * 10
+    boxes = np.hstack([corner, corner + rng.random((110, 2)) * 5])
+    gt_boxes, pred_boxes = boxes[:60], boxes[60:]
+    row, column, iou = pair_boxes(gt_frame, gt_boxes, pred_frame, pred_boxes, 12)
+    found = np.zeros((60, 50))
+    found[row, column] = iou
+    expected = box_iou(gt_boxes, pred_boxes) * (gt_frame[:, None] == pred_frame)
+    np.testing.assert_array_equal(found, expected)
+    assert np.all(np.diff(row * 50 + column) > 0)
+
+
+@pytest.mark.parametrize("name", ["random_11", "swap", "tiny"])
+def test_label_maps_equal_run_lengths(name: str):
+    sequence, _ = load_case("masks", name)
+    maps = np.load(ROOT / "masks" / name / "labels.npz")
+    first_gt, first_pred = sequence.gt_start, sequence.pred_start
+    whole = np.zeros((len(sequence.gt_id), len(sequence.pred_id)))
+    whole[sequence.pair_gt, sequence.pair_pred] = sequence.pair_similarity
+    for t in range(sequence.num_frames):
+        gt, pred = slice(*first_gt[t : t + 2]), slice(*first_pred[t : t + 2])
+        got = label_map_iou(
+            maps["gt"][t], sequence.gt_id[gt], maps["pred"][t], sequence.pred_id[pred]
+        )
+        np.testing.assert_array_equal(got, whole[gt, pred])
+
+
+def test_nothing_overlaps_nothing():
+    none, one = np.zeros((0, 4, 4), bool), np.ones((1, 4, 4), bool)
+    assert mask_iou(none, one).shape == (0, 1)
+    assert rle_iou((), encode_masks(one)).shape == (0, 1)
+    assert mask_iou(one & False, one & False).tolist() == [[0.0]]
+
+
+def test_other_sizes_are_refused():
+    small, large = np.ones((1, 4, 4), bool), np.ones((1, 4, 8), bool)
+    with pytest.raises(SourceError, match=r"\(4, 4\) and predictions are \(4, 8\)"):
+        mask_iou(small, large)
+    with pytest.raises(SourceError, match="different sizes"):
+        rle_iou(encode_masks(small), encode_masks(large))
+
+
+def test_overlap_inside_a_frame_and_cover_by_a_region():
+    left, right, both = (
+        box_mask([0, 0, 10, 20]),
+        box_mask([10, 0, 20, 20]),
+        box_mask([5, 0, 15, 20]),
+    )
+    rles = encode_masks(np.stack([left, right, both]))
+    assert not find_overlap(rles[:2])
+    assert find_overlap(rles)
+    np.testing.assert_array_equal(covered_share(rles, rles[0]), [1.0, 0.0, 0.5])
