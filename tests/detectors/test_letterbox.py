@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.detectors.letterbox import GREY, Letterbox
@@ -9,6 +9,7 @@ frames = st.tuples(sides, sides)
 inputs = st.tuples(st.integers(32, 700), st.integers(32, 700))
 
 
+@settings(deadline=None)
 @given(frame_size=frames, input_size=inputs)
 def test_the_frame_lies_in_the_middle_and_touches_two_sides(frame_size, input_size):
     box = Letterbox.fit(frame_size, input_size)
@@ -19,6 +20,7 @@ def test_the_frame_lies_in_the_middle_and_touches_two_sides(frame_size, input_si
     assert min(box.top_px + below, box.left_px + right) == 0
 
 
+@settings(deadline=None)
 @given(frame_size=frames, input_size=inputs, data=st.data())
 def test_boxes_survive_the_round_trip(frame_size, input_size, data):
     box = Letterbox.fit(frame_size, input_size)
@@ -32,6 +34,7 @@ def test_boxes_survive_the_round_trip(frame_size, input_size, data):
     np.testing.assert_allclose(box.boxes_to_frame(there), drawn, atol=1e-9)
 
 
+@settings(deadline=None)
 @given(
     frame_size=st.tuples(st.integers(20, 400), st.integers(20, 400)),
     input_size=st.tuples(st.integers(32, 400), st.integers(32, 400)),
@@ -63,6 +66,7 @@ def test_a_drawn_rectangle_is_found_where_the_box_says(frame_size, input_size, d
     assert np.abs(found - expected).max() <= 0.5 + 0.01 * max(1.0, 1 / scale)
 
 
+@settings(deadline=None)
 @given(frame_size=frames, input_size=inputs, slope=st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
 def test_maps_come_back_to_the_pixel_centres(frame_size, input_size, slope):
     """Bilinear resampling keeps a sloping plane, so any shift or wrong scale would show."""
@@ -81,5 +85,5 @@ def test_maps_come_back_to_the_pixel_centres(frame_size, input_size, slope):
         slice(margin_y, frame_size[0] - margin_y),
         slice(margin_x, frame_size[1] - margin_x),
     )
-    # float32 arithmetic on values up to 1,800: 1e-2 px is a fiftieth of the half pixel allowed.
-    np.testing.assert_allclose(came_back[middle], expected[middle], atol=1e-2)
+    # float32 arithmetic on values up to 1,800 (one step is 1.2e-4); half a pixel would be allowed.
+    np.testing.assert_allclose(came_back[middle], expected[middle], atol=1e-3)

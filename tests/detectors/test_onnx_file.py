@@ -64,7 +64,7 @@ def test_a_missing_file_is_named(tmp_path, name):
 
 
 # The file is written anew for each example, so sharing the folder does no harm.
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_damage_never_gives_another_kind_of_error(tmp_path, data):
     damaged = bytearray(BYTES)

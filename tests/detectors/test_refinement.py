@@ -1,5 +1,5 @@
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
@@ -27,6 +27,7 @@ def test_the_image_border_does_not_erode():
     np.testing.assert_array_equal(corner, square(5, 0, 0))
 
 
+@settings(deadline=None)
 @given(
     masks=hnp.arrays(bool, st.tuples(st.integers(0, 3), st.integers(1, 14), st.integers(1, 14))),
     radius=st.integers(0, 4),

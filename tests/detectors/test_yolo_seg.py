@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import expit
 
@@ -116,6 +116,7 @@ def suppress_one_by_one(boxes, scores, classes, iou) -> list[int]:
     return kept
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 10_000), num=st.integers(0, 30), agnostic=st.booleans())
 def test_suppression_equals_a_plain_loop(seed, num, agnostic):
     rng = np.random.default_rng(seed)
@@ -127,6 +128,13 @@ def test_suppression_equals_a_plain_loop(seed, num, agnostic):
     kept = suppress_duplicates(candidates, options).coefficients[:, 0]
     expected = suppress_one_by_one(boxes, scores, np.zeros(num) if agnostic else classes, 0.4)
     assert sorted(kept.astype(int)) == sorted(expected)
+
+
+def test_boxes_beyond_the_border_stay_apart_by_class():
+    """OpenCV shifts classes by the largest coordinate: these two would meet exactly."""
+    boxes = np.array([[90, 0, 100, 10], [-11, -101, -1, -91]], float)
+    candidates = Candidates(boxes, np.array([0.9, 0.8]), np.array([0, 1]), np.zeros((2, 1)))
+    assert len(suppress_duplicates(candidates, DetectorOptions()).scores) == 2
 
 
 def sample_bilinear(plane: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -167,6 +175,7 @@ def test_masks_equal_an_independent_decode(frame_size):
         assert clear.mean() > 0.99
 
 
+@settings(deadline=None)
 @given(
     frame_size=st.tuples(st.integers(60, 700), st.integers(60, 700)),
     middle=st.tuples(st.floats(0.3, 0.7), st.floats(0.3, 0.7)),
