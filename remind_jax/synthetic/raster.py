@@ -1,0 +1,255 @@
+"""Which face is seen at each pixel (z-buffer), and the colour and light found there."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from remind_jax.synthetic.atlas import Atlas
+from remind_jax.synthetic.mesh import Mesh
+from remind_jax.synthetic.scene import Pose
+
+_NEAR_M = 0.04
+NO_FACE = -1
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera; rows of `rotation` are its right, down and forward directions."""
+
+    position_m: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"]
+    focal_px: float
+    width_px: int
+    height_px: int
+
+    @classmethod
+    def at(cls, pose: Pose, fov_rad: float, width_px: int, height_px: int) -> Camera:
+        """The camera of a pose; `fov_rad` is the horizontal field of view at zoom 1."""
+        cos_yaw, sin_yaw = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
+        cos_pitch, sin_pitch = np.cos(pose.pitch_rad), np.sin(pose.pitch_rad)
+        forward = np.array([cos_pitch * cos_yaw, cos_pitch * sin_yaw, sin_pitch])
+        right = np.array([sin_yaw, -cos_yaw, 0.0])
+        down = np.cross(forward, right)
+        cos_roll, sin_roll = np.cos(pose.roll_rad), np.sin(pose.roll_rad)
+        rolled = cos_roll * right + sin_roll * down, cos_roll * down - sin_roll * right
+        focal_px = pose.zoom * 0.5 * width_px / np.tan(fov_rad / 2)
+        rotation = np.stack([*rolled, forward])
+        return cls(np.array(pose.position_m), rotation, focal_px, width_px, height_px)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Projection:
+    """Per face: planes over the image, as coefficients of `(x, y, 1)` in pixels."""
+
+    inverse_depth: Float[np.ndarray, "F 3"]
+    texels: Float[np.ndarray, "F 2 3"]  # of `(u, v) / depth`
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Polygons:
+    """Outlines of faces on the image, one after the other, clockwise as seen."""
+
+    points: Float[np.ndarray, "V 2"]  # pixels
+    counts: Int[np.ndarray, "P"]
+    face: Int[np.ndarray, "P"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Spans:
+    """The pixels of polygons: columns `[first, end)` of each row, polygon after polygon."""
+
+    first: Int[np.ndarray, "R"]
+    end: Int[np.ndarray, "R"]
+    starts: Int[np.ndarray, "P"]  # first row of each polygon among the `R`
+    boxes: Int[np.ndarray, "P 4"]  # left, top, right, bottom; the last two excluded
+
+
+def see_faces(mesh: Mesh, camera: Camera) -> tuple[Int[np.ndarray, "H W"], Projection]:
+    """The nearest face at each pixel, `NO_FACE` where there is none."""
+    distance = mesh.offset - mesh.normal @ camera.position_m
+    projection = _project_planes(mesh, camera, distance)
+    polygons = _project_corners(mesh, camera, distance)
+    spans = _scan(polygons, camera)
+    nearest = np.zeros((camera.height_px, camera.width_px), np.float32)
+    seen = np.full((camera.height_px, camera.width_px), NO_FACE, np.int32)
+    planes = projection.inverse_depth.astype(np.float32)
+    columns = np.arange(camera.width_px, dtype=np.int32)
+    x = columns.astype(np.float32) + np.float32(0.5)
+    y = np.arange(camera.height_px, dtype=np.float32)[:, None] + np.float32(0.5)
+    for row, face in enumerate(polygons.face):
+        left, top, right, bottom = spans.boxes[row]
+        if left >= right or top >= bottom:
+            continue
+        span = slice(spans.starts[row], spans.starts[row] + bottom - top)
+        window = (slice(top, bottom), slice(left, right))
+        a, b, c = planes[face]
+        depth = a * x[left:right] + (b * y[top:bottom] + c)
+        closer = depth > nearest[window]
+        closer &= columns[left:right] >= spans.first[span, None]
+        closer &= columns[left:right] < spans.end[span, None]
+        np.copyto(nearest[window], depth, where=closer)
+        np.copyto(seen[window], face, where=closer)
+    return seen, projection
+
+
+def shade(
+    mesh: Mesh,
+    projection: Projection,
+    seen: Int[np.ndarray, "H W"],
+    camera: Camera,
+    images: Atlas,
+    lights: Atlas,
+    light_scale: Float[np.ndarray, "n 2"],
+) -> tuple[UInt8[np.ndarray, "H W 3"], Float[np.ndarray, "H W 2"]]:
+    """Looks up the colour and the lamp and window light of every pixel.
+
+    Args:
+      mesh: The faces.
+      projection: From `see_faces`.
+      seen: From `see_faces`.
+      camera: The same camera.
+      images: Colours, one image per surface.
+      lights: Light, one image per surface.
+      light_scale: Light texels per colour texel along u and v, per surface.
+    """
+    face = np.maximum(seen, 0).ravel()
+    surface = mesh.surface
+    x = np.arange(camera.width_px, dtype=np.float32)[None] + np.float32(0.5)
+    y = np.arange(camera.height_px, dtype=np.float32)[:, None] + np.float32(0.5)
+    take = lambda values: values.astype(np.float32)[face].reshape(seen.shape)  # noqa: E731
+    plane = lambda rows: x * take(rows[:, 0]) + y * take(rows[:, 1]) + take(rows[:, 2])  # noqa: E731
+    depth = 1 / np.maximum(plane(projection.inverse_depth), np.float32(1e-4))
+    u, v = plane(projection.texels[:, 0]) * depth, plane(projection.texels[:, 1]) * depth
+
+    distance = np.abs(mesh.offset - mesh.normal @ camera.position_m)
+    with np.errstate(divide="ignore"):
+        sharpness = np.log2(mesh.texels_per_m / camera.focal_px) - 0.5 * np.log2(distance)
+    # Texels per pixel grow with depth, and once more by half with the slant of the face.
+    level = take(np.clip(sharpness, -30, 30)) + 1.5 * np.log2(depth) - np.float32(0.35)
+    level = np.clip(np.rint(level), 0, images.num_levels - 1).astype(np.int32)
+    scale = (0.5 ** np.arange(images.num_levels)).astype(np.float32)[level]
+    slot = face * images.num_levels + level.ravel()
+    origins = images.origins[surface].reshape(-1, 2).astype(np.float32)[slot]
+    origins = origins.reshape(*seen.shape, 2)
+    half = np.float32(0.5)
+    color = cv2.remap(
+        images.pixels,
+        origins[..., 0] + u * scale - half,
+        origins[..., 1] + v * scale - half,
+        cv2.INTER_LINEAR,
+    )
+    start, step = lights.origins[surface, 0], light_scale[surface]
+    light = cv2.remap(
+        lights.pixels,
+        take(start[:, 0]) + u * take(step[:, 0]) - half,
+        take(start[:, 1]) + v * take(step[:, 1]) - half,
+        cv2.INTER_LINEAR,
+    )
+    nothing = seen == NO_FACE
+    if nothing.any():
+        light[nothing] = 0
+    return color, light
+
+
+def _project_planes(mesh: Mesh, camera: Camera, distance: Float[np.ndarray, "F"]) -> Projection:
+    """Depth and texels along the rays of the image, for every face."""
+    to_ray = np.array(
+        [
+            [1 / camera.focal_px, 0, -0.5 * camera.width_px / camera.focal_px],
+            [0, 1 / camera.focal_px, -0.5 * camera.height_px / camera.focal_px],
+            [0, 0, 1.0],
+        ]
+    )
+    back = camera.rotation.T @ to_ray
+    safe = np.where(np.abs(distance) < 1e-9, 1e-9, distance)
+    inverse_depth = mesh.normal @ back / safe[:, None]
+    at_camera = mesh.texel_slope @ camera.position_m + mesh.texel_start
+    texels = mesh.texel_slope @ back + at_camera[..., None] * inverse_depth[:, None]
+    return Projection(inverse_depth, texels)
+
+
+def _project_corners(mesh: Mesh, camera: Camera, distance: Float[np.ndarray, "F"]) -> _Polygons:
+    """Outlines on the image of all faces that show their front before the near plane."""
+    in_camera = (mesh.corners - camera.position_m) @ camera.rotation.T
+    nearest = np.minimum.reduceat(in_camera[:, 2], mesh.starts)
+    farthest = np.maximum.reduceat(in_camera[:, 2], mesh.starts)
+    drawn = (distance < -1e-6) & (farthest > _NEAR_M)
+    whole = np.flatnonzero(drawn & (nearest >= _NEAR_M))
+    cut = np.flatnonzero(drawn & (nearest < _NEAR_M))
+    clipped = [
+        _clip_near(in_camera[mesh.starts[face] : mesh.starts[face] + mesh.counts[face]])
+        for face in cut
+    ]
+    corners = np.concatenate([in_camera[_ranges(mesh.starts[whole], mesh.counts[whole])], *clipped])
+    center = np.array([camera.width_px, camera.height_px]) / 2
+    on_screen = corners[:, :2] / corners[:, 2:] * camera.focal_px + center
+    counts = np.concatenate([mesh.counts[whole], [len(polygon) for polygon in clipped]]).astype(int)
+    return _Polygons(on_screen, counts, np.concatenate([whole, cut]))
+
+
+def _scan(polygons: _Polygons, camera: Camera) -> _Spans:
+    """Finds the pixels of convex polygons, given clockwise as seen, row by row.
+
+    A pixel belongs to a polygon if its middle is inside: polygons that share an edge share no
+    pixel and leave none out.
+    """
+    counts = polygons.counts
+    starts = np.cumsum(counts) - counts
+    after = np.arange(len(polygons.points)) + 1
+    after[starts + counts - 1] = starts
+    here, there = polygons.points, polygons.points[after]
+    rises = there[:, 1] < here[:, 1]
+    # Edges run from their upper end, so that both neighbours of an edge find the same pixels.
+    upper, lower = (np.where(rises[:, None], a, b) for a, b in ((there, here), (here, there)))
+    rows = [
+        np.ceil(np.clip(end[:, 1] - 0.5, 0, camera.height_px)).astype(int) for end in (upper, lower)
+    ]
+    num_rows = rows[1] - rows[0]
+    top = np.minimum.reduceat(np.where(num_rows > 0, rows[0], camera.height_px), starts)
+    bottom = np.maximum.reduceat(np.where(num_rows > 0, rows[1], 0), starts)
+    heights = np.maximum(bottom - top, 0)
+    span_starts = np.cumsum(heights) - heights
+
+    edge = np.repeat(np.arange(len(here)), num_rows)
+    row = _ranges(rows[0], num_rows)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = (lower[:, 0] - upper[:, 0]) / (lower[:, 1] - upper[:, 1])
+    x = upper[edge, 0] + (row + 0.5 - upper[edge, 1]) * slope[edge]
+    column = np.ceil(np.clip(x - 0.5, 0, camera.width_px)).astype(np.int32)
+    polygon = np.repeat(np.arange(len(counts)), counts)[edge]
+    slot = span_starts[polygon] + row - top[polygon]
+    first = np.full(heights.sum(), camera.width_px, np.int32)
+    end = np.zeros(heights.sum(), np.int32)
+    leftwards = rises[edge]
+    first[slot[leftwards]] = column[leftwards]
+    end[slot[~leftwards]] = column[~leftwards]
+
+    boxes = np.zeros((len(counts), 4), int)
+    filled = np.flatnonzero(heights)
+    boxes[:, 1], boxes[:, 3] = top, bottom
+    if len(filled):
+        boxes[filled, 0] = np.minimum.reduceat(first, span_starts[filled])
+        boxes[filled, 2] = np.maximum.reduceat(end, span_starts[filled])
+    return _Spans(first, end, span_starts, boxes)
+
+
+def _ranges(starts: Int[np.ndarray, "n"], counts: Int[np.ndarray, "n"]) -> Int[np.ndarray, "m"]:
+    """`start, start + 1, ...` for each start, one after the other."""
+    begin = np.cumsum(counts) - counts
+    return np.arange(counts.sum()) + np.repeat(starts - begin, counts)
+
+
+def _clip_near(polygon: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "m 3"]:
+    """Cuts off what lies in front of the near plane (Sutherland-Hodgman, one plane)."""
+    kept = []
+    for here, after in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        if here[2] >= _NEAR_M:
+            kept.append(here)
+        if (here[2] >= _NEAR_M) != (after[2] >= _NEAR_M):
+            share = (_NEAR_M - here[2]) / (after[2] - here[2])
+            kept.append(here + share * (after - here))
+    return np.array(kept)

@@ -1,0 +1,196 @@
+"""The way of the camera: through the first room, out, and back in from elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import gaussian_filter1d
+
+from remind_jax.synthetic.layout import DOOR_Y_M, ROOM_WIDTH_M, room_offset_m
+from remind_jax.synthetic.options import SceneOptions
+from remind_jax.synthetic.scene import CameraPath, Light, Pose
+
+_EYE_M = 1.38
+_DEG_PER_M = 18.0  # walking a metre takes as many frames as turning by this angle
+_SHAKE_DEG = 0.22
+_SHAKE_M = 0.004
+
+# Views are x, y (relative to the room's south-west corner), yaw and pitch in degrees.
+_View = tuple[float, float, float, float]
+_FIRST_LOOK: tuple[_View, ...] = (
+    (2.15, 1.95, 150.0, -15.0),
+    (1.9, 2.05, 115.0, -17.0),
+    (2.3, 2.1, 80.0, -17.0),
+    (2.45, 1.85, 42.0, -15.0),
+)
+_LEAVE: tuple[_View, ...] = ((2.8, 1.2, 8.0, -6.0),)
+_TURN_BACK: tuple[_View, ...] = (
+    (0.9, 1.1, 4.0, -8.0),
+    (1.6, 1.3, 50.0, -13.0),
+    (1.9, 1.6, 100.0, -14.0),
+    (1.5, 1.25, 160.0, -8.0),
+)
+_PASS_EAST: tuple[_View, ...] = ((1.2, 1.15, 8.0, -8.0), (2.0, 1.2, 45.0, -12.0))
+_PASS_WEST: tuple[_View, ...] = ((2.8, 1.15, 172.0, -8.0), (2.0, 1.2, 135.0, -12.0))
+_SECOND_LOOK: tuple[_View, ...] = (
+    (3.3, 1.3, 168.0, -10.0),
+    (2.85, 1.85, 145.0, -15.0),
+    (2.75, 2.15, 108.0, -17.0),
+    (2.2, 1.75, 66.0, -16.0),
+)
+
+
+def plan_path(options: SceneOptions, rng: np.random.Generator) -> tuple[CameraPath, Light]:
+    """Camera poses of all processed frames and the schedule of the light.
+
+    A tour is a first look, then `returns` times an absence and another look. Within each of these
+    the camera turns and walks at an even pace; the lamps go down late in the last absence.
+    """
+    num_source = round(options.frames / (1 - options.dropped_frames))
+    kept = np.sort(rng.choice(num_source, options.frames, replace=False))
+    kept[0] = 0
+    spans = _divide_frames(options)
+    stretch = num_source / options.frames
+    source_spans = [(round(a * stretch), round(b * stretch)) for a, b in spans]
+    views = _fly(_sections(options), source_spans, num_source)
+    views = views + _hand_shake(options, num_source, rng) + _jumps(options, num_source, rng)
+    slow = np.linspace(0, 2 * np.pi * max(1.0, num_source / 150), num_source)
+    roll = np.radians(options.roll_deg) * np.sin(slow)
+    roll += np.radians(0.5 * _SHAKE_DEG * options.shake) * _smooth_noise(num_source, 1, rng)[:, 0]
+    zoom = options.zoom ** (0.5 - 0.5 * np.cos(slow))
+    away = [span for index, span in enumerate(source_spans) if index % 2 == 1]
+    time_s = np.arange(num_source) / options.fps
+    for start, end in away:
+        time_s[(start + end) // 2 :] += options.pause_s
+    poses = tuple(
+        Pose(
+            (float(x), float(y), float(z)),
+            float(np.radians(yaw)),
+            float(np.radians(pitch)),
+            float(roll[frame]),
+            float(zoom[frame]),
+            int(frame),
+            float(time_s[frame]),
+        )
+        for frame in kept
+        for x, y, z, yaw, pitch in (views[frame],)
+    )
+    fov_rad = float(np.radians(options.horizontal_fov_deg))
+    gone = tuple(
+        (int(np.searchsorted(kept, start)), int(np.searchsorted(kept, end))) for start, end in away
+    )
+    return CameraPath(poses, fov_rad, gone), _plan_light(options, away)
+
+
+def _plan_light(options: SceneOptions, away: list[tuple[int, int]]) -> Light:
+    drop_frame = None
+    if away and options.light_drop < 1:
+        start, end = away[-1]
+        drop_frame = max(start, end - max(options.light_ramp_frames, (end - start) // 4))
+    return Light(drop_frame, options.light_drop, options.light_ramp_frames, options.window_level)
+
+
+def _divide_frames(options: SceneOptions) -> list[tuple[int, int]]:
+    """Frame spans of look, absence, look, absence, ..., look."""
+    if options.absence_frames == 0:
+        return [(0, options.frames)]
+    looking = options.frames - options.returns * options.absence_frames
+    # The first look takes somewhat longer: it turns further and ends at the door.
+    weights = np.array([1.45] + [1.0] * options.returns)
+    ends = np.round(np.cumsum(weights) / weights.sum() * looking).astype(int)
+    spans, at = [], 0
+    for index, length in enumerate(np.diff(ends, prepend=0)):
+        spans.append((at, at + int(length)))
+        at += int(length)
+        if index < options.returns:
+            spans.append((at, at + options.absence_frames))
+            at += options.absence_frames
+    return spans
+
+
+def _sections(options: SceneOptions) -> list[list[_View]]:
+    """Views of every span, in world coordinates, yaw unwrapped; neighbours share their border."""
+    if options.absence_frames == 0:
+        return [list(_FIRST_LOOK)]
+    east, west = (ROOM_WIDTH_M - 0.1, DOOR_Y_M, 0.0, -5.0), (ROOM_WIDTH_M, DOOR_Y_M, 178.0, -7.0)
+    sections = [[*_FIRST_LOOK, *_LEAVE, east]]
+    for number in range(options.returns):
+        sections.append([east, *_outing(options.num_rooms), west])
+        is_last = number + 1 == options.returns
+        leave = () if is_last else ((2.45, 1.5, 35.0, -12.0), *_LEAVE, east)
+        sections.append([west, *_SECOND_LOOK, *leave])
+    return sections
+
+
+def _outing(num_rooms: int) -> list[_View]:
+    """From the first room's door through the other rooms and back, turning by the north."""
+    if num_rooms == 1:
+        x = ROOM_WIDTH_M
+        return [(x + 1.2, DOOR_Y_M, 0.0, -8.0), (x + 1.3, DOOR_Y_M, 90.0, -8.0)]
+    views: list[_View] = []
+    for room in range(1, num_rooms):
+        local = _TURN_BACK if room == num_rooms - 1 else _PASS_EAST
+        views += [(room_offset_m(room) + x, y, yaw, pitch) for x, y, yaw, pitch in local]
+    for room in range(num_rooms - 2, 0, -1):
+        views += [(room_offset_m(room) + x, y, yaw, pitch) for x, y, yaw, pitch in _PASS_WEST]
+    return views
+
+
+def _fly(
+    sections: list[list[_View]], spans: list[tuple[int, int]], num_frames: int
+) -> Float[np.ndarray, "T 5"]:
+    """x, y, z, yaw, pitch of every frame, through all views at an even pace in each section."""
+    times, views = [], []
+    for section, (start, end) in zip(sections, spans, strict=True):
+        points = np.array(section)
+        steps = np.diff(points, axis=0)
+        walk_m = np.hypot(steps[:, 0], steps[:, 1])
+        effort = np.maximum(_DEG_PER_M * walk_m, np.abs(steps[:, 2])) + 2.0
+        share = np.concatenate([[0.0], np.cumsum(effort) / effort.sum()])
+        is_first = start == 0
+        times.append((start + share * (end - start))[0 if is_first else 1 :])
+        views.append(points[0 if is_first else 1 :])
+    curve = PchipInterpolator(np.concatenate(times), np.concatenate(views))
+    flat = curve(np.arange(num_frames))
+    flat = gaussian_filter1d(flat, 1.5, axis=0, mode="nearest")
+    height = np.full((num_frames, 1), _EYE_M)
+    return np.concatenate([flat[:, :2], height, flat[:, 2:]], axis=1)
+
+
+def _hand_shake(
+    options: SceneOptions, num_frames: int, rng: np.random.Generator
+) -> Float[np.ndarray, "T 5"]:
+    size = np.array([_SHAKE_M, _SHAKE_M, 2 * _SHAKE_M, _SHAKE_DEG, _SHAKE_DEG])
+    return options.shake * size * _smooth_noise(num_frames, 5, rng)
+
+
+def _smooth_noise(
+    num_frames: int, columns: int, rng: np.random.Generator
+) -> Float[np.ndarray, "T columns"]:
+    """Noise of unit spread with a memory of about two frames."""
+    return 1.9 * gaussian_filter1d(rng.standard_normal((num_frames, columns)), 1.0, axis=0)
+
+
+def _jumps(
+    options: SceneOptions, num_frames: int, rng: np.random.Generator
+) -> Float[np.ndarray, "T 5"]:
+    """Steps of the view that last until the next one."""
+    offset = np.zeros((num_frames, 5))
+    if options.jumps:
+        frames = np.sort(rng.integers(1, max(2, num_frames), options.jumps))
+        for frame in frames:
+            offset[frame:] = rng.uniform(-1, 1, 5) * (0.15, 0.15, 0.08, 14.0, 5.0)
+    return offset
+
+
+def without_pause(path: CameraPath) -> CameraPath:
+    """The same path with evenly spaced times, for writers that know no gaps."""
+    steps = np.diff([pose.time_s for pose in path.poses], prepend=0.0)
+    step = float(np.median(steps[1:])) if len(steps) > 1 else 0.0
+    poses = tuple(
+        dataclasses.replace(pose, time_s=index * step) for index, pose in enumerate(path.poses)
+    )
+    return dataclasses.replace(path, poses=poses)
