@@ -6,6 +6,7 @@ Letters: `T` processed frames.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -129,7 +130,7 @@ class Result:
         for object_id, seen in sorted(positions.items()):
             gaps = [
                 (before + 1, after - 1)
-                for before, after in zip(seen, seen[1:], strict=False)
+                for before, after in itertools.pairwise(seen)
                 if after - before - 1 >= min_absence_frames
             ]
             histories.append(

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from jaxtyping import UInt8
-from pycocotools import mask as coco_mask
 
 from remind_jax.outputs.lettering import put_text, shorten
 from remind_jax.outputs.overlay import NO_IMAGE_GREY, fit_image
 from remind_jax.outputs.palette import identity_colour
+from remind_jax.outputs.rle import decode_mask
 from remind_jax.outputs.tables import firm_rows
 from remind_jax.result import MIN_ABSENCE_FRAMES
 from remind_jax.tracks import Tracks
@@ -99,7 +99,7 @@ def crop_detection(
         ]
     )
     crop = _sample(image, matrix, size_px, NO_IMAGE_GREY)
-    mask = _sample(coco_mask.decode(tracks.rles[row]) * np.uint8(255), matrix, size_px, 0)
+    mask = _sample(decode_mask(tracks.rles[row]) * np.uint8(255), matrix, size_px, 0)
     contours, _ = cv2.findContours(
         (mask > 127).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
     )

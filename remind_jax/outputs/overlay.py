@@ -12,7 +12,6 @@ import av
 import cv2
 import numpy as np
 from jaxtyping import UInt8
-from pycocotools import mask as coco_mask
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.outputs.lettering import put_text, text_width
@@ -24,6 +23,7 @@ from remind_jax.outputs.palette import (
     identity_colour,
     ink_on,
 )
+from remind_jax.outputs.rle import decode_mask, mask_box
 from remind_jax.outputs.store import writing
 from remind_jax.tracks import Rle, Tracks
 
@@ -99,10 +99,10 @@ def _is_discarded(tracks: Tracks, row: int) -> bool:
 
 def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Colour, thin: bool) -> None:
     """Tints the mask unless it is only to be outlined, and draws its outline with a dark rim."""
-    left, top, width, height = (int(side) for side in coco_mask.toBbox(rle))
+    left, top, width, height = mask_box(rle)
     if not width or not height:
         return
-    mask = np.ascontiguousarray(coco_mask.decode(rle)[top : top + height, left : left + width])
+    mask = np.ascontiguousarray(decode_mask(rle)[top : top + height, left : left + width])
     if not thin:
         region = canvas[top : top + height, left : left + width]
         tinted = (region * (1 - _TINT) + np.multiply(ink, _TINT)).astype(np.uint8)
@@ -180,13 +180,12 @@ class OverlayVideo:
           OutputError: If it cannot be written.
         """
         with writing(self._path):
-            if self._stream is None:
-                self._start(image.shape[0], image.shape[1])
+            stream = self._stream or self._start(image.shape[0], image.shape[1])
             image = fit_image(image, *self._size)
             height, width = self._size
             even = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
             frame = av.VideoFrame.from_ndarray(even, format="rgb24")
-            for packet in self._stream.encode(frame):
+            for packet in stream.encode(frame):
                 self._container.mux(packet)
 
     def close(self) -> None:
@@ -205,18 +204,22 @@ class OverlayVideo:
         if self._stream is None:
             self._path.unlink(missing_ok=True)
 
-    def _start(self, height: int, width: int) -> None:
+    def _start(self, height: int, width: int) -> Any:
         key_frame_every = max(1, round(_KEY_FRAME_EVERY_S * float(self._rate)))
         stream: Any = self._container.add_stream("libx264", rate=self._rate)
         stream.width, stream.height = width + width % 2, height + height % 2
         stream.pix_fmt = "yuv420p"
         stream.options = {"crf": "21", "preset": "veryfast", "g": str(key_frame_every)}
         self._stream, self._size = stream, (height, width)
+        return stream
 
     def __enter__(self) -> OverlayVideo:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
     ) -> None:
         self.close()

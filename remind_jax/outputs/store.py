@@ -17,8 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import av
 import numpy as np
+from av.error import FFmpegError
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
@@ -41,7 +41,7 @@ def writing(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except (OSError, av.FFmpegError) as error:
+    except (OSError, FFmpegError) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise OutputError(
             f"cannot write '{path}': {why}; what was written so far is kept, make room or choose "
@@ -96,7 +96,10 @@ class DetectionsWriter:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
     ) -> None:
         self.close()
 

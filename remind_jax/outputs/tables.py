@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Int
-from pycocotools import mask as coco_mask
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.outputs import store
+from remind_jax.outputs.rle import decode_mask, mask_areas, union_area
 from remind_jax.tracks import Rle, Tracks, encode_masks
 
-CSV_COLUMNS = (
+CSV_COLUMNS: tuple[str, ...] = (
     "frame",
     "source_index",
     "time_s",
@@ -114,7 +114,10 @@ class CsvWriter:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -237,13 +240,13 @@ def _empty_annotation(object_id: int, num_frames: int) -> dict[str, Any]:
 def _without_overlap(tracks: Tracks, rows: Int[np.ndarray, "K"]) -> list[Rle | None]:
     """The masks of `rows` without shared pixels; None for one of which nothing is left."""
     rles = [tracks.rles[row] for row in rows]
-    areas = coco_mask.area(rles) if rles else np.zeros(0)
-    if not rles or int(coco_mask.area(coco_mask.merge(rles))) == int(np.sum(areas)):
+    areas = mask_areas(rles)
+    if union_area(rles) == areas.sum():
         return [rle if area else None for rle, area in zip(rles, areas, strict=True)]
     taken: Bool[np.ndarray, "H W"] = np.zeros(tracks.frame_size, bool)
     cut: list[Rle | None] = [None] * len(rles)
     for place in np.argsort(-tracks.confidence[rows], kind="stable"):
-        free = coco_mask.decode(rles[place]).astype(bool) & ~taken
+        free = decode_mask(rles[place]).astype(bool) & ~taken
         taken |= free
         if free.any():
             (cut[place],) = encode_masks(free[None])

@@ -6,6 +6,7 @@ Letters: `T` processed frames; positions count them 0, 1, 2, ...
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 
@@ -87,7 +88,7 @@ def _timeline_row(
     object_id: int, label: str, seen: Sequence[int], candidate: Sequence[int]
 ) -> TimelineRow:
     runs = _runs(seen)
-    gaps = [(a[1] + 1, b[0] - 1) for a, b in zip(runs, runs[1:], strict=False)]
+    gaps = [(a[1] + 1, b[0] - 1) for a, b in itertools.pairwise(runs)]
     absences = tuple(gap for gap in gaps if gap[1] - gap[0] + 1 >= MIN_ABSENCE_FRAMES)
     return TimelineRow(
         object_id, label, runs, _runs(candidate), absences, tuple(end + 1 for _, end in absences)
@@ -198,9 +199,7 @@ def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: TimelineRow, na
 def _draw_name(canvas: np.ndarray, axes: _Axes, number: int, name: str, ink: Colour) -> None:
     size_px = axes.row_px - 8
     baseline = axes.top(number) + axes.row_px // 2 + round(0.36 * size_px)
-    put_text(
-        canvas, shorten(name, size_px, axes.names_px - 14), _MARGIN_PX, baseline, size_px, ink
-    )
+    put_text(canvas, shorten(name, size_px, axes.names_px - 14), _MARGIN_PX, baseline, size_px, ink)
 
 
 def _fill_run(

@@ -38,8 +38,8 @@ def make_tracks(index: int, masks: np.ndarray, rows: list[dict], num_candidates:
     candidate_id = np.full((num, num_candidates), -1, np.int32)
     candidate_score = np.zeros((num, num_candidates), np.float32)
     for row, values in enumerate(rows):
-        for column, (object_id, score) in enumerate(values.get("candidates", ())):
-            candidate_id[row, column], candidate_score[row, column] = object_id, score
+        for place, (object_id, score) in enumerate(values.get("candidates", ())):
+            candidate_id[row, place], candidate_score[row, place] = object_id, score
 
     def column(key: str, default: float, kind: type) -> np.ndarray:
         return np.array([values.get(key, default) for values in rows], kind)

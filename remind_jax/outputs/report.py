@@ -1,0 +1,241 @@
+"""`report.html`: one page that shows a run and needs nothing else, neither files nor network.
+
+The page is `report_template.html` with `report_page.js` and the run as JSON inside it. All text
+of the run reaches the page as JSON and is set as text, never as HTML. A panel that explains
+decisions belongs into `report_page.js` as one more `onFrame` follower.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.outputs import store
+from remind_jax.outputs.gallery import Sighting
+from remind_jax.outputs.palette import identity_colour, to_hex
+from remind_jax.outputs.timeline import build_timeline, nice_step
+from remind_jax.result import Result
+from remind_jax.tracks import Tracks
+
+REPORT_NAME = "report.html"
+# Larger videos stay beside the page: browsers get slow with bigger pages.
+MAX_EMBEDDED_VIDEO_BYTES = 25_000_000
+
+_SHOWN_CANDIDATES = 3
+_SLOT = re.compile(r"\{\{(\w+)\}\}")
+_RUN_DATA = re.compile(r'<script type="application/json" id="run-data">(.*?)</script>', re.DOTALL)
+
+
+def write_report(
+    folder: Path, result: Result, sightings: Sequence[Sighting], video: Path | None
+) -> None:
+    """Writes `report.html` into the folder of a run.
+
+    Args:
+      folder: Output folder of the run.
+      result: The run.
+      sightings: Crops of the gallery.
+      video: The overlay, in `folder`; embedded unless it is large, None without one.
+
+    Raises:
+      OutputError: If the page cannot be written.
+    """
+    page = render_report(result, sightings, None if video is None else _video_address(video))
+    store.replace_file(folder / REPORT_NAME, page.encode("utf-8"))
+
+
+def render_report(result: Result, sightings: Sequence[Sighting], video: str | None) -> str:
+    """The page as text; `video` is an address that the page can load, or None."""
+    parts = resources.files("remind_jax.outputs")
+    slots = {
+        "title": html.escape(result.info.name),
+        "data": _to_script_json(report_data(result, sightings, video)),
+        "script": parts.joinpath("report_page.js").read_text(encoding="utf-8"),
+    }
+    template = parts.joinpath("report_template.html").read_text(encoding="utf-8")
+    return _SLOT.sub(lambda match: slots[match[1]], template)
+
+
+def report_data(result: Result, sightings: Sequence[Sighting], video: str | None) -> dict[str, Any]:
+    """What the page draws. Positions count processed frames 0, 1, 2, ..."""
+    info, timeline = result.info, build_timeline(result)
+    summary = result.summary()
+    position_of = {tracks.frame_index: place for place, tracks in enumerate(result.tracks)}
+    return {
+        "about": _about(result),
+        "complete": result.complete,
+        "facts": _facts(summary),
+        "footer": f"Made by remind-jax {info.versions.get('remind_jax', '')} from a run started "
+        f"at {info.started_at}.",
+        "video": video,
+        "fps": info.fps,
+        "tick": nice_step(timeline.num_frames),
+        "frames": [_frame_data(tracks) for tracks in result.tracks],
+        "outcomes": [outcome.name.lower() for outcome in Outcome],
+        "reasons": [reason.name.lower() for reason in Reason],
+        "identities": [
+            {
+                "id": row.object_id,
+                "label": row.label,
+                "name": f"{row.label} {row.object_id}",
+                "colour": to_hex(identity_colour(row.object_id)),
+                "seen": row.seen,
+                "candidate": row.candidate,
+                "absences": row.absences,
+                "returns": row.returns,
+                "first": row.seen[0][0],
+                "last": row.seen[-1][1],
+                "num_frames": sum(last - first + 1 for first, last in row.seen),
+                "sightings": [
+                    _sighting_data(sighting)
+                    for sighting in sightings
+                    if sighting.object_id == row.object_id
+                ],
+            }
+            for row in timeline.rows
+        ],
+        "ambiguous": timeline.ambiguous,
+        "provisional": timeline.provisional,
+        "stages": [{"name": name, **times} for name, times in summary["ms_per_frame"].items()],
+        "start_up": _start_up(result),
+        "skipped": [{"name": frame.name, "reason": frame.reason} for frame in result.skipped],
+        "events": [
+            {
+                "frame_index": event.frame_index,
+                "position": position_of.get(event.frame_index),
+                "kind": event.kind,
+                "message": event.message,
+            }
+            for event in result.events
+        ],
+        "settings": {
+            "Configuration": info.config,
+            "Source": info.source or {"source": "not kept; it cannot be opened again"},
+            "Versions and device": info.versions | {"device": info.device},
+        },
+    }
+
+
+def read_sightings(path: Path) -> list[Sighting]:
+    """The crops that an earlier report holds; empty if there is none that can be read."""
+    try:
+        match = _RUN_DATA.search(path.read_text(encoding="utf-8"))
+        run = json.loads(match[1]) if match else {"identities": []}
+        return [
+            Sighting(
+                object_id=who["id"],
+                label=who["label"],
+                position=crop["position"],
+                frame_index=run["frames"][crop["position"]]["frame"],
+                absent_frames=crop["absent_frames"],
+                image=_image_from_address(crop["image"]),
+            )
+            for who in run["identities"]
+            for crop in who["sightings"]
+        ]
+    except (OSError, ValueError, KeyError, IndexError, TypeError, cv2.error):
+        return []
+
+
+def _about(result: Result) -> str:
+    info = result.info
+    height, width = info.frame_size
+    config = info.config.get("name")
+    parts = [f"{width} x {height} pixels", f"{info.fps:.4g} frames per second", info.backbone]
+    return ", ".join(parts + ([f"configuration {config}"] if config else []) + [info.device])
+
+
+def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    total_ms = sum(times["median"] for times in summary["ms_per_frame"].values())
+    facts = [
+        (str(summary["frames"]), "frames"),
+        (str(summary["identities"]), "identities"),
+        (str(summary["returns"]), "returns"),
+        (str(summary["detections"]), "detections"),
+        (f"{100 * summary['undecided_share']:.1f} %", "undecided"),
+    ]
+    return facts + ([(f"{total_ms:.0f} ms", "per frame")] if total_ms else [])
+
+
+def _start_up(result: Result) -> str:
+    parts = []
+    if result.first_frame_ms is not None:
+        parts.append(f"first frame after {result.first_frame_ms / 1000:.1f} s")
+    if result.compile_s is not None:
+        parts.append(f"compilation {result.compile_s:.1f} s")
+    return ", ".join(parts).capitalize()
+
+
+def _frame_data(tracks: Tracks) -> dict[str, Any]:
+    return {
+        "frame": tracks.frame_index,
+        "time_s": round(float(tracks.time_s), 3),
+        "name": tracks.name,
+        "detections": [_detection_data(tracks, row) for row in range(len(tracks))],
+    }
+
+
+def _detection_data(tracks: Tracks, row: int) -> list[Any]:
+    """Id, name, outcome, reason, score, confidence, candidates; a list keeps the page small."""
+    shown = np.flatnonzero(tracks.candidate_id[row] != NO_ID)[:_SHOWN_CANDIDATES]
+    return [
+        int(tracks.object_id[row]),
+        tracks.display_name(row),
+        int(tracks.outcome[row]),
+        int(tracks.reason[row]),
+        _short(tracks.score[row]),
+        _short(tracks.confidence[row]),
+        [
+            [int(tracks.candidate_id[row, place]), _short(tracks.candidate_score[row, place])]
+            for place in shown
+        ],
+    ]
+
+
+def _short(value: float) -> float | None:
+    return round(float(value), 3) if np.isfinite(value) else None
+
+
+def _sighting_data(sighting: Sighting) -> dict[str, Any]:
+    bgr = cv2.cvtColor(sighting.image, cv2.COLOR_RGB2BGR)
+    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 88])
+    encoded = base64.b64encode(jpeg.tobytes()).decode("ascii")
+    return {
+        "position": sighting.position,
+        "absent_frames": sighting.absent_frames,
+        "image": f"data:image/jpeg;base64,{encoded}",
+    }
+
+
+def _image_from_address(address: str) -> np.ndarray:
+    jpeg = np.frombuffer(base64.b64decode(address.partition(",")[2]), np.uint8)
+    image = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError("not an image")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def _video_address(video: Path) -> str:
+    """The video itself as an address, or its name if it is too large for the page."""
+    with store.writing(video):
+        if video.stat().st_size > MAX_EMBEDDED_VIDEO_BYTES:
+            return video.name
+        return "data:video/mp4;base64," + base64.b64encode(video.read_bytes()).decode("ascii")
+
+
+def _to_script_json(content: dict[str, Any]) -> str:
+    """JSON that no text inside it can end early or turn into markup."""
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), default=str)
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text

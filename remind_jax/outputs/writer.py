@@ -1,0 +1,232 @@
+"""The output folder of a run, written while the run goes on and finished whatever happens."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+
+import cv2
+import numpy as np
+
+from remind_jax.errors import OutputError
+from remind_jax.frame import Frame
+from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
+from remind_jax.result import Result, RunInfo
+from remind_jax.tracks import Tracks
+
+OVERLAY_NAME = "overlay.mp4"
+TIMELINE_NAME = "timeline.png"
+GALLERY_NAME = "gallery.png"
+# What a run writes and `overwrite` removes; the memory file is left to whoever writes it.
+FILE_NAMES = (
+    store.DETECTIONS_NAME,
+    "tracks.csv",
+    "mot.txt",
+    "mots.txt",
+    "coco_video.json",
+    OVERLAY_NAME,
+    TIMELINE_NAME,
+    GALLERY_NAME,
+    report.REPORT_NAME,
+    store.RUN_NAME,
+)
+# Image folders have no clock of their own.
+_DEFAULT_FPS = 10.0
+
+_log = logging.getLogger(__name__)
+
+
+class RunWriter:
+    """Writes everything a run leaves behind: a context manager around the loop over frames.
+
+    `add` streams detections, table and overlay; `finish` draws the rest. Left by an exception or
+    Ctrl-C before `finish`, it closes the video and finishes what there is as an interrupted run.
+    """
+
+    def __init__(
+        self, out_dir: str | Path, info: RunInfo, *, overlay: bool = True, overwrite: bool = False
+    ) -> None:
+        """Prepares the folder, before any work is done.
+
+        Args:
+          out_dir: Folder to write to; made if it is missing.
+          info: What is known of the run at its start; `finish` may bring a fuller one.
+          overlay: False leaves out the video.
+          overwrite: Allow a folder with files in it; files of an earlier run are removed.
+
+        Raises:
+          OutputError: If the folder cannot be written to, or has files and `overwrite` is False.
+        """
+        self.folder = Path(out_dir)
+        self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
+        self._with_overlay = overlay
+        self._tracks: list[Tracks] = []
+        self._sightings = gallery.SightingCollector()
+        self._finished = False
+        _prepare_folder(self.folder, overwrite)
+
+    def __enter__(self) -> RunWriter:
+        self._open_files = contextlib.ExitStack()
+        with contextlib.ExitStack() as opening:
+            self._detections = opening.enter_context(
+                store.DetectionsWriter(self.folder / store.DETECTIONS_NAME, self._info.to_json())
+            )
+            self._csv = opening.enter_context(tables.CsvWriter(self.folder / "tracks.csv"))
+            self._video = (
+                opening.enter_context(
+                    overlay.OverlayVideo(self.folder / OVERLAY_NAME, self._info.fps)
+                )
+                if self._with_overlay
+                else None
+            )
+            self._open_files = opening.pop_all()
+        return self
+
+    def add(self, frame: Frame, tracks: Tracks) -> None:
+        """Writes one frame.
+
+        Raises:
+          OutputError: If something cannot be written, as on a full disk.
+        """
+        self._detections.add(tracks)
+        self._tracks.append(tracks)
+        self._csv.add(tracks)
+        self._sightings.add(frame.image, tracks)
+        if self._video is not None:
+            self._video.add(overlay.draw_overlay(frame.image, tracks))
+
+    def finish(self, result: Result) -> None:
+        """Closes the streamed files, draws timeline, gallery and report, and writes `run.json`.
+
+        Raises:
+          OutputError: If something cannot be written.
+        """
+        self._finished = True
+        result = dataclasses.replace(
+            result, info=dataclasses.replace(result.info, fps=_usable_fps(result.info.fps))
+        )
+        try:
+            self._open_files.close()
+            tables.write_tables(
+                self.folder, result.tracks, result.class_names, result.info.name, result.info.fps
+            )
+            _draw_pictures(self.folder, result, self._sightings.sightings)
+        except BaseException:
+            with contextlib.suppress(OutputError):
+                dataclasses.replace(result, complete=False).save_run_json(self.folder)
+            raise
+        result.save_run_json(self.folder)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
+    ) -> None:
+        if self._finished:
+            return
+        result = Result(tuple(self._tracks), self._info, complete=False)
+        try:
+            self.finish(result)
+        except OutputError as later:
+            if error is None:
+                raise
+            _log.warning("while finishing an interrupted run: %s", later)
+
+
+def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> Result:
+    """Draws overlay, timeline, gallery and report of a finished run anew.
+
+    Args:
+      run_dir: Output folder of the run.
+      source: The frames that the run was made from, in order, as they are sampled; frames that
+        the run does not know are passed over. Without it the overlay stays as it is (drawn on
+        grey if there is none), and the gallery's crops are taken from the earlier report.
+
+    Returns:
+      The run.
+
+    Raises:
+      OutputError: If the folder holds no run, `source` lacks frames of it, or writing fails.
+    """
+    folder = Path(run_dir)
+    result = Result.load(folder)
+    store.make_folder(folder)
+    sightings = report.read_sightings(folder / report.REPORT_NAME) if source is None else []
+    has_overlay = (folder / OVERLAY_NAME).exists()
+    if source is not None or not sightings or not has_overlay:
+        images = (None for _ in result.tracks) if source is None else _images(result, source)
+        drawn = _draw_overlay_again(folder, result, images, keep=source is None and has_overlay)
+        sightings = sightings or drawn
+    _draw_pictures(folder, result, sightings)
+    return result
+
+
+def _draw_overlay_again(
+    folder: Path, result: Result, images: Iterable[np.ndarray | None], keep: bool
+) -> list[gallery.Sighting]:
+    """Passes over the run once: writes the overlay unless it is kept, and collects the crops."""
+    collector = gallery.SightingCollector()
+    partial = folder / f"partial-{OVERLAY_NAME}"
+    try:
+        with contextlib.ExitStack() as stack:
+            video = None
+            if not keep:
+                fps = _usable_fps(result.info.fps)
+                video = stack.enter_context(overlay.OverlayVideo(partial, fps))
+            for image, tracks in zip(images, result.tracks, strict=True):
+                collector.add(image, tracks)
+                if video is not None:
+                    video.add(overlay.draw_overlay(image, tracks))
+        if partial.exists():
+            with store.writing(folder / OVERLAY_NAME):
+                partial.replace(folder / OVERLAY_NAME)
+    finally:
+        partial.unlink(missing_ok=True)
+    return collector.sightings
+
+
+def _images(result: Result, source: Iterable[Frame]) -> Iterable[np.ndarray | None]:
+    """The images of the frames of the run, matched by their number in the source."""
+    frames = iter(source)
+    for tracks in result.tracks:
+        frame = next((f for f in frames if f.source_index == tracks.source_index), None)
+        if frame is None:
+            raise OutputError(
+                f"the source has no frame {tracks.source_index} ('{tracks.name}'), which the run "
+                "knows; give the source and sampling that the run was made with"
+            )
+        yield frame.image
+
+
+def _draw_pictures(folder: Path, result: Result, sightings: list[gallery.Sighting]) -> None:
+    _write_png(folder / TIMELINE_NAME, timeline.draw_timeline(result))
+    _write_png(folder / GALLERY_NAME, gallery.draw_gallery(sightings, result.info.name))
+    video = folder / OVERLAY_NAME
+    report.write_report(folder, result, sightings, video if video.exists() else None)
+
+
+def _write_png(path: Path, image: np.ndarray) -> None:
+    _, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    store.replace_file(path, png.tobytes())
+
+
+def _prepare_folder(folder: Path, overwrite: bool) -> None:
+    store.make_folder(folder)
+    present = sorted(path.name for path in folder.iterdir())
+    if present and not overwrite:
+        raise OutputError(
+            f"the output folder '{folder}' is not empty (it holds '{present[0]}'); choose another "
+            "one or allow overwriting"
+        )
+    for name in FILE_NAMES:
+        with store.writing(folder / name):
+            (folder / name).unlink(missing_ok=True)
+
+
+def _usable_fps(fps: float) -> float:
+    return float(fps) if np.isfinite(fps) and fps > 0 else _DEFAULT_FPS
