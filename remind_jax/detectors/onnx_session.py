@@ -16,6 +16,7 @@ from jaxtyping import Float
 from remind_jax.detectors.onnx_file import OnnxFile
 from remind_jax.errors import ConfigError, WeightsError
 
+_SILENT = 0  # OpenCV's log level
 _INSTALL = "pip install 'remind-jax[detect]'"
 
 
@@ -116,12 +117,13 @@ def _load_cv2(path: Path) -> Any:
 @contextlib.contextmanager
 def _quiet_cv2() -> Iterator[None]:
     """Keeps OpenCV from printing what is raised as an error anyway."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    logging: Any = getattr(cv2.utils, "logging", cv2)  # OpenCV 4 has the two functions at the top
+    level = logging.getLogLevel()
+    logging.setLogLevel(_SILENT)
     try:
         yield
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        logging.setLogLevel(level)
 
 
 def _cv2_names(net: Any, names: list[str]) -> list[str]:

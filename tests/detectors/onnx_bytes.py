@@ -35,8 +35,9 @@ def value_info(name: str, shape: Shape, dtype: int = 1) -> bytes:
 
 
 def constant(name: str, array: np.ndarray) -> bytes:
+    dtype, code = ("<i8", 7) if array.dtype.kind == "i" else ("<f4", 1)
     sizes = b"".join(number(1, size) for size in array.shape)
-    return sizes + number(2, 1) + text(8, name) + text(9, array.astype("<f4").tobytes())
+    return sizes + number(2, code) + text(8, name) + text(9, array.astype(dtype).tobytes())
 
 
 def node(operator: str, inputs: Sequence[str], output: str) -> bytes:
@@ -65,9 +66,16 @@ def write_fixed_answer(
     input_shape: Shape,
     metadata: Mapping[str, str] | None = None,
 ) -> Path:
-    """A network that gives the same outputs whatever it sees."""
-    constants = {f"{name}_value": array for name, array in answers.items()}
-    nodes = [node("Identity", [f"{name}_value"], name) for name in answers]
+    """A network that gives the same outputs whatever it sees.
+
+    Zero times the image's mean is added, as some engines refuse outputs without an input.
+    """
+    constants = {"zero": np.zeros((1, 1, 1, 1))}
+    nodes = [node("ReduceMean", ["images"], "mean"), node("Mul", ["mean", "zero"], "nil")]
+    for name, array in answers.items():
+        constants |= {f"{name}_value": array, f"{name}_rank": np.ones(array.ndim, int)}
+        nodes.append(node("Reshape", ["nil", f"{name}_rank"], f"{name}_nil"))
+        nodes.append(node("Add", [f"{name}_value", f"{name}_nil"], name))
     outputs = {name: array.shape for name, array in answers.items()}
     path.write_bytes(model(nodes, {"images": input_shape}, outputs, constants, metadata))
     return path

@@ -33,7 +33,9 @@ def test_both_engines_run_a_model(tmp_path, engine):
 
 @engines
 def test_outputs_keep_their_names(tmp_path, engine):
-    answers = {name: np.full((1, 2, size), size) for size, name in ((3, "z"), (4, "a"), (5, "m"))}
+    answers = {
+        name: np.full((1, 2, size), size, float) for size, name in ((3, "z"), (4, "a"), (5, "m"))
+    }
     path = write_fixed_answer(tmp_path / "three.onnx", answers, (1, 3, 6, 8))
     outputs = OnnxSession(path, engine)(np.zeros((1, 3, 6, 8), np.float32))
     assert list(outputs) == ["z", "a", "m"]
