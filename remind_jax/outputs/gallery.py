@@ -23,11 +23,12 @@ MAX_SIGHTINGS = 8  # per identity: the first sight and the first returns
 _BACKGROUND = (250, 250, 251)
 _INK = (28, 31, 38)
 _FAINT = (110, 116, 128)
-_MARGIN_PX = 20
-_NAME_PX = 170
-_CAPTION_PX = 22
+_WIDTH_PX = 1500
+_MARGIN_PX = 24
+_HEADING_PX = 64
 _GAP_PX = 12
-_HEADING_PX = 52
+_NAME_PX = 34
+_LINE_PX = _NAME_PX + CROP_PX + 40
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,49 +127,44 @@ def _sample(image: np.ndarray, matrix: np.ndarray, size_px: int, border: int) ->
 
 
 def draw_gallery(sightings: Sequence[Sighting], title: str) -> UInt8[np.ndarray, "H W 3"]:
-    """One row per identity by rising id, crops from left to right in time; RGB.
-
-    Identities that never return share rows, so that the picture stays short.
-    """
+    """Identities by rising id, in lines like text; the crops of each from left to right in time."""
     groups: dict[int, list[Sighting]] = {}
     for sighting in sightings:
         groups.setdefault(sighting.object_id, []).append(sighting)
-    columns = max((len(group) for group in groups.values()), default=1)
-    block_px = _NAME_PX + columns * (CROP_PX + _GAP_PX) + _GAP_PX
-    blocks = max(1, min(1500 // block_px, len(groups)))
-    rows = -(-len(groups) // blocks)
-    row_px = CROP_PX + _CAPTION_PX + _GAP_PX
-    canvas = np.full(
-        (_HEADING_PX + max(rows, 1) * row_px + _MARGIN_PX, 2 * _MARGIN_PX + blocks * block_px, 3),
-        _BACKGROUND,
-        np.uint8,
-    )
-    heading = f"{title}: {len(groups)} identities at first sight and at each return"
-    heading = shorten(heading, 18, canvas.shape[1] - 2 * _MARGIN_PX)
-    put_text(canvas, heading, _MARGIN_PX, 34, 18, _INK)
-    for number, object_id in enumerate(sorted(groups)):
-        left = _MARGIN_PX + (number // rows) * block_px
-        top = _HEADING_PX + (number % rows) * row_px
-        _draw_identity(canvas, groups[object_id], left, top)
+    places, num_lines = _flow([len(groups[object_id]) for object_id in sorted(groups)])
+    height = _HEADING_PX + max(num_lines, 1) * _LINE_PX
+    canvas = np.full((height, _WIDTH_PX, 3), _BACKGROUND, np.uint8)
+    told = f": {len(groups)} identities at first sight and at each return"
+    heading = shorten(title, 19, _WIDTH_PX - 2 * _MARGIN_PX, tail=told)
+    put_text(canvas, heading, _MARGIN_PX, 38, 19, _INK)
+    for object_id, (line, left) in zip(sorted(groups), places, strict=True):
+        _draw_identity(canvas, groups[object_id], left, _HEADING_PX + line * _LINE_PX)
     return canvas
 
 
+def _flow(num_crops: Sequence[int]) -> tuple[list[tuple[int, int]], int]:
+    """Line and left edge in pixels of each block of crops, and the number of lines."""
+    places, line, left = [], 0, _MARGIN_PX
+    for num in num_crops:
+        width = num * (CROP_PX + _GAP_PX)
+        if left > _MARGIN_PX and left + width > _WIDTH_PX - _MARGIN_PX:
+            line, left = line + 1, _MARGIN_PX
+        places.append((line, left))
+        left += width + _GAP_PX
+    return places, line + 1
+
+
 def _draw_identity(canvas: np.ndarray, group: list[Sighting], left: int, top: int) -> None:
-    """Swatch and name, then each crop with its frame number."""
+    """Name on a bar of its colour, then each crop with its frame number."""
     object_id, label = group[0].object_id, group[0].label
-    colour = identity_colour(object_id)
-    canvas[top : top + CROP_PX, left : left + 5] = colour
-    name = shorten(f"{label} {object_id}", 17, _NAME_PX - 26)
-    put_text(canvas, name, left + 14, top + 20, 17, _INK)
-    num_returns = len(group) - 1
-    shown = f"{num_returns}+" if len(group) == MAX_SIGHTINGS else str(num_returns)
-    told = "no return" if not num_returns else f"{shown} return{'s' * (num_returns > 1)}"
-    put_text(canvas, told, left + 14, top + 42, 13, _FAINT)
+    width = len(group) * (CROP_PX + _GAP_PX) - _GAP_PX
+    canvas[top + 25 : top + 28, left : left + width] = identity_colour(object_id)
+    name = shorten(label, 16, width, tail=f" {object_id}")
+    put_text(canvas, name, left, top + 17, 16, _INK)
     for column, sighting in enumerate(group):
-        x = left + _NAME_PX + column * (CROP_PX + _GAP_PX)
-        canvas[top : top + CROP_PX, x : x + CROP_PX] = sighting.image
+        x, y = left + column * (CROP_PX + _GAP_PX), top + _NAME_PX
+        canvas[y : y + CROP_PX, x : x + CROP_PX] = sighting.image
         caption = f"frame {sighting.frame_index}"
         if sighting.absent_frames:
             caption += f", {sighting.absent_frames} away"
-        caption = shorten(caption, 12, CROP_PX)
-        put_text(canvas, caption, x, top + CROP_PX + 15, 12, _FAINT)
+        put_text(canvas, shorten(caption, 12, CROP_PX), x, y + CROP_PX + 16, 12, _FAINT)

@@ -53,13 +53,13 @@ def put_text(
     )
 
 
-def shorten(text: str, size_px: int, max_width_px: int) -> str:
-    """The text, or as much of its start as fits, with an ellipsis."""
-    if text_width(text, size_px) <= max_width_px:
-        return text
-    while text and text_width(text + "...", size_px) > max_width_px:
+def shorten(text: str, size_px: int, max_width_px: int, tail: str = "") -> str:
+    """The text and its tail, or as much of the text as fits before `...` and the whole tail."""
+    if text_width(text + tail, size_px) <= max_width_px:
+        return text + tail
+    while text and text_width(f"{text}...{tail}", size_px) > max_width_px:
         text = text[:-1]
-    return text + "..."
+    return f"{text}...{tail}"
 
 
 def _stroke_scale(size_px: int) -> float:

@@ -139,8 +139,7 @@ function drawLanes() {
     for (const candidate of lane.candidate) bar(candidate, middle - 2, 4, "#ffffff");
     for (const position of lane.returns) drawReturn(pen, x(position), middle);
   });
-  byId("ticks").style.position = "sticky";
-  byId("ticks").replaceChildren(...ticks().map((position) =>
+  byId("ticks").replaceChildren(...ticks(width).map((position) =>
     make("span", { style: { left: `${(100 * position) / numFrames}%` } }, frameLabel(position))));
 }
 
@@ -157,9 +156,11 @@ function drawReturn(pen, x, middle) {
   pen.fill();
 }
 
-function ticks() {
+function ticks(width) {
+  const room = 48; // pixels for one number
+  const step = run.tick * Math.ceil((room * numFrames) / (Math.max(width, room) * run.tick));
   const positions = [];
-  for (let position = 0; position < numFrames; position += run.tick) positions.push(position);
+  for (let position = 0; position < numFrames; position += step) positions.push(position);
   return positions;
 }
 
@@ -169,7 +170,8 @@ function drawTimeline() {
   byId("names").append(...lanes.map((lane) => lane.marks
     ? make("div", { style }, lane.name)
     : make("button", { type: "button", style, title: `Show ${lane.name} at first sight`,
-      onclick: () => seek(lane.seen[0][0]) }, lane.name)));
+      onclick: () => seek(lane.seen[0][0]) },
+    make("span", {}, lane.label), make("b", {}, `\u00a0${lane.id}`))));
   const track = byId("track");
   track.setAttribute("aria-valuemax", numFrames - 1);
   const at = (event) => {
@@ -229,7 +231,7 @@ function drawGallery() {
     });
     return make("div", { class: crops.length > 2 ? "card wide" : "card",
       style: { borderLeftColor: who.colour } },
-    make("h3", {}, who.name, make("span", {}, plural(who.returns.length, "return"))),
+    make("h3", {}, who.name, make("span", {}, who.returns.length ? plural(who.returns.length, "return") : "no return")),
     make("div", { class: "crops" }, ...crops));
   }));
 }

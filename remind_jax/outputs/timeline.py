@@ -27,6 +27,7 @@ _GRID: Colour = (46, 52, 62)
 _INK: Colour = (228, 231, 237)
 _FAINT: Colour = (142, 150, 164)
 _PLOT_PX = 1180
+_MAX_NAME_PX = 240
 _MARGIN_PX = 24
 _HEADING_PX = 84
 _FOOTER_PX = 44
@@ -126,9 +127,9 @@ def draw_timeline(result: Result) -> UInt8[np.ndarray, "H W 3"]:
     """The picture of a run; RGB, 1180 pixels of time beside the names."""
     timeline = build_timeline(result)
     row_px = 26 if len(timeline.rows) <= 24 else 20
-    names = [f"{row.label} {row.object_id}" for row in timeline.rows]
-    widths = [text_width(name, row_px - 8) for name in (*names, "provisional")]
-    axes = _Axes(min(max(widths), 240) + 18, row_px, timeline.num_frames)
+    names = ["provisional", *(f"{row.label} {row.object_id}" for row in timeline.rows)]
+    widest_px = max(text_width(name, row_px - 8) for name in names)
+    axes = _Axes(min(widest_px, _MAX_NAME_PX) + 18, row_px, timeline.num_frames)
     num_rows = len(timeline.rows) + 2
     canvas = np.full(
         (axes.top(num_rows) + 10 + _FOOTER_PX, axes.x(axes.num_frames) + _MARGIN_PX, 3),
@@ -137,8 +138,8 @@ def draw_timeline(result: Result) -> UInt8[np.ndarray, "H W 3"]:
     )
     _draw_heading(canvas, result, timeline)
     _draw_grid(canvas, axes, num_rows, result.info.fps)
-    for number, (row, name) in enumerate(zip(timeline.rows, names, strict=True)):
-        _draw_row(canvas, axes, number, row, name)
+    for number, row in enumerate(timeline.rows):
+        _draw_row(canvas, axes, number, row)
     bottom = len(timeline.rows)
     for number, name, runs, colour in (
         (bottom, "ambiguous", timeline.ambiguous, AMBIGUOUS),
@@ -153,7 +154,7 @@ def draw_timeline(result: Result) -> UInt8[np.ndarray, "H W 3"]:
 def _draw_heading(canvas: np.ndarray, result: Result, timeline: Timeline) -> None:
     num_returns = sum(len(row.returns) for row in timeline.rows)
     facts = f"{len(timeline.rows)} identities, {num_returns} returns, {timeline.num_frames} frames"
-    title = shorten(f"{result.info.name}: {facts}", 19, canvas.shape[1] // 2)
+    title = shorten(result.info.name, 19, round(0.62 * canvas.shape[1]), tail=f": {facts}")
     put_text(canvas, title, _MARGIN_PX, 38, 19, _INK)
     x = canvas.shape[1] - _MARGIN_PX - 408
     canvas[26:38, x : x + 22] = identity_colour(0)
@@ -182,7 +183,8 @@ def _draw_grid(canvas: np.ndarray, axes: _Axes, num_rows: int, fps: float) -> No
         put_text(canvas, "time", _MARGIN_PX, bottom + 20, 12, _FAINT)
 
 
-def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: TimelineRow, name: str) -> None:
+def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: TimelineRow) -> None:
+    name = shorten(row.label, axes.row_px - 8, axes.names_px - 14, tail=f" {row.object_id}")
     _draw_name(canvas, axes, number, name, _INK)
     colour = identity_colour(row.object_id)
     middle = axes.top(number) + axes.row_px // 2
@@ -199,7 +201,7 @@ def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: TimelineRow, na
 def _draw_name(canvas: np.ndarray, axes: _Axes, number: int, name: str, ink: Colour) -> None:
     size_px = axes.row_px - 8
     baseline = axes.top(number) + axes.row_px // 2 + round(0.36 * size_px)
-    put_text(canvas, shorten(name, size_px, axes.names_px - 14), _MARGIN_PX, baseline, size_px, ink)
+    put_text(canvas, name, _MARGIN_PX, baseline, size_px, ink)
 
 
 def _fill_run(
