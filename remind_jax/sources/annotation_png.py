@@ -53,6 +53,8 @@ def _read_palette_indices(data: bytes) -> Int[np.ndarray, "H W"]:
 
 
 def _decode(data: bytes) -> Int[np.ndarray, "H W"]:
+    if not data:
+        raise UnreadableFrame("the file is empty")
     try:
         labels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:

@@ -34,6 +34,7 @@ from remind_jax.sources.detections import detections_from, fill_boxes, name_clas
 from remind_jax.sources.file_tree import last_number
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame
 
+MAX_COORDINATE_PX = 1e5  # pycocotools takes memory by the length of an outline
 Annotation = Mapping[str, Any]
 
 
@@ -140,22 +141,9 @@ def decode_segmentation(segmentation: Any, frame_size: tuple[int, int]) -> Bool[
     """
     try:
         if isinstance(segmentation, Mapping):
-            height, width = (int(n) for n in segmentation["size"])
-            counts = segmentation["counts"]
-            counts = counts.encode() if isinstance(counts, str) else counts
-            runs = [int(n) for n in counts] if isinstance(counts, list) else read_runs(counts)
-            if min(height, width) < 1 or min(runs, default=-1) < 0 or sum(runs) != height * width:
-                raise UnreadableFrame(
-                    f"a run-length code does not add up to its size of {width}x{height}"
-                )
-            rle: Any = {"size": [height, width], "counts": counts}
-            if isinstance(counts, list):
-                rle = coco_mask.frPyObjects(rle, height, width)
-            return coco_mask.decode(rle).astype(bool)
-        height, width = frame_size
-        parts = coco_mask.frPyObjects(segmentation, height, width)
-        return coco_mask.decode(coco_mask.merge(parts)).astype(bool)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+            return _decode_runs(segmentation)
+        return _fill_polygons(segmentation, frame_size)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, UnreadableFrame):
             raise
         raise UnreadableFrame(f"a segmentation is malformed ({error})") from error
@@ -187,6 +175,30 @@ def read_runs(counts: bytes) -> list[int]:
     if shift:
         raise UnreadableFrame("a run-length code is cut off")
     return runs
+
+
+def _decode_runs(code: Mapping[str, Any]) -> Bool[np.ndarray, "H W"]:
+    height, width = (int(n) for n in code["size"])
+    counts = code["counts"].encode() if isinstance(code["counts"], str) else code["counts"]
+    is_plain = isinstance(counts, list)
+    runs = [int(n) for n in counts] if is_plain else read_runs(counts)
+    if min(height, width) < 1 or min(runs, default=-1) < 0 or sum(runs) != height * width:
+        raise UnreadableFrame(f"a run-length code does not add up to its size of {width}x{height}")
+    rle: Any = {"size": [height, width], "counts": runs if is_plain else counts}
+    return coco_mask.decode(coco_mask.frPyObjects(rle, height, width) if is_plain else rle).astype(
+        bool
+    )
+
+
+def _fill_polygons(polygons: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
+    parts = [np.asarray(polygon, np.float64) for polygon in polygons]
+    for part in parts:
+        if part.ndim != 1 or len(part) < 6 or len(part) % 2:
+            raise UnreadableFrame("a polygon is not a list of three or more points x, y")
+        if not (np.abs(part) <= MAX_COORDINATE_PX).all():
+            raise UnreadableFrame("a polygon leads to infinity")
+    rles = coco_mask.frPyObjects([part.tolist() for part in parts], *frame_size)
+    return coco_mask.decode(coco_mask.merge(rles)).astype(bool)
 
 
 def read_categories(data: bytes, file: str) -> dict[int, str]:

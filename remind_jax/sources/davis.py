@@ -36,6 +36,8 @@ def find_sequence(tree: FileTree, sequence: str | None) -> str:
     Raises:
       SourceError: If there is none, or there are several and none or another one was named.
     """
+    if sequence and list_images(tree, join(IMAGES, sequence)):
+        return sequence
     found = list_sequences(tree)
     if not found:
         raise SourceError(f"'{tree.locate(IMAGES)}' holds no sequence of images")

@@ -14,6 +14,7 @@ from remind_jax.errors import SourceError
 from remind_jax.sources.file_tree import FileTree, join
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
+JPEG_START, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xda", b"\xff\xd9"
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 
 
@@ -80,13 +81,31 @@ def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
     Raises:
       UnreadableFrame: If it is damaged.
     """
+    if not data:
+        raise UnreadableFrame("the file is empty")
+    if data[:2] == JPEG_START and not _has_jpeg_end(data):
+        raise UnreadableFrame("the image is cut off or damaged")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
         raise UnreadableFrame(f"the image cannot be decoded ({error.err})") from error
     if image is None:
-        raise UnreadableFrame("the image is damaged or empty")
+        raise UnreadableFrame("the image is cut off or damaged")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def _has_jpeg_end(data: bytes) -> bool:
+    """Whether the picture data are closed; OpenCV 4 fills what is missing with grey instead.
+
+    Segments are skipped by their length up to the scan, since a preview inside of them has an end
+    mark of its own; within the scan no end mark can occur by chance.
+    """
+    at = 2
+    while data[at + 1 : at + 2] != JPEG_SCAN:
+        if data[at : at + 1] != b"\xff" or at + 4 > len(data):
+            return False
+        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return data.find(JPEG_END, at) > 0
 
 
 def _read(tree: FileTree, path: str) -> Content:

@@ -93,7 +93,7 @@ class LabelMaps:
         try:
             return read_label_map(self._tree.read(join(self._folder, file)))
         except UnreadableFrame as error:
-            raise UnreadableFrame(f"its annotation '{file}' is of no use: {error}") from error
+            raise UnreadableFrame(f"its annotation '{file}' cannot be used: {error}") from error
 
     def _check_some(self) -> None:
         """Looks at a few annotations, so that missing classes show before work starts."""

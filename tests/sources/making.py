@@ -1,0 +1,123 @@
+"""Small files for the tests of sources."""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+import tarfile
+import zlib
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+
+from remind_jax.frame import Detections, Frame
+
+SIZE = (32, 48)  # height, width in pixels
+
+
+def picture(index: int, size: tuple[int, int] = SIZE) -> np.ndarray:
+    """RGB; red everywhere, with a green bar that grows by two columns per frame."""
+    image = np.full((*size, 3), (200, 30, 30), np.uint8)
+    image[:, : 2 * index + 2] = (20, 200, 20)
+    return image
+
+
+def write_image(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ok, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    assert ok
+    path.write_bytes(data.tobytes())
+
+
+def write_images(folder: Path, names: list[str], size: tuple[int, int] = SIZE) -> None:
+    for index, name in enumerate(names):
+        write_image(folder / name, picture(index, size))
+
+
+def grey_png(labels: np.ndarray) -> bytes:
+    ok, data = cv2.imencode(".png", labels)
+    assert ok
+    return data.tobytes()
+
+
+def png(pixels: np.ndarray, depth: int, colour_type: int, num_colours: int = 0) -> bytes:
+    """A PNG of numbers of `depth` bits; a palette whose colours differ from the numbers."""
+    height, width = pixels.shape
+    bits = (pixels[..., None] >> np.arange(depth - 1, -1, -1)) & 1
+    rows = np.packbits(bits.reshape(height, width * depth).astype(np.uint8), axis=1)
+    raw = b"".join(b"\0" + row.tobytes() for row in rows)
+    palette = bytes((31 * i + 7 * c + 5) % 256 for i in range(num_colours) for c in range(3))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        _chunk(kind, data)
+        for kind, data in (
+            (b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour_type, 0, 0, 0)),
+            (b"PLTE", palette),
+            (b"IDAT", zlib.compress(raw)),
+            (b"IEND", b""),
+        )
+        if kind != b"PLTE" or palette
+    )
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def palette_png(pixels: np.ndarray, depth: int = 8) -> bytes:
+    return png(pixels, depth, colour_type=3, num_colours=2**depth)
+
+
+def instance_map(size: tuple[int, int] = SIZE, ids: tuple[int, ...] = (1, 2)) -> np.ndarray:
+    """Bars of a quarter of the height, one per id."""
+    labels = np.zeros(size, np.uint16 if max(ids) > 255 else np.uint8)
+    for row, instance_id in enumerate(ids):
+        labels[row * size[0] // 4 : (row + 1) * size[0] // 4, : size[1] // 2] = instance_id
+    return labels
+
+
+def write_davis(root: Path, name: str = "room", num: int = 3, metadata: dict | None = None) -> None:
+    write_images(root / "JPEGImages" / name, [f"{i:05d}.jpg" for i in range(num)])
+    annotations = root / "Annotations" / name
+    annotations.mkdir(parents=True)
+    for i in range(num):
+        (annotations / f"{i:05d}.png").write_bytes(grey_png(instance_map()))
+    if metadata is not None:
+        (root / "metadata.json").write_text(json.dumps(metadata))
+
+
+LABELS = {"id_to_label": {"1": "cup_01", "2": "desk_lamp_3"}}
+
+
+def write_video(
+    path: Path, num: int = 20, codec: str = "libx264", fps: int = 10, **options: str
+) -> None:
+    with av.open(str(path), "w", options=options) as container:
+        stream = container.add_stream(codec, rate=fps)
+        stream.height, stream.width = SIZE  # pyright: ignore[reportAttributeAccessIssue]
+        stream.pix_fmt, stream.gop_size = "yuv420p", 5  # pyright: ignore[reportAttributeAccessIssue]
+        for index in range(num):
+            frame = av.VideoFrame.from_ndarray(picture(index), format="rgb24")
+            container.mux(stream.encode(frame))  # pyright: ignore
+        container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def write_tar(path: Path, files: dict[str, bytes], mode: str = "w") -> None:
+    with tarfile.open(path, mode) as archive:  # pyright: ignore[reportCallIssue, reportArgumentType]
+        for name, data in files.items():
+            member = tarfile.TarInfo(name)
+            member.size = len(data)
+            archive.addfile(member, io.BytesIO(data))
+
+
+def detections_in(frame: Frame) -> Detections:
+    assert frame.detections is not None
+    return frame.detections
+
+
+def jpg(index: int) -> bytes:
+    ok, data = cv2.imencode(".jpg", cv2.cvtColor(picture(index), cv2.COLOR_RGB2BGR))
+    assert ok
+    return data.tobytes()

@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.frame import Detections, Frame
+from remind_jax.sources import Sampling, open_source
+from tests.sources import making
+
+
+def pictures(num):
+    return np.stack([making.picture(i) for i in range(num)])
+
+
+def test_array_of_images():
+    source = open_source(pictures(5), image_fps=20, sampling=Sampling(stride=2))
+    frames = list(source)
+    assert source.num_frames == 3
+    assert [f.source_index for f in frames] == [0, 2, 4]
+    assert [f.time_s for f in frames] == pytest.approx([0, 0.1, 0.2])
+    for frame in frames:
+        np.testing.assert_array_equal(frame.image, making.picture(frame.source_index))
+
+
+def test_pairs_of_image_and_detections():
+    pairs = [(making.picture(i), making.instance_map(ids=(i + 1,))) for i in range(3)]
+    frames = list(open_source(pairs, class_names={1: "a", 2: "b", 3: "c"}))
+    assert [f.detections.labels for f in frames if f.detections] == [("a",), ("b",), ("c",)]
+
+
+def test_frames_keep_their_number_time_and_name():
+    given = [
+        Frame(0, 7, 1.5, "x", making.picture(0), Detections.empty(*making.SIZE)),
+        Frame(1, 9, 2.5, "y", making.picture(1)),
+    ]
+    frames = list(open_source(iter(given), sampling=Sampling(start=8)))
+    assert [(f.index, f.source_index, f.time_s, f.name) for f in frames] == [(0, 9, 2.5, "y")]
+
+
+def test_paths_of_images(tmp_path):
+    making.write_images(tmp_path, ["b.png", "a.png"])
+    (tmp_path / "c.png").write_bytes(b"x")
+    source = open_source([tmp_path / "b.png", str(tmp_path / "c.png"), tmp_path / "a.png"])
+    assert [f.name for f in source] == ["b.png", "a.png"]
+    assert source.skipped[0].name == "c.png"
+
+
+def test_grey_and_transparent_images_become_rgb():
+    grey = making.picture(0)[..., 0]
+    rgba = np.dstack([making.picture(0), grey])
+    first, second, third = [f.image for f in open_source([grey, rgba, grey[..., None]])]
+    np.testing.assert_array_equal(first, np.dstack([grey] * 3))
+    np.testing.assert_array_equal(second, making.picture(0))
+    np.testing.assert_array_equal(third, first)
+
+
+def test_iterator_can_be_read_once():
+    source = open_source(iter(pictures(2)), name="camera")
+    assert source.num_frames is None
+    assert len(list(source)) == 2
+    with pytest.raises(SourceError, match="'camera' is an iterator and was read already"):
+        list(source)
+
+
+def test_iterable_that_starts_again_can_be_read_twice():
+    source = open_source(list(pictures(2)))
+    assert len(list(source)) == len(list(source)) == 2
+
+
+@pytest.mark.parametrize(
+    "item", [np.zeros((4, 5, 3), np.float32), np.zeros(3, np.uint8), "a" * 3, None, object()]
+)
+def test_other_items_are_refused_or_skipped(item):
+    with pytest.raises(SourceError, match=r"item 0 is|none of the 1 frames"):
+        list(open_source([item]))
+
+
+@pytest.mark.parametrize("nothing", [[], np.zeros((0, 4, 4, 3), np.uint8), iter(())])
+def test_no_frames_is_one_sentence(nothing):
+    with pytest.raises(SourceError, match="'frames' has no frames"):
+        list(open_source(nothing))
+
+
+@pytest.mark.parametrize("spec", [3, object()])
+def test_things_without_frames(spec):
+    with pytest.raises(SourceError, match="is no source of frames"):
+        open_source(spec)
+
+
+def test_masks_in_memory():
+    maps = np.stack([making.instance_map(ids=(i + 1,)) for i in range(3)])
+    source = open_source(pictures(3), masks=maps, sampling=Sampling(start=1))
+    assert [f.detections.instance_ids.tolist() for f in source if f.detections] == [[2], [3]]
+
+
+def test_masks_per_frame_of_any_form():
+    maps = [making.instance_map(), None, {"boxes": [[0, 0, 4, 4]], "labels": ["cup"]}]
+    frames = list(open_source(pictures(3), masks=maps))
+    assert [f.detections.labels for f in frames if f.detections is not None] == [
+        ("object", "object"),
+        (),
+        ("cup",),
+    ]
+
+
+def test_too_few_masks():
+    with pytest.raises(SourceError, match="masks were given for 1 frames"):
+        list(open_source(pictures(2), masks=[making.instance_map()]))

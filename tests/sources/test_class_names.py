@@ -1,0 +1,82 @@
+import json
+
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.sources.class_names import Metadata, parse_metadata, strip_number
+
+
+def parse(content, sequence="room"):
+    return parse_metadata(json.dumps(content).encode(), "m.json", sequence)
+
+
+@pytest.mark.parametrize(
+    ("label", "name"),
+    [
+        ("chair_3", "chair"),
+        ("game_controller_01", "game_controller"),
+        ("tv", "tv"),
+        ("_7", "_7"),
+        ("cup 2", "cup 2"),
+        (" mug_1 ", "mug"),
+    ],
+)
+def test_number_of_a_label_is_cut_off(label, name):
+    assert strip_number(label) == name
+
+
+def test_classes_win_over_labels():
+    labels = {"1": "game_controller_01", "2": "cup_02"}
+    classes = parse({"id_to_label": labels, "id_to_class": {"1": "game controller"}}).classes
+    assert classes[1] == "game controller"
+    assert classes[2] == "cup"
+    assert classes.missing([1, 2, 5, 9, 5]) == [5, 9]
+
+
+def test_plain_map():
+    classes = parse({"1": "chair_3", "12": "tv"}).classes
+    assert (classes[1], classes[12]) == ("chair", "tv")
+
+
+def test_null_leaves_out_and_default_serves_the_rest():
+    classes = parse({"id_to_class": {"1": "cup", "2": None}, "default_class": "thing"}).classes
+    assert (classes[1], classes[2], classes[77]) == ("cup", None, "thing")
+    assert classes.missing([1, 2, 77]) == []
+
+
+def test_youtube_vos():
+    videos = {"room": {"objects": {"1": {"category": "dog", "frames": ["00000"]}}}, "b": {}}
+    assert parse({"videos": videos}).classes[1] == "dog"
+    assert parse({"videos": videos}, "other") == Metadata()
+
+
+def test_scannetpp_annotations():
+    groups = [{"id": 4, "objectId": 4, "label": "office chair", "segments": [1, 2]}]
+    assert parse({"segGroups": groups}).classes[4] == "office chair"
+
+
+def test_frame_names():
+    assert parse({"frame_names": ["b.jpg", "a.jpg"]}).frame_names == ("b.jpg", "a.jpg")
+    with pytest.raises(SourceError, match="frame_names"):
+        parse({"frame_names": "a.jpg"})
+
+
+def test_file_about_other_things_says_nothing():
+    assert parse({"camera": "left"}) == Metadata()
+
+
+@pytest.mark.parametrize(
+    ("content", "named"),
+    [
+        (b"{", "not valid JSON"),
+        (b"[1]", "JSON list"),
+        (b'{"id_to_label": {"one": "cup"}}', "'one' in 'm.json' is not a whole number"),
+        (b'{"id_to_label": {"1": 5}}', "instance 1 in 'm.json' has the class 5"),
+        (b'{"id_to_class": {"1": " "}}', "instance 1 in 'm.json'"),
+        (b'{"default_class": 3}', "default_class"),
+        (b"[" * 100_000, "not valid JSON"),
+    ],
+)
+def test_damaged_metadata_is_one_sentence(content, named):
+    with pytest.raises(SourceError, match=named):
+        parse_metadata(content, "m.json", "room")

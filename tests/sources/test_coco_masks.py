@@ -1,0 +1,192 @@
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from pycocotools import mask as coco_mask
+
+from remind_jax.errors import SourceError
+from remind_jax.sources import open_source
+from remind_jax.sources.coco_masks import decode_segmentation, read_categories, read_runs
+from remind_jax.sources.source import UnreadableFrame
+from tests.sources import making
+
+MASK = making.instance_map() == 2
+CATEGORIES = [{"id": 1, "name": "cup"}, {"id": 5, "name": "tv"}]
+
+
+def encode(mask):
+    rle = coco_mask.encode(np.asfortranarray(mask.astype(np.uint8)))
+    return {"size": rle["size"], "counts": rle["counts"].decode()}  # pyright: ignore
+
+
+RLE = encode(MASK)
+
+
+def opened(tmp_path, content, names=("00003.png", "00004.png"), suffix=".json", **options):
+    making.write_images(tmp_path / "v", list(names))
+    text = content if isinstance(content, str) else json.dumps(content)
+    (tmp_path / f"d{suffix}").write_text(text)
+    return open_source(tmp_path / "v", masks=tmp_path / f"d{suffix}", **options)
+
+
+def seen(source):
+    return [(f.detections.labels, f.detections.scores.tolist()) for f in source]
+
+
+def test_results_list_with_categories_of_another_file(tmp_path):
+    results = [
+        {"image_id": 4, "category_id": 5, "segmentation": RLE, "score": 0.5},
+        {"image_id": 4, "category_id": 1, "segmentation": RLE, "score": 0.25},
+    ]
+    (tmp_path / "c.json").write_text(json.dumps({"categories": CATEGORIES}))
+    source = opened(tmp_path, results, metadata=tmp_path / "c.json")
+    assert seen(source) == [((), []), (("tv", "cup"), [0.5, 0.25])]
+    frame = list(source)[1]
+    assert frame.detections is not None
+    np.testing.assert_array_equal(frame.detections.masks, [MASK, MASK])
+
+
+def test_data_set_goes_by_file_name(tmp_path):
+    content = {
+        "images": [{"id": 1, "file_name": "x/00004.jpg"}, {"id": 2, "file_name": "other.jpg"}],
+        "annotations": [
+            {"image_id": 1, "category_id": 1, "segmentation": RLE},
+            {"image_id": 2, "category_id": 1, "segmentation": RLE},
+        ],
+        "categories": CATEGORIES,
+    }
+    source = opened(tmp_path, content)
+    assert seen(source) == [((), []), (("cup",), [1.0])]
+    assert source.notes == [f"1 of 2 images in '{tmp_path / 'd.json'}' are not frames of 'v'"]
+
+
+def test_video_annotations(tmp_path):
+    content = {
+        "videos": [{"id": 1}],
+        "annotations": [{"id": 9, "video_id": 1, "category_id": 5, "segmentations": [None, RLE]}],
+        "categories": CATEGORIES,
+    }
+    frames = list(opened(tmp_path, content))
+    assert seen(frames) == [((), []), (("tv",), [1.0])]
+    assert making.detections_in(frames[1]).instance_ids.tolist() == [9]
+
+
+def test_frames_one_per_line(tmp_path):
+    lines = [
+        {"name": "00003.png", "detections": [{"label": "cup", "bbox": [1, 2, 3, 4], "score": 0.5}]},
+        {"frame": 4, "detections": [{"label": "tv", "segmentation": RLE, "instance_id": 6}]},
+    ]
+    frames = list(opened(tmp_path, "\n".join(map(json.dumps, lines)), suffix=".jsonl"))
+    assert seen(frames) == [(("cup",), [0.5]), (("tv",), [1.0])]
+    assert making.detections_in(frames[0]).masks[0, 2:6, 1:4].all()
+    assert making.detections_in(frames[0]).masks.sum() == 12
+    assert making.detections_in(frames[1]).instance_ids.tolist() == [6]
+
+
+def test_numbers_of_a_video(tmp_path):
+    making.write_video(tmp_path / "a.mp4", 3)
+    content = [{"frame": 2, "detections": [{"label": "tv", "segmentation": RLE}]}]
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    source = open_source(tmp_path / "a.mp4", masks=tmp_path / "d.json")
+    assert [labels for labels, _ in seen(source)] == [(), (), ("tv",)]
+
+
+@given(hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 40))))
+def test_run_lengths_are_read_as_pycocotools_writes_them(mask):
+    assert decode_segmentation(encode(mask), mask.shape).tolist() == mask.tolist()
+    flat = mask.T.ravel().astype(int)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flat, [1 - flat[-1]]])))
+    runs = np.diff(np.concatenate([[0], edges])).tolist()
+    assert read_runs(encode(mask)["counts"].encode()) == runs
+
+
+def test_plain_run_lengths_and_polygons():
+    plain = {"size": [2, 3], "counts": [1, 2, 3]}
+    assert decode_segmentation(plain, (2, 3)).tolist() == [
+        [False, True, False],
+        [True, False, False],
+    ]
+    square = decode_segmentation([[2, 2, 8, 2, 8, 6, 2, 6]], (10, 10))
+    assert square[2:6, 2:8].all()
+    assert square.sum() == 24
+
+
+@pytest.mark.parametrize(
+    "segmentation",
+    [
+        {"size": [4, 6], "counts": "0000000000000000000000000000000"},
+        {"size": [2, 2], "counts": "0h0"},
+        {"size": [400, 600], "counts": "0h0"},
+        {"size": [4, 6], "counts": ""},
+        {"size": [4, 6], "counts": "\x7f\x7f"},
+        {"size": [4, 6], "counts": "o"},
+        {"size": [4, 6], "counts": [5, 900]},
+        {"size": [4, 6], "counts": [-5, 29]},
+        {"size": [4], "counts": "0h0"},
+        {"counts": "0h0"},
+        [[1, 2]],
+        [["a"]],
+        [[0, 0, 1e30, 0, 5, 5]],
+        [[0, 0, float("nan"), 0, 5, 5]],
+        "0h0",
+        7,
+    ],
+)
+def test_malformed_codes_never_reach_pycocotools(segmentation):
+    with pytest.raises(UnreadableFrame):
+        decode_segmentation(segmentation, (4, 6))
+
+
+@settings(max_examples=200)
+@given(st.text("0123456789:;<=>?@ABCDEFGHIJKLMNOPQRSTUVWXYZ[]^_`abcdefghijklmno", max_size=12))
+def test_random_codes_are_decoded_or_refused(counts):
+    try:
+        mask = decode_segmentation({"size": [3, 4], "counts": counts}, (3, 4))
+    except UnreadableFrame:
+        return
+    assert mask.shape == (3, 4)
+
+
+def test_malformed_code_skips_its_frame(tmp_path):
+    content = [
+        {
+            "frame": 3,
+            "detections": [{"label": "a", "segmentation": {"size": [4, 6], "counts": "9"}}],
+        }
+    ]
+    source = opened(tmp_path, content)
+    assert [f.name for f in source] == ["00004.png"]
+    assert "run-length" in source.skipped[0].reason
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("{", "not valid JSON"),
+        ({"a": 1}, "no detections in a known form"),
+        ([1, 2], "no detections in a known form"),
+        ([{"category_id": 1}], "incomplete"),
+        ([{"image_id": 77, "category_id": 1, "segmentation": RLE}], "no detection in"),
+        (
+            {
+                "annotations": [{"image_id": 3, "category_id": 8, "segmentation": RLE}],
+                "categories": CATEGORIES,
+            },
+            "categories 8 in",
+        ),
+    ],
+)
+def test_wrong_files_are_one_sentence(tmp_path, content, why):
+    with pytest.raises(SourceError, match=why):
+        opened(tmp_path, content)
+
+
+def test_categories():
+    assert read_categories(b'{"categories": [{"id": 4, "name": "a"}]}', "c") == {4: "a"}
+    assert read_categories(b'{"0": "a", "7": "b"}', "c") == {0: "a", 7: "b"}
+    assert read_categories(b'["a", "b"]', "c") == {0: "a", 1: "b"}
+    with pytest.raises(SourceError, match="names no categories"):
+        read_categories(b'{"x": "a"}', "c")

@@ -1,0 +1,193 @@
+import json
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.sources import Sampling, open_source
+from tests.sources import making
+
+
+def labels_of(source):
+    return [f.detections.labels for f in source]
+
+
+@pytest.mark.parametrize("place", ["", "JPEGImages", "JPEGImages/room"])
+def test_root_and_sequence(tmp_path, place):
+    making.write_davis(tmp_path, metadata=making.LABELS)
+    source = open_source(tmp_path / place)
+    frames = list(source)
+    assert source.name == "room"
+    assert [f.name for f in frames] == ["00000.jpg", "00001.jpg", "00002.jpg"]
+    for frame in frames:
+        detections = frame.detections
+        assert detections is not None
+        assert detections.labels == ("cup", "desk_lamp")
+        assert detections.instance_ids.tolist() == [1, 2]
+        assert detections.masks.dtype == bool
+        for mask, instance_id in zip(detections.masks, (1, 2), strict=True):
+            np.testing.assert_array_equal(mask, making.instance_map() == instance_id)
+
+
+def test_palette_and_16_bit_maps_give_the_same(tmp_path):
+    making.write_davis(tmp_path, metadata=making.LABELS)
+    folder = tmp_path / "Annotations" / "room"
+    (folder / "00001.png").write_bytes(making.palette_png(making.instance_map()))
+    (folder / "00002.png").write_bytes(making.grey_png(making.instance_map().astype(np.uint16)))
+    first, *others = map(making.detections_in, open_source(tmp_path))
+    for other in others:
+        np.testing.assert_array_equal(other.masks, first.masks)
+        assert other.labels == first.labels
+        np.testing.assert_array_equal(other.instance_ids, first.instance_ids)
+
+
+def test_ids_beyond_a_byte(tmp_path):
+    making.write_davis(tmp_path, num=1, metadata={"id_to_class": {"300": "cup", "40000": "tv"}})
+    labels = making.instance_map(ids=(40_000, 300))
+    (tmp_path / "Annotations/room/00000.png").write_bytes(making.grey_png(labels))
+    (frame,) = open_source(tmp_path)
+    assert frame.detections is not None
+    assert frame.detections.instance_ids.tolist() == [300, 40_000]
+    assert frame.detections.labels == ("cup", "tv")
+
+
+def test_without_metadata_everything_is_an_object(tmp_path):
+    making.write_davis(tmp_path)
+    assert labels_of(open_source(tmp_path)) == [("object", "object")] * 3
+
+
+def test_without_annotations_there_are_no_detections(tmp_path):
+    making.write_images(tmp_path / "JPEGImages" / "room", ["0.jpg"])
+    (frame,) = open_source(tmp_path)
+    assert frame.detections is None
+
+
+def test_masks_can_be_ignored(tmp_path):
+    making.write_davis(tmp_path)
+    assert [f.detections for f in open_source(tmp_path, masks="none")] == [None] * 3
+
+
+def test_other_metadata_can_be_named(tmp_path):
+    making.write_davis(tmp_path, metadata=making.LABELS)
+    (tmp_path / "one.json").write_text(json.dumps({"id_to_class": {"1": "a", "2": "b"}}))
+    source = open_source(tmp_path, metadata=tmp_path / "one.json")
+    assert labels_of(source) == [("a", "b")] * 3
+
+
+def test_metadata_without_classes_that_was_named(tmp_path):
+    making.write_davis(tmp_path)
+    (tmp_path / "one.json").write_text("{}")
+    with pytest.raises(SourceError, match="maps no instance ids"):
+        open_source(tmp_path, metadata=tmp_path / "one.json")
+
+
+@pytest.mark.parametrize(
+    "name", ["metaroom.json", "metaROOM.json", "Annotations/room/metadata.json"]
+)
+def test_places_of_metadata(tmp_path, name):
+    making.write_davis(tmp_path)
+    (tmp_path / name).write_text(json.dumps(making.LABELS))
+    assert labels_of(open_source(tmp_path))[0] == ("cup", "desk_lamp")
+
+
+def test_ids_without_class_are_named_all_at_once_with_the_file(tmp_path):
+    making.write_davis(tmp_path, metadata={"id_to_label": {"1": "cup_1"}})
+    late = making.instance_map(ids=(1, 2, 9))
+    (tmp_path / "Annotations/room/00001.png").write_bytes(making.grey_png(late))
+    with pytest.raises(SourceError, match=r"instances 2, 9 in .*add them to '.*metadata\.json'"):
+        open_source(tmp_path)
+    assert labels_of(open_source(tmp_path, unlabelled="skip")) == [("cup",)] * 3
+
+
+def test_id_without_class_in_a_frame_not_looked_at_before(tmp_path):
+    making.write_davis(tmp_path, num=9, metadata=making.LABELS)
+    late = making.instance_map(ids=(1, 2, 9))
+    (tmp_path / "Annotations/room/00006.png").write_bytes(making.grey_png(late))
+    frames = iter(open_source(tmp_path))
+    assert [next(frames).index for _ in range(6)] == list(range(6))
+    with pytest.raises(SourceError, match="instances 9 in"):
+        next(frames)
+
+
+def test_missing_annotation_is_a_frame_without_detections(tmp_path):
+    making.write_davis(tmp_path, metadata=making.LABELS)
+    (tmp_path / "Annotations/room/00001.png").unlink()
+    source = open_source(tmp_path)
+    assert labels_of(source) == [("cup", "desk_lamp"), (), ("cup", "desk_lamp")]
+    assert source.notes == [
+        "1 of 3 frames of 'room' have no annotation and count as frames without detections"
+    ]
+
+
+def test_damaged_annotation_skips_its_frame(tmp_path):
+    making.write_davis(tmp_path, num=9)
+    (tmp_path / "Annotations/room/00001.png").write_bytes(b"\x89PNG damaged")
+    source = open_source(tmp_path)
+    assert [f.source_index for f in source] == [0, 2, 3, 4, 5, 6, 7, 8]
+    assert source.skipped[0].name == "00001.jpg"
+    assert "00001.png" in source.skipped[0].reason
+
+
+def test_map_of_the_same_aspect_is_resized_to_the_frame(tmp_path):
+    making.write_davis(tmp_path, num=1, metadata=making.LABELS)
+    big = making.instance_map((64, 96))
+    (tmp_path / "Annotations/room/00000.png").write_bytes(making.grey_png(big))
+    (frame,) = open_source(tmp_path)
+    assert frame.detections is not None
+    np.testing.assert_array_equal(frame.detections.masks[1], making.instance_map() == 2)
+
+
+def test_map_of_another_aspect_names_both_sizes(tmp_path):
+    making.write_davis(tmp_path, num=1, metadata=making.LABELS)
+    other = making.grey_png(making.instance_map((48, 48)))
+    (tmp_path / "Annotations/room/00000.png").write_bytes(other)
+    with pytest.raises(SourceError, match=r"'00000\.png' is 48x48, its frame is 48x32"):
+        list(open_source(tmp_path))
+
+
+def test_several_sequences_need_a_choice(tmp_path):
+    making.write_davis(tmp_path, "bear")
+    making.write_davis(tmp_path, "camel", num=2)
+    with pytest.raises(SourceError, match="holds 2 sequences"):
+        open_source(tmp_path)
+    with pytest.raises(SourceError, match="did you mean 'camel'"):
+        open_source(tmp_path, sequence="camell")
+    assert len(list(open_source(tmp_path, sequence="camel"))) == 2
+    assert open_source(tmp_path / "JPEGImages" / "bear").name == "bear"
+
+
+def test_resolution_folder_between(tmp_path):
+    making.write_davis(tmp_path, "480p/bear")
+    source = open_source(tmp_path, sequence="bear")
+    assert source.name == "bear"
+    assert labels_of(source) == [("object", "object")] * 3
+
+
+def test_listed_frames_are_the_frames_and_number_the_masks(tmp_path):
+    making.write_images(tmp_path / "JPEGImages/room", ["c7.jpg", "a9.jpg", "x.jpg"])
+    folder = tmp_path / "Annotations/room"
+    folder.mkdir(parents=True)
+    for number, instance_id in ((0, 5), (1, 6)):
+        labels = making.instance_map(ids=(instance_id,))
+        (folder / f"frame_{number:06d}.png").write_bytes(making.grey_png(labels))
+    listed = {"frame_names": ["c7.jpg", "a9.jpg"], "id_to_label": {"5": "a_1", "6": "b_1"}}
+    (tmp_path / "metadata.json").write_text(json.dumps(listed))
+    frames = list(open_source(tmp_path))
+    assert [f.name for f in frames] == ["c7.jpg", "a9.jpg"]
+    assert labels_of(frames) == [("a",), ("b",)]
+
+
+def test_listed_frame_that_is_missing(tmp_path):
+    making.write_davis(tmp_path, metadata={"frame_names": ["00000.jpg", "gone.jpg"]})
+    with pytest.raises(SourceError, match=r"1 of 2 frames .* the first is 'gone\.jpg'"):
+        open_source(tmp_path)
+
+
+def test_sampled_frames_keep_their_masks(tmp_path):
+    making.write_davis(tmp_path, num=5)
+    for number in range(5):
+        labels = making.instance_map(ids=(number + 1,))
+        path = tmp_path / f"Annotations/room/{number:05d}.png"
+        path.write_bytes(making.palette_png(labels))
+    source = open_source(tmp_path, sampling=Sampling(stride=2, start=1))
+    assert [f.detections.instance_ids.tolist() for f in source if f.detections] == [[2], [4]]

@@ -1,0 +1,98 @@
+import json
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.sources import Sampling, open_source
+from tests.sources import making
+
+FEATURES = np.arange(3 * 2 * 3 * 4, dtype=np.float32).reshape(3, 2, 3, 4)
+MAPS = np.stack([making.instance_map()] * 3)
+
+
+def test_npy(tmp_path):
+    np.save(tmp_path / "f.npy", FEATURES)
+    frames = list(open_source(tmp_path / "f.npy", sampling=Sampling(stride=2)))
+    assert [f.source_index for f in frames] == [0, 2]
+    np.testing.assert_array_equal(frames[1].features, FEATURES[2])
+    assert frames[0].image is None
+    assert frames[0].detections is None
+
+
+def test_npz_with_everything(tmp_path):
+    images = np.stack([making.picture(i) for i in range(3)])
+    np.savez(
+        tmp_path / "f.npz",
+        features=FEATURES.astype(np.float16),
+        masks=MAPS,
+        ids=np.array([1, 2]),
+        labels=np.array(["cup", "desk lamp"]),
+        images=images,
+        times_s=np.array([0.0, 0.5, 1.0]),
+        names=np.array(["a", "b", "c"]),
+    )
+    source = open_source(tmp_path / "f.npz")
+    frames = list(source)
+    assert source.fps == 2.0
+    assert [f.name for f in frames] == ["a", "b", "c"]
+    assert [f.time_s for f in frames] == [0.0, 0.5, 1.0]
+    for index, frame in enumerate(frames):
+        assert frame.features is not None
+        assert frame.features.dtype == np.float32
+        np.testing.assert_array_equal(frame.image, images[index])
+        assert frame.detections is not None
+        assert frame.detections.labels == ("cup", "desk lamp")
+        np.testing.assert_array_equal(frame.detections.masks[1], MAPS[0] == 2)
+
+
+def test_classes_from_metadata(tmp_path):
+    np.savez(tmp_path / "f.npz", features=FEATURES, masks=MAPS)
+    (tmp_path / "m.json").write_text(json.dumps(making.LABELS))
+    frame = next(iter(open_source(tmp_path / "f.npz", metadata=tmp_path / "m.json")))
+    assert frame.detections is not None
+    assert frame.detections.labels == ("cup", "desk_lamp")
+
+
+@pytest.mark.parametrize("name", ["m.npy", "m.npz"])
+def test_instance_maps_of_a_numpy_file_as_masks(tmp_path, name):
+    making.write_images(tmp_path / "v", ["0.png", "1.png", "2.png"])
+    if name == "m.npy":
+        np.save(tmp_path / name, MAPS)
+    else:
+        np.savez(tmp_path / name, masks=MAPS, ids=np.array([1, 2]), labels=np.array(["object"] * 2))
+    frames = list(open_source(tmp_path / "v", masks=tmp_path / name))
+    assert [f.detections.labels for f in frames if f.detections] == [("object", "object")] * 3
+
+
+@pytest.mark.parametrize(
+    ("arrays", "why"),
+    [
+        ({"feature": FEATURES}, "array 'feature'; did you mean 'features'"),
+        ({"masks": MAPS}, "no array 'features'"),
+        ({"features": FEATURES[0]}, r"features in .* are float32 \(2, 3, 4\)"),
+        ({"features": FEATURES.astype(int)}, "must be floats"),
+        ({"features": FEATURES, "masks": MAPS[:2]}, "for 3 frames, but 'masks' for 2"),
+        ({"features": FEATURES, "masks": MAPS, "ids": np.array([1])}, "as many 'labels' as 'ids'"),
+        (
+            {"features": FEATURES, "masks": MAPS, "ids": np.array([1]), "labels": np.array(["a"])},
+            "instances 2 in",
+        ),
+        ({"features": FEATURES[:0]}, "has no frames"),
+    ],
+)
+def test_wrong_arrays_are_one_sentence(tmp_path, arrays, why):
+    np.savez(tmp_path / "f.npz", **arrays)
+    with pytest.raises(SourceError, match=why):
+        open_source(tmp_path / "f.npz")
+
+
+@pytest.mark.parametrize("name", ["f.npy", "f.npz"])
+def test_pickles_and_damaged_files_are_refused(tmp_path, name):
+    (tmp_path / name).write_bytes(b"nothing")
+    with pytest.raises(SourceError, match="cannot be read as a NumPy file"):
+        open_source(tmp_path / name)
+    save = np.save if name == "f.npy" else np.savez
+    save(tmp_path / name, np.array([{"a": 1}], dtype=object))
+    with pytest.raises(SourceError, match="cannot be read as a NumPy file"):
+        open_source(tmp_path / name)

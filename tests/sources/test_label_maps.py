@@ -1,0 +1,57 @@
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.sources import open_source
+from remind_jax.sources.label_maps import match_annotations
+from tests.sources import making
+
+
+@pytest.mark.parametrize(
+    ("files", "frames", "matched"),
+    [
+        (["b.png", "a.png"], ["a.jpg", "b.jpg"], {0: "a.png", 1: "b.png"}),
+        (["DSC1.JPG.png"], ["DSC1.JPG", "DSC2.JPG"], {0: "DSC1.JPG.png"}),
+        (["frame_000012.png"], ["00010.jpg", "00012.jpg"], {1: "frame_000012.png"}),
+        (["m1.png", "m2.png"], ["7.jpg", "8.jpg"], {0: "m1.png", 1: "m2.png"}),
+        (["m1.png"], ["7.jpg", "8.jpg"], {}),
+    ],
+    ids=["stem", "stem within stem", "number", "order", "nothing agrees"],
+)
+def test_annotations_find_their_frames(files, frames, matched):
+    assert match_annotations(files, frames, len(frames)) == matched
+
+
+@pytest.mark.parametrize(
+    ("numbers", "num_frames", "first"), [((0, 1, 2), 3, 0), ((1, 2, 3), 3, 1), ((1, 2), 3, 0)]
+)
+def test_video_frames_are_numbered_from_zero_or_one(numbers, num_frames, first):
+    files = [f"{n:05d}.png" for n in numbers]
+    wanted = {n - first: f for n, f in zip(numbers, files, strict=True)}
+    assert match_annotations(files, None, num_frames) == wanted
+
+
+def test_masks_of_other_frames_are_refused(tmp_path):
+    making.write_images(tmp_path / "v", ["7.jpg", "8.jpg"])
+    (tmp_path / "m").mkdir()
+    (tmp_path / "m" / "a1.png").write_bytes(making.grey_png(making.instance_map()))
+    with pytest.raises(SourceError, match=r"no annotation .*\(first annotation 'a1\.png'"):
+        open_source(tmp_path / "v", masks=tmp_path / "m")
+
+
+def test_masks_folder_beside_any_images(tmp_path):
+    making.write_images(tmp_path / "v", ["7.jpg", "8.jpg"])
+    making.write_davis(tmp_path / "d", "v", 1, making.LABELS)
+    (tmp_path / "d/Annotations/v/00007.png").write_bytes(making.grey_png(making.instance_map()))
+    for masks in (tmp_path / "d", tmp_path / "d/Annotations/v"):
+        frames = list(open_source(tmp_path / "v", masks=masks))
+        assert [f.detections.labels for f in frames if f.detections is not None] == [
+            ("cup", "desk_lamp"),
+            (),
+        ]
+
+
+def test_folder_without_maps(tmp_path):
+    making.write_images(tmp_path / "v", ["7.jpg"])
+    (tmp_path / "m").mkdir()
+    with pytest.raises(SourceError, match="holds no instance maps"):
+        open_source(tmp_path / "v", masks=tmp_path / "m")

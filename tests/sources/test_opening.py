@@ -1,0 +1,117 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import ConfigError, SourceError
+from remind_jax.sources import Sampling, Source, open_source, prefetch, reopen_source
+from tests.sources import making
+
+
+def same_frames(one, other):
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(a.image, b.image)
+        assert (a.index, a.source_index, a.time_s, a.name) == (
+            b.index,
+            b.source_index,
+            b.time_s,
+            b.name,
+        )
+        assert (a.detections is None) == (b.detections is None)
+        if a.detections is not None:
+            np.testing.assert_array_equal(a.detections.masks, b.detections.masks)
+            assert a.detections.labels == b.detections.labels
+
+
+@pytest.mark.parametrize("kind", ["video", "images", "davis", "tar"])
+def test_description_reopens_the_same_frames(tmp_path, kind, monkeypatch):
+    if kind == "video":
+        making.write_video(tmp_path / "it.mp4", 6)
+    elif kind == "images":
+        making.write_images(tmp_path / "it", [f"{i}.png" for i in range(6)])
+    elif kind == "davis":
+        making.write_davis(tmp_path / "it", num=6, metadata=making.LABELS)
+    else:
+        making.write_tar(tmp_path / "it.tar", {f"x/{i}.jpg": making.jpg(i) for i in range(6)})
+    (name,) = [path.name for path in tmp_path.iterdir()]
+    monkeypatch.chdir(tmp_path)
+    source = open_source(name, sampling=Sampling(stride=2, start=1), image_fps=12)
+    assert isinstance(source, Source)
+    description = json.loads(json.dumps(source.describe()))
+    monkeypatch.chdir("/")
+    again = reopen_source(description)
+    assert len(list(again)) == source.num_frames == 3
+    same_frames(source, again)
+
+
+def test_source_from_memory_says_that_it_cannot_be_reopened():
+    description = open_source([making.picture(0)], name="camera").describe()
+    assert description["reopen"] is None
+    with pytest.raises(SourceError, match="'camera' came from memory"):
+        reopen_source(description)
+
+
+def test_file_with_masks_from_memory_reopens_without_them(tmp_path):
+    making.write_images(tmp_path, ["0.png"])
+    source = open_source(tmp_path, masks=[making.instance_map()])
+    assert next(iter(source)).detections is not None
+    assert next(iter(reopen_source(json.loads(json.dumps(source.describe()))))).detections is None
+
+
+def test_source_passes_unchanged_and_can_be_sampled():
+    source = open_source(np.stack([making.picture(i) for i in range(6)]), name="six")
+    assert open_source(source) is source
+    thinned = open_source(source, sampling={"stride": 3})
+    assert thinned.name == "six"
+    assert [f.source_index for f in thinned] == [0, 3]
+
+
+def test_sources_can_be_read_ahead(tmp_path):
+    making.write_davis(tmp_path, num=6)
+    source = open_source(tmp_path)
+    same_frames(source, prefetch(open_source(tmp_path)))
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"sampling": {"strid": 2}}, "did you mean 'stride'"),
+        ({"image_fps": 0}, "image_fps is 0"),
+        ({"unlabelled": "ignore"}, "unlabelled is 'ignore'"),
+    ],
+)
+def test_bad_options_are_named(options, why):
+    with pytest.raises(ConfigError, match=why):
+        open_source([making.picture(0)], **options)
+
+
+def test_files_that_are_missing(tmp_path):
+    making.write_images(tmp_path / "v", ["0.png"])
+    for arguments in (
+        {"spec": tmp_path / "w.mp4"},
+        {"spec": tmp_path / "nowhere" / "w.mp4"},
+        {"spec": tmp_path / "v", "masks": tmp_path / "m"},
+        {"spec": tmp_path / "v", "metadata": tmp_path / "m.json"},
+    ):
+        with pytest.raises(SourceError, match="does not exist"):
+            open_source(**arguments)
+
+
+def test_detections_are_no_frames(tmp_path):
+    (tmp_path / "d.json").write_text("[]")
+    with pytest.raises(SourceError, match="give it as masks"):
+        open_source(tmp_path / "d.json")
+
+
+def test_import_brings_no_extras():
+    code = (
+        "import sys, remind_jax.sources;"
+        "print([m for m in ('torch', 'matplotlib', 'onnxruntime', 'supervision', 'pandas', 'jax',"
+        " 'PIL') if m in sys.modules])"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert set(json.loads(result.stdout.replace("'", '"'))) <= {"jax"}

@@ -1,0 +1,125 @@
+import threading
+import time
+
+import pytest
+
+from remind_jax.sources import prefetch
+
+
+def alive():
+    return [t for t in threading.enumerate() if t.name == "prefetch"]
+
+
+def wait_until(is_true, timeout_s=5.0):
+    end = time.monotonic() + timeout_s
+    while not is_true():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.002)
+
+
+@pytest.mark.parametrize("depth", [1, 2, 7])
+def test_keeps_order_and_maps(depth):
+    assert list(prefetch(range(50), lambda x: x * x, depth)) == [x * x for x in range(50)]
+    assert list(prefetch(iter("abc"), depth=depth)) == ["a", "b", "c"]
+    assert list(prefetch([])) == []
+    assert not alive()
+
+
+def test_none_is_an_ordinary_item():
+    assert list(prefetch([None, 1, None])) == [None, 1, None]
+
+
+def test_function_runs_in_another_thread():
+    threads = list(prefetch(range(3), lambda _: threading.current_thread()))
+    assert len(set(threads)) == 1
+    assert threads[0] is not threading.current_thread()
+
+
+def test_error_is_raised_at_its_place():
+    def invert(x):
+        return 1 / (x - 3)
+
+    results = prefetch(range(10), invert)
+    assert [next(results) for _ in range(3)] == [invert(x) for x in range(3)]
+    with pytest.raises(ZeroDivisionError):
+        next(results)
+    assert not alive()
+
+
+def test_error_of_the_iterable_is_raised_after_its_items():
+    def items():
+        yield 1
+        raise KeyError("lost")
+
+    results = prefetch(items())
+    assert next(results) == 1
+    with pytest.raises(KeyError, match="lost"):
+        next(results)
+
+
+def test_error_raised_while_the_queue_is_full_is_not_lost():
+    def items():
+        yield from range(4)
+        raise KeyError("late")
+
+    results = prefetch(items(), depth=1)
+    assert next(results) == 0
+    time.sleep(0.02)
+    assert [next(results) for _ in range(3)] == [1, 2, 3]
+    with pytest.raises(KeyError, match="late"):
+        next(results)
+
+
+@pytest.mark.parametrize("depth", [1, 4])
+def test_runs_ahead_but_not_further_than_depth(depth):
+    started = []
+    results = prefetch(range(100), started.append, depth)
+    next(results)
+    # The consumer took one, `depth` wait and one is in work (its result waits for room).
+    wait_until(lambda: len(started) == depth + 2)
+    time.sleep(0.02)
+    assert len(started) == depth + 2
+    results.close()
+    assert not alive()
+
+
+def test_early_stop_ends_the_thread_and_closes_the_iterable():
+    closed = threading.Event()
+
+    def endless():
+        try:
+            while True:
+                yield 0
+        finally:
+            closed.set()
+
+    results = prefetch(endless())
+    next(results)
+    results.close()
+    assert closed.is_set()
+    assert not alive()
+
+
+def test_interrupt_in_the_consumer_ends_the_thread():
+    def consume():
+        for index, _ in enumerate(prefetch(range(10**9))):
+            if index == 3:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        consume()
+    wait_until(lambda: not alive())
+
+
+def test_nothing_starts_before_the_first_item_is_wanted():
+    def items():
+        pytest.fail("started too early")
+        yield
+
+    prefetch(items()).close()
+    assert not alive()
+
+
+def test_depth_is_checked_at_once():
+    with pytest.raises(ValueError, match="depth is 0"):
+        prefetch([], depth=0)

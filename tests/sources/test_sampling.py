@@ -1,0 +1,95 @@
+import dataclasses
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from remind_jax.errors import ConfigError
+from remind_jax.sources.sampling import Sampling
+
+
+@dataclasses.dataclass(frozen=True)
+class Item:
+    source_index: int
+    time_s: float
+
+
+def items(num, fps=30.0):
+    return [Item(i, i / fps) for i in range(num)]
+
+
+def chosen(sampling, num, fps=30.0):
+    return [item.source_index for item in sampling.select(items(num, fps))]
+
+
+def test_range_and_stride():
+    assert chosen(Sampling(stride=3, start=2, end=12), 20) == [2, 5, 8, 11]
+    assert chosen(Sampling(start=3, max_frames=2), 20) == [3, 4]
+
+
+def test_rate_follows_time_stamps():
+    assert chosen(Sampling(fps=20), 10) == [0, 2, 3, 5, 6, 8, 9]
+    uneven = [Item(i, t) for i, t in enumerate([0.0, 0.1, 0.2, 0.9, 1.0, 2.5])]
+    assert [i.source_index for i in Sampling(fps=1).select(uneven)] == [0, 4, 5]
+
+
+def test_rate_never_repeats_a_frame():
+    assert chosen(Sampling(fps=1000), 7) == list(range(7))
+
+
+@pytest.mark.parametrize("sampling", [Sampling(end=3), Sampling(max_frames=3)])
+def test_nothing_is_asked_for_beyond_the_last(sampling):
+    def endless():
+        for index in range(3):
+            yield Item(index, index / 30)
+        pytest.fail("one frame too many was decoded")
+
+    assert len(list(sampling.select(endless()))) == 3
+
+
+@given(
+    num=st.integers(0, 60),
+    stride=st.integers(1, 7),
+    start=st.integers(0, 20),
+    length=st.none() | st.integers(1, 60),
+    fps=st.none() | st.sampled_from([0.5, 1, 3, 7.5, 10, 24, 29.97, 30, 60]),
+    max_frames=st.none() | st.integers(1, 30),
+)
+def test_count_says_how_many_are_selected(num, stride, start, length, fps, max_frames):
+    sampling = Sampling(
+        fps=fps,
+        stride=1 if fps else stride,
+        start=start,
+        end=None if length is None else start + length,
+        max_frames=max_frames,
+    )
+    assert sampling.count(num, 30.0) == len(chosen(sampling, num))
+
+
+def test_count_is_unknown_without_a_length_or_rate():
+    assert Sampling().count(None, 30.0) is None
+    assert Sampling(fps=5).count(100, None) is None
+
+
+def test_rate_after_sampling():
+    assert Sampling(stride=3).rate(30.0) == 10.0
+    assert Sampling(fps=5).rate(30.0) == 5
+    assert Sampling(fps=50).rate(30.0) == 30.0
+    assert Sampling().rate(None) is None
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"fps": 0}, "fps is 0"),
+        ({"fps": float("nan")}, "fps is nan"),
+        ({"stride": 0}, "stride is 0"),
+        ({"start": -1}, "start is -1"),
+        ({"start": 5, "end": 5}, "end is 5"),
+        ({"max_frames": 0}, "max_frames is 0"),
+        ({"fps": 5, "stride": 2}, "both fps=5 and stride=2"),
+    ],
+)
+def test_bad_values_are_named(options, named):
+    with pytest.raises(ConfigError, match=named):
+        Sampling(**options)

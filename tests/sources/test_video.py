@@ -1,0 +1,146 @@
+import struct
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.sources import Sampling, open_source
+from tests.sources import making
+
+COLOUR_SLACK = 14  # lossy codecs and the YUV 4:2:0 colour space change colours by a few steps
+
+
+@pytest.mark.parametrize(
+    ("name", "codec"),
+    [
+        ("a.mp4", "libx264"),
+        ("a.mov", "libx264"),
+        ("a.mkv", "libx264"),
+        ("a.webm", "libvpx-vp9"),
+        ("a.avi", "mpeg4"),
+    ],
+)
+def test_every_frame_once_with_its_time_in_rgb(tmp_path, name, codec):
+    making.write_video(tmp_path / name, 12, codec)
+    source = open_source(tmp_path / name)
+    frames = list(source)
+    assert len(frames) == source.num_frames == 12
+    assert source.fps == 10
+    assert [f.index for f in frames] == [f.source_index for f in frames] == list(range(12))
+    np.testing.assert_allclose([f.time_s for f in frames], np.arange(12) / 10, atol=1e-3)
+    for frame in frames:
+        assert frame.image is not None
+        assert frame.image.dtype == np.uint8
+        edge = 2 * frame.index + 2
+        red = frame.image[:, edge + 3 :]
+        wanted = np.broadcast_to((200, 30, 30), red.shape)
+        np.testing.assert_allclose(red, wanted, atol=COLOUR_SLACK)
+    assert source.skipped == []
+
+
+def test_sampling_keeps_the_clock_of_the_source(tmp_path):
+    making.write_video(tmp_path / "a.mp4")
+    frames = list(open_source(tmp_path / "a.mp4", sampling=Sampling(fps=5, start=3, end=9)))
+    assert [f.source_index for f in frames] == [3, 5, 7]
+    assert [f.index for f in frames] == [0, 1, 2]
+    np.testing.assert_allclose([f.time_s for f in frames], [0.3, 0.5, 0.7], atol=1e-3)
+
+
+def test_second_pass_gives_the_same(tmp_path):
+    making.write_video(tmp_path / "a.mp4", 5)
+    source = open_source(tmp_path / "a.mp4")
+    for first, second in zip(list(source), list(source), strict=True):
+        np.testing.assert_array_equal(first.image, second.image)
+
+
+def test_truncated_video_keeps_what_was_decoded(tmp_path):
+    making.write_video(tmp_path / "a.mp4", movflags="faststart")
+    whole = (tmp_path / "a.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(
+        whole[: len(whole) - (len(whole) - whole.find(b"mdat")) // 5]
+    )
+    source = open_source(tmp_path / "cut.mp4")
+    frames = list(source)
+    assert 0 < len(frames) < 20
+    assert len(frames) + sum(s.count for s in source.skipped) == 20
+    assert "ends early" in source.skipped[-1].reason
+
+
+def test_damaged_middle_is_reported(tmp_path):
+    making.write_video(tmp_path / "a.mp4", 40)
+    data = bytearray((tmp_path / "a.mp4").read_bytes())
+    middle = data.find(b"mdat") + (data.find(b"moov") - data.find(b"mdat")) // 2
+    data[middle : middle + 60] = bytes(60)
+    (tmp_path / "a.mp4").write_bytes(data)
+    source = open_source(tmp_path / "a.mp4")
+    frames = list(source)
+    assert 20 < len(frames) < 40
+    assert len(frames) + sum(s.count for s in source.skipped) == 40
+    assert frames[-1].source_index == 39
+
+
+@pytest.mark.parametrize("content", [b"", b"not a video", None], ids=["empty", "text", "no index"])
+def test_unreadable_video_is_one_sentence(tmp_path, content):
+    making.write_video(tmp_path / "a.mp4")
+    whole = (tmp_path / "a.mp4").read_bytes()
+    cut = whole[: whole.find(b"moov") - 4]  # its index comes last
+    (tmp_path / "a.mp4").write_bytes(cut if content is None else content)
+    with pytest.raises(SourceError, match=r"a\.mp4' cannot be opened as a video"):
+        open_source(tmp_path / "a.mp4")
+
+
+def test_video_without_one_readable_frame(tmp_path):
+    making.write_video(tmp_path / "a.mp4")
+    data = bytearray((tmp_path / "a.mp4").read_bytes())
+    start, end = data.find(b"mdat") + 4, data.find(b"moov") - 4
+    data[start:end] = bytes(end - start)
+    (tmp_path / "a.mp4").write_bytes(data)
+    with pytest.raises(SourceError, match="no frame of the video"):
+        open_source(tmp_path / "a.mp4")
+
+
+def test_sound_is_no_video(tmp_path):
+    import av
+
+    with av.open(str(tmp_path / "a.wav"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=8000)
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), "s16", "mono")
+        sound.sample_rate = 8000
+        container.mux(stream.encode(sound))  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(SourceError, match="no video track"):
+        open_source(tmp_path / "a.wav")
+
+
+def test_telephone_video_is_turned_upright(tmp_path):
+    """Sets the display matrix in the track header to a quarter turn clockwise."""
+    making.write_video(tmp_path / "a.mp4", 3)
+    flat = next(iter(open_source(tmp_path / "a.mp4"))).image
+    data = bytearray((tmp_path / "a.mp4").read_bytes())
+    at = data.find(b"tkhd") + 44
+    one = 1 << 16
+    assert struct.unpack(">9I", data[at : at + 36]) == (one, 0, 0, 0, one, 0, 0, 0, 1 << 30)
+    turn = struct.pack(">9i", 0, one, 0, -one, 0, 0, making.SIZE[0] * one, 0, 1 << 30)
+    data[at : at + 36] = turn
+    (tmp_path / "a.mp4").write_bytes(data)
+    turned = next(iter(open_source(tmp_path / "a.mp4"))).image
+    assert flat is not None
+    np.testing.assert_array_equal(turned, np.rot90(flat, -1))
+
+
+def test_range_behind_the_end_is_named(tmp_path):
+    making.write_video(tmp_path / "a.mp4", 5)
+    with pytest.raises(SourceError, match="has 5 frames, none of them chosen by start=9"):
+        open_source(tmp_path / "a.mp4", sampling=Sampling(start=9))
+
+
+def test_masks_of_a_video_go_by_number(tmp_path):
+    making.write_video(tmp_path / "a.mp4", 4)
+    folder = tmp_path / "masks"
+    folder.mkdir()
+    for number in (1, 2, 3, 4):
+        (folder / f"{number:04d}.png").write_bytes(
+            making.grey_png(making.instance_map(ids=(number,)))
+        )
+    frames = list(open_source(tmp_path / "a.mp4", masks=folder))
+    given = [f.detections.instance_ids.tolist() for f in frames if f.detections is not None]
+    assert given == [[1], [2], [3], [4]]
