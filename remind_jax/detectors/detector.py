@@ -56,9 +56,10 @@ class OnnxDetector:
           ConfigError: If an option does not fit the network.
         """
         self.options = options or DetectorOptions()
+        file = OnnxFile.read(path)
         # The file says what it is before a runtime spends seconds on loading it.
-        self._head = recognise_head(OnnxFile.read(path), self.options)
-        self._session = OnnxSession(path, self.options.engine, self.options.num_threads)
+        self._head = recognise_head(file, self.options)
+        self._session = OnnxSession(file, self.options.engine, self.options.num_threads)
         self.dropped = DropCounts()
 
     def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:

@@ -28,25 +28,20 @@ class OnnxSession:
       engine: The library that runs it, `onnxruntime` or `cv2.dnn`.
     """
 
-    def __init__(self, path: str | Path, engine: str = "auto", num_threads: int | None = None):
+    def __init__(self, file: OnnxFile, engine: str = "auto", num_threads: int | None = None):
         """Loads the model.
 
         Args:
-          path: The `.onnx` file.
+          file: The model's file, with the image as its only input.
           engine: `onnxruntime`, `cv2.dnn`, or `auto` for the first of them that is installed.
           num_threads: Threads within one operator (onnxruntime only: OpenCV has one setting for
             the whole process, which is left alone).
 
         Raises:
-          WeightsError: If the file is missing, damaged, or beyond what the engine can run.
+          WeightsError: If the engine cannot run the model.
           ConfigError: If the engine is not installed.
         """
-        self.file = OnnxFile.read(path)
-        if len(self.file.inputs) != 1:
-            names = ", ".join(str(spec) for spec in self.file.inputs) or "none"
-            raise WeightsError(
-                f"'{self.file.path}' has the inputs {names}; a detector has one, the image"
-            )
+        self.file = file
         self.engine = _choose_engine(engine)
         if self.engine == "onnxruntime":
             self._model = _load_onnxruntime(self.file.path, num_threads)
@@ -92,6 +87,8 @@ def _load_onnxruntime(path: Path, num_threads: int | None) -> Any:
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3  # errors only: they are raised, not needed on the terminal
+    # Idle threads would spin and take the cores that the tracker needs meanwhile.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if num_threads is not None:
         options.intra_op_num_threads = num_threads
     try:

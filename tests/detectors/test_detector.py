@@ -19,7 +19,7 @@ from remind_jax.detectors import (
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
 
-from .onnx_bytes import write_echo, write_fixed_answer
+from .onnx_bytes import model, write_echo, write_fixed_answer
 from .test_onnx_session import HAS_ONNXRUNTIME, engines
 from .test_rfdetr_seg import NAMED, answer
 from .test_yolo_seg import NAMES, raw_outputs
@@ -76,6 +76,14 @@ def test_an_unknown_network_is_told_what_is_known(tmp_path):
 def test_inputs_other_than_one_rgb_image_are_refused(tmp_path, shape):
     path = write_fixed_answer(tmp_path / "odd.onnx", raw_outputs(), shape, NAMES)
     with pytest.raises(WeightsError, match=r"one RGB image|one image input"):
+        as_detector(path)
+
+
+def test_a_model_with_two_inputs_is_no_detector(tmp_path):
+    path = tmp_path / "two.onnx"
+    shape = (1, 3, 6, 8)
+    path.write_bytes(model([], {"a": shape, "b": shape}, {"sum": shape}))
+    with pytest.raises(WeightsError, match=r"inputs a \[1, 3, 6, 8\], b"):
         as_detector(path)
 
 
