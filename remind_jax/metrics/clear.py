@@ -77,7 +77,7 @@ def _processed_order(sequence: TrackingSequence) -> Int[np.ndarray, "T"]:
 
     Only these frames advance the matching: a frame without any prediction cuts no track.
     """
-    has_both = (np.diff(sequence.gt_start) > 0) & (np.diff(sequence.pred_start) > 0)
+    has_both = (sequence.gt_counts > 0) & (sequence.pred_counts > 0)
     return np.cumsum(has_both) - 1
 
 

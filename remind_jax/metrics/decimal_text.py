@@ -8,10 +8,13 @@ the correctly rounded value for a whole column at once.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 _NEWLINE, _COMMA, _MINUS, _DOT, _ZERO = (ord(char) for char in "\n,-.0")
 _MAX_DIGITS = 15
+
+# Text parsed in one go: temporaries of this size stay in the cache.
+_BLOCK_BYTES = 1 << 17
 
 _POWERS_OF_TEN = 10.0 ** np.arange(_MAX_DIGITS + 1)
 
@@ -26,7 +29,19 @@ def parse_decimal_table(text: bytes) -> Float[np.ndarray, "rows columns"] | None
     text = text.replace(b"\r\n", b"\n").rstrip(b"\n") + b"\n"
     if text.translate(None, b"0123456789.-,\n"):
         return None
-    chars = np.frombuffer(text, np.uint8)
+    tables = []
+    start = 0
+    while start < len(text):
+        stop = text.find(b"\n", start + _BLOCK_BYTES) + 1 or len(text)
+        table = _parse_block(np.frombuffer(text, np.uint8, stop - start, start))
+        if table is None or (tables and table.shape[1] != tables[0].shape[1]):
+            return None
+        tables.append(table)
+        start = stop
+    return np.concatenate(tables)
+
+
+def _parse_block(chars: UInt8[np.ndarray, "bytes"]) -> Float[np.ndarray, "rows columns"] | None:
     stop = np.flatnonzero((chars == _NEWLINE) | (chars == _COMMA))
     row_stop = np.flatnonzero(chars[stop] == _NEWLINE) + 1
     num_columns = int(row_stop[0])

@@ -10,11 +10,20 @@ from remind_jax.metrics.sequence import TrackingSequence
 
 EPSILON = float(np.finfo(np.float64).eps)
 
+# Relative lead below which a pair counts as in doubt: far above rounding of the sums compared.
+_DOUBT = 1e-9
+
+# Marks solved cells; scores are positive.
+_ASSIGNED = -1.0
+
 
 def match_frames(
     sequence: TrackingSequence, score: Float[np.ndarray, "K"]
 ) -> Bool[np.ndarray, "K"]:
     """Chooses in every frame the one-to-one set of pairs with the largest total score.
+
+    Most pairs are settled for the whole sequence at once; frames in which something is left in
+    doubt are solved one by one.
 
     Args:
       sequence: Where the pairs come from.
@@ -23,16 +32,38 @@ def match_frames(
     Returns:
       Whether each pair was chosen. Exact ties depend on the order of rows, as in TrackEval.
     """
-    chosen = score > 0
-    candidates = np.flatnonzero(chosen)
-    contested = contested_frames(sequence, candidates)
-    frame = sequence.pair_frame[candidates]
-    start = np.searchsorted(frame, contested)
-    stop = np.searchsorted(frame, contested, side="right")
-    for t, first, last in zip(contested, start, stop, strict=True):
-        pairs = candidates[first:last]
-        chosen[pairs] = assign_frame(sequence, int(t), pairs, score[pairs])
+    chosen, doubtful = _settle_sure_pairs(sequence, score)
+    frames = np.unique(sequence.pair_frame[doubtful])
+    starts = np.searchsorted(sequence.pair_frame, frames)
+    stops = np.searchsorted(sequence.pair_frame, frames, side="right")
+    for frame, start, stop in zip(frames, starts, stops, strict=True):
+        pairs = np.arange(start, stop)[score[start:stop] > 0]
+        chosen[pairs] = assign_frame(sequence, int(frame), pairs, score[pairs])
     return chosen
+
+
+def _settle_sure_pairs(
+    sequence: TrackingSequence, score: Float[np.ndarray, "K"]
+) -> tuple[Bool[np.ndarray, "K"], Int[np.ndarray, "D"]]:
+    """Pairs that are part of every best matching, and those still in doubt.
+
+    A pair worth more than all that compete with it for either row is sure: putting it in place of
+    whatever excludes it (at most two pairs) always gains.
+    """
+    chosen = np.zeros(len(score), bool)
+    left = np.flatnonzero(score > 0)
+    while len(left):
+        gt, pred, worth = sequence.pair_gt[left], sequence.pair_pred[left], score[left]
+        gt_total, pred_total = np.bincount(gt, worth), np.bincount(pred, worth)
+        rivals = gt_total[gt] + pred_total[pred] - 2 * worth
+        sure = worth > rivals + _DOUBT * worth
+        if not sure.any():
+            break
+        chosen[left[sure]] = True
+        gt_taken = np.bincount(gt, sure) > 0
+        pred_taken = np.bincount(pred, sure) > 0
+        left = left[~gt_taken[gt] & ~pred_taken[pred]]
+    return chosen, left
 
 
 def contested_frames(
@@ -62,14 +93,9 @@ def assign_frame(
     Rows without any pair stay in the matrix, so that ties break as in a program that solves the
     full matrix.
     """
-    first_gt, first_pred = sequence.gt_start[frame], sequence.pred_start[frame]
-    num_gt = sequence.gt_start[frame + 1] - first_gt
-    num_pred = sequence.pred_start[frame + 1] - first_pred
-    row = sequence.pair_gt[pairs] - first_gt
-    column = sequence.pair_pred[pairs] - first_pred
-    matrix = np.zeros((num_gt, num_pred))
+    row, column = sequence.pair_row[pairs], sequence.pair_column[pairs]
+    matrix = np.zeros((sequence.gt_counts[frame], sequence.pred_counts[frame]))
     matrix[row, column] = score
-    assigned = np.full(num_gt, -1)
     rows, columns = linear_sum_assignment(matrix, maximize=True)
-    assigned[rows] = columns
-    return assigned[row] == column
+    matrix[rows, columns] = _ASSIGNED
+    return matrix[row, column] == _ASSIGNED

@@ -181,6 +181,26 @@ class TrackingSequence:
         return self.gt_frame[self.pair_gt]
 
     @cached_property
+    def pair_row(self) -> Int[np.ndarray, "K"]:
+        """Position of each pair's ground truth among those of its frame."""
+        return self.pair_gt - self.gt_start[self.pair_frame]
+
+    @cached_property
+    def pair_column(self) -> Int[np.ndarray, "K"]:
+        """Position of each pair's prediction among those of its frame."""
+        return self.pair_pred - self.pred_start[self.pair_frame]
+
+    @cached_property
+    def gt_counts(self) -> Int[np.ndarray, "T"]:
+        """Ground-truth rows of each frame."""
+        return np.diff(self.gt_start)
+
+    @cached_property
+    def pred_counts(self) -> Int[np.ndarray, "T"]:
+        """Predicted rows of each frame."""
+        return np.diff(self.pred_start)
+
+    @cached_property
     def gt_start(self) -> Int[np.ndarray, "T+1"]:
         """First ground-truth row of each frame, and the number of rows."""
         return frame_starts(self.gt_frame, self.num_frames)
