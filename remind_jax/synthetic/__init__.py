@@ -4,6 +4,8 @@ Look-alikes on tables and shelves, a camera that leaves, lamps that go down, a r
 from another side: `render_sequence(demo_options())` gives it as frames with exact masks.
 """
 
+from remind_jax.synthetic.davis import write_davis
+from remind_jax.synthetic.detector_noise import DetectorNoise, add_detector_noise
 from remind_jax.synthetic.options import LookalikeGroup, SceneOptions, demo_options
 from remind_jax.synthetic.rendering import RenderedSequence, make_scene, render, render_sequence
 from remind_jax.synthetic.scene import (
@@ -21,6 +23,7 @@ from remind_jax.synthetic.scene import (
 
 __all__ = [
     "CameraPath",
+    "DetectorNoise",
     "Furniture",
     "Light",
     "Look",
@@ -33,8 +36,10 @@ __all__ = [
     "SceneObject",
     "SceneOptions",
     "Sensor",
+    "add_detector_noise",
     "demo_options",
     "make_scene",
     "render",
     "render_sequence",
+    "write_davis",
 ]

@@ -62,7 +62,8 @@ def _pack(images: Sequence[np.ndarray]) -> tuple[np.ndarray, Float[np.ndarray, "
         x, row_height = x + width_px, max(row_height, height_px)
     pixels = np.zeros((y + row_height, width, images[0].shape[2]), images[0].dtype)
     for image, (left, top) in zip(images, corners, strict=True):
-        bordered = cv2.copyMakeBorder(image, *[_GUTTER_PX] * 4, cv2.BORDER_REPLICATE)
+        gutter = _GUTTER_PX
+        bordered = cv2.copyMakeBorder(image, gutter, gutter, gutter, gutter, cv2.BORDER_REPLICATE)
         height_px, width_px = bordered.shape[:2]
         pixels[top : top + height_px, left : left + width_px] = bordered
     return pixels, corners.astype(np.float64) + _GUTTER_PX

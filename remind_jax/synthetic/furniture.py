@@ -183,7 +183,7 @@ def _rug(rng: np.random.Generator, size: tuple[float, float, float]) -> list[Par
 
 def _one_level(size: tuple[float, float, float]) -> list[Support]:
     w, d, h = size
-    return [Support(h, w / 2 - 0.04, d / 2 - 0.04, 0.6)]
+    return [Support(h, w / 2 - 0.04, d / 2 - 0.04, 0.8)]
 
 
 def _shelf_levels(size: tuple[float, float, float]) -> list[Support]:
@@ -191,7 +191,7 @@ def _shelf_levels(size: tuple[float, float, float]) -> list[Support]:
     step = (h - 0.3) / 2
     half = w / 2 - _BOARD_M - 0.03, d / 2 - 0.04
     lower = [Support(0.3 + step * level, *half, step - _BOARD_M) for level in range(2)]
-    return [*lower, Support(h, *half, 0.5)]
+    return [*lower, Support(h, *half, 0.8)]
 
 
 def _wood_color(rng: np.random.Generator) -> tuple[float, float, float]:

@@ -24,15 +24,16 @@ from remind_jax.synthetic.surfaces import turn
 
 ROOM_WIDTH_M = 4.0
 ROOM_DEPTH_M = 3.6
-CORRIDOR_LENGTH_M = 1.2
+CORRIDOR_LENGTH_M = 0.9
 DOOR_Y_M = 1.1
 _HEIGHT_M = 2.5
-_TRIES = 60
+_TRIES = 200
+_OVERHANG_M = 0.06  # leaves and shades may stand out over an edge
 _SOUTH_YAW_RAD = 3.0
 
 
 def room_offset_m(room_number: int) -> float:
-    """x of a room's west wall."""
+    """X of a room's west wall."""
     return room_number * (ROOM_WIDTH_M + CORRIDOR_LENGTH_M)
 
 
@@ -187,7 +188,9 @@ class Places:
         x0, y0, _ = piece.position_m
         near = 0.5 * max(width, depth)
         used = sum(np.hypot(x - x0, y - y0) < near for x, y, *_ in self._taken)
-        return width * len(levels) ** 0.5 / (1.0 + used) ** 1.5
+        # The camera turns away from the east wall first and comes back to it last.
+        liking = 0.4 if piece.yaw_rad < 0 else 1.0
+        return liking * width * len(levels) ** 0.5 / (1.0 + used) ** 1.5
 
     def _draw(
         self,
@@ -216,7 +219,7 @@ class Places:
         width, depth, height = size
         slack_x = support.half_width_m - width / 2
         slack_y = support.half_depth_m - depth / 2
-        if slack_x < 0 or slack_y < -0.02 or height > support.clearance_m:
+        if slack_x < 0 or slack_y < -_OVERHANG_M or height > support.clearance_m:
             return None
         offset = np.array([rng.uniform(-slack_x, slack_x), rng.uniform(-1, 1) * max(slack_y, 0), 0])
         x, y, z = np.array(piece.position_m) + turn(offset, piece.yaw_rad)

@@ -84,7 +84,7 @@ def _glow(surface: Surface, room: Room, layer: Float[np.ndarray, "h w 2"]) -> np
         return cv2.GaussianBlur(layer, (3, 3), 0.8, borderType=cv2.BORDER_REPLICATE)
     is_lamp = surface.outline is not None
     own = (surface.glow, 0.0) if is_lamp else (0.0, surface.glow * _WINDOW_GAIN)
-    return np.broadcast_to(np.float32(own), layer.shape).copy()
+    return np.broadcast_to(np.array(own, np.float32), layer.shape).copy()
 
 
 def _texel_grid(

@@ -44,12 +44,12 @@ class SceneOptions:
     returns: int = 1  # how often the camera comes back to the first room
     fps: float = 5.0
     pause_s: float = 180.0  # unrecorded time in the middle of each absence
-    horizontal_fov_deg: float = 68.0
+    horizontal_fov_deg: float = 70.0
     shake: float = 1.0  # factor on the hand shake
     # Light and sensor.
     light_drop: float = 0.1  # lamp level after the drop, relative to before; 1: no drop
     light_ramp_frames: int = 5
-    window_level: float = 0.3
+    window_level: float = 0.2
     width: int = 640
     height: int = 480
     noise: float = 2.0  # grey levels at normal gain
@@ -100,7 +100,8 @@ class SceneOptions:
                 raise ConfigError(f"there is no look-alike kind {group.kind!r}; {hint}")
             if group.members < 2:
                 raise ConfigError(
-                    f"a look-alike group of {group.label!r} has {group.members} members; give 2 or more"
+                    f"a look-alike group of {group.label!r} has {group.members} members; "
+                    "give 2 or more"
                 )
             if not group.rooms or not all(0 <= room < self.num_rooms for room in group.rooms):
                 raise ConfigError(

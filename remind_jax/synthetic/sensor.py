@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from remind_jax.synthetic.scene import Light, Sensor
+from remind_jax.synthetic.scene import Sensor
 
 _LAMP_COLOR = np.array([1.06, 1.0, 0.9], np.float32)
 _WINDOW_COLOR = np.array([0.86, 0.97, 1.14], np.float32)
-_KEY = 0.22  # mean linear brightness that the exposure aims at
-_COMPENSATION = 0.6  # 1: a dark room would end up as bright as a lit one
+_KEY = 0.3  # mean linear brightness that the exposure aims at
+_COMPENSATION = 0.3  # 1: a dark room would end up as bright as a lit one
 _GAIN_LIMITS = (0.35, 3.5)
 _LENS_BLUR_PX = 0.62  # at 640 pixels width
 _NOISE_POOL = 3

@@ -86,8 +86,8 @@ def box(
     }
     rest = images.get("rest")
     surfaces = [
-        quad(*edges, image)
-        for side, edges in sides.items()
+        quad(corner, right, down, image)
+        for side, (corner, right, down) in sides.items()
         if (image := images.get(side, rest)) is not None
     ]
     return Part(tuple(surfaces), np.array(center_m, float), np.array(size_m, float) / 2)
@@ -128,7 +128,8 @@ def disc(
     }[facing]
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     outline = 0.5 + 0.5 * np.stack([np.cos(angle), np.sin(angle)], 1)
-    return dataclasses.replace(quad(*square, image), outline=outline)
+    corner, right, down = square
+    return dataclasses.replace(quad(corner, right, down, image), outline=outline)
 
 
 def tube(

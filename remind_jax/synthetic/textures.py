@@ -97,8 +97,8 @@ def checks(rng: np.random.Generator, height: int, width: int, colors: Sequence[C
     share = rng.uniform(0.35, 0.55)
     columns = np.arange(width) % pitch < share * pitch
     rows = np.arange(height) % pitch < share * pitch
-    image[:, columns] = 0.45 * image[:, columns] + 0.55 * np.float32(colors[1])
-    image[rows] = 0.45 * image[rows] + 0.55 * np.float32(colors[2])
+    image[:, columns] = 0.45 * image[:, columns] + 0.55 * np.asarray(colors[1], np.float32)
+    image[rows] = 0.45 * image[rows] + 0.55 * np.asarray(colors[2], np.float32)
     return _wear(rng, image.astype(np.uint8), 6)
 
 
@@ -160,7 +160,9 @@ def painting(rng: np.random.Generator, height: int, width: int, colors: Sequence
     image = _fill(height, width, colors[0])
     if rng.integers(2):
         blend = np.linspace(0, 1, height, dtype=np.float32)[:, None, None]
-        image[:] = (1 - blend) * np.float32(colors[3]) + blend * np.float32(colors[0])
+        image[:] = (1 - blend) * np.asarray(colors[3], np.float32) + blend * np.asarray(
+            colors[0], np.float32
+        )
         sun = (round(rng.uniform(0.2, 0.8) * width), round(rng.uniform(0.15, 0.4) * height))
         cv2.circle(image, sun, max(2, round(0.1 * width)), colors[2], -1, cv2.LINE_AA)
         for ridge in range(3):
@@ -231,7 +233,7 @@ def wood(rng: np.random.Generator, height: int, width: int, colors: Sequence[Col
     rings = np.sin(across + bend + 0.8 * fractal_noise(rng, height, width, 9, 2))
     fibre = cv2.resize(rng.uniform(-1, 1, (height, max(2, width // 14))), (width, height))
     factor = 1 + 0.09 * rings + 0.06 * fibre
-    image = np.clip(np.float32(colors[0]) * factor[..., None], 0, 255).astype(np.uint8)
+    image = np.clip(np.asarray(colors[0], np.float32) * factor[..., None], 0, 255).astype(np.uint8)
     return np.ascontiguousarray(image.swapaxes(0, 1)) if turned else image
 
 
@@ -261,7 +263,7 @@ def tiles(rng: np.random.Generator, height: int, width: int, colors: Sequence[Co
     shades = 1 + rng.uniform(-0.07, 0.07, shape).astype(np.float32)
     factor = cv2.resize(shades, None, fx=pitch, fy=pitch, interpolation=cv2.INTER_NEAREST)
     factor = factor[:height, :width] * (1 + 0.05 * fractal_noise(rng, height, width, 14))
-    image = np.clip(np.float32(colors[0]) * factor[..., None], 0, 255).astype(np.uint8)
+    image = np.clip(np.asarray(colors[0], np.float32) * factor[..., None], 0, 255).astype(np.uint8)
     joint = tuple(0.62 * np.array(colors[0]))
     for at in range(0, max(height, width), pitch):
         image[at : at + 2] = joint
@@ -344,7 +346,8 @@ def _write_lines(
 
 
 def _from_hsv(hue_half_deg: float, saturation: float, value: float) -> Color:
-    pixel = np.uint8([[[round(hue_half_deg) % 180, np.clip(saturation, 0, 255), value]]])
+    hsv = [round(hue_half_deg) % 180, min(max(saturation, 0), 255), value]
+    pixel = np.array(hsv).astype(np.uint8).reshape(1, 1, 3)
     red, green, blue = cv2.cvtColor(pixel, cv2.COLOR_HSV2RGB)[0, 0].tolist()
     return (red, green, blue)
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
 
 from remind_jax.synthetic.layout import DOOR_Y_M, ROOM_WIDTH_M, room_offset_m
@@ -14,32 +11,34 @@ from remind_jax.synthetic.options import SceneOptions
 from remind_jax.synthetic.scene import CameraPath, Light, Pose
 
 _EYE_M = 1.38
-_DEG_PER_M = 18.0  # walking a metre takes as many frames as turning by this angle
+_DEG_PER_M = 20.0  # walking a metre takes as many frames as turning by this angle
 _SHAKE_DEG = 0.22
 _SHAKE_M = 0.004
 
-# Views are x, y (relative to the room's south-west corner), yaw and pitch in degrees.
+# Views are x, y (relative to the room's south-west corner), yaw and pitch in degrees. The camera
+# keeps looking north of its way, as somebody does who films while walking: so the whole tour needs
+# few degrees per frame, and an object's masks overlap from frame to frame.
 _View = tuple[float, float, float, float]
 _FIRST_LOOK: tuple[_View, ...] = (
-    (2.15, 1.95, 150.0, -15.0),
-    (1.9, 2.05, 115.0, -17.0),
-    (2.3, 2.1, 80.0, -17.0),
-    (2.45, 1.85, 42.0, -15.0),
+    (2.4, 1.9, 147.0, -15.0),
+    (1.95, 1.95, 112.0, -17.0),
+    (2.2, 2.0, 82.0, -17.0),
+    (2.4, 1.85, 56.0, -15.0),
 )
-_LEAVE: tuple[_View, ...] = ((2.8, 1.2, 8.0, -6.0),)
+_LEAVE: tuple[_View, ...] = ((3.05, 1.3, 38.0, -10.0),)
 _TURN_BACK: tuple[_View, ...] = (
-    (0.9, 1.1, 4.0, -8.0),
-    (1.6, 1.3, 50.0, -13.0),
-    (1.9, 1.6, 100.0, -14.0),
-    (1.5, 1.25, 160.0, -8.0),
+    (0.5, 1.1, 38.0, -9.0),
+    (1.0, 1.4, 70.0, -13.0),
+    (1.1, 1.45, 105.0, -14.0),
+    (0.7, 1.2, 128.0, -10.0),
 )
-_PASS_EAST: tuple[_View, ...] = ((1.2, 1.15, 8.0, -8.0), (2.0, 1.2, 45.0, -12.0))
-_PASS_WEST: tuple[_View, ...] = ((2.8, 1.15, 172.0, -8.0), (2.0, 1.2, 135.0, -12.0))
+_PASS_EAST: tuple[_View, ...] = ((1.2, 1.15, 50.0, -11.0), (2.6, 1.15, 55.0, -12.0))
+_PASS_WEST: tuple[_View, ...] = ((2.6, 1.15, 125.0, -12.0), (1.2, 1.15, 130.0, -11.0))
 _SECOND_LOOK: tuple[_View, ...] = (
-    (3.3, 1.3, 168.0, -10.0),
-    (2.85, 1.85, 145.0, -15.0),
-    (2.75, 2.15, 108.0, -17.0),
-    (2.2, 1.75, 66.0, -16.0),
+    (3.45, 1.25, 138.0, -10.0),
+    (3.2, 1.65, 130.0, -14.0),
+    (2.95, 1.8, 98.0, -16.0),
+    (2.8, 1.65, 62.0, -15.0),
 )
 
 
@@ -115,12 +114,13 @@ def _sections(options: SceneOptions) -> list[list[_View]]:
     """Views of every span, in world coordinates, yaw unwrapped; neighbours share their border."""
     if options.absence_frames == 0:
         return [list(_FIRST_LOOK)]
-    east, west = (ROOM_WIDTH_M - 0.1, DOOR_Y_M, 0.0, -5.0), (ROOM_WIDTH_M, DOOR_Y_M, 178.0, -7.0)
+    east = (ROOM_WIDTH_M, DOOR_Y_M, 34.0, -7.0)
+    west = (ROOM_WIDTH_M, DOOR_Y_M, 140.0, -8.0)
     sections = [[*_FIRST_LOOK, *_LEAVE, east]]
     for number in range(options.returns):
         sections.append([east, *_outing(options.num_rooms), west])
         is_last = number + 1 == options.returns
-        leave = () if is_last else ((2.45, 1.5, 35.0, -12.0), *_LEAVE, east)
+        leave = () if is_last else (*_LEAVE, east)
         sections.append([west, *_SECOND_LOOK, *leave])
     return sections
 
@@ -129,7 +129,7 @@ def _outing(num_rooms: int) -> list[_View]:
     """From the first room's door through the other rooms and back, turning by the north."""
     if num_rooms == 1:
         x = ROOM_WIDTH_M
-        return [(x + 1.2, DOOR_Y_M, 0.0, -8.0), (x + 1.3, DOOR_Y_M, 90.0, -8.0)]
+        return [(x + 1.5, DOOR_Y_M, 20.0, -8.0), (x + 1.6, DOOR_Y_M, 90.0, -8.0)]
     views: list[_View] = []
     for room in range(1, num_rooms):
         local = _TURN_BACK if room == num_rooms - 1 else _PASS_EAST
@@ -153,9 +153,9 @@ def _fly(
         is_first = start == 0
         times.append((start + share * (end - start))[0 if is_first else 1 :])
         views.append(points[0 if is_first else 1 :])
-    curve = PchipInterpolator(np.concatenate(times), np.concatenate(views))
-    flat = curve(np.arange(num_frames))
-    flat = gaussian_filter1d(flat, 1.5, axis=0, mode="nearest")
+    at, through = np.concatenate(times), np.concatenate(views)
+    flat = np.stack([np.interp(np.arange(num_frames), at, column) for column in through.T], 1)
+    flat = gaussian_filter1d(flat, min(3.0, num_frames / 40), axis=0, mode="nearest")
     height = np.full((num_frames, 1), _EYE_M)
     return np.concatenate([flat[:, :2], height, flat[:, 2:]], axis=1)
 
@@ -184,13 +184,3 @@ def _jumps(
         for frame in frames:
             offset[frame:] = rng.uniform(-1, 1, 5) * (0.15, 0.15, 0.08, 14.0, 5.0)
     return offset
-
-
-def without_pause(path: CameraPath) -> CameraPath:
-    """The same path with evenly spaced times, for writers that know no gaps."""
-    steps = np.diff([pose.time_s for pose in path.poses], prepend=0.0)
-    step = float(np.median(steps[1:])) if len(steps) > 1 else 0.0
-    poses = tuple(
-        dataclasses.replace(pose, time_s=index * step) for index, pose in enumerate(path.poses)
-    )
-    return dataclasses.replace(path, poses=poses)

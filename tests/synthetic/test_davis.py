@@ -1,0 +1,60 @@
+import dataclasses
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from remind_jax.errors import OutputError
+from remind_jax.synthetic import write_davis
+
+
+def test_davis_layout_holds_the_sequence(tiny, tmp_path):
+    root = write_davis(tiny, tmp_path)
+    assert root == tmp_path / "tiny"
+    for frame in tiny.frames:
+        path = root / "Annotations" / "tiny" / f"{frame.name}.png"
+        instances = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert instances is not None
+        assert instances.dtype == np.uint8
+        assert instances.ndim == 2
+        ids = frame.detections.instance_ids.tolist()
+        assert sorted(set(instances.ravel().tolist()) - {0}) == ids
+        for mask, instance in zip(frame.detections.masks, ids, strict=True):
+            np.testing.assert_array_equal(instances == instance, mask)
+        bgr = cv2.imread(str(root / "JPEGImages" / "tiny" / f"{frame.name}.jpg"))
+        assert bgr is not None
+        # JPEG at quality 92 is off by a grey level or two on average.
+        assert np.abs(bgr[..., ::-1].astype(float) - frame.image).mean() < 4
+
+
+def test_davis_metadata_names_ids(tiny, tmp_path):
+    root = write_davis(tiny, tmp_path)
+    data = json.loads((root / "metadata.json").read_text())
+    labels = {item.instance_id: item.label for item in tiny.scene.objects}
+    seen = {i for frame in tiny.frames for i in frame.detections.instance_ids.tolist()}
+    assert {int(key) for key in data["id_to_class"]} == seen
+    assert all(labels[int(key)] == name for key, name in data["id_to_class"].items())
+    assert len(set(data["id_to_label"].values())) == len(seen)
+    assert (data["frames"], data["width"], data["height"]) == (6, 160, 120)
+    one_class = json.loads((root / "metadata_one_class.json").read_text())
+    assert set(one_class["id_to_class"].values()) == {"object"}
+
+
+def test_a_scene_is_rendered_while_writing(tiny, tmp_path):
+    one, other = write_davis(tiny, tmp_path / "a"), write_davis(tiny.scene, tmp_path / "b")
+    for path in sorted(one.rglob("*.*")):
+        assert path.read_bytes() == (other / path.relative_to(one)).read_bytes()
+
+
+def test_ids_beyond_eight_bits_are_refused(tiny, tmp_path):
+    item = dataclasses.replace(tiny.scene.objects[0], instance_id=256)
+    scene = dataclasses.replace(tiny.scene, objects=(item,))
+    with pytest.raises(OutputError, match="256 does not fit"):
+        write_davis(scene, tmp_path)
+
+
+def test_an_unusable_folder_is_one_sentence(tiny, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot write the sequence"):
+        write_davis(tiny, tmp_path / "file")
