@@ -80,6 +80,7 @@ class Decisions:
     pending_id: Int[Array, "N"]  # ambiguous or provisional track, numbered per kind; -1 none
     score: Float[Array, "N"]  # final score of the match, best score of an undecided one, 0 if new
     status: Int[Array, "N"]  # Status of the visual scores
+    status_final: Int[Array, "N"]  # Status of the final scores of eligible candidates
     confidence: Float[Array, "N"]  # [0, 1]
     best_score: Float[Array, "N"]  # highest visual score over candidates, 0 without any
     second_score: Float[Array, "N"]  # second highest, 0 without any

@@ -38,3 +38,29 @@ class Masks:
     class_id: Int[Array, "N"]  # index into the class vocabulary
     detector_score: Float[Array, "N"]  # [0, 1]
     valid: Bool[Array, "N"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Descriptors:
+    """What each detection of a frame looks like (perception notes 7).
+
+    Letters: `A` appearance channels (global, trimmed), `C` part channels (clusters, attention),
+    `K` parts, `R` rings (inner, outer). Vectors have unit length where valid, else are zero.
+    """
+
+    appearance: Float[Array, "N A D"]
+    appearance_valid: Bool[Array, "N A"]
+    parts: Float[Array, "N C K D"]  # by falling support
+    parts_valid: Bool[Array, "N C K"]
+    rings: Float[Array, "N R D"]
+    rings_valid: Bool[Array, "N R"]
+    num_patches: Int[Array, "N"]  # patches of the object, capped
+    patch_sum: Float[Array, "N"]  # summed coverage in patches ("effective patches")
+    num_parts: Int[Array, "N"]  # largest over part channels
+    part_support: Float[Array, "N"]  # summed coverage of the parts, largest over part channels
+    ring_patches: Int[Array, "N R"]
+    mask_quality: Float[Array, "N"]  # solidity of the mask, (0, 1]
+    class_id: Int[Array, "N"]
+    valid: Bool[Array, "N"]  # a detection with a mask and finite features
+    num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite

@@ -1,0 +1,306 @@
+"""How similar is each detection to each object? (paper III-E; association notes 5 to 7).
+
+Channels are compared with the prototype banks, collapsed to four terms, and the terms averaged by
+weights that carry the quality of the observation. An absent value is not zero: presence travels
+beside every score. Letters: `N` detections, `O` objects, `A C R` channels, `S` slots, `T` terms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.association.quality import Quality
+from remind_jax.config.static import Static
+from remind_jax.config.thresholds import Similarity
+from remind_jax.memory.bank import Bank, DualBank, confidence, live, mean_quality
+from remind_jax.observation import Descriptors
+from remind_jax.perception.pooling import dot
+from remind_jax.state import TrackerState
+
+OBJECT, BACKGROUND, PARTS = 0, 1, 2
+NUM_TERMS = 3
+Rule = Literal["work", "stable", "prefer_stable", "max"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """Values in [0, 1] with their presence."""
+
+    value: Float[Array, "..."]  # 0 where absent
+    present: Bool[Array, "..."]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ChannelScores:
+    """Every channel against the work and the stable bank."""
+
+    object_work: Score  # [A N O]
+    object_stable: Score
+    authority_work: Float[Array, "A N O"]  # how proven the winning prototype is, [0, 1]
+    authority_stable: Float[Array, "A N O"]
+    rings_work: Score  # [R N O]
+    rings_stable: Score
+    parts_work: Score  # [C N O]
+    parts_stable: Score
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Terms:
+    """The scores of each pair by term, and how proven the object evidence is."""
+
+    value: Float[Array, "T N O"]
+    present: Bool[Array, "T N O"]
+    authority: Float[Array, "N O"]  # 1 where absent
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Visual evidence between detections and objects."""
+
+    candidate: Bool[Array, "N O"]  # same class; nothing else rules an object out
+    score: Float[Array, "N O"]  # the visual score, [0, 1]; 0 for non-candidates
+    source: Int[Array, "T N"]  # bank compared by: 0 auto, 1 work, 2 stable
+    terms: Terms  # under the source of each detection
+    shown: Terms  # under "auto", for the count of present terms
+
+
+AUTO, WORK, STABLE = 0, 1, 2
+
+
+def compare(
+    state: TrackerState,
+    descriptors: Descriptors,
+    quality: Quality,
+    static: Static,
+    t: Similarity,
+    background: Bool[Array, ""],
+    promote_hits: Int[Array, ""],
+) -> Comparison:
+    """Scores every detection against every object of its class.
+
+    Args:
+      state: Memory before the frame.
+      descriptors: What the detections look like.
+      quality: Quality of the observations.
+      static: Which channels and banks count.
+      t: Weights of the terms.
+      background: Whether background is compared at all.
+      promote_hits: Hits that prove an appearance prototype.
+    """
+    objects = state.objects
+    candidate = descriptors.valid[:, None] & objects.exists[None]
+    candidate = candidate & (descriptors.class_id[:, None] == objects.class_id[None])
+    channels = compare_channels(state, descriptors, static, background, promote_hits)
+
+    by_rule = [
+        collapse(channels, rules, static, t)
+        for rules in (
+            ("prefer_stable", "prefer_stable", "max"),
+            ("work", "work", "work"),
+            ("stable", "stable", "stable"),
+        )
+    ]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *by_rule)
+    # One bank for all candidates of a detection where all have it, stable first (notes 7.3).
+    everywhere = jnp.all(stacked.present | ~candidate, axis=-1)
+    source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
+    pick = source[None, :, :, None]
+    terms = Terms(
+        value=jnp.take_along_axis(stacked.value, pick, axis=0)[0],
+        present=jnp.take_along_axis(stacked.present, pick, axis=0)[0],
+        authority=jnp.take_along_axis(stacked.authority, source[OBJECT][None, :, None], 0)[0],
+    )
+    weights = term_weights(quality, terms.authority, t)
+    score = weighted_mean(terms.value, terms.present & candidate, weights, t)
+    return Comparison(candidate, score, source, terms, by_rule[AUTO])
+
+
+def count_terms(comparison: Comparison) -> Int[Array, "N"]:
+    """Terms that are present between each detection and its best candidate, under "auto"."""
+    best = jnp.argmax(jnp.where(comparison.candidate, comparison.score, -jnp.inf), axis=1)
+    present = comparison.shown.present & comparison.candidate
+    counts = jnp.sum(present, axis=0)
+    return jnp.take_along_axis(counts, best[:, None], axis=1)[:, 0]
+
+
+def compare_channels(
+    state: TrackerState,
+    descriptors: Descriptors,
+    static: Static,
+    background: Bool[Array, ""],
+    promote_hits: Int[Array, ""],
+) -> ChannelScores:
+    """Compares every channel with its two banks (notes 5)."""
+    appearance = jnp.swapaxes(descriptors.appearance, 0, 1)
+    seen = jnp.swapaxes(descriptors.appearance_valid, 0, 1)
+    rings = jnp.swapaxes(descriptors.rings, 0, 1)
+    rings_seen = jnp.swapaxes(descriptors.rings_valid, 0, 1) & background
+    parts = jnp.swapaxes(descriptors.parts, 0, 1)
+    parts_seen = jnp.swapaxes(descriptors.parts_valid, 0, 1)
+
+    def both(banks: DualBank, score) -> tuple:
+        work, stable = score(banks.work), score(banks.stable)
+        if static.banks_read == "work":
+            hidden = jax.tree.map(jnp.zeros_like, stable[0])
+            stable = (hidden, *stable[1:])
+        return work, stable
+
+    (object_work, authority_work), (object_stable, authority_stable) = both(
+        state.appearance, lambda bank: _best_of_bank(bank, appearance, seen, promote_hits)
+    )
+    (rings_work, _), (rings_stable, _) = both(
+        state.rings, lambda bank: _best_of_bank(bank, rings, rings_seen, promote_hits)
+    )
+    (parts_work,), (parts_stable,) = both(
+        state.parts, lambda bank: (_best_parts(bank, parts, parts_seen, static.part_top),)
+    )
+    return ChannelScores(
+        object_work,
+        object_stable,
+        authority_work,
+        authority_stable,
+        rings_work,
+        rings_stable,
+        parts_work,
+        parts_stable,
+    )
+
+
+def _cosines(bank: Bank, vectors: Float[Array, "C V D"]) -> Float[Array, "C V O S"]:
+    """Cosine of vectors with all prototypes of their channel, -inf in free slots."""
+    channels, objects, slots, dim = bank.embedding.shape
+    flat = bank.embedding.reshape(channels, objects * slots, dim)
+    cosine = dot(vectors, flat).reshape(channels, -1, objects, slots)
+    cosine = cosine.astype(bank.quality_sum.dtype)
+    return jnp.where(live(bank)[:, None], cosine, -jnp.inf)
+
+
+def _best_of_bank(
+    bank: Bank,
+    vectors: Float[Array, "C N D"],
+    seen: Bool[Array, "C N"],
+    promote_hits: Int[Array, ""],
+) -> tuple[Score, Float[Array, "C N O"]]:
+    """Best cosine per object, clamped at 0, and the authority of the winner (notes 5.1, 5.3)."""
+    cosine = _cosines(bank, vectors)
+    winner = jnp.argmax(cosine, axis=-1)
+    best = jnp.take_along_axis(cosine, winner[..., None], axis=-1)[..., 0]
+    present = seen[..., None] & (best > -1.0)
+    quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
+    authority = jnp.clip(jnp.sqrt(quality * confidence(bank, promote_hits)), 0.0, 1.0)
+    won = jnp.take_along_axis(authority[:, None], winner[..., None], axis=-1)[..., 0]
+    return Score(jnp.where(present, jnp.maximum(best, 0.0), 0.0), present), won
+
+
+def _best_parts(
+    bank: Bank, parts: Float[Array, "C N K D"], seen: Bool[Array, "C N K"], top: int
+) -> Score:
+    """Mean over the `top` best matching parts of a detection (notes 5.1)."""
+    channels, num, clusters, dim = parts.shape
+    cosine = _cosines(bank, parts.reshape(channels, num * clusters, dim))
+    best = jnp.max(cosine, axis=-1).reshape(channels, num, clusters, -1)
+    best = jnp.where(seen[..., None], jnp.maximum(best, 0.0), -1.0)
+    best = -jnp.sort(-best, axis=2)[:, :, :top]
+    counted = best >= 0.0
+    count = jnp.sum(counted, axis=2)
+    present = (count > 0) & (bank.size > 0)[:, None]
+    mean = jnp.sum(jnp.where(counted, best, 0.0), axis=2) / jnp.maximum(count, 1)
+    return Score(jnp.where(present, mean, 0.0), present)
+
+
+def collapse(
+    channels: ChannelScores, rules: tuple[Rule, Rule, Rule], static: Static, t: Similarity
+) -> Terms:
+    """Reduces work and stable bank, then the channels, to the three terms (notes 7.1, 7.2)."""
+    c = channels
+    for_object, for_background, for_parts = rules
+    score, takes_stable = _collapse_pair(c.object_work, c.object_stable, for_object)
+    authority = jnp.where(takes_stable, c.authority_stable, c.authority_work)
+    chosen = {"best": slice(None), "global": slice(0, 1), "trimmed": slice(1, 2)}
+    chosen = chosen[static.object_channel]
+    score, authority = jax.tree.map(lambda leaf: leaf[chosen], (score, authority))
+    winner = jnp.argmax(jnp.where(score.present, score.value, -jnp.inf), axis=0)
+    pick = lambda leaf: jnp.take_along_axis(leaf, winner[None], axis=0)[0]  # noqa: E731
+    obj = jax.tree.map(pick, score)
+    authority = jnp.where(obj.present, pick(authority), 1.0)
+
+    back, _ = _collapse_pair(
+        _combine_rings(c.rings_work, static, t),
+        _combine_rings(c.rings_stable, static, t),
+        for_background,
+    )
+    parts, _ = _collapse_pair(c.parts_work, c.parts_stable, for_parts)
+    parts = Score(jnp.max(parts.value, axis=0), jnp.any(parts.present, axis=0))
+    return Terms(
+        value=jnp.stack([obj.value, back.value, parts.value]),
+        present=jnp.stack([obj.present, back.present, parts.present]),
+        authority=authority,
+    )
+
+
+def _collapse_pair(work: Score, stable: Score, rule: Rule) -> tuple[Score, Bool[Array, "..."]]:
+    """One score from the two banks, and whether it is the stable one."""
+    if rule == "work":
+        return work, jnp.zeros_like(work.present)
+    if rule == "stable":
+        return stable, jnp.ones_like(stable.present)
+    takes_stable = stable.present
+    if rule == "max":
+        takes_stable = stable.present & (~work.present | (stable.value >= work.value))
+    value = jnp.where(takes_stable, stable.value, work.value)
+    return Score(value, work.present | stable.present), takes_stable
+
+
+def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
+    """Joins inner and outer ring; one alone counts in full (notes 5.1, 5.4)."""
+    if static.ring_channel == "inner":
+        return jax.tree.map(lambda leaf: leaf[0], rings)
+    if static.ring_channel == "outer":
+        return jax.tree.map(lambda leaf: leaf[1], rings)
+    shares = jnp.maximum(jnp.stack([t.inner_share, t.outer_share]), 0.0)
+    total = jnp.sum(shares)
+    shares = jnp.where(total > 1e-12, shares / jnp.maximum(total, 1e-12), 0.5)
+    inner, outer = rings.value
+    joint = (shares[0] * inner + shares[1] * outer) / (shares[0] + shares[1])
+    both = rings.present[0] & rings.present[1]
+    return Score(jnp.where(both, joint, inner + outer), rings.present[0] | rings.present[1])
+
+
+def term_weights(
+    quality: Quality, authority: Float[Array, "N O"], t: Similarity
+) -> Float[Array, "T N O"]:
+    """Weights of the terms after the quality of observation and prototype (notes 6.2)."""
+    lift = lambda q, floor: floor + (1.0 - floor) * jnp.clip(q, 0.0, 1.0)  # noqa: E731
+    joint = jnp.sqrt(jnp.maximum(0.0, quality.object[:, None] * authority))
+    ones = jnp.ones_like(authority)
+    obj = lift(joint, t.object_floor) * quality.object_density[:, None]
+    back = lift(quality.background, t.background_floor)[:, None] * ones
+    parts = (lift(quality.parts, t.parts_floor) * quality.parts_density)[:, None] * ones
+    return jnp.stack([t.object_weight * obj, t.background_weight * back, t.parts_weight * parts])
+
+
+def weighted_mean(
+    value: Float[Array, "T N O"],
+    present: Bool[Array, "T N O"],
+    weights: Float[Array, "T N O"],
+    t: Similarity,
+) -> Float[Array, "N O"]:
+    """One score from the present terms of positive nominal weight (notes 7.4)."""
+    nominal = jnp.stack([t.object_weight, t.background_weight, t.parts_weight])
+    counted = present & (nominal > 0)[:, None, None]
+    weights = jnp.where(counted, weights, 0.0)
+    total, weight = jnp.zeros(value.shape[1:], value.dtype), jnp.zeros(value.shape[1:], value.dtype)
+    for term in range(NUM_TERMS):  # in this order, as in the original
+        total = total + weights[term] * jnp.where(counted[term], value[term], 0.0)
+        weight = weight + weights[term]
+    mean = jnp.where(weight > 1e-12, total / jnp.maximum(weight, 1e-12), 0.0)
+    return jnp.where(t.renormalize, mean, total)

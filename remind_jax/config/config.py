@@ -1,0 +1,197 @@
+"""`Config`: static structure, thresholds and input options, read from strict YAML.
+
+A file holds any part of the tree `input`, `static`, `thresholds`; what it leaves out keeps the
+published value. `base: NAME` starts from another configuration.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import typing
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from remind_jax.config.static import Static
+from remind_jax.config.thresholds import Thresholds
+from remind_jax.errors import ConfigError, nearest_names
+
+
+@dataclasses.dataclass(frozen=True)
+class Input:
+    """How frames and masks are prepared on the host (perception notes 1, 6.1)."""
+
+    max_width_px: int = 1280  # wider frames are reduced to this width
+    center_crop: bool = True  # crop to whole patches around the centre, else at the top left
+    ignored_classes: tuple[str, ...] = ("wall", "floor", "ceiling", "object")
+    sanitize: typing.Literal["convex_hull", "morphology", "none"] = "convex_hull"
+    close_px: int = 3  # "morphology": side of the closing square
+    open_px: int = 0  # "morphology": side of the opening square, 0: none
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Everything that a run can be told, apart from its input and its backbone."""
+
+    input: Input = dataclasses.field(default_factory=Input)
+    static: Static = dataclasses.field(default_factory=Static)
+    thresholds: Thresholds = dataclasses.field(default_factory=Thresholds)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain nested values, fit for YAML and JSON."""
+        return _plain(dataclasses.asdict(self))
+
+    def updated(self, changes: Mapping[str, Any], origin: str = "changes") -> Config:
+        """A copy with some values changed, e.g. `{"thresholds": {"matching": {"match": 0.7}}}`.
+
+        Raises:
+          ConfigError: For an unknown key or a value of the wrong kind.
+        """
+        return _update(self, changes, (), origin)
+
+    def difference(self, other: Config) -> list[tuple[str, Any, Any]]:
+        """Keys whose values differ, with this value and the other's."""
+        mine, theirs = dict(flatten(self.to_dict())), dict(flatten(other.to_dict()))
+        return [(key, mine[key], theirs[key]) for key in mine if mine[key] != theirs[key]]
+
+    @classmethod
+    def from_reference(cls, settings: Mapping[str, Any] | str | Path) -> Config:
+        """Reads settings written for the original implementation.
+
+        Args:
+          settings: Nested keys as in the original's YAML, or the path of such a file; what is
+            left out keeps the published value.
+
+        Raises:
+          ConfigError: For a key that the original does not have, or a value that is not supported.
+        """
+        from remind_jax.config.reference_keys import translate
+
+        if not isinstance(settings, Mapping):
+            settings = read_yaml(Path(settings))
+        return cls().updated(translate(settings), "settings of the original")
+
+
+def load_config(name: str | Path | Config | Mapping[str, Any] = "default") -> Config:
+    """Gives a configuration by name, by file, or from nested values.
+
+    Args:
+      name: Name of a shipped configuration, path of a YAML file, nested values on top of
+        `default`, or a `Config` that is returned as it is.
+
+    Raises:
+      ConfigError: If there is no such configuration or it holds an unknown key or a wrong value.
+    """
+    if isinstance(name, Config):
+        return name
+    if isinstance(name, Mapping):
+        return load_config("default").updated(name)
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        shipped = {file.stem: file for file in sorted(_shipped_folder().glob("*.yaml"))}
+        if str(name) not in shipped:
+            hint = nearest_names(str(name), shipped)
+            raise ConfigError(
+                f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)"
+            )
+        path = shipped[str(name)]
+    values = read_yaml(path)
+    base = values.pop("base", None)
+    start = Config() if base is None else load_config(base)
+    return start.updated(values, str(path))
+
+
+def list_configs() -> list[str]:
+    """Names of the shipped configurations."""
+    return sorted(file.stem for file in _shipped_folder().glob("*.yaml"))
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Reads a mapping from a YAML file.
+
+    Raises:
+      ConfigError: If the file is missing, is no YAML or holds something else than a mapping.
+    """
+    import yaml  # the core needs no YAML
+
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        reason = str(error).replace("\n", " ")
+        raise ConfigError(f"{path} is not valid YAML: {reason}") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path} must hold keys and values, not a {type(values).__name__}")
+    return values
+
+
+def flatten(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Walks nested values as dotted keys."""
+    for key, value in tree.items():
+        dotted = f"{path}.{key}" if path else str(key)
+        if isinstance(value, Mapping):
+            yield from flatten(value, dotted)
+        else:
+            yield dotted, value
+
+
+@functools.cache
+def _shipped_folder() -> Path:
+    """The folder of shipped files: inside the wheel, or beside the package in a checkout."""
+    package = Path(__file__).resolve().parent.parent
+    inside = package / "configs"
+    return inside if inside.is_dir() else package.parent / "configs"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(item) for item in value]
+    return value.item() if hasattr(value, "item") else value
+
+
+def _update(node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin: str) -> Any:
+    """Replaces fields of nested dataclasses, checking names and kinds."""
+    fields = {field.name: field for field in dataclasses.fields(node)}
+    updated = {}
+    for key, value in changes.items():
+        dotted = ".".join((*path, str(key)))
+        if key not in fields:
+            hint = nearest_names(str(key), fields)
+            raise ConfigError(f"unknown key {dotted!r} in {origin}; {hint}")
+        old = getattr(node, key)
+        if dataclasses.is_dataclass(old):
+            if not isinstance(value, Mapping):
+                raise ConfigError(
+                    f"{dotted} in {origin} is {value!r}; it must hold keys and values"
+                )
+            updated[key] = _update(old, value, (*path, str(key)), origin)
+        else:
+            updated[key] = _coerce(value, old, dotted, origin)
+    return dataclasses.replace(node, **updated)
+
+
+def _coerce(value: Any, old: Any, dotted: str, origin: str) -> Any:
+    """The value in the kind of the one that it replaces; arrays pass, they are sweeps."""
+    wanted = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+    if isinstance(old, bool):
+        fits = isinstance(value, bool)
+    elif isinstance(old, int):
+        fits = isinstance(value, int) and not isinstance(value, bool)
+    elif isinstance(old, float):
+        fits = isinstance(value, (int, float)) and not isinstance(value, bool)
+        value = float(value) if fits else value
+    elif isinstance(old, tuple):
+        fits = isinstance(value, (list, tuple))
+        value = tuple(value) if fits else value
+    else:
+        fits = isinstance(value, type(old))
+    if not fits and not hasattr(value, "dtype"):
+        kind = wanted.get(type(old), "a list")
+        raise ConfigError(f"{dotted} in {origin} is {value!r}; it must be {kind}")
+    return value

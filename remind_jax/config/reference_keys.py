@@ -1,0 +1,372 @@
+"""The original's configuration keys and what they are called here; one table.
+
+Every key of the original's default configuration stands in exactly one of the tables below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from remind_jax.errors import ConfigError, nearest_names
+
+Path = str
+
+_M = "association.matching"
+_H = "association.matching.hungarian"
+_Q = "association.similarity.quality"
+_A = "update.appearance_memory"
+_B = "update.background_memory"
+_P = "update.parts_memory"
+
+RENAMED: dict[Path, Path] = {
+    "system.input_width_size": "input.max_width_px",
+    "perception.full_center_crop": "input.center_crop",
+    "detector.ignored_classes": "input.ignored_classes",
+    "bg_local.sanitize.close_px": "input.close_px",
+    "bg_local.sanitize.open_px": "input.open_px",
+    "object_features.global_trimmed.keep_frac": "thresholds.perception.trim_keep",
+    "object_features.global_trimmed.min_patches": "thresholds.perception.trim_min_patches",
+    "object_features.patch.max_patches": "thresholds.perception.max_counted_patches",
+    "part_descriptors.enabled": "thresholds.perception.parts_enabled",
+    "part_descriptors.kmeans.k": "static.part_clusters",
+    "part_descriptors.kmeans.iters": "static.part_iterations",
+    "part_descriptors.kmeans.n_init": "static.part_restarts",
+    "part_descriptors.kmeans.seed": "static.part_seed",
+    "part_descriptors.kmeans.min_cluster_patches": "thresholds.perception.part_min_patches",
+    "part_descriptors.kmeans.min_support": "thresholds.perception.part_min_support",
+    "part_descriptors.kmeans.merge.sim_thr": "thresholds.perception.part_merge",
+    "bg_local.enabled": "thresholds.perception.rings_enabled",
+    "bg_local.inner_radius_patches": "thresholds.perception.ring_inner",
+    "bg_local.outer_radius_patches": "thresholds.perception.ring_outer",
+    "bg_local.obj_patch_min_coverage": "thresholds.perception.ring_object_coverage",
+    "bg_local.adaptive.enabled": "thresholds.perception.ring_adaptive",
+    "bg_local.adaptive.min_inner_patches": "thresholds.perception.ring_min_inner",
+    "bg_local.adaptive.min_outer_patches": "thresholds.perception.ring_min_outer",
+    "bg_local.adaptive.max_radius_patches": "thresholds.perception.ring_limit",
+    "bg_local.adaptive.border_exclusion_patches": "thresholds.perception.ring_border",
+    "memory.background.enabled": "thresholds.background.enabled",
+    "memory.background.combine_weights.inner": "thresholds.similarity.inner_share",
+    "memory.background.combine_weights.outer": "thresholds.similarity.outer_share",
+    "association.similarity.parts.topk": "static.part_top",
+    f"{_Q}.enabled": "thresholds.similarity.quality_enabled",
+    f"{_Q}.object.min_patches": "thresholds.similarity.object_min_patches",
+    f"{_Q}.object.full_patches": "thresholds.similarity.object_full_patches",
+    f"{_Q}.object.min_coverage_density": "thresholds.similarity.object_min_density",
+    f"{_Q}.object.full_coverage_density": "thresholds.similarity.object_full_density",
+    f"{_Q}.object.weight_floor": "thresholds.similarity.object_floor",
+    f"{_Q}.parts.disable_below_obj_patches": "thresholds.similarity.parts_disabled_below",
+    f"{_Q}.parts.min_obj_patches": "thresholds.similarity.parts_min_patches",
+    f"{_Q}.parts.full_obj_patches": "thresholds.similarity.parts_full_patches",
+    f"{_Q}.parts.min_parts": "thresholds.similarity.parts_min_count",
+    f"{_Q}.parts.full_parts": "thresholds.similarity.parts_full_count",
+    f"{_Q}.parts.min_support_frac": "thresholds.similarity.parts_min_support",
+    f"{_Q}.parts.full_support_frac": "thresholds.similarity.parts_full_support",
+    f"{_Q}.parts.min_coverage_density": "thresholds.similarity.parts_min_density",
+    f"{_Q}.parts.full_coverage_density": "thresholds.similarity.parts_full_density",
+    f"{_Q}.parts.weight_floor": "thresholds.similarity.parts_floor",
+    f"{_Q}.background.min_inner_patches": "thresholds.similarity.background_min_inner",
+    f"{_Q}.background.full_inner_patches": "thresholds.similarity.background_full_inner",
+    f"{_Q}.background.min_outer_patches": "thresholds.similarity.background_min_outer",
+    f"{_Q}.background.full_outer_patches": "thresholds.similarity.background_full_outer",
+    f"{_Q}.background.min_mask_quality": "thresholds.similarity.background_min_mask_quality",
+    f"{_Q}.background.weight_floor": "thresholds.similarity.background_floor",
+    "association.confirmation.confirm_thr_strong": "thresholds.diagnosis.anchor_score",
+    "association.confirmation.confirm_clear_margin": "thresholds.diagnosis.anchor_margin",
+    f"{_M}.match_thr": "thresholds.matching.match",
+    f"{_M}.renormalize_missing": "thresholds.similarity.renormalize",
+    f"{_M}.weights.object": "thresholds.similarity.object_weight",
+    f"{_M}.weights.background_global": "thresholds.similarity.background_weight",
+    f"{_M}.weights.parts": "thresholds.similarity.parts_weight",
+    f"{_H}.enable_dummies": "thresholds.matching.dummies",
+    f"{_H}.dummy_score": "thresholds.matching.dummy_score",
+    f"{_H}.use_confidence_dummy": "thresholds.matching.dummy_by_confidence",
+    f"{_H}.conf_alpha": "thresholds.matching.dummy_confidence_gain",
+    f"{_H}.dummy_score_cap": "thresholds.matching.dummy_cap",
+    f"{_H}.gate_by_match_thr": "thresholds.matching.gate_match",
+    f"{_H}.gate_by_min_match_score": "thresholds.matching.gate_min_visual",
+    f"{_H}.locks.enabled": "thresholds.matching.locks",
+    f"{_H}.locks.object_enabled": "thresholds.matching.object_locks",
+    f"{_H}.locks.det_enabled": "thresholds.matching.detection_locks",
+    f"{_H}.locks.thr": "thresholds.matching.lock_score",
+    f"{_H}.locks.gap_abs_min": "thresholds.matching.lock_gap",
+    f"{_H}.locks.gap_rel_thr": "thresholds.matching.lock_relative_gap",
+    "association.ambiguity.enabled": "thresholds.diagnosis.enabled",
+    "association.ambiguity.close_delta": "thresholds.diagnosis.close",
+    "association.ambiguity.strong_gap": "thresholds.diagnosis.strong_gap",
+    "association.ambiguity.strong_min_score": "thresholds.diagnosis.strong_score",
+    "association.ambiguity.ambiguous_min_score": "thresholds.diagnosis.ambiguous_score",
+    "association.confidence.enabled": "thresholds.diagnosis.confidence_enabled",
+    "association.confidence.temperature": "thresholds.diagnosis.temperature",
+    "association.confidence.coverage_target": "thresholds.diagnosis.coverage_target",
+    "association.confidence.gap_center": "thresholds.diagnosis.gap_center",
+    "association.confidence.gap_k": "thresholds.diagnosis.gap_scale",
+    "update.min_match_score": "thresholds.matching.min_visual",
+    "update.confirm_hits": "thresholds.lifecycle.confirm_hits",
+    "update.remove_enabled": "static.remove_objects",
+    "update.max_misses_tentative": "thresholds.lifecycle.max_misses_tentative",
+    "update.max_misses_confirmed": "thresholds.lifecycle.max_misses_confirmed",
+    "update.inactive_ttl": "thresholds.lifecycle.max_misses_inactive",
+    "update.robust_updates.enabled": "thresholds.update.gated",
+    "update.robust_updates.safe_alpha_scale": "thresholds.update.ambiguous_rate",
+    f"{_A}.dup_thr": "thresholds.appearance.duplicate",
+    f"{_A}.novel_thr": "thresholds.appearance.novel",
+    f"{_A}.merge_thr": "thresholds.appearance.merge",
+    f"{_A}.count_cap": "thresholds.appearance.merge_cap",
+    f"{_A}.promote_hits": "thresholds.appearance.promote_hits",
+    f"{_A}.stable_dup_thr": "thresholds.appearance.stable_duplicate",
+    f"{_A}.stable_merge_thr": "thresholds.appearance.stable_merge",
+    f"{_A}.quality_min_patches": "thresholds.appearance.patches_min",
+    f"{_A}.quality_full_patches": "thresholds.appearance.patches_full",
+    f"{_A}.create_min_quality": "thresholds.appearance.create_quality",
+    f"{_A}.promote_min_quality": "thresholds.appearance.promote_quality",
+    f"{_A}.work_update_min_quality": "thresholds.appearance.work_quality",
+    f"{_A}.stable_update_min_quality": "thresholds.appearance.stable_quality",
+    f"{_A}.dup_update.ema_on_dup": "thresholds.appearance.gated_update",
+    f"{_A}.dup_update.margin": "thresholds.appearance.update_margin",
+    f"{_A}.dup_update.alpha_min": "thresholds.appearance.update_rate_min",
+    f"{_A}.dup_update.alpha_max": "thresholds.appearance.update_rate_max",
+    f"{_B}.work_dup_thr": "thresholds.background.duplicate",
+    f"{_B}.work_merge_thr": "thresholds.background.merge",
+    f"{_B}.promote_hits_global": "thresholds.background.promote_hits",
+    f"{_B}.stable_dup_thr": "thresholds.background.stable_duplicate",
+    f"{_B}.count_cap": "thresholds.background.merge_cap",
+    f"{_B}.global_create_min_quality": "thresholds.background.create_quality",
+    f"{_B}.global_promote_min_quality": "thresholds.background.promote_quality",
+    f"{_B}.global_work_update_min_quality": "thresholds.background.work_quality",
+    f"{_B}.global_stable_update_min_quality": "thresholds.background.stable_quality",
+    f"{_B}.global_inner_min_patches": "thresholds.background.inner_min_patches",
+    f"{_B}.global_inner_full_patches": "thresholds.background.inner_full_patches",
+    f"{_B}.global_outer_min_patches": "thresholds.background.outer_min_patches",
+    f"{_B}.global_outer_full_patches": "thresholds.background.outer_full_patches",
+    f"{_B}.global_min_mask_quality": "thresholds.background.min_mask_quality",
+    f"{_B}.dup_update.margin": "thresholds.background.update_margin",
+    f"{_B}.dup_update.alpha_min": "thresholds.background.update_rate_min",
+    f"{_B}.dup_update.alpha_max": "thresholds.background.update_rate_max",
+    f"{_B}.stable_dup_update.margin": "thresholds.background.stable_margin",
+    f"{_B}.stable_dup_update.alpha_min": "thresholds.background.stable_rate_min",
+    f"{_B}.stable_dup_update.alpha_max": "thresholds.background.stable_rate_max",
+    f"{_P}.dup_thr": "thresholds.parts.duplicate",
+    f"{_P}.novel_thr": "thresholds.parts.novel",
+    f"{_P}.merge_thr": "thresholds.parts.merge",
+    f"{_P}.greedy_1to1": "thresholds.parts.one_to_one",
+    f"{_P}.promote_hits": "thresholds.parts.promote_hits",
+    f"{_P}.stable_dup_thr": "thresholds.parts.stable_duplicate",
+    f"{_P}.stable_merge_thr": "thresholds.parts.stable_merge",
+    f"{_P}.dup_update.margin": "thresholds.parts.update_margin",
+    f"{_P}.dup_update.alpha_min": "thresholds.parts.update_rate_min",
+    f"{_P}.dup_update.alpha_max": "thresholds.parts.update_rate_max",
+    f"{_P}.merge.count_cap": "thresholds.parts.merge_cap",
+}
+
+_EVICT = {"redundant": "redundant", "lru": "oldest"}
+_INSERT = {"always": "always", "novel_only": "novel"}
+_WEIGHT = {"equal": "equal", "count_capped": "capped"}
+
+# Keys whose values have other names here.
+CHOICES: dict[Path, tuple[Path, dict[Any, Any]]] = {
+    "bg_local.ring_mode": (
+        "thresholds.perception.ring_nested",
+        {"disjoint": False, "nested": True},
+    ),
+    "bg_local.sanitize.mode": (
+        "input.sanitize",
+        {"convex_hull": "convex_hull", "morphology": "morphology"},
+    ),
+    f"{_M}.proto_source_mode": ("static.banks_read", {"default": "both", "work_only": "work"}),
+    f"{_M}.object_mode": (
+        "static.object_channel",
+        {"max": "best", "global": "global", "global_trimmed": "trimmed"},
+    ),
+    f"{_M}.background_mode": (
+        "static.ring_channel",
+        {"combined": "combined", "inner": "inner", "outer": "outer"},
+    ),
+    "association.confidence.margin_mode": (
+        "static.margin",
+        {
+            "sigmoid_abs": "sigmoid",
+            "linear_abs": "linear",
+            "linear_rel": "linear_relative",
+            "sigmoid_rel": "sigmoid_relative",
+        },
+    ),
+    f"{_A}.insert_policy": ("static.appearance_insert", _INSERT),
+    f"{_A}.evict_strategy": ("static.appearance_evict", _EVICT),
+    f"{_A}.stable_evict_strategy": ("static.appearance_stable_evict", _EVICT),
+    f"{_A}.merge_weight": ("static.appearance_merge", _WEIGHT),
+    f"{_B}.work_evict_strategy": ("static.ring_evict", _EVICT),
+    f"{_B}.stable_update": (
+        "thresholds.background.stable_update",
+        {"count_capped": True, "none": False, "off": False, "skip": False},
+    ),
+    f"{_P}.insert_policy": ("static.part_insert", _INSERT),
+    f"{_P}.evict_strategy": ("static.part_evict", _EVICT),
+    f"{_P}.merge.merge_weight": ("static.part_merge", _WEIGHT),
+}
+
+# Capacities of the work and the stable bank.
+SLOTS: dict[Path, tuple[tuple[Path, int], ...]] = {
+    "memory.appearance.max_prototypes_per_channel": (("static.appearance_slots", 0),),
+    "memory.appearance.max_stable_prototypes_per_channel": (("static.appearance_slots", 1),),
+    "memory.parts.max_prototypes_per_channel": (("static.part_slots", 0), ("static.part_slots", 1)),
+    "memory.background.max_inner": (("static.inner_ring_slots", 0),),
+    "memory.background.max_outer": (("static.outer_ring_slots", 0),),
+    "memory.background.max_inner_global_stable": (("static.inner_ring_slots", 1),),
+    "memory.background.max_outer_global_stable": (("static.outer_ring_slots", 1),),
+}
+
+# Keys that are supported with this value only.
+FIXED: dict[Path, Any] = {
+    "dino.normalize_embeddings": True,
+    "object_features.global.enabled": True,
+    "object_features.global.weighted": True,
+    "object_features.global_trimmed.enabled": True,
+    "object_features.global_trimmed.weighted": True,
+    "object_features.patch.enabled": True,
+    "part_descriptors.kmeans.enabled": True,
+    "part_descriptors.kmeans.weighted": True,
+    "part_descriptors.kmeans.use_trimmed_mean": False,
+    "part_descriptors.kmeans.merge.enabled": True,
+    "part_descriptors.kmeans.merge.mode": "keep_best",
+    "part_descriptors.attention.enabled": False,
+    "bg_local.sanitize.enabled": True,
+    "bg_local.sanitize.fill_holes": True,
+    "bg_local.sanitize.keep_largest_component": False,
+    "memory.start_object_id": 0,
+    "memory.appearance.enabled": True,
+    "memory.appearance.channels.global.enabled": True,
+    "memory.appearance.channels.global_trimmed.enabled": True,
+    "memory.appearance.channels.patch.enabled": False,
+    "memory.parts.enabled": True,
+    "memory.parts.channels.kmeans.enabled": True,
+    "association.similarity.background_partials.enabled": False,
+    f"{_M}.parts_mode": "max",
+    "association.confidence.eps": 1e-6,
+    f"{_A}.enabled": True,
+    f"{_A}.update_nn_on_skip": True,
+    f"{_B}.enabled": True,
+    f"{_P}.enabled": True,
+}
+
+# Keys, or whole sections, that never change an identity in a supported setting.
+INERT: tuple[Path, ...] = (
+    "runtime",
+    "timing",
+    "paths",
+    "input",
+    "detector.backend",
+    "yolo",
+    "davis",
+    "dino.model_label",
+    "dino.models",
+    "dino.default_patch_size",
+    "dino.patch_coverage_mode",
+    "object_features.patch.return_coverage",
+    "object_features.patch.l2_normalize",
+    "part_descriptors.kmeans.trimmed_keep_frac",
+    "part_descriptors.kmeans.trimmed_min_patches",
+    "part_descriptors.kmeans.return_masks",
+    "part_descriptors.attention",
+    "bg_local.combine_weights",
+    "bg_local.prototypes",
+    "memory.parts.channels.attention.enabled",
+    "memory.background.max_inner_partials",
+    "memory.background.max_outer_partials",
+    "memory.background.max_inner_partials_stable",
+    "memory.background.max_outer_partials_stable",
+    "association.similarity.background_partials.topk",
+    f"{_M}.weights.background_partials",
+    "association.confidence.min_temperature",
+    "association.confidence.min_gap_k",
+    "update.max_misses",
+    "update.temporary_tracks",
+    "update.neighbor_graphs",
+    f"{_B}.promote_hits",
+    f"{_B}.promote_hits_partials",
+    f"{_B}.stable_merge_thr",
+    "testing",
+    "debug",
+)
+
+# Sections of context, disambiguation and undecided tracks, which have no counterpart yet.
+NOT_YET: tuple[Path, ...] = (
+    "memory.neighbors",
+    "memory.neighbors_distance",
+    f"{_M}.clear_margin",
+    f"{_H}.identity_stability",
+    f"{_H}.committed_new_competition",
+    f"{_M}.neighbor_sets_influence",
+    f"{_M}.neighbor_sets_context_veto",
+    "association.ambiguous_tracks",
+    "association.provisional_new",
+    "association.scores.neighbor_sets",
+    "update.ambiguous_tracks",
+    "update.provisional_new",
+)
+
+_SELECTION, _SELECTION_THRESHOLD = "dino.patch_selection", "dino.patch_threshold"
+
+
+def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Turns nested settings of the original into nested settings of this package.
+
+    Raises:
+      ConfigError: For a key that the original does not have, or a value that is not supported.
+    """
+    from remind_jax.config.config import Config, flatten
+
+    flat = dict(flatten(settings))
+    defaults = dict(flatten(Config().to_dict()))
+    changes: dict[Path, Any] = {}
+    for key, value in flat.items():
+        if key in RENAMED:
+            changes[RENAMED[key]] = _like(value, defaults[RENAMED[key]])
+        elif key in CHOICES:
+            name, values = CHOICES[key]
+            changes[name] = values[_allowed(key, value, values)]
+        elif key in SLOTS:
+            for name, position in SLOTS[key]:
+                pair = list(changes.get(name, defaults[name]))
+                pair[position] = value
+                changes[name] = tuple(pair)
+        elif key in FIXED:
+            _allowed(key, value, (FIXED[key],))
+        elif key not in (_SELECTION, _SELECTION_THRESHOLD) and not _within(key, INERT + NOT_YET):
+            known = [*RENAMED, *CHOICES, *SLOTS, *FIXED]
+            raise ConfigError(
+                f"the original has no configuration key {key!r}; {nearest_names(key, known)}"
+            )
+    selection = _allowed(_SELECTION, flat.get(_SELECTION, "any"), ("any", "threshold"))
+    if selection == "threshold":
+        changes["thresholds.perception.patch_coverage"] = flat.get(_SELECTION_THRESHOLD, 0.0)
+    return _nest(changes)
+
+
+def _within(key: Path, sections: tuple[Path, ...]) -> bool:
+    return any(key == section or key.startswith(section + ".") for section in sections)
+
+
+def _allowed(key: Path, value: Any, values: Any) -> Any:
+    if value not in values:
+        shown = ", ".join(str(v) for v in values)
+        raise ConfigError(f"{key} of the original is {value!r}; supported here: {shown}")
+    return value
+
+
+def _like(value: Any, default: Any) -> Any:
+    """Whole numbers where this package counts in whole numbers, numbers elsewhere."""
+    if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    return value
+
+
+def _nest(flat: Mapping[Path, Any]) -> dict[str, Any]:
+    nested: dict[str, Any] = {}
+    for path, value in flat.items():
+        *sections, name = path.split(".")
+        node = nested
+        for section in sections:
+            node = node.setdefault(section, {})
+        node[name] = value
+    return nested

@@ -1,0 +1,107 @@
+"""`Static`: everything that fixes the shape of the compiled program. Hashable, never traced."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal
+
+import jax.numpy as jnp
+
+from remind_jax.errors import ConfigError
+
+GROWTH_STEP = 2  # capacities double when they overflow
+
+
+@dataclasses.dataclass(frozen=True)
+class Static:
+    """Capacities and structural switches; equal values share one compiled program.
+
+    Capacities never change results: when one overflows, it grows and the frame is repeated.
+    """
+
+    num_detections: int = 16  # detection slots of a frame; grows
+    num_objects: int = 64  # object slots of the memory; grows
+    num_pending: int = 32  # slots of ambiguous and of provisional tracks each; grows
+    feature_dim: int = 0  # width of the patch features; 0: taken from the backbone
+    num_candidates: int = 5  # candidates shown per detection in the decisions
+
+    precision: Literal["float32", "float64"] = "float32"  # of scores and qualities
+    solver: Literal["host", "jax"] = "host"  # callbacks or in-graph twins
+
+    part_clusters: int = 4  # K of the part clustering
+    part_iterations: int = 5  # k-means iterations
+    part_restarts: int = 2  # k-means restarts
+    part_seed: int = 0  # k-means seed
+    part_top: int = 3  # best parts that are averaged into the part score
+    ring_max_radius: int = 10  # patches; rings grow up to this distance
+
+    appearance_slots: tuple[int, int] = (20, 20)  # prototypes, work and stable bank
+    part_slots: tuple[int, int] = (80, 80)
+    inner_ring_slots: tuple[int, int] = (20, 20)
+    outer_ring_slots: tuple[int, int] = (30, 30)
+
+    appearance_insert: Literal["always", "novel"] = "always"
+    appearance_evict: Literal["redundant", "oldest"] = "redundant"  # from a full work bank
+    appearance_stable_evict: Literal["redundant", "oldest"] = "redundant"
+    appearance_merge: Literal["equal", "capped"] = "equal"  # weights of two merged prototypes
+    part_insert: Literal["always", "novel"] = "always"
+    part_evict: Literal["redundant", "oldest"] = "oldest"
+    part_merge: Literal["equal", "capped"] = "capped"
+    ring_evict: Literal["redundant", "oldest"] = "redundant"
+
+    banks_read: Literal["both", "work"] = "both"  # banks that the similarity reads
+    object_channel: Literal["best", "global", "trimmed"] = "best"
+    ring_channel: Literal["combined", "inner", "outer"] = "combined"
+    margin: Literal["sigmoid", "linear", "linear_relative", "sigmoid_relative"] = "sigmoid"
+    remove_objects: bool = False  # forget objects that stay away too long
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            counts = value if isinstance(value, tuple) else (value,)
+            if (
+                field.name.startswith(("num_", "part_clusters", "ring_max"))
+                or "slots" in field.name
+            ):
+                for count in counts:
+                    if not isinstance(count, int) or count < 1:
+                        raise ConfigError(
+                            f"static.{field.name} is {value!r}; it must be a positive whole number"
+                        )
+            if (allowed := _CHOICES.get(field.name)) and value not in allowed:
+                raise ConfigError(
+                    f"static.{field.name} is {value!r}; allowed: {', '.join(allowed)}"
+                )
+
+    @property
+    def scalar(self) -> jnp.dtype:
+        """Type of scores, qualities and thresholds."""
+        return jnp.dtype(self.precision)
+
+    def grow(self, **needed: int) -> Static:
+        """Doubles the named capacities until they hold what is needed."""
+        grown = {}
+        for name, count in needed.items():
+            capacity = getattr(self, name)
+            while capacity < count:
+                capacity *= GROWTH_STEP
+            grown[name] = capacity
+        return dataclasses.replace(self, **grown)
+
+
+_CHOICES: dict[str, tuple[str, ...]] = {
+    "precision": ("float32", "float64"),
+    "solver": ("host", "jax"),
+    "appearance_insert": ("always", "novel"),
+    "part_insert": ("always", "novel"),
+    "appearance_evict": ("redundant", "oldest"),
+    "appearance_stable_evict": ("redundant", "oldest"),
+    "part_evict": ("redundant", "oldest"),
+    "ring_evict": ("redundant", "oldest"),
+    "appearance_merge": ("equal", "capped"),
+    "part_merge": ("equal", "capped"),
+    "banks_read": ("both", "work"),
+    "object_channel": ("best", "global", "trimmed"),
+    "ring_channel": ("combined", "inner", "outer"),
+    "margin": ("sigmoid", "linear", "linear_relative", "sigmoid_relative"),
+}

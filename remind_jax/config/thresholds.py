@@ -1,0 +1,241 @@
+"""`Thresholds`: every number that people tune, as one pytree of traced scalars.
+
+A changed value never recompiles; a leaf with a leading axis is a sweep. Values are those of the
+published tracker. Paper symbols stand in brackets; `config/reference_keys.py` holds the original's
+key of every field. "Effective patches" is the summed coverage of a mask in patches.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Perception:
+    """What each detection looks like (perception notes 2, 3, 5, 6)."""
+
+    patch_coverage: float = 0.0  # a patch belongs to an object if its coverage exceeds this
+    trim_keep: float = 0.50  # share of patches kept by the trimmed descriptor [rho]
+    trim_min_patches: int = 8  # objects with fewer patches are not trimmed
+    max_counted_patches: int = 512  # cap of the patch count that the density divides by
+    parts_enabled: bool = True  # describe parts
+    part_min_patches: int = 6  # smaller clusters are no parts
+    part_min_support: float = 0.0  # clusters of less summed coverage are no parts
+    part_merge: float = 0.80  # a part closer than this to a stronger one is dropped [tau_merge]
+    rings_enabled: bool = True  # describe the background around objects
+    ring_object_coverage: float = 0.0  # a patch is object, not background, above this coverage
+    ring_border: int = 1  # patches left out next to the object
+    ring_inner: int = 3  # outer edge of the inner ring in patches [r_in]
+    ring_outer: int = 6  # outer edge of the outer ring in patches [r_out]
+    ring_adaptive: bool = True  # widen rings that hold too few patches
+    ring_limit: int = 10  # patches; widening stops here, at most static.ring_max_radius
+    ring_min_inner: int = 12  # patches that the inner ring should hold
+    ring_min_outer: int = 24  # patches that the outer ring should hold
+    ring_nested: bool = False  # the outer ring contains the inner one
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Appearance:
+    """Appearance banks (perception notes 9, 10)."""
+
+    duplicate: float = 0.92  # work prototype refreshed from this similarity on [tau_dup]
+    stable_duplicate: float = 0.95  # stable prototype refreshed from this similarity on
+    merge: float = 0.90  # closest pair of a full work bank merged from here on [tau_merge,int]
+    stable_merge: float = 0.96  # the same for a full stable bank
+    novel: float = 0.78  # with insert "novel": nothing closer than this is inserted
+    patches_min: float = 8.0  # effective patches at quality 0
+    patches_full: float = 24.0  # effective patches at quality 1
+    trimmed_base: float = 0.10  # quality of a trimmed descriptor at quality 0
+    create_quality: float = 0.35  # least quality of an inserted observation
+    work_quality: float = 0.15  # least quality that changes a work prototype
+    stable_quality: float = 0.20  # least quality that changes a stable prototype
+    promote_hits: int = 5  # hits that make a work prototype stable; 0: never
+    promote_quality: float = 0.55  # least mean quality of a promoted prototype
+    gated_update: bool = False  # refresh by similarity instead of by quality
+    update_margin: float = 0.02  # gated: no change within this margin above `duplicate`
+    update_rate_min: float = 0.02  # gated: step at the margin
+    update_rate_max: float = 0.08  # gated: step at similarity 1
+    merge_cap: int = 10  # with merge "capped": hits count up to this weight
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Background:
+    """Background ring banks (perception notes 9, 11)."""
+
+    enabled: bool = True  # remember and compare the background
+    duplicate: float = 0.93  # work prototype refreshed from this similarity on [tau_dup]
+    stable_duplicate: float = 0.95  # stable prototype refreshed from this similarity on
+    merge: float = 0.94  # closest pair of a full work bank merged from here on [tau_merge,int]
+    inner_min_patches: float = 8.0  # ring patches at quality 0
+    inner_full_patches: float = 20.0  # ring patches at quality 1
+    outer_min_patches: float = 12.0
+    outer_full_patches: float = 28.0
+    min_mask_quality: float = 0.50  # solidity of the mask at quality 0
+    create_quality: float = 0.40  # least quality of an inserted observation
+    work_quality: float = 0.20  # least quality that changes a work prototype
+    stable_quality: float = 0.25  # least quality that changes a stable prototype
+    promote_hits: int = 5  # hits that make a work prototype stable
+    promote_quality: float = 0.60  # least mean quality of a promoted prototype
+    update_margin: float = 0.02  # no change within this margin above `duplicate`
+    update_rate_min: float = 0.02  # step at the margin [alpha]
+    update_rate_max: float = 0.10  # step at similarity 1
+    stable_update: bool = True  # stable prototypes change at all
+    stable_margin: float = 0.02
+    stable_rate_min: float = 0.01
+    stable_rate_max: float = 0.05
+    merge_cap: int = 10  # hits count up to this weight when two prototypes merge
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Parts:
+    """Part banks (perception notes 9, 12)."""
+
+    duplicate: float = 0.93  # work prototype refreshed from this similarity on [tau_dup]
+    stable_duplicate: float = 0.95
+    merge: float = 0.92  # closest pair of a full work bank merged from here on [tau_merge,int]
+    stable_merge: float = 0.96
+    novel: float = 0.78  # with insert "novel": nothing closer enters a full bank
+    one_to_one: bool = True  # parts of one detection refresh different prototypes
+    promote_hits: int = 5  # hits from which a work prototype feeds the stable bank; 0: never
+    update_margin: float = 0.02  # no change within this margin above `duplicate`
+    update_rate_min: float = 0.03  # step at the margin [alpha]
+    update_rate_max: float = 0.15  # step at similarity 1
+    merge_cap: int = 10  # hits count up to this weight when two prototypes merge
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Lifecycle:
+    """When objects are confirmed, put aside and forgotten (perception notes 14)."""
+
+    confirm_hits: int = 2  # sightings that confirm an object [h_confirm]
+    max_misses_confirmed: int = 10  # frames unseen that make it inactive [m_max]; 0: never
+    max_misses_tentative: int = 10  # frames unseen that remove an unconfirmed one; 0: never
+    max_misses_inactive: int = 0  # frames unseen that remove an inactive one [TTL]; 0: never
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Similarity:
+    """One visual score from the channels (association notes 5 to 7)."""
+
+    object_weight: float = 0.60  # [w_obj]
+    background_weight: float = 0.25  # [w_bg]
+    parts_weight: float = 0.10  # [w_parts]
+    renormalize: bool = True  # divide by the weights of the channels that are present
+    inner_share: float = 0.60  # weight of the inner ring in the background score
+    outer_share: float = 0.40
+
+    quality_enabled: bool = True  # weigh channels by the quality of the observation
+    object_floor: float = 0.65  # share of the object weight that quality cannot take away
+    background_floor: float = 0.35
+    parts_floor: float = 0.0
+    object_min_patches: float = 8.0  # effective patches at quality 0
+    object_full_patches: float = 32.0  # effective patches at quality 1
+    object_min_density: float = 0.15  # mean coverage of the patches at weight 0
+    object_full_density: float = 0.60
+    parts_disabled_below: float = 8.0  # effective patches below which parts do not count
+    parts_min_patches: float = 12.0
+    parts_full_patches: float = 32.0
+    parts_min_count: float = 2.0
+    parts_full_count: float = 4.0
+    parts_min_support: float = 0.15  # share of the object that its parts cover
+    parts_full_support: float = 0.45
+    parts_min_density: float = 0.15
+    parts_full_density: float = 0.60
+    background_min_inner: float = 8.0  # ring patches at quality 0
+    background_full_inner: float = 20.0
+    background_min_outer: float = 12.0
+    background_full_outer: float = 32.0
+    background_min_mask_quality: float = 0.50
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """How clear the evidence of one detection is (association notes 8, 9)."""
+
+    anchor_score: float = 0.75  # least best score of a reliable anchor
+    anchor_margin: float = 0.08  # least lead of a reliable anchor [delta_confirm]
+    enabled: bool = True
+    close: float = 0.03  # candidates within this distance of the best are close
+    strong_score: float = 0.80  # least best score of STRONG
+    strong_gap: float = 0.08  # least lead of STRONG
+    ambiguous_score: float = 0.75  # least best score of AMBIGUOUS, WEAK below
+    confidence_enabled: bool = True
+    temperature: float = 0.05
+    coverage_target: float = 0.60  # share of the four channels that is enough
+    gap_center: float = 0.10
+    gap_scale: float = 0.05
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Matching:
+    """Gates, locks and the joint assignment (association notes 11 to 13)."""
+
+    match: float = 0.75  # least final score of a match [tau_match]
+    min_visual: float = 0.60  # least visual score of a match
+    gate_match: bool = True  # pairs below `match` do not enter the assignment
+    gate_min_visual: bool = True  # pairs below `min_visual` do not enter the assignment
+    locks: bool = True  # clear wins are settled before the assignment
+    object_locks: bool = True
+    detection_locks: bool = True
+    lock_score: float = 0.90  # least score of a lock [tau_lock]
+    lock_gap: float = 0.10  # least lead of a lock
+    lock_relative_gap: float = 0.10  # least lead as a share of the score
+    dummies: bool = True  # a detection may stay unassigned at a cost
+    dummy_score: float = 0.05  # score of staying unassigned
+    dummy_by_confidence: bool = True  # uncertain detections give way more easily
+    dummy_confidence_gain: float = 0.20
+    dummy_cap: float = 0.72
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Update:
+    """How much of a matched observation reaches memory (perception notes 13)."""
+
+    gated: bool = False  # only clear matches change memory freely
+    ambiguous_rate: float = 0.2  # share of the step after an ambiguous match
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Thresholds:
+    """All traced numbers of the tracker by the stage that reads them."""
+
+    perception: Perception = dataclasses.field(default_factory=Perception)
+    appearance: Appearance = dataclasses.field(default_factory=Appearance)
+    background: Background = dataclasses.field(default_factory=Background)
+    parts: Parts = dataclasses.field(default_factory=Parts)
+    lifecycle: Lifecycle = dataclasses.field(default_factory=Lifecycle)
+    similarity: Similarity = dataclasses.field(default_factory=Similarity)
+    diagnosis: Diagnosis = dataclasses.field(default_factory=Diagnosis)
+    matching: Matching = dataclasses.field(default_factory=Matching)
+    update: Update = dataclasses.field(default_factory=Update)
+
+    def as_arrays(self, scalar: Any) -> Thresholds:
+        """The same values as arrays: floats as `scalar`, whole numbers as int32, gates as bool.
+
+        Strong types keep a threshold from being rounded to the precision of what it is compared
+        with, and keep Python numbers and arrays from compiling twice.
+        """
+
+        def convert(value: Any) -> jax.Array:
+            array = jnp.asarray(value)
+            if array.dtype == jnp.bool_:
+                return array
+            if jnp.issubdtype(array.dtype, jnp.integer):
+                return array.astype(jnp.int32)
+            return array.astype(scalar)
+
+        return jax.tree.map(convert, self)

@@ -1,0 +1,121 @@
+"""Reduces the pixel masks of a frame to what the tracker needs of them (host, OpenCV).
+
+Letters: `N` detections, `S` slots (at least N), `H W` pixels, `Hp Wp` patches.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from remind_jax.observation import Masks
+
+SanitizeMode = Literal["convex_hull", "morphology", "none"]
+
+
+def reduce_masks(
+    masks: Bool[np.ndarray, "N H W"],
+    class_ids: np.ndarray,
+    scores: np.ndarray,
+    *,
+    num_slots: int,
+    patch_px: int,
+    sanitize: SanitizeMode = "convex_hull",
+    close_px: int = 3,
+    open_px: int = 0,
+) -> Masks:
+    """Reduces pixel masks to patch coverage and geometry, padded to `num_slots`.
+
+    An empty mask gives an invalid slot: it is no detection.
+
+    Args:
+      masks: Pixel masks of the frame.
+      class_ids: Class of each mask.
+      scores: Detector score of each mask.
+      num_slots: Slots of the result, at least the number of masks.
+      patch_px: Side of a patch in pixels; pixels beyond the last whole patch do not count.
+      sanitize: How concave masks are filled before the background around them is looked at
+        (perception notes 6.1).
+      close_px: Side of the closing square of mode "morphology".
+      open_px: Side of the opening square of mode "morphology", 0 for none.
+
+    Returns:
+      Masks of NumPy arrays.
+    """
+    num, height_px, width_px = masks.shape
+    grid = (height_px // patch_px, width_px // patch_px)
+    coverage = np.zeros((num_slots, *grid), np.float32)
+    filled_coverage = np.zeros((num_slots, *grid), np.float32)
+    quality = np.zeros(num_slots)
+    box, center = np.zeros((num_slots, 4)), np.zeros((num_slots, 2))
+    area = np.zeros(num_slots)
+    valid = np.zeros(num_slots, bool)
+    for slot, mask in enumerate(masks):
+        pixels = mask.view(np.uint8)
+        left, top, width, height = cv2.boundingRect(pixels)
+        if not width:
+            continue
+        valid[slot] = True
+        inside = pixels[top : top + height, left : left + width]
+        rows, columns = np.nonzero(inside)
+        area[slot] = len(rows)
+        box[slot] = left, top, left + width, top + height
+        center[slot] = left + columns.sum() / len(rows), top + rows.sum() / len(rows)
+        filled = _sanitize(pixels, inside, (left, top), sanitize, close_px, open_px)
+        filled_area = int(cv2.countNonZero(filled))
+        hole = max(0, filled_area - len(rows))
+        quality[slot] = min(1.0, max(0.0, 1.0 - hole / max(1, filled_area)))
+        coverage[slot] = patch_coverage(pixels, patch_px)
+        filled_coverage[slot] = (
+            coverage[slot] if filled is pixels else patch_coverage(filled, patch_px)
+        )
+    pad = lambda values: np.concatenate([values, np.zeros(num_slots - num, values.dtype)])  # noqa: E731
+    return Masks(
+        coverage=coverage,
+        filled_coverage=filled_coverage,
+        quality=quality,
+        box=box,
+        center=center,
+        area=area,
+        class_id=pad(np.asarray(class_ids, np.int32)),
+        detector_score=pad(np.asarray(scores, np.float32)),
+        valid=valid,
+    )
+
+
+def patch_coverage(pixels: np.ndarray, patch_px: int) -> Float[np.ndarray, "Hp Wp"]:
+    """Share of each patch that is inside a 0/1 pixel mask; exact multiples of 1/patch area."""
+    hp, wp = pixels.shape[0] // patch_px, pixels.shape[1] // patch_px
+    cropped = pixels[: hp * patch_px, : wp * patch_px]
+    blocks = cropped.reshape(hp, patch_px, wp * patch_px).sum(axis=1, dtype=np.uint16)
+    counts = blocks.reshape(hp, wp, patch_px).sum(axis=2, dtype=np.uint32)
+    return counts.astype(np.float32) * np.float32(1.0 / patch_px**2)
+
+
+def _sanitize(
+    pixels: np.ndarray,
+    inside: np.ndarray,
+    corner: tuple[int, int],
+    mode: SanitizeMode,
+    close_px: int,
+    open_px: int,
+) -> np.ndarray:
+    """The filled mask; the very same array if nothing is to be filled."""
+    if mode == "none":
+        return pixels
+    if mode == "convex_hull":
+        points = cv2.findNonZero(inside) + np.array(corner, np.int32)
+        filled = np.zeros_like(pixels)
+        cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
+        return filled
+    padded = np.pad(pixels, 1)
+    flooded = padded.copy()
+    cv2.floodFill(flooded, None, (0, 0), 2, flags=4)
+    filled = (flooded != 2).astype(np.uint8)[1:-1, 1:-1]
+    for side, operation in ((close_px, cv2.MORPH_CLOSE), (open_px, cv2.MORPH_OPEN)):
+        if side > 0:
+            filled = cv2.morphologyEx(filled, operation, np.ones((side, side), np.uint8))
+    return np.ascontiguousarray(filled)

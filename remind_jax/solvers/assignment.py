@@ -1,0 +1,99 @@
+"""Joint assignment of detections to objects, class by class (association notes 13).
+
+Letters: `N` rows (detections), `M` columns (objects by rising id).
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from scipy.optimize import linear_sum_assignment
+
+UNASSIGNED = -1
+_FORBIDDEN_COST = 1e6
+
+
+def assign(
+    scores: Float[Array, "N M"],
+    allowed: Bool[Array, "N M"],
+    group: Int[Array, "N"],
+    dummy: Float[Array, "N"],
+    dummies: Bool[Array, ""],
+    *,
+    solver: str,
+) -> Int[Array, "N"]:
+    """Gives every row at most one column so that the summed score is largest.
+
+    Rows of different groups never share a column. With `dummies`, a row may stay without a column
+    for the score `dummy[row]`; without them, as many rows as possible get one. Ties fall as in
+    `scipy.optimize.linear_sum_assignment` on each group's own matrix (notes 13.4).
+
+    Args:
+      scores: Score of each pair.
+      allowed: Pairs that may be assigned; a row without any takes no part.
+      group: Class of each row.
+      dummy: Score of leaving a row without a column.
+      dummies: Whether rows may be left without a column by choice.
+      solver: `"host"`: SciPy in one callback for all groups and batch entries.
+
+    Returns:
+      The column of each row, -1 if it has none.
+    """
+    if solver != "host":
+        raise NotImplementedError(f"solver {solver!r} is not available; use 'host'")
+    out = jax.ShapeDtypeStruct(group.shape, jnp.int32)
+    return jax.pure_callback(
+        _assign_batched, out, scores, allowed, group, dummy, dummies, vmap_method="broadcast_all"
+    )
+
+
+def _assign_batched(scores, allowed, group, dummy, dummies):
+    """Runs `assign_groups` over any leading batch axes."""
+    scores, allowed, group, dummy, dummies = map(
+        np.asarray, (scores, allowed, group, dummy, dummies)
+    )
+    batch = group.shape[:-1]
+    columns = np.empty(group.shape, np.int32)
+    for index in np.ndindex(*batch):
+        columns[index] = assign_groups(
+            scores[index], allowed[index], group[index], dummy[index], bool(dummies[index])
+        )
+    return columns
+
+
+def assign_groups(
+    scores: Float[np.ndarray, "N M"],
+    allowed: Bool[np.ndarray, "N M"],
+    group: Int[np.ndarray, "N"],
+    dummy: Float[np.ndarray, "N"],
+    dummies: bool,
+) -> Int[np.ndarray, "N"]:
+    """NumPy and SciPy form of `assign` for one frame."""
+    column = np.full(len(group), UNASSIGNED, np.int32)
+    active = allowed.any(axis=1)
+    # A row without any allowed pair still takes a dummy in the original; as each row has its own
+    # dummy at the same price for all, leaving it out changes nothing with dummies. Without them it
+    # would only take a forbidden cell, which is rejected afterwards.
+    for label in np.unique(group[active]):
+        rows = (
+            np.flatnonzero(group == label)
+            if not dummies
+            else np.flatnonzero((group == label) & active)
+        )
+        columns = np.flatnonzero(allowed[rows].any(axis=0))
+        cost = np.where(
+            allowed[np.ix_(rows, columns)],
+            -scores[np.ix_(rows, columns)].astype(np.float64),
+            _FORBIDDEN_COST,
+        )
+        if dummies:
+            price = np.repeat(-dummy[rows, None].astype(np.float64), len(rows), axis=1)
+            cost = np.concatenate([cost, price], axis=1)
+        chosen_rows, chosen = linear_sum_assignment(cost)
+        real = chosen < len(columns)
+        picked_rows, picked = rows[chosen_rows[real]], columns[chosen[real]]
+        fits = allowed[picked_rows, picked]
+        column[picked_rows[fits]] = picked[fits]
+    return column

@@ -1,0 +1,113 @@
+"""k-means over the patches of each detection (perception notes 4).
+
+Letters: `N` point sets (detections), `P` points (patches), `D` dimensions, `K` clusters.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+OUTSIDE = -1
+
+
+def kmeans(
+    points: Float[Array, "P D"],
+    members: Bool[Array, "N P"],
+    *,
+    clusters: int,
+    iterations: int,
+    restarts: int,
+    seed: int,
+    solver: str,
+) -> Int[Array, "N P"]:
+    """Clusters the member points of each set; the sets are independent.
+
+    Initial centres are one drawn point and then the farthest ones; the restart of least inertia
+    wins, the first among equals. Sets of fewer points than `clusters` get one cluster per point.
+
+    Args:
+      points: Points shared by all sets.
+      members: Which points belong to each set.
+      clusters: K.
+      iterations: Most rounds of one restart.
+      restarts: Number of restarts.
+      seed: Seed of the draws, restarted for every set.
+      solver: `"host"`: NumPy in one callback for all sets and batch entries.
+
+    Returns:
+      Cluster of each point, -1 outside the set.
+    """
+    if solver != "host":
+        raise NotImplementedError(f"solver {solver!r} is not available; use 'host'")
+
+    def cluster_batched(points, members):
+        points, members = np.asarray(points), np.asarray(members)
+        labels = np.full(members.shape, OUTSIDE, np.int8)
+        for index in np.ndindex(*members.shape[:-1]):
+            inside = np.flatnonzero(members[index])
+            if len(inside):
+                labels[index][inside], _ = cluster_points(
+                    points[index[:-1]][inside], clusters, iterations, restarts, seed
+                )
+        return labels
+
+    out = jax.ShapeDtypeStruct(members.shape, jnp.int8)
+    return jax.pure_callback(
+        cluster_batched, out, points, members, vmap_method="broadcast_all"
+    ).astype(jnp.int32)
+
+
+def cluster_points(
+    points: Float[np.ndarray, "P D"], clusters: int, iterations: int, restarts: int, seed: int
+) -> tuple[Int[np.ndarray, "P"], Float[np.ndarray, "K D"]]:
+    """NumPy form of `kmeans` for one set; also returns the centres, `K = min(clusters, P)`.
+
+    The draws of all restarts come from one stream. If a restart ends by its last round, the
+    centres are one update newer than the labels.
+    """
+    num = len(points)
+    clusters = min(clusters, num)
+    stream = np.random.Generator(np.random.PCG64(seed))
+    norms = np.einsum("pd,pd->p", points, points)
+    best = (np.zeros(num, np.int8), points[:1])
+    least = np.inf
+    for _ in range(restarts):
+        centres = _spread_centres(points, norms, clusters, stream)
+        labels = np.full(num, OUTSIDE, np.int8)
+        for _ in range(iterations):
+            distance = _squared_distances(points, norms, centres)
+            nearest = distance.argmin(axis=1).astype(np.int8)
+            reached = distance[np.arange(num), nearest]
+            settled = np.array_equal(nearest, labels)
+            labels = nearest
+            if settled:
+                break
+            counts = np.bincount(labels, minlength=clusters)
+            onehot = (labels[None] == np.arange(clusters)[:, None]).astype(points.dtype)
+            means = (onehot @ points) / np.maximum(counts, 1).astype(points.dtype)[:, None]
+            for empty in np.flatnonzero(counts == 0):
+                means[empty] = points[stream.integers(0, num)]
+            centres = means
+        inertia = reached.sum(dtype=np.float64)
+        if inertia < least:
+            least, best = inertia, (labels, centres)
+    return best
+
+
+def _spread_centres(points, norms, clusters, stream):
+    """One drawn point, then always the point farthest from those chosen."""
+    num = len(points)
+    chosen = [int(stream.integers(0, num))]
+    gap = _squared_distances(points, norms, points[chosen])[:, 0]
+    for _ in range(1, clusters):
+        chosen.append(int(gap.argmax()) if (gap > 0).any() else int(stream.integers(0, num)))
+        gap = np.minimum(gap, _squared_distances(points, norms, points[chosen[-1:]])[:, 0])
+    return points[chosen]
+
+
+def _squared_distances(points, norms, centres):
+    squares = np.einsum("kd,kd->k", centres, centres)
+    return norms[:, None] - 2.0 * (points @ centres.T) + squares[None]

@@ -1,0 +1,149 @@
+"""The whole memory of a tracker as one fixed-capacity pytree.
+
+Letters: `O` object slots, `A` appearance channels (global, trimmed), `C` part channels, `R` rings
+(inner, outer). Object slots in use come first and are ordered by rising id; ids, never slots, are
+shown outside.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.config.static import Static
+from remind_jax.decision import NO_ID, Decisions, Outcome
+from remind_jax.memory.bank import NEVER, DualBank, empty_bank
+
+NUM_APPEARANCE_CHANNELS = 2
+NUM_PART_CHANNELS = 1
+NUM_RINGS = 2
+
+
+class Lifecycle(enum.IntEnum):
+    """Standing of an object (perception notes 14)."""
+
+    NEW = 0
+    TENTATIVE = 1
+    CONFIRMED = 2
+    INACTIVE = 3
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Objects:
+    """One row per remembered object."""
+
+    id: Int[Array, "O"]  # -1 in free slots
+    class_id: Int[Array, "O"]
+    lifecycle: Int[Array, "O"]  # Lifecycle
+    hits: Int[Array, "O"]  # frames in which it was seen
+    misses: Int[Array, "O"]  # frames since it was last seen
+    age: Int[Array, "O"]  # frames since it was created, the first included
+    last_seen: Int[Array, "O"]  # frame
+
+    @property
+    def exists(self) -> Bool[Array, "O"]:
+        """Slots in use."""
+        return self.id != NO_ID
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Overflow:
+    """What did not fit. A frame that overflows changes nothing else in the state."""
+
+    objects: Int[Array, ""]  # object slots that the frame needs, 0 if they sufficed
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class TrackerState:
+    """Everything that one frame hands to the next, and the decisions of the last frame."""
+
+    objects: Objects
+    appearance: DualBank  # leading axes [A O]
+    parts: DualBank  # leading axes [C O]
+    rings: DualBank  # leading axes [R O]
+    next_id: Int[Array, ""]  # id of the next new object
+    frame: Int[Array, ""]  # frames processed so far, the clock of the memory
+    decisions: Decisions
+    overflow: Overflow
+
+
+def init(static: Static) -> TrackerState:
+    """The empty memory with the capacities of `static`."""
+    objects, scalar, dim = static.num_objects, static.scalar, static.feature_dim
+
+    def banks(channels: int, *capacities: tuple[int, int]) -> DualBank:
+        """All banks of a kind share one shape; capacities are kept by the updates."""
+        slots = max(max(capacity) for capacity in capacities)
+        work, stable = (empty_bank((channels, objects), slots, dim, scalar) for _ in range(2))
+        return DualBank(work, stable)
+
+    def column(value: int) -> Array:
+        return jnp.full(objects, value, jnp.int32)
+
+    return TrackerState(
+        objects=Objects(
+            id=column(NO_ID),
+            class_id=column(NO_ID),
+            lifecycle=column(Lifecycle.NEW),
+            hits=column(0),
+            misses=column(0),
+            age=column(0),
+            last_seen=column(NEVER),
+        ),
+        appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
+        parts=banks(NUM_PART_CHANNELS, static.part_slots),
+        rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),
+        next_id=jnp.int32(0),
+        frame=jnp.int32(0),
+        decisions=no_decisions(static),
+        overflow=Overflow(objects=jnp.int32(0)),
+    )
+
+
+def no_decisions(static: Static) -> Decisions:
+    """Decisions about no detection at all."""
+    num, shown, scalar = static.num_detections, static.num_candidates, static.scalar
+
+    def whole(value: int) -> Array:
+        return jnp.full(num, value, jnp.int32)
+
+    real = jnp.zeros(num, scalar)
+    return Decisions(
+        outcome=whole(Outcome.EMPTY),
+        reason=whole(0),
+        object_id=whole(NO_ID),
+        pending_id=whole(NO_ID),
+        score=real,
+        status=whole(0),
+        status_final=whole(0),
+        confidence=real,
+        best_score=real,
+        second_score=real,
+        num_close=whole(0),
+        lock=whole(0),
+        assigned_id=whole(NO_ID),
+        candidate_id=jnp.full((num, shown), NO_ID, jnp.int32),
+        candidate_score=jnp.zeros((num, shown), scalar),
+        candidate_final=jnp.zeros((num, shown), scalar),
+        candidate_eligible=jnp.zeros((num, shown), bool),
+    )
+
+
+def grow(state: TrackerState, static: Static) -> TrackerState:
+    """The same memory with the larger capacities of `static`; results do not change."""
+    empty = init(static)
+
+    def widen(small: Array, large: Array) -> Array:
+        if small.shape == large.shape:
+            return small
+        return large.at[tuple(slice(0, length) for length in small.shape)].set(small)
+
+    grown = jax.tree.map(widen, state, empty)
+    return dataclasses.replace(grown, overflow=empty.overflow)

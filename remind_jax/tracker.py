@@ -1,0 +1,63 @@
+"""The tracker on one page: `init` and the pure `step` from one frame to the next."""
+
+from __future__ import annotations
+
+from remind_jax.association.assignment import associate
+from remind_jax.association.diagnosis import diagnose
+from remind_jax.association.outcome import decide
+from remind_jax.association.quality import assess
+from remind_jax.association.similarity import compare, count_terms
+from remind_jax.config.static import Static
+from remind_jax.config.thresholds import Thresholds
+from remind_jax.memory.update import remember
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.perception.description import describe
+from remind_jax.state import TrackerState, init
+
+__all__ = ["init", "step"]
+
+
+def step(
+    state: TrackerState,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: Thresholds,
+) -> TrackerState:
+    """Decides who is who in one frame and remembers it.
+
+    Pure: `jit` (with `static` static), `vmap` and `scan` apply unchanged.
+
+    Args:
+      state: Memory before the frame, from `init` or an earlier step.
+      frame_feats: Patch features of the frame.
+      masks: Its detections.
+      static: Capacities and structural switches; those that `state` was made with.
+      thresholds: Every tunable number.
+
+    Returns:
+      Memory after the frame with `decisions` about it. If the frame needs more object slots than
+      there are, only `overflow` is changed.
+    """
+    t = thresholds.as_arrays(static.scalar)
+    # What does each detection look like, and how much does that tell?
+    descriptors = describe(frame_feats, masks, static, t)
+    quality = assess(descriptors, t.similarity)
+    # How similar is it to each object?
+    comparison = compare(
+        state, descriptors, quality, static, t.similarity,
+        t.background.enabled, t.appearance.promote_hits,
+    )  # fmt: skip
+    num_terms = count_terms(comparison)
+    evidence = diagnose(
+        comparison.score, comparison.candidate, num_terms, static.margin, t.diagnosis
+    )
+    # Who is who, jointly?
+    assignment = associate(comparison, evidence, descriptors.class_id, static, t.matching)
+    pairs = assignment.pairs
+    final = diagnose(pairs.score_final, pairs.eligible, num_terms, static.margin, t.diagnosis)
+    decisions = decide(
+        state.objects, masks, descriptors, comparison, evidence, final, assignment, static
+    )
+    return remember(state, decisions, assignment.slot, descriptors, static, t)
