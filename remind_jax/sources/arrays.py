@@ -16,6 +16,7 @@ from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.detections import ClassNaming, detections_from
 from remind_jax.sources.image_folder import decode_image
 from remind_jax.sources.label_maps import (
+    Unlabelled,
     detections_in,
     fit_label_map,
     instance_ids_in,
@@ -112,18 +113,31 @@ class ArrayMasks:
 class StoredMaps(ArrayMasks):
     """Instance maps `[T, H, W]` of a NumPy file.
 
+    Args:
+      maps: The maps, by source frame.
+      classes: Class of each instance id.
+      file: The file for messages.
+      unlabelled: What an instance without class is: an error, or left out.
+
     Raises:
       SourceError: If instances have no class.
     """
 
-    def __init__(self, maps: np.ndarray, classes: ClassNames, file: str) -> None:
+    def __init__(
+        self,
+        maps: np.ndarray,
+        classes: ClassNames,
+        file: str,
+        unlabelled: Unlabelled = "error",
+    ) -> None:
         super().__init__(maps)  # pyright: ignore[reportArgumentType]
         if maps.ndim != 3 or maps.dtype.kind not in "ui":
             raise SourceError(
                 f"masks in '{file}' are {maps.dtype} {maps.shape}; give instance maps, whole "
                 "numbers [T, H, W]"
             )
-        require_classes(classes, instance_ids_in(maps), file)
+        if unlabelled == "error":
+            require_classes(classes, instance_ids_in(maps), file)
         self._classes, self._file = classes, file
 
     def _convert(self, given: Any, frame_size: tuple[int, int]) -> Detections:

@@ -4,7 +4,8 @@ Recognised, in this order: `id_to_class` (id to class), `id_to_label` (id to a l
 `chair_3`, whose number is cut off), YouTube-VOS `meta.json` (`videos/<sequence>/objects`),
 ScanNet++ `segments_anno.json` (`segGroups`), or a plain object of ids and labels. An id mapped to
 null is left out of the sequence on purpose; `default_class` serves all ids that are not listed.
-`frame_names` lists the image files in order; annotation numbers are then places in this list.
+`frame_names` lists the image files in order; in annotations `frame_000012.png` the number is then
+the place in this list.
 """
 
 from __future__ import annotations

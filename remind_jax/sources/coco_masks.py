@@ -23,6 +23,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Bool
 from pycocotools import mask as coco_mask
@@ -185,9 +186,7 @@ def _decode_runs(code: Mapping[str, Any]) -> Bool[np.ndarray, "H W"]:
     if min(height, width) < 1 or min(runs, default=-1) < 0 or sum(runs) != height * width:
         raise UnreadableFrame(f"a run-length code does not add up to its size of {width}x{height}")
     rle: Any = {"size": [height, width], "counts": runs if is_plain else counts}
-    return coco_mask.decode(coco_mask.frPyObjects(rle, height, width) if is_plain else rle).astype(
-        bool
-    )
+    return _decode(coco_mask.frPyObjects(rle, height, width) if is_plain else rle)
 
 
 def _fill_polygons(polygons: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
@@ -198,7 +197,12 @@ def _fill_polygons(polygons: Any, frame_size: tuple[int, int]) -> Bool[np.ndarra
         if not (np.abs(part) <= MAX_COORDINATE_PX).all():
             raise UnreadableFrame("a polygon leads to infinity")
     rles = coco_mask.frPyObjects([part.tolist() for part in parts], *frame_size)
-    return coco_mask.decode(coco_mask.merge(rles)).astype(bool)
+    return _decode(coco_mask.merge(rles))
+
+
+def _decode(rle: Any) -> Bool[np.ndarray, "H W"]:
+    """Decodes by columns, as COCO stores them, and turns that into rows where OpenCV is quick."""
+    return cv2.transpose(coco_mask.decode(rle).T).astype(bool)
 
 
 def read_categories(data: bytes, file: str) -> dict[int, str]:

@@ -21,7 +21,12 @@ import numpy as np
 
 from remind_jax.errors import SourceError, nearest_names
 from remind_jax.sources.class_names import UNNAMED, ClassNames
-from remind_jax.sources.label_maps import detections_in, instance_ids_in, require_classes
+from remind_jax.sources.label_maps import (
+    Unlabelled,
+    detections_in,
+    instance_ids_in,
+    require_classes,
+)
 from remind_jax.sources.source import Content, Entry, Report
 
 FEATURE_SUFFIXES = (".npz", ".npy")
@@ -37,6 +42,7 @@ class FeatureReader:
       fps: Frames per second, where there are no `times_s`.
       file: The file for messages.
       classes: Class of each instance id, if not in `arrays`.
+      unlabelled: What an instance without class is: an error, or left out.
 
     Raises:
       SourceError: If arrays are missing, unknown, of a wrong shape, or disagree in length.
@@ -51,6 +57,7 @@ class FeatureReader:
         fps: float,
         file: str,
         classes: ClassNames | None = None,
+        unlabelled: Unlabelled = "error",
     ) -> None:
         self._arrays = {key: np.asanyarray(value) for key, value in arrays.items()}
         _check_arrays(self._arrays, file)
@@ -64,7 +71,7 @@ class FeatureReader:
         )
         self.entry_names: tuple[str, ...] | None = self._names
         self._classes = classes or classes_in(self._arrays, file) or UNNAMED
-        if "masks" in self._arrays:
+        if "masks" in self._arrays and unlabelled == "error":
             require_classes(self._classes, instance_ids_in(self._arrays["masks"]), file)
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:

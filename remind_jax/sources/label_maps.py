@@ -39,7 +39,7 @@ class LabelMaps:
       classes: Class of each instance.
       unlabelled: What an instance without class is: an error, or left out.
       by_position: The number in an annotation's name is the frame's place in the sequence,
-        whatever the frame is called (ScanNet++, metadata with `frame_names`).
+        whatever the frame is called (ScanNet++, `frame_000012.png` with `frame_names`).
 
     Raises:
       SourceError: If no annotation belongs to any frame, or instances lack a class.
@@ -130,11 +130,12 @@ def detections_in(
       classes: Class of each instance.
       ids: `instance_ids_in(labels)`, if it is known already.
     """
-    ids = [i for i in ids or instance_ids_in(labels) if classes[i] is not None]
-    masks = np.zeros((len(ids), *labels.shape), bool)
-    for row, instance_id in enumerate(ids):
+    ids = instance_ids_in(labels) if ids is None else ids
+    kept = [i for i in ids if classes[i] is not None]
+    masks = np.zeros((len(kept), *labels.shape), bool)
+    for row, instance_id in enumerate(kept):
         np.equal(labels, instance_id, out=masks[row])
-    return Detections.create(masks, [str(classes[i]) for i in ids], instance_ids=ids)
+    return Detections.create(masks, [str(classes[i]) for i in kept], instance_ids=kept)
 
 
 def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str) -> None:

@@ -11,6 +11,7 @@ from remind_jax.sources.class_names import Metadata, find_metadata, read_metadat
 from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, load_arrays
 from remind_jax.sources.file_tree import FileTree, FolderTree, is_tar_name, join, open_tree
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
+from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.source import Reader
 from remind_jax.sources.video import VideoReader
 
@@ -26,6 +27,7 @@ class Choice:
     images: str | None = None  # of a ScanNet++ scene
     mask_variant: str | None = None  # of a ScanNet++ scene
     metadata: Path | None = None
+    unlabelled: Unlabelled = "error"  # what an instance without class is
     image_fps: float = 30.0
 
 
@@ -60,7 +62,9 @@ def locate(path: Path, choice: Choice) -> Located:
     if suffix in FEATURE_SUFFIXES:
         arrays = load_arrays(path)
         classes = read_metadata(choice.metadata, name).classes if choice.metadata else None
-        return Located(FeatureReader(arrays, name, choice.image_fps, str(path), classes))
+        return Located(
+            FeatureReader(arrays, name, choice.image_fps, str(path), classes, choice.unlabelled)
+        )
     if suffix in IMAGE_SUFFIXES:
         tree = FolderTree(path.parent)
         return Located(ImageReader(tree, "", name, choice.image_fps, [path.name]))
@@ -76,7 +80,7 @@ def locate_masks(path: Path, reader: Reader, choice: Choice) -> MaskPlace:
       SourceError: If there are none.
     """
     tree = open_tree(path)
-    if tree.files_in("") and any(n.lower().endswith(".png") for n in tree.files_in("")):
+    if any(n.lower().endswith(".png") for n in tree.files_in("")):
         beside = METADATA_BESIDE_MASKS if path.is_dir() else METADATA_BESIDE_MASKS[:1]
         return MaskPlace(tree, "", _metadata(tree, beside, reader.name, choice))
     place = scannetpp.find_masks(tree, choice.mask_variant)
@@ -128,8 +132,10 @@ def _locate_davis(tree: FileTree, choice: Choice) -> Located:
     masks = davis.annotation_folder(tree, sequence)
     if masks is None:
         return Located(reader)
-    has_list = metadata.frame_names is not None
-    return Located(reader, MaskPlace(tree.second_handle(), masks, metadata, has_list))
+    by_position = metadata.frame_names is not None and all(
+        name.startswith("frame_") for name in tree.files_in(masks)
+    )
+    return Located(reader, MaskPlace(tree.second_handle(), masks, metadata, by_position))
 
 
 def _locate_scene(path: Path, tree: FileTree, name: str, choice: Choice) -> Located:

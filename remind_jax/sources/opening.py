@@ -73,11 +73,13 @@ def open_source(
     if isinstance(spec, Source) and masks is None and chosen == Sampling():
         return spec
     json_file = None if metadata is None else _existing(metadata)
-    choice = Choice(name, sequence, images, mask_variant, json_file, image_fps)
+    choice = Choice(name, sequence, images, mask_variant, json_file, unlabelled, image_fps)
     reopen: dict[str, Any] | None = None
     if isinstance(spec, str | Path):
         path = _existing(spec)
-        located = locate(path, choice)
+        # Metadata that comes with other masks says nothing about those of the layout.
+        has_others = masks is not None
+        located = locate(path, dataclasses.replace(choice, metadata=None) if has_others else choice)
         reopen = {
             "spec": str(path),
             "masks": _masks_as_json(masks),
@@ -93,7 +95,7 @@ def open_source(
         }
     else:
         located = _locate_in_memory(spec, choice, class_names)
-    provider = _open_masks(masks, located, choice, unlabelled, class_names)
+    provider = _open_masks(masks, located, choice, class_names)
     return SampledSource(
         located.reader, provider, chosen, allow_size_change=allow_size_change, reopen=reopen
     )
@@ -130,16 +132,15 @@ def _open_masks(
     masks: Any,
     located: Located,
     choice: Choice,
-    unlabelled: Unlabelled,
     class_names: ClassNaming | None,
 ) -> MaskProvider | None:
     """The masks that were given, else those of the layout."""
     if masks is None:
-        return _open_maps(located.masks, located.reader, unlabelled) if located.masks else None
+        return _open_maps(located.masks, located.reader, choice) if located.masks else None
     if isinstance(masks, str) and masks == NO_MASKS:
         return None
     if isinstance(masks, str | Path):
-        return _open_mask_file(_existing(masks), located.reader, choice, unlabelled)
+        return _open_mask_file(_existing(masks), located.reader, choice)
     if not isinstance(masks, Sequence) and not hasattr(masks, "__array__"):
         if not isinstance(masks, Iterable):
             raise SourceError(
@@ -150,16 +151,14 @@ def _open_masks(
     return ArrayMasks(masks, class_names)
 
 
-def _open_mask_file(
-    path: Path, reader: Reader, choice: Choice, unlabelled: Unlabelled
-) -> MaskProvider:
+def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
     suffix = path.suffix.lower()
     if suffix in (".json", ".jsonl"):
         named = choice.metadata
         categories = read_categories(read_bytes(named), str(named)) if named else None
         return CocoMasks(read_bytes(path), str(path), reader, categories)
     if suffix not in FEATURE_SUFFIXES:
-        return _open_maps(locate_masks(path, reader, choice), reader, unlabelled)
+        return _open_maps(locate_masks(path, reader, choice), reader, choice)
     arrays = load_arrays(path, "masks")
     if "masks" not in arrays:
         raise SourceError(f"'{path}' holds no array 'masks'; it must be [T, H, W]")
@@ -167,16 +166,16 @@ def _open_mask_file(
         classes = read_metadata(choice.metadata, reader.name).classes
     else:
         classes = classes_in(arrays, str(path)) or UNNAMED
-    return StoredMaps(arrays["masks"], classes, str(path))
+    return StoredMaps(arrays["masks"], classes, str(path), choice.unlabelled)
 
 
-def _open_maps(place: MaskPlace, reader: Reader, unlabelled: Unlabelled) -> LabelMaps:
+def _open_maps(place: MaskPlace, reader: Reader, choice: Choice) -> LabelMaps:
     return LabelMaps(
         place.tree,
         place.folder,
         reader,
         place.metadata.classes,
-        unlabelled,
+        choice.unlabelled,
         by_position=place.by_position,
     )
 

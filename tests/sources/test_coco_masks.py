@@ -49,6 +49,15 @@ def test_results_list_with_categories_of_another_file(tmp_path):
     np.testing.assert_array_equal(frame.detections.masks, [MASK, MASK])
 
 
+def test_categories_beside_a_davis_folder_are_not_its_metadata(tmp_path):
+    making.write_davis(tmp_path, metadata=making.LABELS)
+    results = [{"image_id": 1, "category_id": 5, "segmentation": RLE}]
+    (tmp_path / "d.json").write_text(json.dumps(results))
+    (tmp_path / "c.json").write_text(json.dumps({"categories": CATEGORIES}))
+    source = open_source(tmp_path, masks=tmp_path / "d.json", metadata=tmp_path / "c.json")
+    assert [labels for labels, _ in seen(source)] == [(), ("tv",), ()]
+
+
 def test_data_set_goes_by_file_name(tmp_path):
     content = {
         "images": [{"id": 1, "file_name": "x/00004.jpg"}, {"id": 2, "file_name": "other.jpg"}],

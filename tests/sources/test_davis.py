@@ -177,6 +177,15 @@ def test_listed_frames_are_the_frames_and_number_the_masks(tmp_path):
     assert labels_of(frames) == [("a",), ("b",)]
 
 
+def test_listed_frames_with_masks_of_their_name(tmp_path):
+    making.write_davis(tmp_path, num=4, metadata={"frame_names": ["00002.jpg", "00001.jpg"]})
+    labels = making.instance_map(ids=(8,))
+    (tmp_path / "Annotations/room/00002.png").write_bytes(making.grey_png(labels))
+    frames = list(open_source(tmp_path))
+    assert [f.name for f in frames] == ["00002.jpg", "00001.jpg"]
+    assert [making.detections_in(f).instance_ids.tolist() for f in frames] == [[8], [1, 2]]
+
+
 def test_listed_frame_that_is_missing(tmp_path):
     making.write_davis(tmp_path, metadata={"frame_names": ["00000.jpg", "gone.jpg"]})
     with pytest.raises(SourceError, match=r"1 of 2 frames .* the first is 'gone\.jpg'"):

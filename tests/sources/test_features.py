@@ -1,4 +1,5 @@
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,6 +64,20 @@ def test_instance_maps_of_a_numpy_file_as_masks(tmp_path, name):
         np.savez(tmp_path / name, masks=MAPS, ids=np.array([1, 2]), labels=np.array(["object"] * 2))
     frames = list(open_source(tmp_path / "v", masks=tmp_path / name))
     assert [f.detections.labels for f in frames if f.detections] == [("object", "object")] * 3
+
+
+def test_unlabelled_instances_can_be_skipped(tmp_path):
+    named: dict[str, Any] = {"ids": np.array([2]), "labels": np.array(["cup"])}
+    np.savez(tmp_path / "f.npz", features=FEATURES, masks=MAPS, **named)
+    np.savez(tmp_path / "m.npz", masks=MAPS, **named)
+    making.write_images(tmp_path / "v", ["0.png", "1.png", "2.png"])
+    with pytest.raises(SourceError, match="instances 1 in"):
+        open_source(tmp_path / "v", masks=tmp_path / "m.npz")
+    for source in (
+        open_source(tmp_path / "f.npz", unlabelled="skip"),
+        open_source(tmp_path / "v", masks=tmp_path / "m.npz", unlabelled="skip"),
+    ):
+        assert [f.detections.labels for f in source if f.detections] == [("cup",)] * 3
 
 
 @pytest.mark.parametrize(
