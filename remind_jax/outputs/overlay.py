@@ -11,6 +11,7 @@ from typing import Any
 import av
 import cv2
 import numpy as np
+from av.error import FFmpegError
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID, Outcome
@@ -159,6 +160,15 @@ def _free_spot(
     return spots[0]
 
 
+def is_playable(path: Path) -> bool:
+    """Whether a video is there and was closed properly."""
+    try:
+        with av.open(str(path)) as container:
+            return bool(container.streams.video)
+    except (OSError, FFmpegError):
+        return False
+
+
 class OverlayVideo:
     """Writes an H.264 video frame by frame; browsers play it and seek in it.
 
@@ -168,7 +178,7 @@ class OverlayVideo:
     def __init__(self, path: Path, fps: float) -> None:
         self._path = path
         self._rate = Fraction(fps).limit_denominator(1001)
-        with writing(path):
+        with writing(path, FFmpegError):
             self._container = av.open(str(path), "w", options={"movflags": "+faststart"})
         self._stream: Any = None
         self._size = (0, 0)
@@ -179,7 +189,7 @@ class OverlayVideo:
         Raises:
           OutputError: If it cannot be written.
         """
-        with writing(self._path):
+        with writing(self._path, FFmpegError):
             stream = self._stream or self._start(image.shape[0], image.shape[1])
             image = fit_image(image, *self._size)
             height, width = self._size
@@ -194,7 +204,7 @@ class OverlayVideo:
         Raises:
           OutputError: If that cannot be written.
         """
-        with writing(self._path):
+        with writing(self._path, FFmpegError):
             try:
                 if self._stream is not None:
                     for packet in self._stream.encode(None):

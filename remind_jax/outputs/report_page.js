@@ -45,7 +45,8 @@ function seek(position) {
 }
 
 function followVideo() {
-  const position = Math.floor(video.currentTime * run.fps + 1e-3);
+  // At its end a browser reports the duration, one frame beyond the last.
+  const position = Math.min(Math.floor(video.currentTime * run.fps + 1e-3), numFrames - 1);
   if (!video.seeking && position !== shown) show(position);
 }
 

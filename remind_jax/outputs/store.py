@@ -18,7 +18,6 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from av.error import FFmpegError
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
@@ -33,15 +32,19 @@ _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
 @contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
+def writing(path: Path, *also: type[Exception]) -> Iterator[None]:
     """Turns what the system says about a failed write into one sentence that names the file.
 
+    Args:
+      path: The file being written.
+      *also: Kinds of errors of the library that writes, which are no `OSError`.
+
     Raises:
-      OutputError: Instead of the `OSError` or the video library's error.
+      OutputError: Instead of the error.
     """
     try:
         yield
-    except (OSError, FFmpegError) as error:
+    except (OSError, *also) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise OutputError(
             f"cannot write '{path}': {why}; what was written so far is kept, make room or choose "

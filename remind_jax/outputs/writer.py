@@ -111,10 +111,7 @@ class RunWriter:
         )
         try:
             self._open_files.close()
-            tables.write_tables(
-                self.folder, result.tracks, result.class_names, result.info.name, result.info.fps
-            )
-            _draw_pictures(self.folder, result, self._sightings.sightings)
+            _write_products(self.folder, result, self._sightings.sightings)
         except BaseException:
             with contextlib.suppress(OutputError):
                 dataclasses.replace(result, complete=False).save_run_json(self.folder)
@@ -139,7 +136,7 @@ class RunWriter:
 
 
 def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> Result:
-    """Draws overlay, timeline, gallery and report of a finished run anew.
+    """Draws overlay, timeline, gallery and report of a finished or interrupted run anew.
 
     Args:
       run_dir: Output folder of the run.
@@ -157,12 +154,14 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
     result = Result.load(folder)
     store.make_folder(folder)
     sightings = report.read_sightings(folder / report.REPORT_NAME) if source is None else []
-    has_overlay = (folder / OVERLAY_NAME).exists()
+    has_overlay = overlay.is_playable(folder / OVERLAY_NAME)
     if source is not None or not sightings or not has_overlay:
         images = (None for _ in result.tracks) if source is None else _images(result, source)
         drawn = _draw_overlay_again(folder, result, images, keep=source is None and has_overlay)
         sightings = sightings or drawn
-    _draw_pictures(folder, result, sightings)
+    _write_products(folder, result, sightings)
+    if not (folder / store.RUN_NAME).exists():
+        result.save_run_json(folder)
     return result
 
 
@@ -203,11 +202,14 @@ def _images(result: Result, source: Iterable[Frame]) -> Iterable[np.ndarray | No
         yield frame.image
 
 
-def _draw_pictures(folder: Path, result: Result, sightings: list[gallery.Sighting]) -> None:
+def _write_products(folder: Path, result: Result, sightings: list[gallery.Sighting]) -> None:
+    """Writes what is drawn from the whole run: tables, timeline, gallery and report."""
+    info = result.info
+    tables.write_tables(folder, result.tracks, result.class_names, info.name, info.fps)
     _write_png(folder / TIMELINE_NAME, timeline.draw_timeline(result))
     _write_png(folder / GALLERY_NAME, gallery.draw_gallery(sightings, result.info.name))
     video = folder / OVERLAY_NAME
-    report.write_report(folder, result, sightings, video if video.exists() else None)
+    report.write_report(folder, result, sightings, video if overlay.is_playable(video) else None)
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:

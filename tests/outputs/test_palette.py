@@ -1,0 +1,29 @@
+import itertools
+
+import numpy as np
+
+from remind_jax.outputs.palette import identity_colour, ink_on, to_hex
+
+
+def test_colours_are_stable_and_valid():
+    for object_id in range(500):
+        colour = identity_colour(object_id)
+        assert colour == identity_colour(object_id)
+        assert all(0 <= channel <= 255 for channel in colour)
+        assert len(to_hex(colour)) == 7
+
+
+def test_neighbours_differ_clearly():
+    colours = [np.array(identity_colour(object_id)) for object_id in range(12)]
+    for a, b in itertools.combinations(colours, 2):
+        assert np.abs(a - b).max() >= 35
+
+
+def test_no_identity_is_near_white():
+    for object_id in range(500):
+        assert min(identity_colour(object_id)) <= 128
+
+
+def test_ink_has_contrast():
+    assert ink_on((255, 255, 255)) != (255, 255, 255)
+    assert ink_on((10, 10, 60)) == (255, 255, 255)

@@ -1,0 +1,123 @@
+import dataclasses
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from remind_jax.outputs import report
+from remind_jax.outputs.gallery import SightingCollector
+from remind_jax.result import Event, Result, SkippedFrame
+from tests.outputs.fake_run import make_info, make_run, make_tracks
+
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> {{data}} \u2028 & '\""
+
+
+def collect(frames, result):
+    collector = SightingCollector()
+    for frame, tracks in zip(frames, result.tracks, strict=True):
+        collector.add(frame.image, tracks)
+    return collector.sightings
+
+
+def data_of(page: str) -> dict:
+    (text,) = re.findall(r'<script type="application/json" id="run-data">(.*?)</script>', page)
+    return json.loads(text)
+
+
+class Tags(HTMLParser):
+    """Collects the tags of a page and the addresses that it would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [str(value) for name, value in attrs if name in ("src", "href")]
+
+
+def test_hostile_text_stays_text():
+    tracks = make_tracks(0, np.ones((1, 8, 8), bool), [{"object_id": 0, "label": HOSTILE}])
+    info = dataclasses.replace(
+        make_info(name=HOSTILE), config={HOSTILE: HOSTILE}, backbone=HOSTILE, device=HOSTILE
+    )
+    result = Result(
+        (dataclasses.replace(tracks, name=HOSTILE),),
+        info,
+        skipped=(SkippedFrame(1, HOSTILE, HOSTILE),),
+        events=(Event(0, HOSTILE, HOSTILE),),
+    )
+    page = report.render_report(result, [], None)
+    plain = Tags()
+    plain.feed(report.render_report(Result((), make_info()), [], None))
+    found = Tags()
+    found.feed(page)
+    assert found.tags == plain.tags  # the same elements, whatever the text says
+    data = data_of(page)
+    assert data["identities"][0]["label"] == HOSTILE
+    assert data["settings"]["Configuration"] == {HOSTILE: HOSTILE}
+
+
+def test_page_loads_nothing_from_elsewhere():
+    _, result = make_run(4)
+    page = report.render_report(result, [], None)
+    found = Tags()
+    found.feed(page)
+    assert all(address.startswith("data:") for address in found.addresses)
+    assert "http:" not in page
+    assert "https:" not in page
+    assert "url(" not in page
+
+
+def test_page_is_filled_in_whole():
+    _, result = make_run(4)
+    page = report.render_report(result, [], None)
+    assert "{{" not in page
+    assert data_of(page)["frames"][2]["name"] == "000004.jpg"
+
+
+def test_numbers_that_are_not_finite_become_null():
+    tracks = make_tracks(0, np.ones((1, 8, 8), bool), [{"object_id": 0, "score": float("nan")}])
+    page = report.render_report(Result((tracks,), make_info()), [], None)
+    assert data_of(page)["frames"][0]["detections"][0][4] is None
+
+
+def test_crops_can_be_read_back(tmp_path):
+    frames, result = make_run(40)
+    sightings = collect(frames, result)
+    report.write_report(tmp_path, result, sightings, None)
+    read = report.read_sightings(tmp_path / "report.html")
+    assert len(read) == len(sightings)
+    ours = {(s.object_id, s.position): s for s in read}
+    for sighting in sightings:
+        mine = ours[sighting.object_id, sighting.position]
+        assert (mine.label, mine.frame_index) == (sighting.label, sighting.frame_index)
+        assert mine.absent_frames == sighting.absent_frames
+        # JPEG changes noise and sharp outlines, but not the picture.
+        assert np.abs(mine.image.astype(int) - sighting.image).mean() < 12
+
+
+@pytest.mark.parametrize(
+    "content",
+    [None, "", "<html></html>", '<script type="application/json" id="run-data">{</script>'],
+)
+def test_a_report_without_crops_gives_none(tmp_path, content):
+    path = tmp_path / "report.html"
+    if content is not None:
+        path.write_text(content)
+    assert report.read_sightings(path) == []
+
+
+def test_large_videos_stay_beside_the_page(tmp_path, monkeypatch):
+    video = tmp_path / "overlay.mp4"
+    video.write_bytes(b"1234")
+    _, result = make_run(2)
+    report.write_report(tmp_path, result, [], video)
+    page = tmp_path / "report.html"
+    assert data_of(page.read_text())["video"] == "data:video/mp4;base64,MTIzNA=="
+    monkeypatch.setattr(report, "MAX_EMBEDDED_VIDEO_BYTES", 3)
+    report.write_report(tmp_path, result, [], video)
+    assert data_of(page.read_text())["video"] == "overlay.mp4"

@@ -1,0 +1,224 @@
+"""The report page as people use it: in a real browser, offline, with mouse and keyboard."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from remind_jax.outputs import report
+from remind_jax.outputs.writer import RunWriter
+from tests.outputs.fake_run import make_run
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+CHROMEDRIVER = shutil.which("chromedriver")
+NUM_FRAMES = 60
+FPS = 10.0
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(
+        not (CHROMIUM and CHROMEDRIVER), reason="chromium or chromedriver is not installed"
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    frames, result = make_run(NUM_FRAMES, size=(240, 320))
+    with RunWriter(folder, result.info, overwrite=True) as writer:
+        for frame, tracks in zip(frames, result.tracks, strict=True):
+            writer.add(frame, tracks)
+        writer.finish(result)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    for argument in (
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--window-size=1360,1000",
+        f"--user-data-dir={tmp_path_factory.mktemp('profile')}",
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    service = webdriver.ChromeService(executable_path=CHROMEDRIVER)
+    browser = webdriver.Chrome(options=options, service=service)
+    browser.set_script_timeout(20)
+    yield browser
+    browser.quit()
+
+
+@pytest.fixture
+def page(browser, folder):
+    browser.get(f"file://{folder / report.REPORT_NAME}")
+    wait_for(browser, "video.readyState >= 2")
+    return browser
+
+
+def wait_for(browser, condition: str) -> None:
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    WebDriverWait(browser, 20, 0.05).until(lambda b: b.execute_script(f"return {condition}"))
+
+
+def find(browser, selector: str):
+    return browser.find_element("css selector", selector)
+
+
+def settled_position(browser) -> int:
+    """The frame that the video shows once it has found it."""
+    wait_for(browser, "!video.seeking && video.readyState >= 2")
+    # At its end a browser reports the duration, one frame beyond the last.
+    return min(int(browser.execute_script("return video.currentTime") * FPS), NUM_FRAMES - 1)
+
+
+def click_timeline(browser, position: int) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    track = find(browser, "#track")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", track)
+    width = track.size["width"]
+    # Offsets count from the middle of the element.
+    x = round((position + 0.5) / NUM_FRAMES * width - width / 2)
+    ActionChains(browser).move_to_element_with_offset(track, x, 0).click().perform()
+
+
+def test_the_video_plays_in_the_page(page):
+    assert page.execute_script("return [video.videoWidth, video.videoHeight]") == [320, 240]
+    assert page.execute_script("return video.duration") == pytest.approx(NUM_FRAMES / FPS, abs=0.11)
+    page.execute_script("video.play()")
+    wait_for(page, "video.currentTime > 0.35")
+    wait_for(page, "shown >= 3")
+    page.execute_script("video.pause()")
+
+
+@pytest.mark.parametrize("position", [0, 17, 42, 59])
+def test_a_click_on_the_timeline_seeks_the_video(page, position):
+    click_timeline(page, position)
+    assert settled_position(page) == position
+    assert find(page, "#clock").text.startswith(f"frame {position} of 59")
+    assert find(page, "#track").get_attribute("aria-valuenow") == str(position)
+
+
+def picture_of(browser, position: int) -> np.ndarray:
+    """What the video shows after a seek; a page from a file may not read its own video back."""
+    browser.execute_script(f"video.controls = false; seek({position})")
+    settled_position(browser)
+    browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+    png = base64.b64decode(find(browser, "#video").screenshot_as_base64)
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return image.astype(int)
+
+
+def test_the_frame_shown_is_the_frame_asked_for(page):
+    """Three objects come back at frame 40: that step changes the picture far more than others."""
+    pictures = [picture_of(page, position) for position in (37, 38, 39, 40)]
+    changes = [np.abs(b - a).mean() for a, b in itertools.pairwise(pictures)]
+    assert changes[2] > 2 * max(changes[:2])
+
+
+def test_the_timeline_works_by_keyboard(page):
+    from selenium.webdriver.common.keys import Keys
+
+    track = find(page, "#track")
+    page.execute_script("arguments[0].focus()", track)
+    for key, position in (
+        (Keys.ARROW_RIGHT, 1),
+        (Keys.PAGE_UP, 7),
+        (Keys.ARROW_LEFT, 6),
+        (Keys.END, 59),
+        (Keys.ARROW_RIGHT, 59),
+        (Keys.HOME, 0),
+    ):
+        track.send_keys(key)
+        assert settled_position(page) == position
+        assert track.get_attribute("aria-valuenow") == str(position)
+
+
+def test_crops_and_absences_seek(page):
+    crop = find(page, '#cards button[data-position="43"]')  # object 1 decides at frame 43
+    assert "cup 1" in crop.find_element("css selector", "img").get_attribute("alt")
+    page.execute_script("arguments[0].click()", crop)
+    assert settled_position(page) == 43
+    absence = find(page, '#identities td:last-child button[data-position="40"]')
+    assert absence.text == "20–39"
+    page.execute_script("arguments[0].click()", absence)
+    assert settled_position(page) == 40
+
+
+def test_undecided_detections_are_told_with_their_candidates(page):
+    page.execute_script("seek(41)")
+    row = page.find_elements("css selector", "#seen tbody tr")[1]
+    assert row.text.startswith("cup 1 or 0? ambiguous")
+    assert "candidates 1: 0.82, 0: 0.79" in row.get_attribute("title")
+
+
+def test_the_table_sorts_by_any_column(page):
+    def names() -> list[str]:
+        cells = page.find_elements("css selector", "#identities tbody td:first-child")
+        return [cell.text for cell in cells]
+
+    def sort_by(title: str) -> None:
+        for button in page.find_elements("css selector", "#identities th button"):
+            if button.text.startswith(title):
+                page.execute_script("arguments[0].click()", button)
+                return
+
+    assert names()[0] == "cup 0"
+    sort_by("Identity")
+    assert names()[0] == "chair 5"
+    heading = find(page, '#identities th[aria-sort="descending"]')
+    assert heading.text.startswith("Identity")
+    sort_by("Class")
+    assert names() == ["book 2", "chair 5", "cup 0", "cup 1", "potted plant 3", "teddy bear 4"]
+    sort_by("Longest absence")
+    sort_by("Longest absence")
+    assert names()[0] == "cup 1"
+
+
+def test_the_page_is_quiet_and_asks_for_nothing(browser, folder):
+    for kind in ("browser", "performance"):
+        browser.get_log(kind)
+    browser.get(f"file://{folder / report.REPORT_NAME}")
+    wait_for(browser, "video.readyState >= 2")
+    assert [entry["message"] for entry in browser.get_log("browser")] == []
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    asked = [
+        message["params"]["request"]["url"]
+        for message in messages
+        if message["method"] == "Network.requestWillBeSent"
+    ]
+    assert all(url.startswith(("file://", "data:")) for url in asked)
+
+
+def test_a_large_video_is_played_from_beside_the_page(browser, folder, monkeypatch):
+    monkeypatch.setattr(report, "MAX_EMBEDDED_VIDEO_BYTES", 1)
+    from remind_jax.outputs.writer import render_again
+
+    render_again(folder)
+    browser.get(f"file://{folder / report.REPORT_NAME}")
+    wait_for(browser, "video.readyState >= 2")
+    click_timeline(browser, 33)
+    assert settled_position(browser) == 33
+    (folder / "overlay.mp4").rename(folder / "elsewhere.mp4")
+    browser.get(f"file://{folder / report.REPORT_NAME}")
+    wait_for(browser, "!document.getElementById('video-missing').hidden")

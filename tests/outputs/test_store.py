@@ -1,0 +1,131 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.decision import Outcome, Reason, Status
+from remind_jax.errors import OutputError
+from remind_jax.outputs import store
+from remind_jax.tracks import Tracks
+from tests.outputs.fake_run import make_info, make_run, make_tracks
+
+
+def assert_same(ours: Tracks, theirs: Tracks) -> None:
+    for field in dataclasses.fields(Tracks):
+        mine, other = getattr(ours, field.name), getattr(theirs, field.name)
+        if field.name == "rles":
+            np.testing.assert_array_equal(ours.masks, theirs.masks)
+        else:
+            np.testing.assert_array_equal(mine, other, err_msg=field.name)
+
+
+scores = st.floats(-10, 10, width=32) | st.just(float("nan"))
+rows = st.fixed_dictionaries(
+    {
+        "label": st.text(max_size=8),
+        "outcome": st.sampled_from(list(Outcome)),
+        "reason": st.sampled_from(list(Reason)),
+        "status": st.sampled_from(list(Status)),
+        "object_id": st.integers(-1, 10_000),
+        "pending_id": st.integers(-1, 10_000),
+        "instance_id": st.integers(-1, 10_000),
+        "score": scores,
+        "confidence": scores,
+        "detector_score": scores,
+        "candidates": st.lists(st.tuples(st.integers(0, 99), scores), max_size=3),
+    }
+)
+
+
+@given(rows=st.lists(rows, max_size=5), seed=st.integers(0, 99))
+@settings(max_examples=60, deadline=None)
+def test_any_frame_survives_json(rows, seed):
+    masks = np.random.default_rng(seed).random((len(rows), 9, 13)) < 0.3
+    tracks = make_tracks(3, masks, rows)
+    text = json.dumps(store.tracks_to_json(tracks), allow_nan=False)
+    assert_same(store.tracks_from_json(json.loads(text)), tracks)
+
+
+@pytest.fixture
+def stored(tmp_path):
+    _, result = make_run(num_frames=6)
+    path = tmp_path / store.DETECTIONS_NAME
+    with store.DetectionsWriter(path, make_info().to_json()) as writer:
+        for tracks in result.tracks:
+            writer.add(tracks)
+    return path, result
+
+
+def test_frames_are_on_disk_before_the_file_is_closed(tmp_path):
+    _, result = make_run(num_frames=3)
+    path = tmp_path / store.DETECTIONS_NAME
+    writer = store.DetectionsWriter(path, make_info().to_json())
+    for done, tracks in enumerate(result.tracks, start=1):
+        writer.add(tracks)
+        assert len(store.read_detections(path)[1]) == done
+    writer.close()
+
+
+@pytest.mark.parametrize("cut", [1, 40, 200])
+def test_a_line_cut_off_at_the_end_is_left_out(stored, cut):
+    path, result = stored
+    path.write_bytes(path.read_bytes()[:-cut])
+    info, frames = store.read_detections(path)
+    assert info == make_info().to_json()
+    assert len(frames) == 5
+    assert_same(frames[-1], result.tracks[4])
+
+
+def test_damage_in_the_middle_is_named_by_line(stored):
+    path, _ = stored
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[3] = lines[3][:50] + b"\n"
+    path.write_bytes(b"".join(lines))
+    with pytest.raises(OutputError, match="damaged in line 4"):
+        store.read_detections(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "holds no run"),
+        (b'{"a": 1}\n', "not a file of detections"),
+        (b"[1]\n", "not a file of detections"),
+        (b'{"format": "remind-jax detections", "version": 99, "info": {}}\n', "version 99"),
+    ],
+)
+def test_other_files_are_refused(tmp_path, content, message):
+    path = tmp_path / store.DETECTIONS_NAME
+    path.write_bytes(content)
+    with pytest.raises(OutputError, match=message):
+        store.read_detections(path)
+
+
+def test_a_folder_without_a_run_is_named(tmp_path):
+    with pytest.raises(OutputError, match="not the output folder of a run"):
+        store.read_detections(tmp_path / store.DETECTIONS_NAME)
+
+
+def test_run_json_is_readable_and_atomic(tmp_path):
+    path = tmp_path / store.RUN_NAME
+    store.write_run_json(path, {"a": [1, 2.5, -3e-7], "b": {"c": "[ 1,\n 2 ]"}, "d": []})
+    assert '"a": [1, 2.5, -3e-07]' in path.read_text()
+    assert store.read_run_json(path) == {
+        "a": [1, 2.5, -3e-7],
+        "b": {"c": "[ 1,\n 2 ]"},
+        "d": [],
+    }
+    with pytest.raises(TypeError):
+        store.write_run_json(path, {"a": object()})
+    assert [p.name for p in tmp_path.iterdir()] == [store.RUN_NAME]
+    assert store.read_run_json(path) is not None
+
+
+def test_damaged_run_json_is_named(tmp_path):
+    path = tmp_path / store.RUN_NAME
+    path.write_text('{"a": ')
+    with pytest.raises(OutputError, match=r"run\.json' is damaged"):
+        store.read_run_json(path)

@@ -1,0 +1,221 @@
+import errno
+import json
+import logging
+import os
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from remind_jax.errors import OutputError
+from remind_jax.outputs import overlay, tables
+from remind_jax.outputs.writer import FILE_NAMES, RunWriter, render_again
+from remind_jax.result import Result
+from tests.outputs.fake_run import make_info, make_run
+
+
+@pytest.fixture(scope="module")
+def made():
+    return make_run(num_frames=30)
+
+
+def write(folder: Path, made, **options) -> None:
+    frames, result = made
+    with RunWriter(folder, result.info, **options) as writer:
+        for frame, tracks in zip(frames, result.tracks, strict=True):
+            writer.add(frame, tracks)
+        writer.finish(result)
+
+
+def count_frames(path: Path) -> int:
+    with av.open(str(path)) as container:
+        return sum(1 for _ in container.decode(video=0))
+
+
+def test_a_finished_run_has_everything(tmp_path, made):
+    write(tmp_path / "out", made)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(FILE_NAMES)
+    assert count_frames(tmp_path / "out" / "overlay.mp4") == 30
+    assert cv2.imread(str(tmp_path / "out" / "timeline.png")) is not None
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert run["complete"] is True
+    assert run["summary"] == made[1].summary()
+    assert run["info"]["config"] == made[1].info.config
+    loaded = Result.load(tmp_path / "out")
+    assert loaded.summary()["outcome_shares"] == made[1].summary()["outcome_shares"]
+
+
+def test_the_overlay_can_be_left_out(tmp_path, made):
+    write(tmp_path, made, overlay=False)
+    assert not (tmp_path / "overlay.mp4").exists()
+    assert (tmp_path / "report.html").exists()
+
+
+def test_frames_without_images_are_written(tmp_path, made):
+    frames = [type(f)(f.index, f.source_index, f.time_s, f.name) for f in made[0]]
+    write(tmp_path, (frames, made[1]))
+    assert count_frames(tmp_path / "overlay.mp4") == 30
+
+
+def write_until(folder: Path, made, num_frames: int, stop: BaseException) -> None:
+    """A run in which `stop` is raised after some frames."""
+    frames, result = made
+    with RunWriter(folder, result.info) as writer:
+        for frame, tracks in zip(frames[:num_frames], result.tracks, strict=False):
+            writer.add(frame, tracks)
+        raise stop
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), RuntimeError()])
+def test_what_was_done_is_kept_and_finished(tmp_path, made, stop):
+    with pytest.raises(type(stop)):
+        write_until(tmp_path, made, 12, stop)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILE_NAMES)
+    assert count_frames(tmp_path / "overlay.mp4") == 12
+    loaded = Result.load(tmp_path)
+    assert (loaded.complete, len(loaded)) == (False, 12)
+    assert json.loads((tmp_path / "run.json").read_text())["complete"] is False
+
+
+def test_a_run_that_stops_before_its_first_frame_is_finished(tmp_path, made):
+    with pytest.raises(KeyboardInterrupt):
+        write_until(tmp_path, made, 0, KeyboardInterrupt())
+    assert len(Result.load(tmp_path)) == 0
+    assert not (tmp_path / "overlay.mp4").exists()
+
+
+def test_an_unusable_frame_rate_gets_a_neutral_one(tmp_path, made):
+    frames, result = made
+    info = type(result.info)(**{**vars(result.info), "fps": 0.0})
+    write(tmp_path, (frames[:3], type(result)(result.tracks[:3], info)))
+    assert Result.load(tmp_path).info.fps == 10
+
+
+def test_a_folder_with_files_is_refused_before_work(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match=r"not empty \(it holds 'notes.txt'\)"):
+        RunWriter(tmp_path, make_info())
+
+
+def test_overwriting_removes_only_what_a_run_writes(tmp_path, made):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "overlay.mp4").write_text("old")
+    write(tmp_path, made, overwrite=True, overlay=False)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "overlay.mp4").exists()
+
+
+def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(OutputError, match=r"cannot make the output folder '.*out'"):
+        RunWriter(tmp_path / "out", make_info())
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_named(tmp_path):
+    (tmp_path / "out").mkdir(mode=0o500)
+    with pytest.raises(OutputError, match="may not be written to"):
+        RunWriter(tmp_path / "out", make_info())
+
+
+def fill_disk_under(path: Path) -> None:
+    """From now on every write to this open file fails as on a full disk."""
+    for link in Path("/proc/self/fd").iterdir():
+        if os.path.realpath(link) == str(path):
+            os.dup2(os.open("/dev/full", os.O_WRONLY), int(link.name))
+
+
+def write_to_full_disk(folder: Path, made, full: str) -> None:
+    frames, result = made
+    with RunWriter(folder, result.info) as writer:
+        for number, (frame, tracks) in enumerate(zip(frames, result.tracks, strict=True)):
+            if number == 3:
+                fill_disk_under(folder / full)
+            writer.add(frame, tracks)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
+@pytest.mark.parametrize("full", ["detections.jsonl", "tracks.csv"])
+def test_a_full_disk_is_named_and_the_rest_is_kept(tmp_path, made, full):
+    with pytest.raises(OutputError, match=rf"cannot write '.*{full}': No space left on device"):
+        write_to_full_disk(tmp_path, made, full)
+    loaded = Result.load(tmp_path)
+    assert len(loaded) >= 3
+    assert not loaded.complete
+    assert count_frames(tmp_path / "overlay.mp4") == 3
+
+
+def test_failing_to_finish_does_not_hide_the_first_error(tmp_path, made, monkeypatch, caplog):
+    def fail(*_):
+        raise OutputError("no room")
+
+    monkeypatch.setattr(tables, "write_tables", fail)
+    with caplog.at_level(logging.WARNING), pytest.raises(RuntimeError, match="the real one"):
+        write_until(tmp_path, made, 1, RuntimeError("the real one"))
+    assert "no room" in caplog.text
+    assert json.loads((tmp_path / "run.json").read_text())["complete"] is False
+
+
+def test_failing_to_finish_leaves_an_incomplete_run(tmp_path, made, monkeypatch):
+    def fail(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(OutputError, match="No space left"):
+        write(tmp_path, made)
+    loaded = Result.load(tmp_path)
+    assert (loaded.complete, len(loaded)) == (False, 30)
+
+
+def test_rendering_again_from_the_source_restores_every_picture(tmp_path, made):
+    write(tmp_path, made)
+    names = ("overlay.mp4", "timeline.png", "gallery.png", "report.html", "mot.txt")
+    before = {name: (tmp_path / name).read_bytes() for name in names}
+    for name in names:
+        (tmp_path / name).unlink()
+    skipping = [frame for frame in make_run(num_frames=30)[0] if frame.index != 99]
+    render_again(tmp_path, skipping)
+    for name in ("timeline.png", "gallery.png", "mot.txt"):
+        assert (tmp_path / name).read_bytes() == before[name], name
+    assert count_frames(tmp_path / "overlay.mp4") == 30
+    assert (tmp_path / "report.html").exists()
+
+
+def test_rendering_again_without_a_source_keeps_images(tmp_path, made):
+    write(tmp_path, made)
+    overlay_before = (tmp_path / "overlay.mp4").read_bytes()
+    gallery_before = cv2.imread(str(tmp_path / "gallery.png"))
+    result = render_again(tmp_path)
+    assert len(result) == 30
+    assert (tmp_path / "overlay.mp4").read_bytes() == overlay_before
+    gallery = cv2.imread(str(tmp_path / "gallery.png"))
+    assert gallery is not None
+    assert gallery_before is not None
+    assert gallery.shape == gallery_before.shape
+    # The crops come back from JPEG: noise changes a little, the picture does not.
+    assert np.abs(gallery.astype(int) - gallery_before).mean() < 3
+
+
+def test_a_killed_run_is_drawn_from_its_detections(tmp_path, made):
+    write(tmp_path, made)
+    for path in tmp_path.iterdir():
+        if path.name != "detections.jsonl":
+            path.unlink()
+    (tmp_path / "overlay.mp4").write_bytes(b"\0" * 1000)
+    result = render_again(tmp_path)
+    assert not result.complete
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
+        set(FILE_NAMES) - {"tracks.csv"}
+    )
+    assert overlay.is_playable(tmp_path / "overlay.mp4")
+
+
+def test_a_source_that_lacks_frames_is_refused_and_nothing_is_lost(tmp_path, made):
+    write(tmp_path, made)
+    before = (tmp_path / "overlay.mp4").read_bytes()
+    with pytest.raises(OutputError, match=r"the source has no frame 20 \('000020.jpg'\)"):
+        render_again(tmp_path, made[0][:10])
+    assert (tmp_path / "overlay.mp4").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILE_NAMES)
