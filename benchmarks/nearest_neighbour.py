@@ -1,6 +1,6 @@
 """How well a backbone tells objects apart, without any tracker.
 
-Usage: python benchmarks/nearest_neighbour.py ROOT [--backbone NAME] [--json OUT] [--size WxH]
+Usage: python benchmarks/nearest_neighbour.py ROOT [--backbone NAME] [--json OUT]
 
 Every 10th frame of each sequence under ROOT (`JPEGImages`, `Annotations`, `metadata.json`) is
 described; each instance of at least 400 pixels in it becomes one vector, the mean of its patch
@@ -15,7 +15,6 @@ import argparse
 import dataclasses
 import json
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -24,6 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from remind_jax.backbone import DEFAULT_BACKBONE, Backbone, get_backbone
+from remind_jax.errors import SourceError
 
 FRAME_STEP = 10
 MIN_MASK_PX = 400
@@ -76,9 +76,9 @@ def read_sightings(folder: Path, patch_px: int) -> Sightings:
     images, masks, rows = [], [], []
     paths = sorted((folder / "JPEGImages" / name).glob("*.jpg"))
     for frame in range(0, len(paths), FRAME_STEP):
-        image = cv2.cvtColor(cv2.imread(str(paths[frame])), cv2.COLOR_BGR2RGB)
+        image = cv2.cvtColor(_read(paths[frame], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
         labels_path = folder / "Annotations" / name / f"{paths[frame].stem}.png"
-        labels = cv2.imread(str(labels_path), cv2.IMREAD_UNCHANGED)
+        labels = _read(labels_path, cv2.IMREAD_UNCHANGED)
         height, width = (patch_px * (side // patch_px) for side in labels.shape)
         top, left = (labels.shape[0] - height) // 2, (labels.shape[1] - width) // 2
         cut = np.s_[top : top + height, left : left + width]
@@ -90,6 +90,13 @@ def read_sightings(folder: Path, patch_px: int) -> Sightings:
         images.append(image[cut])
     image_index, frames, instances, names = (np.array(column) for column in zip(*rows, strict=True))
     return Sightings(name, np.stack(images), masks, image_index, frames, instances, names)
+
+
+def _read(path: Path, mode: int) -> np.ndarray:
+    image = cv2.imread(str(path), mode)
+    if image is None:
+        raise SourceError(f"'{path}' cannot be read as an image")
+    return image
 
 
 def describe_with(backbone: Backbone, sightings: Sightings) -> tuple[np.ndarray, float]:
@@ -123,13 +130,14 @@ def to_unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 
 
-def rank_one(vectors: np.ndarray, sightings: Sightings, gap: int) -> tuple[float, int]:
-    """Share of queries answered by their own instance, and the number of queries."""
+def rank_one(vectors: np.ndarray, sightings: Sightings, gap: int) -> tuple[float | None, int]:
+    """Share of queries answered by their own instance (none without queries), and their number."""
     allowed = np.abs(sightings.frame[:, None] - sightings.frame) >= gap
     same = sightings.instance[:, None] == sightings.instance
     asked = (allowed & same).any(1)
     nearest = np.where(allowed, vectors @ vectors.T, -np.inf).argmax(1)
-    return float(same[np.arange(len(same)), nearest][asked].mean()), int(asked.sum())
+    hits = same[np.arange(len(same)), nearest][asked]
+    return (float(hits.mean()) if asked.any() else None), len(hits)
 
 
 def cosine_percentiles(vectors: np.ndarray, sightings: Sightings) -> dict[str, list[float]]:
@@ -179,14 +187,18 @@ def print_ranks(records: list[dict], console: Console) -> None:
     table = Table(title=f"rank-1, gallery at least {GAPS[0]} ({GAPS[1]}) frames away")
     for column in ("descriptor", *sequences):
         table.add_column(column)
-    rows = {name: dict(cells) for name, cells in PUBLISHED.items()}
+    rows: dict[str, dict] = {name: dict(cells) for name, cells in PUBLISHED.items()}
     for record in records:
-        cell = tuple(record["rank_1"][str(gap)] for gap in GAPS)
+        cell = [record["rank_1"][str(gap)] for gap in GAPS]
         rows.setdefault(record["descriptor"], {})[record["sequence"]] = cell
     for name, cells in rows.items():
-        texts = ["{:.3f} ({:.3f})".format(*cells[s]) if s in cells else "-" for s in sequences]
-        table.add_row(name, *texts)
+        shares = [cells.get(sequence, (None, None)) for sequence in sequences]
+        table.add_row(name, *(f"{_share(near)} ({_share(far)})" for near, far in shares))
     console.print(table)
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
 
 
 def print_cosines(records: list[dict], console: Console) -> None:
@@ -201,13 +213,13 @@ def print_cosines(records: list[dict], console: Console) -> None:
     console.print(table)
 
 
-def main(make_backbone: Callable[[str], Backbone] = get_backbone) -> None:
+def main() -> None:
     parser = argparse.ArgumentParser(description="Rank-1 of a backbone's masked mean vectors.")
     parser.add_argument("root", type=Path, help="folder of sequences")
     parser.add_argument("--backbone", default=DEFAULT_BACKBONE)
     parser.add_argument("--json", type=Path, help="where to write the figures")
     arguments = parser.parse_args()
-    backbone = make_backbone(arguments.backbone)
+    backbone = get_backbone(arguments.backbone)
     records = measure(arguments.root, backbone)
     if not records:
         parser.error(f"no sequence (folder with a metadata.json) in {arguments.root}")

@@ -1,10 +1,13 @@
 """Soft histograms of image channels over the square cells of a grid.
 
-Letters: `C` channels, `K` bins, `H W` pixels, `Hc Wc` cells of `CELL_PX` pixels. Channels and bins
-come first, so that the long pixel axes are the contiguous ones.
+Letters: `C` channels, `K L` bins, `H W` pixels, `Hc Wc` cells of `CELL_PX` pixels. Channels and
+bins come first, so that the long pixel axes are the contiguous ones. The histogram of a cell is
+the mean of its pixels' bin shares.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -44,14 +47,20 @@ def above_surround(values: Float[Array, "*C H W"], radius: int) -> Float[Array, 
     return values - spread(window_mean(cell_mean(values), radius))
 
 
-def shift(values: Float[Array, "*C H W"], down_px: int, right_px: int) -> Float[Array, "*C H W"]:
-    """The value found `down_px` below and `right_px` to the right; border pixels repeat outside."""
+def shifts(
+    values: Float[Array, "*C H W"], steps_px: Sequence[tuple[int, int]]
+) -> Float[Array, "S *C H W"]:
+    """What lies each step `(down, right)` away; border pixels repeat outside the image."""
     height, width = values.shape[-2:]
-    reach = max(abs(down_px), abs(right_px))
+    reach = max(abs(component) for step in steps_px for component in step)
     padding = [(0, 0)] * (values.ndim - 2) + [(reach, reach)] * 2
     padded = jnp.pad(values, padding, mode="edge")
-    rows = slice(reach + down_px, reach + down_px + height)
-    return padded[..., rows, reach + right_px : reach + right_px + width]
+    return jnp.stack(
+        [
+            padded[..., reach + down : reach + down + height, reach + right : reach + right + width]
+            for down, right in steps_px
+        ]
+    )
 
 
 def smooth(
@@ -70,33 +79,31 @@ def smooth(
 
 
 def soft_bins(
-    values: Float[Array, "H W"], low: float, high: float, num: int
-) -> Float[Array, "K H W"]:
+    values: Float[Array, "*C H W"], low: float, high: float, num: int
+) -> Float[Array, "*C K H W"]:
     """Shares of `num` bins, centred from `low` to `high`, linear between neighbouring centres.
 
     They sum to one at every pixel; values beyond an end belong to its bin.
     """
     position = (jnp.clip(values, low, high) - low) * ((num - 1) / (high - low))
-    return jax.nn.relu(1 - jnp.abs(position - _bin_index(num)))
+    return jax.nn.relu(1 - jnp.abs(position[..., None, :, :] - _bin_index(num)))
 
 
-def soft_bins_periodic(turns: Float[Array, "H W"], num: int) -> Float[Array, "K H W"]:
+def soft_bins_periodic(turns: Float[Array, "*C H W"], num: int) -> Float[Array, "*C K H W"]:
     """Shares of `num` bins around the circle; `turns` are angles in whole turns."""
-    offset = turns - _bin_index(num) / num
+    offset = turns[..., None, :, :] - _bin_index(num) / num
     return jax.nn.relu(1 - num * jnp.abs(offset - jnp.round(offset)))
 
 
-def histogram(shares: Float[Array, "K H W"]) -> Float[Array, "K Hc Wc"]:
-    """Histogram of each cell, summing to one."""
-    return cell_mean(shares)
-
-
 def joint_histogram(
-    first: Float[Array, "K H W"], second: Float[Array, "L H W"]
-) -> Float[Array, "K*L Hc Wc"]:
-    """Histogram of each cell over pairs of bins, summing to one; the second bin changes fastest."""
-    pairs = jnp.einsum("khiwj,lhiwj->klhw", _split(first), _split(second), precision="highest")
-    return pairs.reshape(-1, *pairs.shape[2:]) / CELL_PX**2
+    first: Float[Array, "*C K H W"], second: Float[Array, "*C L H W"]
+) -> Float[Array, "*C K*L Hc Wc"]:
+    """Mean shares of each cell by pairs of bins; the second bin changes fastest."""
+    pairs = jnp.einsum(
+        "...khiwj,...lhiwj->...klhw", _split(first), _split(second), precision="highest"
+    )
+    *leading, num_first, num_second, rows, cols = pairs.shape
+    return pairs.reshape(*leading, num_first * num_second, rows, cols) / CELL_PX**2
 
 
 def _split(values: Float[Array, "*C H W"]) -> Float[Array, "*C Hc i Wc j"]:

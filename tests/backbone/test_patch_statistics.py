@@ -1,0 +1,144 @@
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.backbone import get_backbone
+from remind_jax.backbone.patch_statistics import (
+    BLOCKS,
+    PATCH_PX,
+    measure_cells,
+    typical_histograms,
+)
+from remind_jax.errors import ConfigError, SourceError
+
+FLOAT32_SUM = 2e-5  # histograms sum 64 to 576 float32 shares; features are of order one
+PALETTE = ((200, 60, 50), (60, 160, 70), (70, 90, 190), (190, 170, 60), (150, 150, 150))
+
+
+def paint_tiles(rows: int, cols: int, seed: int = 0) -> np.ndarray:
+    """Tiles of 64 pixels, each of one colour with stripes and grain of its own."""
+    rng = np.random.default_rng(seed)
+    image = np.zeros((rows * 64, cols * 64, 3))
+    down, right = np.mgrid[:64, :64]
+    for number in range(rows * cols):
+        top, left = 64 * (number // cols), 64 * (number % cols)
+        angle, period_px = rng.uniform(0, np.pi), rng.uniform(6, 24)
+        stripes = np.sin(2 * np.pi * (np.cos(angle) * right + np.sin(angle) * down) / period_px)
+        light = 1 + rng.uniform(0.1, 0.4) * stripes + rng.normal(0, 0.05, (64, 64))
+        colour = np.array(PALETTE[number % len(PALETTE)])
+        image[top : top + 64, left : left + 64] = colour * light[..., None]
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def describe_tiles(image: np.ndarray) -> np.ndarray:
+    """Unit vector of each tile, the mean over its patches."""
+    patches = np.asarray(get_backbone().extract(image[None]))[0]
+    rows, cols, dim = patches.shape
+    tiles = patches.reshape(rows // 4, 4, cols // 4, 4, dim).mean((1, 3)).reshape(-1, dim)
+    return tiles / np.linalg.norm(tiles, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(("height", "width"), [(16, 16), (48, 192)])
+def test_every_patch_gets_finite_float32_features(height, width):
+    backbone = get_backbone()
+    images = np.random.default_rng(0).integers(0, 256, (2, height, width, 3), np.uint8)
+    features = backbone.extract(images)
+    assert features.shape == (2, height // PATCH_PX, width // PATCH_PX, backbone.dim)
+    assert features.dtype == np.float32
+    assert np.isfinite(features).all()
+
+
+@pytest.mark.parametrize("level", [0, 255])
+def test_flat_frames_are_finite(level):
+    features = get_backbone().extract(np.full((1, 192, 256, 3), level, np.uint8))
+    assert np.isfinite(features).all()
+
+
+def test_frame_smaller_than_a_patch_is_refused():
+    with pytest.raises(SourceError, match="64x15 pixels is smaller than one patch"):
+        get_backbone().extract(np.zeros((1, 15, 64, 3), np.uint8))
+
+
+def test_centering_must_be_a_share():
+    with pytest.raises(ConfigError, match=r"centering is 1\.5; it must lie in \[0, 1\]"):
+        get_backbone(centering=1.5)
+
+
+def test_a_size_compiles_once_and_repeats_exactly(caplog):
+    backbone = get_backbone()
+    image = paint_tiles(3, 4)[None]
+    first = np.asarray(backbone.extract(image))
+    with jax.log_compiles(), caplog.at_level("WARNING"):
+        np.testing.assert_array_equal(first, backbone.extract(image))
+        np.testing.assert_array_equal(first, get_backbone("patch-statistics").extract(image))
+        assert not [record for record in caplog.records if "describe_patches" in record.message]
+        backbone.extract(image[:, :16, :16])
+        assert [record for record in caplog.records if "describe_patches" in record.message]
+
+
+def test_batch_equals_single_images():
+    images = np.stack([paint_tiles(3, 4, seed) for seed in range(2)])
+    together = get_backbone().extract(images)
+    for image, features in zip(images, together, strict=True):
+        single = get_backbone().extract(image[None])[0]
+        # Batched sums may run in another order.
+        np.testing.assert_allclose(features, single, atol=FLOAT32_SUM)
+
+
+def test_traces_and_stays_float32_in_double_precision_mode():
+    image = paint_tiles(3, 4)[None]
+    expected = np.asarray(get_backbone().extract(image))
+    with jax.enable_x64(True):
+        features = jax.jit(get_backbone().extract)(image)
+    assert features.dtype == np.float32
+    np.testing.assert_allclose(features, expected, atol=FLOAT32_SUM)
+
+
+def test_shift_by_whole_patches_shifts_the_features():
+    image = paint_tiles(5, 5)
+    here, there = np.asarray(
+        get_backbone().extract(np.stack([image[:256, :256], image[64:, 32:288]]))
+    )
+    # Nearer than five patches to the border some window is cut off by it.
+    np.testing.assert_allclose(here[9:11, 7:11], there[5:7, 5:9], atol=FLOAT32_SUM)
+    assert np.abs(here[5:7, 5:9] - there[5:7, 5:9]).max() > 0.1
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.floats(0.3, 1.0), st.integers(0, 2**16))
+def test_dimmer_light_with_noise_leaves_an_object_what_it_was(gain, seed):
+    image = paint_tiles(3, 4)
+    noise = np.random.default_rng(seed).normal(0, 2, image.shape)
+    dim = np.clip(gain * image + noise, 0, 255).astype(np.uint8)
+    bright, dark = describe_tiles(image), describe_tiles(dim)
+    same = (bright * dark).sum(1)
+    # 0.75 is where the published tracker calls two views a match.
+    assert same.min() > 0.85
+    assert ((bright @ dark.T).argmax(1) == np.arange(len(bright))).all()
+
+
+def test_different_colours_are_far_apart():
+    tiles = describe_tiles(paint_tiles(3, 4))
+    colour = np.arange(len(tiles)) % len(PALETTE)
+    assert (tiles @ tiles.T)[colour[:, None] != colour].max() < 0.75
+
+
+def test_centering_changes_the_common_part_only():
+    image = paint_tiles(3, 4)[None]
+    raw = np.asarray(get_backbone(centering=0.0).extract(image))
+    centred = np.asarray(get_backbone().extract(image))
+    common = (raw - centred).reshape(-1, raw.shape[-1])
+    np.testing.assert_allclose(common, np.broadcast_to(common[0], common.shape), atol=FLOAT32_SUM)
+    assert (raw >= 0).all()
+    assert np.linalg.norm(common[0]) > 1
+
+
+def test_histograms_sum_to_one_and_match_the_typical_ones():
+    cells = jax.jit(measure_cells)(paint_tiles(3, 4))
+    assert set(cells) == set(typical_histograms()) == {block.quantity for block in BLOCKS}
+    for quantity, typical in typical_histograms().items():
+        assert len(typical) == len(cells[quantity])
+        assert typical.sum() == pytest.approx(1, abs=1e-6)
+        np.testing.assert_allclose(cells[quantity].sum(0), 1, atol=FLOAT32_SUM)

@@ -1,0 +1,111 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from remind_jax.backbone import registry
+from remind_jax.errors import ConfigError, SourceError
+
+
+@pytest.fixture
+def names(monkeypatch):
+    """A registry of its own, so that nothing stays behind."""
+    monkeypatch.setattr(registry, "_factories", dict(registry._factories))
+
+
+def make_backbone(*, dim: int = 3) -> registry.Backbone:
+    return registry.Backbone("mean-colour", 4, dim, lambda images: images[:, ::4, ::4] / 255)
+
+
+def test_default_backbone_is_listed_and_made_by_default():
+    assert registry.DEFAULT_BACKBONE in registry.list_backbones()
+    assert registry.get_backbone() is registry.get_backbone("patch-statistics")
+
+
+def test_listing_imports_no_backbone():
+    code = (
+        "import sys; from remind_jax.backbone import list_backbones; print(list_backbones());"
+        "heavy = {'remind_jax.backbone.patch_statistics', 'flax', 'torch', 'onnxruntime'};"
+        "sys.exit(', '.join(heavy & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert "patch-statistics" in done.stdout
+
+
+@pytest.mark.parametrize("name", ["patch-statistic", "patch_statistics", "Patch-Statistics:x"])
+def test_unknown_name_suggests_the_nearest(name):
+    with pytest.raises(ConfigError, match=r"no backbone .*did you mean 'patch-statistics'\?"):
+        registry.get_backbone(name)
+
+
+def test_hopeless_name_lists_all():
+    with pytest.raises(ConfigError, match=r"no backbone 'qqq'; allowed: .*patch-statistics"):
+        registry.get_backbone("qqq")
+
+
+def test_unknown_option_suggests_the_nearest():
+    with pytest.raises(ConfigError, match=r"no option 'centring'; did you mean 'centering'\?"):
+        registry.get_backbone("patch-statistics", centring=0.5)
+
+
+def test_target_for_a_backbone_that_reads_none():
+    with pytest.raises(ConfigError, match=r"'patch-statistics' cannot be made from .*weights\.pt"):
+        registry.get_backbone("patch-statistics:weights.pt")
+
+
+@pytest.mark.usefixtures("names")
+def test_decorated_factory_is_found_and_gets_its_options():
+    registry.register("mean-colour")(make_backbone)
+    assert "mean-colour" in registry.list_backbones()
+    assert registry.get_backbone("mean-colour", dim=5).dim == 5
+
+
+@pytest.mark.usefixtures("names")
+def test_factory_can_be_named_and_is_imported_when_asked_for():
+    registry.register("lazy", "a_module_that_is_not_there:factory")
+    assert "lazy" in registry.list_backbones()
+    with pytest.raises(ModuleNotFoundError, match="a_module_that_is_not_there"):
+        registry.get_backbone("lazy")
+
+
+@pytest.mark.usefixtures("names")
+def test_text_after_the_colon_is_handed_to_the_factory():
+    opened = []
+
+    @registry.register("onnx-like")
+    def open_file(path, *, threads=1):
+        opened.append((path, threads))
+        return make_backbone()
+
+    registry.get_backbone("onnx-like:C:/dir/encoder.onnx", threads=2)
+    assert opened == [("C:/dir/encoder.onnx", 2)]
+    with pytest.raises(ConfigError, match="path"):
+        registry.get_backbone("onnx-like")
+
+
+@pytest.mark.usefixtures("names")
+def test_a_name_belongs_to_one_backbone():
+    for _ in range(2):
+        registry.register("mean-colour", make_backbone)
+    with pytest.raises(ConfigError, match="registered already"):
+        registry.register("patch-statistics")(make_backbone)
+    with pytest.raises(ConfigError, match="without a colon"):
+        registry.register("mean:colour", make_backbone)
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype", "message"),
+    [
+        ((1, 3, 40, 3), np.uint8, r"40x3 pixels is smaller than one patch .* at least 4 pixels"),
+        ((1, 8, 42, 3), np.uint8, r"42x8 pixels does not divide .* crop it to 40x8 first"),
+        ((8, 8, 3), np.uint8, r"shape \(8, 8, 3\); give uint8 RGB images \[B, H, W, 3\]"),
+        ((1, 8, 8, 1), np.uint8, r"shape \(1, 8, 8, 1\)"),
+        ((1, 8, 8, 3), np.float32, "given float32 images"),
+    ],
+)
+def test_unfit_images_are_refused_in_one_sentence(shape, dtype, message):
+    with pytest.raises(SourceError, match=message) as caught:
+        make_backbone().extract(np.zeros(shape, dtype))
+    assert "\n" not in str(caught.value)
