@@ -49,6 +49,24 @@ class Static:
     part_merge: Literal["equal", "capped"] = "capped"
     ring_evict: Literal["redundant", "oldest"] = "redundant"
 
+    max_neighbours: int = 20  # edges kept per object in the co-occurrence graph
+    neighbour_trim: Literal["weight", "recent"] = "weight"  # which edges are kept
+    mutual_links: bool = True  # geometric mean of both conditionals, else arithmetic
+    class_detections: int = 10  # detections of a class that enter the hypotheses
+    class_pool: int = 25  # objects of a class that enter the hypotheses
+    set_kernel: int = 6  # objects that speak for a hypothesis
+    option_objects: int = 8  # objects of a class considered beyond the detections seen
+    beam_width: int = 64  # partial hypotheses kept
+    num_hypotheses: int = 20  # hypotheses kept
+    context_hypotheses: int = 6  # hypotheses that feed the kernel of a class
+    expected_neighbours: int = 12  # longest list of expected neighbours
+
+    group_size: int = 4  # largest closed group that is solved by distances
+    group_candidates: int = 5  # most candidates of such a group
+    group_anchors: int = 3  # surrounding objects that vote in such a group
+    soft_anchors: int = 4  # undecided but likely objects that may vote as well
+    max_passes: int = 2  # rounds of settling undecided detections
+
     banks_read: Literal["both", "work"] = "both"  # banks that the similarity reads
     object_channel: Literal["best", "global", "trimmed"] = "best"
     ring_channel: Literal["combined", "inner", "outer"] = "combined"
