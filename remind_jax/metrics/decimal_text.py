@@ -19,8 +19,14 @@ _BLOCK_BYTES = 1 << 17
 _POWERS_OF_TEN = 10.0 ** np.arange(_MAX_DIGITS + 1)
 
 
-def parse_decimal_table(text: bytes) -> Float[np.ndarray, "rows columns"] | None:
+def parse_decimal_table(
+    text: bytes, max_columns: int | None = None
+) -> Float[np.ndarray, "rows columns"] | None:
     """Reads a table of plain decimals such as `12`, `-3.50` with rows of one length.
+
+    Args:
+      text: Rows end with a newline, cells are separated by commas.
+      max_columns: How many columns to return, if there are more.
 
     Returns:
       The table; nothing if the text is anything else (spaces, exponents, blank or ragged rows, more
@@ -33,7 +39,7 @@ def parse_decimal_table(text: bytes) -> Float[np.ndarray, "rows columns"] | None
     start = 0
     while start < len(text):
         stop = text.find(b"\n", start + _BLOCK_BYTES) + 1 or len(text)
-        table = _parse_block(np.frombuffer(text, np.uint8, stop - start, start))
+        table = _parse_block(np.frombuffer(text, np.uint8, stop - start, start), max_columns)
         if table is None or (tables and table.shape[1] != tables[0].shape[1]):
             return None
         tables.append(table)
@@ -41,7 +47,9 @@ def parse_decimal_table(text: bytes) -> Float[np.ndarray, "rows columns"] | None
     return np.concatenate(tables)
 
 
-def _parse_block(chars: UInt8[np.ndarray, "bytes"]) -> Float[np.ndarray, "rows columns"] | None:
+def _parse_block(
+    chars: UInt8[np.ndarray, "bytes"], max_columns: int | None
+) -> Float[np.ndarray, "rows columns"] | None:
     stop = np.flatnonzero((chars == _NEWLINE) | (chars == _COMMA))
     row_stop = np.flatnonzero(chars[stop] == _NEWLINE) + 1
     num_columns = int(row_stop[0])
@@ -49,22 +57,25 @@ def _parse_block(chars: UInt8[np.ndarray, "bytes"]) -> Float[np.ndarray, "rows c
         return None
     start = np.concatenate([[0], stop[:-1] + 1])
     is_negative = chars[start] == _MINUS
-    dots = np.flatnonzero(chars == _DOT)
-    has_dot = np.bincount(np.searchsorted(stop, dots), minlength=len(stop))
-    num_digits = stop - start - is_negative - has_dot
+    is_dot = chars == _DOT
+    num_dots = np.diff(np.cumsum(is_dot, dtype=np.int32)[stop], prepend=0)
+    num_digits = stop - start - is_negative - num_dots
     if (
         num_digits.min() < 1
         or num_digits.max() > _MAX_DIGITS
-        or has_dot.max() > 1
-        or is_negative.sum() != np.count_nonzero(chars == _MINUS)
+        or num_dots.max() > 1
+        or np.count_nonzero(is_negative) != np.count_nonzero(chars == _MINUS)
     ):
         return None
     num_decimals = np.zeros(len(stop), np.int64)
-    num_decimals[has_dot > 0] = stop[has_dot > 0] - dots - 1
-    shape = (-1, num_columns)
-    mantissa = _read_digits(chars, start.reshape(shape), stop.reshape(shape)).reshape(-1)
-    value = mantissa / _POWERS_OF_TEN[num_decimals]
-    return np.negative(value, out=value, where=is_negative).reshape(shape)
+    has_dot = np.flatnonzero(num_dots)
+    num_decimals[has_dot] = stop[has_dot] - np.flatnonzero(is_dot) - 1
+    start, stop, num_decimals, is_negative = (
+        cells.reshape(-1, num_columns)[:, :max_columns]
+        for cells in (start, stop, num_decimals, is_negative)
+    )
+    value = _read_digits(chars, start, stop) / _POWERS_OF_TEN[num_decimals]
+    return np.negative(value, out=value, where=is_negative)
 
 
 def _read_digits(chars: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import NO_ID
 from remind_jax.errors import RemindError, SourceError, nearest_names
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.metrics.clear import ClearCounts, clear_scores, count_clear
@@ -117,7 +117,7 @@ class Evaluation:
 
         NaN where undefined, such as recovery where nothing returned.
         """
-        return {name: _to_number(value) for name, value in self.fields().items()}
+        return {name: float(np.mean(value)) for name, value in self.fields().items()}
 
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": scores}`, ready for `json.dump`; undefined scores are null."""
@@ -373,12 +373,11 @@ def _judge_uncertainty(rows: Sequence[_FrameRows]) -> UncertaintyCounts:
         for row in rows
     ]
     known = _join([row.has_truth for row in rows], bool)
-    outcome = _join([row.outcome for row in rows])[known]
     shown = np.concatenate(candidates) if candidates else np.zeros((0, 0), np.int64)
     return count_uncertainty(
         _join([np.full(len(row.instance), row.frame) for row in rows])[known],
         _join([row.instance for row in rows])[known],
-        np.where(outcome == Outcome.DROPPED, Outcome.EMPTY, outcome),
+        _join([row.outcome for row in rows])[known],
         _join([row.firm for row in rows])[known],
         shown[known],
     )
@@ -392,7 +391,3 @@ def _chain_objects(counts: Sequence[RecoveryCounts]) -> RecoveryCounts:
 
 def _join(parts: Sequence[np.ndarray], dtype: Any = np.int64) -> np.ndarray:
     return np.concatenate(parts).astype(dtype) if parts else np.zeros(0, dtype)
-
-
-def _to_number(value: Any) -> float:
-    return float(np.mean(value))

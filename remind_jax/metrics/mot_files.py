@@ -38,6 +38,9 @@ MOTS_IGNORE_CLASS = 10
 MOT17_DISTRACTORS = frozenset({2, 7, 8, 12})
 MOT20_DISTRACTORS = MOT17_DISTRACTORS | {6}
 
+# Of frame,id,left,top,width,height,flag,class,...
+_MOT_COLUMNS = 8
+
 _MATCH_THRESHOLD = 0.5
 _IGNORED_SHARE = 0.5
 
@@ -314,7 +317,7 @@ def _split_row(line: str) -> list[str]:
 
 
 def _parse_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
-    table = parse_decimal_table(_read_bytes(path))
+    table = parse_decimal_table(_read_bytes(path), _MOT_COLUMNS)
     if table is None:
         table = _parse_any_numbers(path)
     if table.shape[1] < 6 or not np.isfinite(table[:, :6]).all():

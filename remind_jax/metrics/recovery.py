@@ -145,13 +145,13 @@ def _tally(answers: Answers) -> tuple[np.ndarray, ...]:
     """Object, label, common frames, sum of overlaps and first frame of each pair that occurs."""
     _, index = number_ids(answers.gt_id)
     said = np.flatnonzero(answers.label != NO_LABEL)
+    said = said[np.argsort(answers.frame[said], kind="stable")]
     num_labels = max(1, len(answers.label_class))
-    key = index[said] * num_labels + answers.label[said]
-    found, member = np.unique(key, return_inverse=True)
+    found, member = number_ids(index[said] * num_labels + answers.label[said])
     count = np.bincount(member, minlength=len(found))
     overlap = np.bincount(member, answers.similarity[said], len(found))
-    first = np.full(len(found), np.iinfo(np.int64).max)
-    np.minimum.at(first, member, answers.frame[said])
+    first = np.zeros(len(found), np.int64)
+    first[member[::-1]] = answers.frame[said[::-1]]
     return found // num_labels, found % num_labels, count, overlap, first
 
 

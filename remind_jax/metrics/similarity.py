@@ -71,11 +71,11 @@ def pair_boxes(
         pred_slot = _slot_rows(pred_start, frames)
         left, top, right, bottom = gt_edges[:, gt_slot, None]
         other_left, other_top, other_right, other_bottom = pred_edges[:, pred_slot][:, :, None]
-        width = np.minimum(right, other_right) - np.maximum(left, other_left)
-        height = np.minimum(bottom, other_bottom) - np.maximum(top, other_top)
-        frame, row, column = np.nonzero((width > 0) & (height > 0))
-        rows.append(gt_slot[frame, row])
-        columns.append(pred_slot[frame, column])
+        overlaps = (left < other_right) & (other_left < right)
+        overlaps &= (top < other_bottom) & (other_top < bottom)
+        hit, column = np.divmod(np.flatnonzero(overlaps), pred_slot.shape[1])
+        rows.append(gt_slot.ravel()[hit])
+        columns.append(pred_slot[hit // gt_slot.shape[1], column])
     row, column = np.concatenate(rows), np.concatenate(columns)
     iou = _divide_boxes(gt_edges[:, row], pred_edges[:, column])
     found = iou > 0
@@ -88,7 +88,7 @@ def _divide_boxes(
     # The order of operations is TrackEval's: an overlap on a threshold must round as there.
     width = np.minimum(gt[2], pred[2]) - np.maximum(gt[0], pred[0])
     height = np.minimum(gt[3], pred[3]) - np.maximum(gt[1], pred[1])
-    intersection = width * height
+    intersection = np.maximum(width, 0) * np.maximum(height, 0)
     gt_area = (gt[2] - gt[0]) * (gt[3] - gt[1])
     pred_area = (pred[2] - pred[0]) * (pred[3] - pred[1])
     union = gt_area + pred_area - intersection
