@@ -156,7 +156,7 @@ def _about(result: Result) -> str:
 
 
 def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
-    total_ms = sum(times["median"] for times in summary["ms_per_frame"].values())
+    step = summary["ms_per_frame"].get("step")
     facts = [
         (str(summary["frames"]), "frames"),
         (str(summary["identities"]), "identities"),
@@ -164,7 +164,7 @@ def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:
         (str(summary["detections"]), "detections"),
         (f"{100 * summary['undecided_share']:.1f} %", "undecided"),
     ]
-    return facts + ([(f"{total_ms:.0f} ms", "per frame")] if total_ms else [])
+    return facts + ([(f"{step['median']:.1f} ms", "tracker step")] if step else [])
 
 
 def _start_up(result: Result) -> str:

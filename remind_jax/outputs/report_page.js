@@ -224,11 +224,12 @@ function drawTip(event, position) {
 function drawGallery() {
   byId("cards").append(...run.identities.map((who) => {
     const crops = who.sightings.map((crop) => {
-      const when = `frame ${frameLabel(crop.position)}` +
-        (crop.absent_frames ? `, ${crop.absent_frames} away` : "");
+      const when = `frame ${frameLabel(crop.position)}`;
+      const away = crop.absent_frames ? `${crop.absent_frames} frames away` : "first sight";
       return make("button", { type: "button", "data-position": crop.position,
         onclick: () => seek(crop.position) },
-      make("img", { src: crop.image, alt: `${who.name} in ${when}`, loading: "lazy" }), when);
+      make("img", { src: crop.image, alt: `${who.name} in ${when}, ${away}`, loading: "lazy" }),
+      make("span", {}, when), make("span", {}, away));
     });
     return make("div", { class: crops.length > 2 ? "card wide" : "card",
       style: { borderLeftColor: who.colour } },
