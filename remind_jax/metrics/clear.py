@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.metrics.matching import EPSILON, assign_frame, contested_frames
+from remind_jax.metrics.matching import EPSILON, assign_frame, has_rivals
 from remind_jax.metrics.sequence import TrackingSequence
 
 CLEAR_THRESHOLD = 0.5
@@ -86,20 +86,31 @@ def _match_continuously(
 ) -> Bool[np.ndarray, "C"]:
     """Chooses among the admitted pairs, keeping the ids of the previous processed frame first.
 
-    Frames in which the admitted pairs are a matching already need no look at the past.
+    A pair that was chosen there outweighs all of its rivals here, and two such pairs are never
+    rivals. So only rivals that are left over have to be solved.
     """
-    chosen = np.ones(len(pairs), bool)
-    before = _find_predecessors(sequence, pairs)
+    chosen = [True] * len(pairs)
+    before = _find_predecessors(sequence, pairs).tolist()
+    gt, pred = sequence.pair_gt[pairs].tolist(), sequence.pair_pred[pairs].tolist()
     frames = sequence.pair_frame[pairs]
-    contested = contested_frames(sequence, pairs)
-    starts = np.searchsorted(frames, contested)
-    stops = np.searchsorted(frames, contested, side="right")
-    for frame, start, stop in zip(contested, starts, stops, strict=True):
-        here = slice(start, stop)
-        is_kept = (before[here] >= 0) & chosen[before[here]]
-        score = _CONTINUITY_BONUS * is_kept + sequence.pair_similarity[pairs[here]]
-        chosen[here] = assign_frame(sequence, int(frame), pairs[here], score)
-    return chosen
+    rivals = np.flatnonzero(has_rivals(sequence, pairs))
+
+    def is_kept(i: int) -> bool:
+        return before[i] >= 0 and chosen[before[i]]
+
+    for group in np.split(rivals, np.flatnonzero(np.diff(frames[rivals])) + 1):
+        kept = [i for i in group.tolist() if is_kept(i)]
+        gt_kept, pred_kept = {gt[i] for i in kept}, {pred[i] for i in kept}
+        left = [i for i in group.tolist() if gt[i] not in gt_kept and pred[i] not in pred_kept]
+        for i in group.tolist():
+            chosen[i] = i in kept or i in left
+        if len({gt[i] for i in left}) < len(left) or len({pred[i] for i in left}) < len(left):
+            first, last = np.searchsorted(frames, frames[left[0]] + np.arange(2)).tolist()
+            bonus = _CONTINUITY_BONUS * np.asarray([is_kept(i) for i in range(first, last)])
+            here = pairs[first:last]
+            score = bonus + sequence.pair_similarity[here]
+            chosen[first:last] = assign_frame(sequence, int(frames[first]), here, score).tolist()
+    return np.asarray(chosen, bool)
 
 
 def _find_predecessors(

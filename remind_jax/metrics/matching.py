@@ -66,20 +66,10 @@ def _settle_sure_pairs(
     return chosen, left
 
 
-def contested_frames(
-    sequence: TrackingSequence, pairs: Int[np.ndarray, "C"]
-) -> Int[np.ndarray, "frames"]:
-    """Frames in which a row takes part in more than one of the given pairs, ascending.
-
-    Elsewhere the pairs are a matching already and nothing has to be solved.
-    """
+def has_rivals(sequence: TrackingSequence, pairs: Int[np.ndarray, "C"]) -> Bool[np.ndarray, "C"]:
+    """Whether another of the given pairs shares a row with each; those without are a matching."""
     gt, pred = sequence.pair_gt[pairs], sequence.pair_pred[pairs]
-    gt_degree = np.bincount(gt, minlength=len(sequence.gt_id))
-    pred_degree = np.bincount(pred, minlength=len(sequence.pred_id))
-    contested = (gt_degree[gt] > 1) | (pred_degree[pred] > 1)
-    is_contested = np.zeros(sequence.num_frames, bool)
-    is_contested[sequence.pair_frame[pairs[contested]]] = True
-    return np.flatnonzero(is_contested)
+    return (np.bincount(gt)[gt] > 1) | (np.bincount(pred)[pred] > 1)
 
 
 def assign_frame(
