@@ -1,1 +1,74 @@
-"""Online long-term re-identification of object instances, in JAX."""
+"""Online long-term re-identification of object instances, in JAX.
+
+    import remind_jax as rj
+
+    result = rj.run("rooms.mp4", detector="yolo11n-seg.onnx", out="runs/rooms")
+
+Names are imported when they are first used, so that `import remind_jax` stays fast.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from remind_jax.config import Config as Config
+    from remind_jax.config import Static as Static
+    from remind_jax.config import Thresholds as Thresholds
+    from remind_jax.config import load_config as load_config
+    from remind_jax.decision import Decisions as Decisions
+    from remind_jax.decision import Outcome as Outcome
+    from remind_jax.errors import RemindError as RemindError
+    from remind_jax.frame import Detections as Detections
+    from remind_jax.frame import Frame as Frame
+    from remind_jax.live import Tracker as Tracker
+    from remind_jax.observation import FrameFeats as FrameFeats
+    from remind_jax.observation import Masks as Masks
+    from remind_jax.result import Result as Result
+    from remind_jax.run import run as run
+    from remind_jax.sources import Sampling as Sampling
+    from remind_jax.sources import open_source as open_source
+    from remind_jax.state import TrackerState as TrackerState
+    from remind_jax.tracker import init as init
+    from remind_jax.tracker import step as step
+    from remind_jax.tracks import Tracks as Tracks
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Config": "config",
+    "Decisions": "decision",
+    "Detections": "frame",
+    "Frame": "frame",
+    "FrameFeats": "observation",
+    "Masks": "observation",
+    "Outcome": "decision",
+    "RemindError": "errors",
+    "Result": "result",
+    "Sampling": "sources",
+    "Static": "config",
+    "Thresholds": "config",
+    "Tracker": "live",
+    "TrackerState": "state",
+    "Tracks": "tracks",
+    "init": "tracker",
+    "load_config": "config",
+    "open_source": "sources",
+    "run": "run",
+    "step": "tracker",
+}
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'remind_jax' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"remind_jax.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_HOMES]

@@ -91,3 +91,4 @@ class Decisions:
     candidate_score: Float[Array, "N C"]  # visual score
     candidate_final: Float[Array, "N C"]  # score after context
     candidate_eligible: Bool[Array, "N C"]  # open to assignment
+    num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite

@@ -110,3 +110,12 @@ class Frame:
         if self.detections is not None:
             return self.detections.masks.shape[1], self.detections.masks.shape[2]
         raise SourceError(f"frame '{self.name}' has neither an image nor masks")
+
+
+@dataclasses.dataclass(frozen=True)
+class SkippedFrame:
+    """What was left out of a sequence, and why."""
+
+    name: str
+    reason: str
+    count: int = 1  # frames, where one cause took several

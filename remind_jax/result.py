@@ -16,6 +16,7 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
+from remind_jax.frame import SkippedFrame
 from remind_jax.outputs import store
 from remind_jax.tracks import Tracks
 
@@ -67,15 +68,6 @@ class RunInfo:
         values["frame_size"] = (int(height), int(width))
         values["class_names"] = tuple(values["class_names"])
         return cls(**values)
-
-
-@dataclasses.dataclass(frozen=True)
-class SkippedFrame:
-    """A frame of the source that could not be used."""
-
-    source_index: int
-    name: str
-    reason: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -156,7 +148,7 @@ class Result:
         objects = self.objects()
         return {
             "frames": len(self.tracks),
-            "skipped_frames": len(self.skipped),
+            "skipped_frames": sum(frame.count for frame in self.skipped),
             "detections": num_detections,
             "identities": len(objects),
             "returns": sum(len(history.returns) for history in objects),

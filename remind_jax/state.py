@@ -133,6 +133,7 @@ def no_decisions(static: Static) -> Decisions:
         candidate_score=jnp.zeros((num, shown), scalar),
         candidate_final=jnp.zeros((num, shown), scalar),
         candidate_eligible=jnp.zeros((num, shown), bool),
+        num_bad_patches=jnp.int32(0),
     )
 
 

@@ -9,10 +9,13 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+import pycocotools.mask
 from jaxtyping import Bool, Float, Int
-from pycocotools import mask as coco_mask
 
 from remind_jax.decision import NO_ID, Outcome
+
+# Its stubs know neither bytes in `counts` nor lists of masks.
+_coco: Any = pycocotools.mask
 
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
@@ -53,7 +56,7 @@ class Tracks:
         """Pixel masks, decoded anew at every call."""
         if not self.rles:
             return np.zeros((0, *self.frame_size), bool)
-        return np.moveaxis(coco_mask.decode(list(self.rles)), -1, 0).astype(bool)
+        return np.moveaxis(_coco.decode(list(self.rles)), -1, 0).astype(bool)
 
     @property
     def is_firm(self) -> Bool[np.ndarray, "N"]:
@@ -77,4 +80,4 @@ def encode_masks(masks: Bool[np.ndarray, "N H W"]) -> tuple[Rle, ...]:
     """Run-length encodes pixel masks, one COCO RLE per mask."""
     if not len(masks):
         return ()
-    return tuple(coco_mask.encode(np.asfortranarray(np.moveaxis(masks, 0, -1).astype(np.uint8))))
+    return tuple(_coco.encode(np.asfortranarray(np.moveaxis(masks, 0, -1).astype(np.uint8))))

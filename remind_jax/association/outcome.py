@@ -67,6 +67,7 @@ def decide(
         candidate_score=take(comparison.score),
         candidate_final=take(assignment.pairs.score_final),
         candidate_eligible=take(assignment.pairs.eligible),
+        num_bad_patches=descriptors.num_bad_patches,
     )
 
 

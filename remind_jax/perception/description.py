@@ -65,5 +65,5 @@ def describe(
         mask_quality=jnp.where(masks.quality > 0, masks.quality, 1.0).astype(static.scalar),
         class_id=masks.class_id,
         valid=masks.valid & ~(covered & lost),
-        num_bad_patches=jnp.sum(~finite),
+        num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
     )

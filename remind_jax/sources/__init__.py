@@ -4,11 +4,10 @@ from remind_jax.sources.detections import detections_from
 from remind_jax.sources.opening import open_source, reopen_source
 from remind_jax.sources.prefetch import prefetch
 from remind_jax.sources.sampling import Sampling
-from remind_jax.sources.source import SkippedFrame, Source
+from remind_jax.sources.source import Source
 
 __all__ = [
     "Sampling",
-    "SkippedFrame",
     "Source",
     "detections_from",
     "open_source",

@@ -15,21 +15,12 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import Detections, Frame
+from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.sources.sampling import Sampling
 
 
 class UnreadableFrame(SourceError):
     """One frame or its masks cannot be read; the sequence goes on without it."""
-
-
-@dataclasses.dataclass(frozen=True)
-class SkippedFrame:
-    """What was left out of a sequence, and why."""
-
-    name: str
-    reason: str
-    count: int = 1  # frames, where one cause took several
 
 
 @runtime_checkable

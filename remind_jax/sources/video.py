@@ -14,7 +14,8 @@ from av.error import FFmpegError
 from jaxtyping import UInt8
 
 from remind_jax.errors import SourceError
-from remind_jax.sources.source import Content, Entry, Report, SkippedFrame, UnreadableFrame
+from remind_jax.frame import SkippedFrame
+from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
 ESTIMATE_SLACK = 0.02  # share by which a frame count taken from the duration may err
 

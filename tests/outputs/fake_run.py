@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from remind_jax.decision import Outcome, Reason, Status
-from remind_jax.frame import Detections, Frame
-from remind_jax.result import Event, Result, RunInfo, SkippedFrame
+from remind_jax.frame import Detections, Frame, SkippedFrame
+from remind_jax.result import Event, Result, RunInfo
 from remind_jax.tracks import Tracks, encode_masks
 
 LABELS = ("cup", "cup", "book", "potted plant", "teddy bear", "chair")
@@ -114,7 +114,7 @@ def make_run(
         },
         first_frame_ms=812.5,
         compile_s=6.25,
-        skipped=(SkippedFrame(17, "000017.jpg", "the image is corrupt"),),
+        skipped=(SkippedFrame("000017.jpg", "the image is corrupt"),),
         events=(Event(12, "capacity", "objects: 64 to 128"),),
     )
     return frames, result

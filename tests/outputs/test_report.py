@@ -6,9 +6,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from remind_jax.frame import SkippedFrame
 from remind_jax.outputs import report
 from remind_jax.outputs.gallery import SightingCollector
-from remind_jax.result import Event, Result, SkippedFrame
+from remind_jax.result import Event, Result
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> {{data}} \u2028 & '\""
@@ -47,7 +48,7 @@ def test_hostile_text_stays_text():
     result = Result(
         (dataclasses.replace(tracks, name=HOSTILE),),
         info,
-        skipped=(SkippedFrame(1, HOSTILE, HOSTILE),),
+        skipped=(SkippedFrame(HOSTILE, HOSTILE),),
         events=(Event(0, HOSTILE, HOSTILE),),
     )
     page = report.render_report(result, [], None)

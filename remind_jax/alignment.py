@@ -1,0 +1,69 @@
+"""Brings a frame and its masks to the size that the tracker works at (perception notes 1.1)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from remind_jax.config import Input
+from remind_jax.errors import SourceError
+
+
+@dataclasses.dataclass(frozen=True)
+class Alignment:
+    """How pixels of a frame become pixels of the tracker: scaled, then cropped to patches."""
+
+    scaled_size: tuple[int, int]  # height, width in pixels
+    top: int  # first row of the crop
+    left: int
+    size: tuple[int, int]  # height, width of the crop, multiples of the patch
+
+    @classmethod
+    def fit(cls, frame_size: tuple[int, int], patch_px: int, options: Input) -> Alignment:
+        """Plans the alignment of frames of one size.
+
+        Args:
+          frame_size: Height and width of the frame in pixels.
+          patch_px: Side of a patch.
+          options: Width limit and place of the crop.
+
+        Raises:
+          SourceError: If the frame is smaller than a patch.
+        """
+        height, width = frame_size
+        if width > options.max_width_px:
+            scale = options.max_width_px / width
+            height, width = round(height * scale), options.max_width_px
+        rows, columns = patch_px * (height // patch_px), patch_px * (width // patch_px)
+        if not rows or not columns:
+            raise SourceError(
+                f"a frame of {frame_size[1]}x{frame_size[0]} pixels is smaller than one patch; "
+                f"both sides must be at least {patch_px} pixels"
+            )
+        top = (height - rows) // 2 if options.center_crop else 0
+        left = (width - columns) // 2 if options.center_crop else 0
+        return cls((height, width), top, left, (rows, columns))
+
+    def align_image(self, image: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "h w 3"]:
+        """The image at the tracker's size."""
+        return self._crop(self._scale(image, cv2.INTER_AREA))
+
+    def align_masks(self, masks: Bool[np.ndarray, "N H W"]) -> Bool[np.ndarray, "N h w"]:
+        """The masks at the tracker's size, by nearest neighbour."""
+        if masks.shape[1:] == self.scaled_size:
+            return np.ascontiguousarray(self._crop(masks.transpose(1, 2, 0)).transpose(2, 0, 1))
+        scaled = [self._scale(mask.view(np.uint8), cv2.INTER_NEAREST) for mask in masks]
+        cropped = [self._crop(mask).astype(bool) for mask in scaled]
+        return np.array(cropped, bool).reshape(len(masks), *self.size)
+
+    def _scale(self, plane: np.ndarray, interpolation: int) -> np.ndarray:
+        if plane.shape[:2] == self.scaled_size:
+            return plane
+        return cv2.resize(plane, self.scaled_size[::-1], interpolation=interpolation)
+
+    def _crop(self, plane: np.ndarray) -> np.ndarray:
+        rows, columns = self.size
+        return plane[self.top : self.top + rows, self.left : self.left + columns]

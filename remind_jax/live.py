@@ -1,0 +1,344 @@
+"""`Tracker`: the same tracker for a robot's loop, one frame in, identities out, no files.
+
+`prepare` (host only) and `advance` (device) are the two halves of `update`, so that a run can do
+the first ahead of the second in another thread.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from remind_jax.alignment import Alignment
+from remind_jax.backbone.registry import Backbone, get_backbone
+from remind_jax.config import Config, Static, load_config
+from remind_jax.errors import ConfigError, SourceError
+from remind_jax.frame import Detections, Frame
+from remind_jax.mask_reduction import reduce_masks
+from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.state import TrackerState, grow, init
+from remind_jax.tracker import step
+from remind_jax.tracks import Tracks, encode_masks
+
+FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
+
+_step = jax.jit(step, static_argnames="static", donate_argnames="state")
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A frame as the device needs it, and what the result will repeat of it."""
+
+    frame: Frame
+    detections: Detections  # without ignored classes, in pixels of the frame
+    image: np.ndarray | None  # uint8 RGB at the tracker's size, or
+    features: np.ndarray | None  # patch features that came with the frame
+    masks: Masks  # one slot per detection
+    rles: tuple[dict[str, Any], ...]
+    num_ignored: int  # detections of ignored classes
+    stage_ms: dict[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Notice:
+    """Something that a frame did besides its decisions."""
+
+    kind: str
+    message: str
+
+
+class Tracker:
+    """Remembers objects over an unbounded stream of frames.
+
+    Not thread-safe, starts no thread and touches no file but in `save` and `load`.
+    """
+
+    def __init__(
+        self,
+        config: str | Path | Config | Mapping[str, Any] = "default",
+        backbone: str | Backbone = "patch-statistics",
+        **backbone_options: Any,
+    ) -> None:
+        """Makes an empty memory.
+
+        Args:
+          config: Name of a shipped configuration, a YAML file, nested values, or a `Config`.
+          backbone: Name of a registered backbone, or one that was made already.
+          **backbone_options: Options of a backbone given by name.
+
+        Raises:
+          ConfigError: If one of them is unknown or does not fit.
+        """
+        self.config = load_config(config)
+        if isinstance(backbone, str):
+            backbone = get_backbone(backbone, **backbone_options)
+        self.backbone = backbone
+        self._static = self.config.static
+        if self._static.precision == "float64" and not jax.config.jax_enable_x64:
+            raise ConfigError(
+                "static.precision is 'float64', which needs 64-bit JAX; set the environment "
+                "variable JAX_ENABLE_X64=1"
+            )
+        self._ignored = {name.lower() for name in self.config.input.ignored_classes}
+        self._class_ids: dict[str, int] = {}
+        self._state: TrackerState | None = None
+        self._features_given = False
+        self.notices: list[Notice] = []  # of the last frame
+        self.stage_ms: dict[str, float] = {}  # of the last frame
+
+    @property
+    def num_objects(self) -> int:
+        """Objects in memory."""
+        return 0 if self._state is None else int(np.sum(np.asarray(self._state.objects.id) >= 0))
+
+    @property
+    def state(self) -> TrackerState | None:
+        """The memory as a pytree; None before the first frame."""
+        return self._state
+
+    @property
+    def static(self) -> Static:
+        """Capacities as grown so far."""
+        return self._static
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Classes met so far, by class id."""
+        return tuple(self._class_ids)
+
+    def reset(self) -> None:
+        """Forgets everything."""
+        self._state = None
+        self._class_ids = {}
+
+    def update(self, frame: Any, detections: Any = None) -> Tracks:
+        """Takes the next frame and says who is who in it.
+
+        Args:
+          frame: RGB image, uint8 `[H, W, 3]`, or a `Frame` (which may bring its own features).
+          detections: `Detections`, `supervision.Detections`, boolean masks `[N, H, W]`, an
+            instance map `[H, W]`; left out for a `Frame` that holds them.
+
+        Raises:
+          SourceError: If the frame is smaller than a patch, or masks and frame do not agree.
+        """
+        if not isinstance(frame, Frame):
+            index = 0 if self._state is None else int(self._state.frame)
+            image = np.asarray(frame)
+            if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+                raise SourceError(
+                    f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, "
+                    "uint8 [H, W, 3]"
+                )
+            frame = Frame(index, index, float(index), str(index), image)
+        if detections is not None:
+            from remind_jax.sources.detections import detections_from
+
+            given = detections_from(detections, frame.size)
+            frame = dataclasses.replace(frame, detections=given)
+        return self.advance(self.prepare(frame))
+
+    def prepare(self, frame: Frame) -> Prepared:
+        """The part of `update` that needs no memory: drops ignored classes and reduces masks.
+
+        Raises:
+          SourceError: If the frame has no detections, neither image nor features, is smaller than
+            a patch, or disagrees with its masks about the size.
+        """
+        start = time.perf_counter()
+        if frame.detections is None:
+            raise SourceError(f"frame '{frame.name}' comes without masks; give masks or a detector")
+        masks = frame.detections.masks
+        if frame.image is not None and frame.image.shape[:2] != masks.shape[1:]:
+            raise SourceError(
+                f"masks of frame '{frame.name}' are {masks.shape[2]}x{masks.shape[1]} pixels, the "
+                f"image is {frame.image.shape[1]}x{frame.image.shape[0]}"
+            )
+        kept = [i for i, name in enumerate(frame.detections.labels) if not self._ignores(name)]
+        detections = frame.detections.select(np.array(kept, int))
+        patch_px = self._patch_px(frame)
+        alignment = Alignment.fit(frame.size, patch_px, self.config.input)
+        options = self.config.input
+        reduced = reduce_masks(
+            alignment.align_masks(detections.masks),
+            np.array([self._class_id(name) for name in detections.labels], np.int32),
+            detections.scores,
+            num_slots=len(detections),
+            patch_px=patch_px,
+            sanitize=options.sanitize,
+            close_px=options.close_px,
+            open_px=options.open_px,
+        )
+        image = None if frame.image is None else alignment.align_image(frame.image)
+        rles = encode_masks(detections.masks)
+        spent = {"masks": 1000 * (time.perf_counter() - start)}
+        num_ignored = len(frame.detections) - len(kept)
+        return Prepared(frame, detections, image, frame.features, reduced, rles, num_ignored, spent)
+
+    def advance(self, prepared: Prepared) -> Tracks:
+        """The part of `update` that reads and writes memory."""
+        start = time.perf_counter()
+        if prepared.features is not None:
+            patches, self._features_given = prepared.features, True
+        elif prepared.image is not None:
+            patches = jax.block_until_ready(self.backbone.extract(prepared.image[None])[0])
+        else:
+            raise SourceError(
+                f"frame '{prepared.frame.name}' has neither an image nor patch features"
+            )
+        described = time.perf_counter()
+        size = np.array(prepared.frame.size, np.int32)
+        self.notices = self._say_ignored(prepared)
+        self._step(FrameFeats(patches, size), prepared.masks)
+        tracks = self._read(prepared)
+        done = time.perf_counter()
+        self.stage_ms = {
+            **prepared.stage_ms,
+            "backbone": 1000 * (described - start),
+            "step": 1000 * (done - described),
+        }
+        return tracks
+
+    def save(self, path: str | Path) -> None:
+        """Writes the memory to a file.
+
+        Raises:
+          OutputError: If the file cannot be written.
+          SourceError: If there is nothing to remember yet.
+        """
+        if self._state is None:
+            raise SourceError("there is no memory to save before the first frame")
+        name = FEATURES_GIVEN if self._features_given else self.backbone.name
+        save_memory(path, SavedMemory(self._state, self._static, self.class_names, name))
+
+    def load(self, path: str | Path) -> None:
+        """Goes on from a memory file; what is in memory now is forgotten.
+
+        Thresholds stay those of this tracker, capacities and structural switches become those of
+        the file.
+
+        Raises:
+          OutputError: If the file is missing, damaged or of another schema.
+          RemindError: If it was made with another backbone.
+        """
+        memory = load_memory(path)
+        if memory.backbone != FEATURES_GIVEN:
+            check_backbone(memory, self.backbone.name, path)
+        self._features_given = memory.backbone == FEATURES_GIVEN
+        self._state, self._static = memory.state, memory.static
+        self._class_ids = {name: number for number, name in enumerate(memory.class_names)}
+
+    def _ignores(self, label: str) -> bool:
+        return label.lower() in self._ignored
+
+    def _class_id(self, label: str) -> int:
+        return self._class_ids.setdefault(label, len(self._class_ids))
+
+    def _patch_px(self, frame: Frame) -> int:
+        """Side of a patch in pixels of the frame."""
+        if frame.features is None:
+            return self.backbone.patch_px
+        (height, width), (rows, columns) = frame.size, frame.features.shape[:2]
+        patch_px = height // rows
+        if patch_px < 1 or (height // patch_px, width // patch_px) != (rows, columns):
+            raise SourceError(
+                f"features of frame '{frame.name}' are {rows}x{columns} patches, which do not "
+                f"tile its {height}x{width} pixels with square patches"
+            )
+        return patch_px
+
+    def _step(self, frame_feats: FrameFeats, masks: Masks) -> None:
+        """Steps, growing capacities until the frame fits."""
+        static = self._static
+        if not static.feature_dim:
+            static = dataclasses.replace(static, feature_dim=frame_feats.patches.shape[-1])
+        num = len(masks.valid)
+        if num > static.num_detections:
+            static = static.grow(num_detections=num)
+            self._note_growth("detections", num, static.num_detections)
+        state = init(static) if self._state is None else grow(self._state, static)
+        padded = _pad_slots(masks, static.num_detections)
+        thresholds = self.config.thresholds
+        while True:
+            state = _step(state, frame_feats, padded, static=static, thresholds=thresholds)
+            needed = int(state.overflow.objects)
+            if not needed:
+                break
+            static = static.grow(num_objects=needed)
+            self._note_growth("objects", needed, static.num_objects)
+            state = grow(state, static)
+        self._state, self._static = state, static
+
+    def _note_growth(self, what: str, needed: int, capacity: int) -> None:
+        message = f"{needed} {what} do not fit; the capacity is {capacity} now"
+        self.notices.append(Notice("capacity", message))
+
+    def _say_ignored(self, prepared: Prepared) -> list[Notice]:
+        if prepared.num_ignored and not len(prepared.detections):
+            message = (
+                f"all {prepared.num_ignored} detections are of ignored classes "
+                f"({', '.join(self.config.input.ignored_classes)}); see input.ignored_classes"
+            )
+            return [Notice("ignored", message)]
+        return []
+
+    def _read(self, prepared: Prepared) -> Tracks:
+        """The decisions of the last step as host arrays."""
+        assert self._state is not None
+        num, d = len(prepared.detections), jax.device_get(self._state.decisions)
+        if bad := int(d.num_bad_patches):
+            message = f"{bad} patches were left out for a feature that is not finite"
+            self.notices.append(Notice("features", message))
+        empty = [i for i in range(num) if not prepared.masks.valid[i]]
+        if empty:
+            self.notices.append(Notice("dropped", f"{len(empty)} empty masks were dropped"))
+        frame, take = prepared.frame, functools.partial(lambda values: np.asarray(values)[:num])
+        return Tracks(
+            frame_index=frame.index,
+            source_index=frame.source_index,
+            time_s=frame.time_s,
+            name=frame.name,
+            frame_size=frame.size,
+            outcome=take(d.outcome),
+            reason=take(d.reason),
+            object_id=take(d.object_id),
+            pending_id=take(d.pending_id),
+            status=take(d.status),
+            score=take(d.score),
+            confidence=take(d.confidence),
+            candidate_id=take(d.candidate_id),
+            candidate_score=take(d.candidate_score),
+            labels=prepared.detections.labels,
+            boxes=_boxes_of(prepared.detections.masks),
+            areas=prepared.detections.masks.sum(axis=(1, 2), dtype=np.int64),
+            detector_scores=prepared.detections.scores,
+            instance_ids=prepared.detections.instance_ids,
+            rles=prepared.rles,
+        )
+
+
+def _pad_slots(masks: Masks, num_slots: int) -> Masks:
+    """Adds empty slots at the end."""
+
+    def pad(leaf: Any) -> np.ndarray:
+        return np.pad(leaf, [(0, num_slots - len(leaf))] + [(0, 0)] * (leaf.ndim - 1))
+
+    return jax.tree.map(pad, masks)
+
+
+def _boxes_of(masks: np.ndarray) -> np.ndarray:
+    """Tight boxes, right and bottom excluded; zero for an empty mask."""
+    import cv2
+
+    corners = [cv2.boundingRect(mask.view(np.uint8)) for mask in masks]
+    boxes = np.array(corners, np.float32).reshape(-1, 4)
+    boxes[:, 2:] += boxes[:, :2]
+    return boxes

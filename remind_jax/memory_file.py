@@ -1,0 +1,113 @@
+"""Memory on disk: the tracker's state as safetensors, with what is needed to go on from it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from pathlib import Path
+
+import jax
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from remind_jax.config import Static
+from remind_jax.errors import OutputError, RemindError
+from remind_jax.state import TrackerState, init
+
+SCHEMA_VERSION = 1
+_FORMAT = "remind-jax memory"
+
+
+@dataclasses.dataclass(frozen=True)
+class SavedMemory:
+    """What a memory file holds."""
+
+    state: TrackerState
+    static: Static
+    class_names: tuple[str, ...]  # class id -> name
+    backbone: str
+
+
+def save_memory(path: str | Path, memory: SavedMemory) -> None:
+    """Writes a memory file; an existing one is replaced only by a complete one.
+
+    Raises:
+      OutputError: If the file cannot be written.
+    """
+    path = Path(path)
+    leaves = {name: np.asarray(leaf) for name, leaf in _named_leaves(memory.state)}
+    header = {
+        "format": _FORMAT,
+        "schema": str(SCHEMA_VERSION),
+        "static": json.dumps(dataclasses.asdict(memory.static)),
+        "class_names": json.dumps(memory.class_names),
+        "backbone": memory.backbone,
+    }
+    unfinished = path.with_name(path.name + ".part")
+    try:
+        save_file(leaves, unfinished, metadata=header)
+        os.replace(unfinished, path)
+    except (OSError, SafetensorError) as error:
+        unfinished.unlink(missing_ok=True)
+        raise OutputError(f"cannot write memory to {path}: {error}") from error
+
+
+def load_memory(path: str | Path) -> SavedMemory:
+    """Reads a memory file.
+
+    Raises:
+      OutputError: If the file is missing, damaged, no memory, or of another schema version.
+    """
+    path = Path(path)
+    try:
+        header = _read_header(path)
+        tensors = load_file(path)
+    except (OSError, SafetensorError, json.JSONDecodeError) as error:
+        raise OutputError(f"cannot read memory from {path}: {error}") from error
+    if header.get("format") != _FORMAT:
+        raise OutputError(f"{path} is not a memory file of remind-jax")
+    if header.get("schema") != str(SCHEMA_VERSION):
+        raise OutputError(
+            f"{path} has memory schema {header.get('schema')}; this version reads schema "
+            f"{SCHEMA_VERSION}"
+        )
+    values = json.loads(header["static"])
+    static = Static(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    empty = init(static)
+    leaves = []
+    for name, leaf in _named_leaves(empty):
+        if name not in tensors or tensors[name].shape != leaf.shape:
+            raise OutputError(f"{path} is damaged: '{name}' is missing or of another shape")
+        leaves.append(jax.numpy.asarray(tensors[name], leaf.dtype))
+    state = jax.tree.unflatten(jax.tree.structure(empty), leaves)
+    names = tuple(json.loads(header["class_names"]))
+    return SavedMemory(state, static, names, header["backbone"])
+
+
+def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None:
+    """Refuses features that the memory was not made with.
+
+    Raises:
+      RemindError: If the backbones differ.
+    """
+    if memory.backbone != backbone:
+        raise RemindError(
+            f"{path} was made with backbone '{memory.backbone}', not '{backbone}'; features of "
+            "different backbones cannot be compared"
+        )
+
+
+def _read_header(path: Path) -> dict[str, str]:
+    """The metadata of a safetensors file: a length and a JSON object at its start."""
+    with path.open("rb") as file:
+        length = int.from_bytes(file.read(8), "little")
+        if not 0 < length <= 1 << 26:
+            raise OSError("it is not a safetensors file")
+        return json.loads(file.read(length)).get("__metadata__", {})
+
+
+def _named_leaves(state: TrackerState) -> list[tuple[str, jax.Array]]:
+    paths, _ = jax.tree_util.tree_flatten_with_path(state)
+    return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in paths]

@@ -1,0 +1,240 @@
+"""`run`: from a source of frames to identities, with decoding ahead of the tracker."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime
+import importlib.metadata
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from remind_jax.backbone.registry import Backbone
+from remind_jax.config import Config
+from remind_jax.decision import NO_ID
+from remind_jax.detectors import DetectorOptions, as_detector
+from remind_jax.detectors.detector import Detector
+from remind_jax.errors import SourceError
+from remind_jax.frame import Detections, Frame
+from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
+from remind_jax.outputs.writer import RunWriter
+from remind_jax.result import UNDECIDED, Event, Result, RunInfo
+from remind_jax.sources import Sampling, Source, open_source, prefetch
+from remind_jax.tracks import Tracks
+
+MEMORY_NAME = "memory.safetensors"
+_AHEAD = 4  # frames that are decoded and reduced before the tracker asks for them
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """How far a run is; handed to the caller's function after every frame."""
+
+    num_done: int  # frames
+    num_frames: int | None  # frames in all, where known
+    ms_per_frame: float  # median of the last frames
+    num_identities: int
+    undecided_share: float  # of the detections so far
+
+
+def run(
+    source: Any,
+    *,
+    masks: Any = None,
+    detector: Any = None,
+    detector_options: DetectorOptions | None = None,
+    backbone: str | Backbone = "patch-statistics",
+    config: str | Path | Config | Mapping[str, Any] = "default",
+    sampling: Sampling | Mapping[str, Any] | None = None,
+    metadata: str | Path | None = None,
+    memory: str | Path | None = None,
+    out: str | Path | None = None,
+    overlay: bool = True,
+    overwrite: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+    **source_options: Any,
+) -> Result:
+    """Tracks everything in a source and says who is who in every frame.
+
+    Args:
+      source: A video, a folder of images, a DAVIS or ScanNet++ folder or tar, a feature file,
+        arrays, or an iterable; see `remind_jax.sources.open_source`.
+      masks: Detections kept apart from the frames; those of the source's layout if left out.
+      detector: ONNX segmentation model, or a function from an RGB frame to instances; used
+        instead of the source's masks.
+      detector_options: Thresholds and class lists of the detector.
+      backbone: What patch features come from.
+      config: Configuration by name, by file, or as values.
+      sampling: Which frames are processed.
+      metadata: JSON with the classes of instance ids.
+      memory: Memory file of an earlier run to go on from.
+      out: Folder for everything the run leaves behind; nothing is written if left out.
+      overlay: False leaves out the overlay video.
+      overwrite: Allow an output folder with files in it.
+      progress: Called after every frame.
+      **source_options: Further options of `open_source`.
+
+    Returns:
+      Identities of every frame. After Ctrl-C, those so far, with `complete` false.
+
+    Raises:
+      RemindError: If something about the input, the configuration or the output is wrong; what was
+        written until then is kept and finished.
+    """
+    finder = as_detector(detector, detector_options)
+    tracker = Tracker(config, backbone)
+    if memory is not None:
+        tracker.load(memory)
+    frames = open_source(
+        source, masks=masks, sampling=sampling, metadata=metadata, **source_options
+    )
+    session = _Session(tracker, frames, finder, progress)
+    with contextlib.closing(
+        prefetch(_decode(frames, finder), lambda timed: _prepare(tracker, timed), depth=_AHEAD)
+    ) as ahead:
+        first = next(ahead, None)
+        if first is None:
+            raise SourceError(f"'{frames.name}' has no frames")
+        info = describe_run(frames, tracker, first)
+        if out is None:
+            return session.consume(first, ahead, info, None)
+        with RunWriter(out, info, overlay=overlay, overwrite=overwrite) as writer:
+            result = session.consume(first, ahead, info, writer)
+            tracker.save(Path(out) / MEMORY_NAME)
+            writer.finish(result)
+        return result
+
+
+class _Session:
+    """The loop over frames of one run, and what it collects."""
+
+    def __init__(
+        self,
+        tracker: Tracker,
+        source: Source,
+        detector: Detector | None,
+        progress: Callable[[Progress], None] | None,
+    ) -> None:
+        self._tracker, self._source, self._detector = tracker, source, detector
+        self._progress = progress
+        self._tracks: list[Tracks] = []
+        self._events: list[Event] = []
+        self._timings: dict[str, list[float]] = {}
+        self._first_frame_ms: float | None = None
+        self._identities: set[int] = set()
+        self._num_detections = self._num_undecided = 0
+
+    def consume(
+        self, first: Prepared, ahead: Iterator[Prepared], info: RunInfo, writer: RunWriter | None
+    ) -> Result:
+        """Tracks every frame; Ctrl-C ends the loop and keeps what was done."""
+        complete = True
+        try:
+            self._take(first, writer)
+            for prepared in ahead:
+                self._take(prepared, writer)
+        except KeyboardInterrupt:
+            complete = False
+        self._note_drops()
+        return Result(
+            tracks=tuple(self._tracks),
+            info=info,
+            timings_ms=self._timings,
+            first_frame_ms=self._first_frame_ms,
+            skipped=tuple(self._source.skipped),
+            events=tuple(self._events),
+            complete=complete,
+        )
+
+    def _take(self, prepared: Prepared, writer: RunWriter | None) -> None:
+        start = time.perf_counter()
+        tracks = self._tracker.advance(prepared)
+        tracked = time.perf_counter()
+        if self._first_frame_ms is None:
+            before = sum(prepared.stage_ms.values())
+            self._first_frame_ms = before + 1000 * (tracked - start)
+        if writer is not None:
+            writer.add(prepared.frame, tracks)
+        spent = {**self._tracker.stage_ms, "write": 1000 * (time.perf_counter() - tracked)}
+        for stage, milliseconds in spent.items():
+            self._timings.setdefault(stage, []).append(milliseconds)
+        self._tracks.append(tracks)
+        self._events += [
+            Event(tracks.frame_index, notice.kind, notice.message)
+            for notice in self._tracker.notices
+        ]
+        self._report(tracks)
+
+    def _report(self, tracks: Tracks) -> None:
+        self._identities.update(int(i) for i in tracks.object_id if i != NO_ID)
+        self._num_detections += len(tracks)
+        self._num_undecided += int(np.isin(tracks.outcome, UNDECIDED).sum())
+        if self._progress is not None:
+            recent = [self._timings[stage][-20:] for stage in ("backbone", "step", "write")]
+            self._progress(
+                Progress(
+                    num_done=len(self._tracks),
+                    num_frames=self._source.num_frames,
+                    ms_per_frame=float(np.median(np.sum(recent, axis=0))),
+                    num_identities=len(self._identities),
+                    undecided_share=self._num_undecided / max(1, self._num_detections),
+                )
+            )
+
+    def _note_drops(self) -> None:
+        """Reports detections that the detector found and gave up again."""
+        if self._detector is None or not self._tracks:
+            return
+        last = self._tracks[-1].frame_index
+        for reason, count in dataclasses.asdict(self._detector.dropped).items():
+            if count:
+                message = f"{count} detections were dropped by the detector: {reason} mask"
+                self._events.append(Event(last, "dropped", message))
+
+
+def _decode(source: Source, detector: Detector | None) -> Iterator[tuple[Frame, dict[str, float]]]:
+    """Frames with detections and the milliseconds that decoding and detecting took."""
+    start = time.perf_counter()
+    for frame in source:
+        decoded = time.perf_counter()
+        spent = {"decode": 1000 * (decoded - start)}
+        if detector is not None:
+            if frame.image is None:
+                raise SourceError(f"frame '{frame.name}' has no image for the detector to look at")
+            found: Detections = detector(frame.image)
+            frame = dataclasses.replace(frame, detections=found)
+            spent["detect"] = 1000 * (time.perf_counter() - decoded)
+        yield frame, spent
+        start = time.perf_counter()
+
+
+def _prepare(tracker: Tracker, timed: tuple[Frame, dict[str, float]]) -> Prepared:
+    frame, spent = timed
+    prepared = tracker.prepare(frame)
+    return dataclasses.replace(prepared, stage_ms={**spent, **prepared.stage_ms})
+
+
+def describe_run(source: Source, tracker: Tracker, first: Prepared) -> RunInfo:
+    """What a run is made with, as far as it is known before it starts."""
+    return RunInfo(
+        name=source.name,
+        source=source.describe(),
+        frame_size=first.frame.size,
+        fps=source.fps or 0.0,
+        class_names=(),
+        config=tracker.config.to_dict(),
+        backbone=FEATURES_GIVEN if first.features is not None else tracker.backbone.name,
+        versions={
+            **{name: importlib.metadata.version(name) for name in ("remind_jax", "jax", "numpy")},
+            "opencv": importlib.metadata.version("opencv-python-headless"),
+            "python": platform.python_version(),
+        },
+        device=jax.devices()[0].device_kind,
+        started_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    )
