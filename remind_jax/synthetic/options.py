@@ -110,7 +110,7 @@ class SceneOptions:
                 )
 
 
-def demo_options(seed: int = 7) -> SceneOptions:
+def demo_options(seed: int = 8) -> SceneOptions:
     """The tour of `remind demo`: 120 frames, out of a bright room and back into it in the dark."""
     return SceneOptions(
         name="demo",

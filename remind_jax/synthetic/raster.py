@@ -188,7 +188,19 @@ def _project_corners(mesh: Mesh, camera: Camera, distance: Float[np.ndarray, "F"
     center = np.array([camera.width_px, camera.height_px]) / 2
     on_screen = corners[:, :2] / corners[:, 2:] * camera.focal_px + center
     counts = np.concatenate([mesh.counts[whole], [len(polygon) for polygon in clipped]]).astype(int)
-    return _Polygons(on_screen, counts, np.concatenate([whole, cut]))
+    polygons = _Polygons(on_screen, counts, np.concatenate([whole, cut]))
+    return _drop_unseen(polygons, camera)
+
+
+def _drop_unseen(polygons: _Polygons, camera: Camera) -> _Polygons:
+    """Without the polygons whose bounding box misses the image."""
+    starts = np.cumsum(polygons.counts) - polygons.counts
+    low = np.minimum.reduceat(polygons.points, starts)
+    high = np.maximum.reduceat(polygons.points, starts)
+    seen = ((low < (camera.width_px, camera.height_px)) & (high > 0)).all(axis=1)
+    rows = np.flatnonzero(seen)
+    points = polygons.points[_ranges(starts[rows], polygons.counts[rows])]
+    return _Polygons(points, polygons.counts[rows], polygons.face[rows])
 
 
 def _scan(polygons: _Polygons, camera: Camera) -> _Spans:

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from remind_jax.frame import Detections, Frame
-from remind_jax.synthetic import layout
 from remind_jax.synthetic.atlas import Atlas, pack_images
+from remind_jax.synthetic.casting import change_objects, place_objects
+from remind_jax.synthetic.floor_plan import furnish, lay_out_rooms
 from remind_jax.synthetic.furniture import build_furniture, build_room
 from remind_jax.synthetic.lighting import bake_light
 from remind_jax.synthetic.mesh import Mesh, build_mesh
@@ -52,14 +53,14 @@ def make_scene(options: SceneOptions) -> Scene:
       ConfigError: If the objects do not fit into the rooms.
     """
     streams = [np.random.default_rng([options.seed, 10 + index]) for index in range(5)]
-    rooms = layout.lay_out_rooms(options, streams[0])
-    furniture = layout.furnish(options, streams[1])
-    objects, places = layout.place_objects(options, furniture, streams[2])
+    rooms = lay_out_rooms(options, streams[0])
+    furniture = furnish(options, streams[1])
+    objects, places = place_objects(options, furniture, streams[2])
     path, light = plan_path(options, streams[3])
     if path.away and (options.moved or options.removed or options.added or options.swapped):
         start, end = path.away[0]
         frame = path.poses[(start + end) // 2].source_index
-        objects = layout.change_objects(objects, places, options, frame, streams[4])
+        objects = change_objects(objects, places, options, frame, streams[4])
     sensor = Sensor(
         options.width,
         options.height,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from remind_jax.synthetic.layout import DOOR_Y_M, ROOM_WIDTH_M, room_offset_m
+from remind_jax.synthetic.floor_plan import DOOR_Y_M, ROOM_WIDTH_M, room_offset_m
 from remind_jax.synthetic.options import SceneOptions
 from remind_jax.synthetic.scene import CameraPath, Light, Pose
 
@@ -20,7 +20,7 @@ _SHAKE_M = 0.004
 # few degrees per frame, and an object's masks overlap from frame to frame.
 _View = tuple[float, float, float, float]
 _FIRST_LOOK: tuple[_View, ...] = (
-    (2.4, 1.9, 147.0, -15.0),
+    (2.5, 1.85, 158.0, -15.0),
     (1.95, 1.95, 112.0, -17.0),
     (2.2, 2.0, 82.0, -17.0),
     (2.4, 1.85, 56.0, -15.0),
@@ -35,10 +35,10 @@ _TURN_BACK: tuple[_View, ...] = (
 _PASS_EAST: tuple[_View, ...] = ((1.2, 1.15, 50.0, -11.0), (2.6, 1.15, 55.0, -12.0))
 _PASS_WEST: tuple[_View, ...] = ((2.6, 1.15, 125.0, -12.0), (1.2, 1.15, 130.0, -11.0))
 _SECOND_LOOK: tuple[_View, ...] = (
-    (3.45, 1.25, 138.0, -10.0),
-    (3.2, 1.65, 130.0, -14.0),
+    (3.45, 1.25, 148.0, -11.0),
+    (3.15, 1.65, 140.0, -14.0),
     (2.95, 1.8, 98.0, -16.0),
-    (2.8, 1.65, 62.0, -15.0),
+    (2.7, 1.65, 52.0, -15.0),
 )
 
 

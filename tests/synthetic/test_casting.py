@@ -5,7 +5,9 @@ import pytest
 
 from remind_jax.errors import ConfigError
 from remind_jax.synthetic import SceneOptions, make_scene
-from remind_jax.synthetic.layout import ROOM_DEPTH_M
+from remind_jax.synthetic.floor_plan import ROOM_DEPTH_M
+from remind_jax.synthetic.shapes import CLASSES
+from remind_jax.synthetic.surfaces import turn
 from tests.synthetic.conftest import SMALL
 
 
@@ -52,10 +54,30 @@ def test_too_many_lookalikes_are_refused():
         make_scene(dataclasses.replace(SMALL, objects_per_room=3))
 
 
-def test_objects_on_one_level_keep_apart():
-    scene = make_scene(SMALL)
-    places = [item.placements[0] for item in scene.objects]
-    for index, one in enumerate(places):
-        for other in places[:index]:
-            if one.room == other.room and abs(one.position_m[2] - other.position_m[2]) < 0.05:
-                assert np.hypot(*np.subtract(one.position_m, other.position_m)[:2]) > 0.08
+def overlap_area(one, other):
+    """Shared footprint of two objects, by sampling one of them."""
+    (first, place), (second, other_place) = one, other
+    half = np.array(CLASSES[first.label].size_m[:2]) * first.scale / 2
+    grid = np.stack(np.meshgrid(*np.linspace(-half, half, 9).T), -1).reshape(-1, 2)
+    points = turn(np.pad(grid, ((0, 0), (0, 1))), place.yaw_rad)[:, :2] + place.position_m[:2]
+    local = np.pad(points - other_place.position_m[:2], ((0, 0), (0, 1)))
+    local = np.abs(turn(local, -other_place.yaw_rad)[:, :2])
+    return (local < np.array(CLASSES[second.label].size_m[:2]) * second.scale / 2).all(1).mean()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_standing_objects_do_not_overlap(seed):
+    scene = make_scene(SceneOptions(seed=seed, num_rooms=1, objects_per_room=20))
+    standing = [
+        (item, item.placements[0])
+        for item in scene.objects
+        if CLASSES[item.label].place == "surface"
+    ]
+    pairs = [
+        (one, other)
+        for index, one in enumerate(standing)
+        for other in standing[:index]
+        if abs(one[1].position_m[2] - other[1].position_m[2]) < 0.05
+    ]
+    assert pairs
+    assert all(overlap_area(one, other) == 0 for one, other in pairs)
