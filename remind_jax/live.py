@@ -82,7 +82,7 @@ class Tracker:
             backbone = get_backbone(backbone, **backbone_options)
         self.backbone = backbone
         self._static = self.config.static
-        if self._static.precision == "float64" and not jax.config.jax_enable_x64:
+        if self._static.precision == "float64" and not jax.config.read("jax_enable_x64"):
             raise ConfigError(
                 "static.precision is 'float64', which needs 64-bit JAX; set the environment "
                 "variable JAX_ENABLE_X64=1"

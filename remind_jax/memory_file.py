@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -73,8 +74,9 @@ def load_memory(path: str | Path) -> SavedMemory:
             f"{path} has memory schema {header.get('schema')}; this version reads schema "
             f"{SCHEMA_VERSION}"
         )
-    values = json.loads(header["static"])
-    static = Static(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+    values: Any = json.loads(header["static"])
+    values = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    static = Static(**values)
     empty = init(static)
     leaves = []
     for name, leaf in _named_leaves(empty):

@@ -7,9 +7,16 @@ feature dimension.
 from __future__ import annotations
 
 import dataclasses
+from typing import TYPE_CHECKING, Any
 
 import jax
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+if TYPE_CHECKING:
+    AnyArray = Any  # what may be done with it depends on where it comes from
+else:
+    AnyArray = jax.Array | np.ndarray  # from the host, or traced
 
 
 @jax.tree_util.register_dataclass
@@ -17,8 +24,8 @@ from jaxtyping import Array, Bool, Float, Int
 class FrameFeats:
     """What a backbone says about one frame."""
 
-    patches: Float[Array, "Hp Wp D"]  # raw patch features, not normalised
-    frame_size: Int[Array, "2"]  # height and width in pixels
+    patches: Float[AnyArray, "Hp Wp D"]  # raw patch features, not normalised
+    frame_size: Int[AnyArray, "2"]  # height and width in pixels
 
 
 @jax.tree_util.register_dataclass
@@ -29,15 +36,15 @@ class Masks:
     Padding slots are zero with `valid` false. Detection order is slot order.
     """
 
-    coverage: Float[Array, "N Hp Wp"]  # share of each patch inside the mask, [0, 1]
-    filled_coverage: Float[Array, "N Hp Wp"]  # the same for the sanitised (convex) mask
-    quality: Float[Array, "N"]  # mask area / sanitised area, [0, 1]
-    box: Float[Array, "N 4"]  # left, top, right, bottom in pixels, right and bottom excluded
-    center: Float[Array, "N 2"]  # mean x, mean y of the mask pixels (pixel indices)
-    area: Float[Array, "N"]  # pixels
-    class_id: Int[Array, "N"]  # index into the class vocabulary
-    detector_score: Float[Array, "N"]  # [0, 1]
-    valid: Bool[Array, "N"]
+    coverage: Float[AnyArray, "N Hp Wp"]  # share of each patch inside the mask, [0, 1]
+    filled_coverage: Float[AnyArray, "N Hp Wp"]  # the same for the sanitised (convex) mask
+    quality: Float[AnyArray, "N"]  # mask area / sanitised area, [0, 1]
+    box: Float[AnyArray, "N 4"]  # left, top, right, bottom in pixels, right and bottom excluded
+    center: Float[AnyArray, "N 2"]  # mean x, mean y of the mask pixels (pixel indices)
+    area: Float[AnyArray, "N"]  # pixels
+    class_id: Int[AnyArray, "N"]  # index into the class vocabulary
+    detector_score: Float[AnyArray, "N"]  # [0, 1]
+    valid: Bool[AnyArray, "N"]
 
 
 @jax.tree_util.register_dataclass
@@ -61,6 +68,6 @@ class Descriptors:
     part_support: Float[Array, "N"]  # summed coverage of the parts, largest over part channels
     ring_patches: Int[Array, "N R"]
     mask_quality: Float[Array, "N"]  # solidity of the mask, (0, 1]
-    class_id: Int[Array, "N"]
-    valid: Bool[Array, "N"]  # a detection with a mask and finite features
+    class_id: Int[AnyArray, "N"]
+    valid: Bool[AnyArray, "N"]  # a detection with a mask and finite features
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite

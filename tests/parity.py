@@ -239,7 +239,7 @@ def _compare_descriptors(report, trace, frame, kept, feats, reduced, static, con
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folder", type=Path, help="folder with inputs/ and traces/")
     parser.add_argument("--names", help="comma-separated sequences; all if left out")
     parser.add_argument("--variants", help="comma-separated variants; all if left out")

@@ -8,6 +8,7 @@ beside every score. Letters: `N` detections, `O` objects, `A C R` channels, `S` 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Literal
 
 import jax
@@ -74,6 +75,7 @@ class Comparison:
 
 
 AUTO, WORK, STABLE = 0, 1, 2
+_AUTO_RULES: tuple[Rule, ...] = ("prefer_stable", "prefer_stable", "max")
 
 
 def compare(
@@ -103,11 +105,7 @@ def compare(
 
     by_rule = [
         collapse(channels, rules, static, t)
-        for rules in (
-            ("prefer_stable", "prefer_stable", "max"),
-            ("work", "work", "work"),
-            ("stable", "stable", "stable"),
-        )
+        for rules in (_AUTO_RULES, ("work",) * NUM_TERMS, ("stable",) * NUM_TERMS)
     ]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *by_rule)
     # One bank for all candidates of a detection where all have it, stable first (notes 7.3).
@@ -218,7 +216,7 @@ def _best_parts(
 
 
 def collapse(
-    channels: ChannelScores, rules: tuple[Rule, Rule, Rule], static: Static, t: Similarity
+    channels: ChannelScores, rules: Sequence[Rule], static: Static, t: Similarity
 ) -> Terms:
     """Reduces work and stable bank, then the channels, to the three terms (notes 7.1, 7.2)."""
     c = channels

@@ -13,30 +13,32 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from remind_jax.config.kinds import Gate, Real, Whole
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Perception:
     """What each detection looks like (perception notes 2, 3, 5, 6)."""
 
-    patch_coverage: float = 0.0  # a patch belongs to an object if its coverage exceeds this
-    trim_keep: float = 0.50  # share of patches kept by the trimmed descriptor [rho]
-    trim_min_patches: int = 8  # objects with fewer patches are not trimmed
-    max_counted_patches: int = 512  # cap of the patch count that the density divides by
-    parts_enabled: bool = True  # describe parts
-    part_min_patches: int = 6  # smaller clusters are no parts
-    part_min_support: float = 0.0  # clusters of less summed coverage are no parts
-    part_merge: float = 0.80  # a part closer than this to a stronger one is dropped [tau_merge]
-    rings_enabled: bool = True  # describe the background around objects
-    ring_object_coverage: float = 0.0  # a patch is object, not background, above this coverage
-    ring_border: int = 1  # patches left out next to the object
-    ring_inner: int = 3  # outer edge of the inner ring in patches [r_in]
-    ring_outer: int = 6  # outer edge of the outer ring in patches [r_out]
-    ring_adaptive: bool = True  # widen rings that hold too few patches
-    ring_limit: int = 10  # patches; widening stops here, at most static.ring_max_radius
-    ring_min_inner: int = 12  # patches that the inner ring should hold
-    ring_min_outer: int = 24  # patches that the outer ring should hold
-    ring_nested: bool = False  # the outer ring contains the inner one
+    patch_coverage: Real = 0.0  # a patch belongs to an object if its coverage exceeds this
+    trim_keep: Real = 0.50  # share of patches kept by the trimmed descriptor [rho]
+    trim_min_patches: Whole = 8  # objects with fewer patches are not trimmed
+    max_counted_patches: Whole = 512  # cap of the patch count that the density divides by
+    parts_enabled: Gate = True  # describe parts
+    part_min_patches: Whole = 6  # smaller clusters are no parts
+    part_min_support: Real = 0.0  # clusters of less summed coverage are no parts
+    part_merge: Real = 0.80  # a part closer than this to a stronger one is dropped [tau_merge]
+    rings_enabled: Gate = True  # describe the background around objects
+    ring_object_coverage: Real = 0.0  # a patch is object, not background, above this coverage
+    ring_border: Whole = 1  # patches left out next to the object
+    ring_inner: Whole = 3  # outer edge of the inner ring in patches [r_in]
+    ring_outer: Whole = 6  # outer edge of the outer ring in patches [r_out]
+    ring_adaptive: Gate = True  # widen rings that hold too few patches
+    ring_limit: Whole = 10  # patches; widening stops here, at most static.ring_max_radius
+    ring_min_inner: Whole = 12  # patches that the inner ring should hold
+    ring_min_outer: Whole = 24  # patches that the outer ring should hold
+    ring_nested: Gate = False  # the outer ring contains the inner one
 
 
 @jax.tree_util.register_dataclass
@@ -44,24 +46,24 @@ class Perception:
 class Appearance:
     """Appearance banks (perception notes 9, 10)."""
 
-    duplicate: float = 0.92  # work prototype refreshed from this similarity on [tau_dup]
-    stable_duplicate: float = 0.95  # stable prototype refreshed from this similarity on
-    merge: float = 0.90  # closest pair of a full work bank merged from here on [tau_merge,int]
-    stable_merge: float = 0.96  # the same for a full stable bank
-    novel: float = 0.78  # with insert "novel": nothing closer than this is inserted
-    patches_min: float = 8.0  # effective patches at quality 0
-    patches_full: float = 24.0  # effective patches at quality 1
-    trimmed_base: float = 0.10  # quality of a trimmed descriptor at quality 0
-    create_quality: float = 0.35  # least quality of an inserted observation
-    work_quality: float = 0.15  # least quality that changes a work prototype
-    stable_quality: float = 0.20  # least quality that changes a stable prototype
-    promote_hits: int = 5  # hits that make a work prototype stable; 0: never
-    promote_quality: float = 0.55  # least mean quality of a promoted prototype
-    gated_update: bool = False  # refresh by similarity instead of by quality
-    update_margin: float = 0.02  # gated: no change within this margin above `duplicate`
-    update_rate_min: float = 0.02  # gated: step at the margin
-    update_rate_max: float = 0.08  # gated: step at similarity 1
-    merge_cap: int = 10  # with merge "capped": hits count up to this weight
+    duplicate: Real = 0.92  # work prototype refreshed from this similarity on [tau_dup]
+    stable_duplicate: Real = 0.95  # stable prototype refreshed from this similarity on
+    merge: Real = 0.90  # closest pair of a full work bank merged from here on [tau_merge,int]
+    stable_merge: Real = 0.96  # the same for a full stable bank
+    novel: Real = 0.78  # with insert "novel": nothing closer than this is inserted
+    patches_min: Real = 8.0  # effective patches at quality 0
+    patches_full: Real = 24.0  # effective patches at quality 1
+    trimmed_base: Real = 0.10  # quality of a trimmed descriptor at quality 0
+    create_quality: Real = 0.35  # least quality of an inserted observation
+    work_quality: Real = 0.15  # least quality that changes a work prototype
+    stable_quality: Real = 0.20  # least quality that changes a stable prototype
+    promote_hits: Whole = 5  # hits that make a work prototype stable; 0: never
+    promote_quality: Real = 0.55  # least mean quality of a promoted prototype
+    gated_update: Gate = False  # refresh by similarity instead of by quality
+    update_margin: Real = 0.02  # gated: no change within this margin above `duplicate`
+    update_rate_min: Real = 0.02  # gated: step at the margin
+    update_rate_max: Real = 0.08  # gated: step at similarity 1
+    merge_cap: Whole = 10  # with merge "capped": hits count up to this weight
 
 
 @jax.tree_util.register_dataclass
@@ -69,28 +71,28 @@ class Appearance:
 class Background:
     """Background ring banks (perception notes 9, 11)."""
 
-    enabled: bool = True  # remember and compare the background
-    duplicate: float = 0.93  # work prototype refreshed from this similarity on [tau_dup]
-    stable_duplicate: float = 0.95  # stable prototype refreshed from this similarity on
-    merge: float = 0.94  # closest pair of a full work bank merged from here on [tau_merge,int]
-    inner_min_patches: float = 8.0  # ring patches at quality 0
-    inner_full_patches: float = 20.0  # ring patches at quality 1
-    outer_min_patches: float = 12.0
-    outer_full_patches: float = 28.0
-    min_mask_quality: float = 0.50  # solidity of the mask at quality 0
-    create_quality: float = 0.40  # least quality of an inserted observation
-    work_quality: float = 0.20  # least quality that changes a work prototype
-    stable_quality: float = 0.25  # least quality that changes a stable prototype
-    promote_hits: int = 5  # hits that make a work prototype stable
-    promote_quality: float = 0.60  # least mean quality of a promoted prototype
-    update_margin: float = 0.02  # no change within this margin above `duplicate`
-    update_rate_min: float = 0.02  # step at the margin [alpha]
-    update_rate_max: float = 0.10  # step at similarity 1
-    stable_update: bool = True  # stable prototypes change at all
-    stable_margin: float = 0.02
-    stable_rate_min: float = 0.01
-    stable_rate_max: float = 0.05
-    merge_cap: int = 10  # hits count up to this weight when two prototypes merge
+    enabled: Gate = True  # remember and compare the background
+    duplicate: Real = 0.93  # work prototype refreshed from this similarity on [tau_dup]
+    stable_duplicate: Real = 0.95  # stable prototype refreshed from this similarity on
+    merge: Real = 0.94  # closest pair of a full work bank merged from here on [tau_merge,int]
+    inner_min_patches: Real = 8.0  # ring patches at quality 0
+    inner_full_patches: Real = 20.0  # ring patches at quality 1
+    outer_min_patches: Real = 12.0
+    outer_full_patches: Real = 28.0
+    min_mask_quality: Real = 0.50  # solidity of the mask at quality 0
+    create_quality: Real = 0.40  # least quality of an inserted observation
+    work_quality: Real = 0.20  # least quality that changes a work prototype
+    stable_quality: Real = 0.25  # least quality that changes a stable prototype
+    promote_hits: Whole = 5  # hits that make a work prototype stable
+    promote_quality: Real = 0.60  # least mean quality of a promoted prototype
+    update_margin: Real = 0.02  # no change within this margin above `duplicate`
+    update_rate_min: Real = 0.02  # step at the margin [alpha]
+    update_rate_max: Real = 0.10  # step at similarity 1
+    stable_update: Gate = True  # stable prototypes change at all
+    stable_margin: Real = 0.02
+    stable_rate_min: Real = 0.01
+    stable_rate_max: Real = 0.05
+    merge_cap: Whole = 10  # hits count up to this weight when two prototypes merge
 
 
 @jax.tree_util.register_dataclass
@@ -98,17 +100,17 @@ class Background:
 class Parts:
     """Part banks (perception notes 9, 12)."""
 
-    duplicate: float = 0.93  # work prototype refreshed from this similarity on [tau_dup]
-    stable_duplicate: float = 0.95
-    merge: float = 0.92  # closest pair of a full work bank merged from here on [tau_merge,int]
-    stable_merge: float = 0.96
-    novel: float = 0.78  # with insert "novel": nothing closer enters a full bank
-    one_to_one: bool = True  # parts of one detection refresh different prototypes
-    promote_hits: int = 5  # hits from which a work prototype feeds the stable bank; 0: never
-    update_margin: float = 0.02  # no change within this margin above `duplicate`
-    update_rate_min: float = 0.03  # step at the margin [alpha]
-    update_rate_max: float = 0.15  # step at similarity 1
-    merge_cap: int = 10  # hits count up to this weight when two prototypes merge
+    duplicate: Real = 0.93  # work prototype refreshed from this similarity on [tau_dup]
+    stable_duplicate: Real = 0.95
+    merge: Real = 0.92  # closest pair of a full work bank merged from here on [tau_merge,int]
+    stable_merge: Real = 0.96
+    novel: Real = 0.78  # with insert "novel": nothing closer enters a full bank
+    one_to_one: Gate = True  # parts of one detection refresh different prototypes
+    promote_hits: Whole = 5  # hits from which a work prototype feeds the stable bank; 0: never
+    update_margin: Real = 0.02  # no change within this margin above `duplicate`
+    update_rate_min: Real = 0.03  # step at the margin [alpha]
+    update_rate_max: Real = 0.15  # step at similarity 1
+    merge_cap: Whole = 10  # hits count up to this weight when two prototypes merge
 
 
 @jax.tree_util.register_dataclass
@@ -116,10 +118,10 @@ class Parts:
 class Lifecycle:
     """When objects are confirmed, put aside and forgotten (perception notes 14)."""
 
-    confirm_hits: int = 2  # sightings that confirm an object [h_confirm]
-    max_misses_confirmed: int = 10  # frames unseen that make it inactive [m_max]; 0: never
-    max_misses_tentative: int = 10  # frames unseen that remove an unconfirmed one; 0: never
-    max_misses_inactive: int = 0  # frames unseen that remove an inactive one [TTL]; 0: never
+    confirm_hits: Whole = 2  # sightings that confirm an object [h_confirm]
+    max_misses_confirmed: Whole = 10  # frames unseen that make it inactive [m_max]; 0: never
+    max_misses_tentative: Whole = 10  # frames unseen that remove an unconfirmed one; 0: never
+    max_misses_inactive: Whole = 0  # frames unseen that remove an inactive one [TTL]; 0: never
 
 
 @jax.tree_util.register_dataclass
@@ -127,35 +129,35 @@ class Lifecycle:
 class Similarity:
     """One visual score from the channels (association notes 5 to 7)."""
 
-    object_weight: float = 0.60  # [w_obj]
-    background_weight: float = 0.25  # [w_bg]
-    parts_weight: float = 0.10  # [w_parts]
-    renormalize: bool = True  # divide by the weights of the channels that are present
-    inner_share: float = 0.60  # weight of the inner ring in the background score
-    outer_share: float = 0.40
+    object_weight: Real = 0.60  # [w_obj]
+    background_weight: Real = 0.25  # [w_bg]
+    parts_weight: Real = 0.10  # [w_parts]
+    renormalize: Gate = True  # divide by the weights of the channels that are present
+    inner_share: Real = 0.60  # weight of the inner ring in the background score
+    outer_share: Real = 0.40
 
-    quality_enabled: bool = True  # weigh channels by the quality of the observation
-    object_floor: float = 0.65  # share of the object weight that quality cannot take away
-    background_floor: float = 0.35
-    parts_floor: float = 0.0
-    object_min_patches: float = 8.0  # effective patches at quality 0
-    object_full_patches: float = 32.0  # effective patches at quality 1
-    object_min_density: float = 0.15  # mean coverage of the patches at weight 0
-    object_full_density: float = 0.60
-    parts_disabled_below: float = 8.0  # effective patches below which parts do not count
-    parts_min_patches: float = 12.0
-    parts_full_patches: float = 32.0
-    parts_min_count: float = 2.0
-    parts_full_count: float = 4.0
-    parts_min_support: float = 0.15  # share of the object that its parts cover
-    parts_full_support: float = 0.45
-    parts_min_density: float = 0.15
-    parts_full_density: float = 0.60
-    background_min_inner: float = 8.0  # ring patches at quality 0
-    background_full_inner: float = 20.0
-    background_min_outer: float = 12.0
-    background_full_outer: float = 32.0
-    background_min_mask_quality: float = 0.50
+    quality_enabled: Gate = True  # weigh channels by the quality of the observation
+    object_floor: Real = 0.65  # share of the object weight that quality cannot take away
+    background_floor: Real = 0.35
+    parts_floor: Real = 0.0
+    object_min_patches: Real = 8.0  # effective patches at quality 0
+    object_full_patches: Real = 32.0  # effective patches at quality 1
+    object_min_density: Real = 0.15  # mean coverage of the patches at weight 0
+    object_full_density: Real = 0.60
+    parts_disabled_below: Real = 8.0  # effective patches below which parts do not count
+    parts_min_patches: Real = 12.0
+    parts_full_patches: Real = 32.0
+    parts_min_count: Real = 2.0
+    parts_full_count: Real = 4.0
+    parts_min_support: Real = 0.15  # share of the object that its parts cover
+    parts_full_support: Real = 0.45
+    parts_min_density: Real = 0.15
+    parts_full_density: Real = 0.60
+    background_min_inner: Real = 8.0  # ring patches at quality 0
+    background_full_inner: Real = 20.0
+    background_min_outer: Real = 12.0
+    background_full_outer: Real = 32.0
+    background_min_mask_quality: Real = 0.50
 
 
 @jax.tree_util.register_dataclass
@@ -163,18 +165,18 @@ class Similarity:
 class Diagnosis:
     """How clear the evidence of one detection is (association notes 8, 9)."""
 
-    anchor_score: float = 0.75  # least best score of a reliable anchor
-    anchor_margin: float = 0.08  # least lead of a reliable anchor [delta_confirm]
-    enabled: bool = True
-    close: float = 0.03  # candidates within this distance of the best are close
-    strong_score: float = 0.80  # least best score of STRONG
-    strong_gap: float = 0.08  # least lead of STRONG
-    ambiguous_score: float = 0.75  # least best score of AMBIGUOUS, WEAK below
-    confidence_enabled: bool = True
-    temperature: float = 0.05
-    coverage_target: float = 0.60  # share of the four channels that is enough
-    gap_center: float = 0.10
-    gap_scale: float = 0.05
+    anchor_score: Real = 0.75  # least best score of a reliable anchor
+    anchor_margin: Real = 0.08  # least lead of a reliable anchor [delta_confirm]
+    enabled: Gate = True
+    close: Real = 0.03  # candidates within this distance of the best are close
+    strong_score: Real = 0.80  # least best score of STRONG
+    strong_gap: Real = 0.08  # least lead of STRONG
+    ambiguous_score: Real = 0.75  # least best score of AMBIGUOUS, WEAK below
+    confidence_enabled: Gate = True
+    temperature: Real = 0.05
+    coverage_target: Real = 0.60  # share of the four channels that is enough
+    gap_center: Real = 0.10
+    gap_scale: Real = 0.05
 
 
 @jax.tree_util.register_dataclass
@@ -182,21 +184,21 @@ class Diagnosis:
 class Matching:
     """Gates, locks and the joint assignment (association notes 11 to 13)."""
 
-    match: float = 0.75  # least final score of a match [tau_match]
-    min_visual: float = 0.60  # least visual score of a match
-    gate_match: bool = True  # pairs below `match` do not enter the assignment
-    gate_min_visual: bool = True  # pairs below `min_visual` do not enter the assignment
-    locks: bool = True  # clear wins are settled before the assignment
-    object_locks: bool = True
-    detection_locks: bool = True
-    lock_score: float = 0.90  # least score of a lock [tau_lock]
-    lock_gap: float = 0.10  # least lead of a lock
-    lock_relative_gap: float = 0.10  # least lead as a share of the score
-    dummies: bool = True  # a detection may stay unassigned at a cost
-    dummy_score: float = 0.05  # score of staying unassigned
-    dummy_by_confidence: bool = True  # uncertain detections give way more easily
-    dummy_confidence_gain: float = 0.20
-    dummy_cap: float = 0.72
+    match: Real = 0.75  # least final score of a match [tau_match]
+    min_visual: Real = 0.60  # least visual score of a match
+    gate_match: Gate = True  # pairs below `match` do not enter the assignment
+    gate_min_visual: Gate = True  # pairs below `min_visual` do not enter the assignment
+    locks: Gate = True  # clear wins are settled before the assignment
+    object_locks: Gate = True
+    detection_locks: Gate = True
+    lock_score: Real = 0.90  # least score of a lock [tau_lock]
+    lock_gap: Real = 0.10  # least lead of a lock
+    lock_relative_gap: Real = 0.10  # least lead as a share of the score
+    dummies: Gate = True  # a detection may stay unassigned at a cost
+    dummy_score: Real = 0.05  # score of staying unassigned
+    dummy_by_confidence: Gate = True  # uncertain detections give way more easily
+    dummy_confidence_gain: Real = 0.20
+    dummy_cap: Real = 0.72
 
 
 @jax.tree_util.register_dataclass
@@ -204,8 +206,8 @@ class Matching:
 class Update:
     """How much of a matched observation reaches memory (perception notes 13)."""
 
-    gated: bool = False  # only clear matches change memory freely
-    ambiguous_rate: float = 0.2  # share of the step after an ambiguous match
+    gated: Gate = False  # only clear matches change memory freely
+    ambiguous_rate: Real = 0.2  # share of the step after an ambiguous match
 
 
 @jax.tree_util.register_dataclass

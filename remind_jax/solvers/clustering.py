@@ -76,7 +76,7 @@ def cluster_points(
     least = np.inf
     for _ in range(restarts):
         centres = _spread_centres(points, norms, clusters, stream)
-        labels = np.full(num, OUTSIDE, np.int8)
+        labels, reached = np.full(num, OUTSIDE, np.int8), norms
         for _ in range(iterations):
             distance = _squared_distances(points, norms, centres)
             nearest = distance.argmin(axis=1).astype(np.int8)
