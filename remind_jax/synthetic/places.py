@@ -35,7 +35,7 @@ class _Block:
     z_m: tuple[float, float]  # lower and upper end
 
     def touches(self, other: _Block, gap_m: float) -> bool:
-        """Whether two blocks come closer than a gap (negative: whether they share more)."""
+        """Whether two blocks come closer than a gap."""
         if self.z_m[0] >= other.z_m[1] or other.z_m[0] >= self.z_m[1]:
             return False
         way = other.center_m - self.center_m

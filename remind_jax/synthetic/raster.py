@@ -116,43 +116,58 @@ def shade(
       lights: Light, one image per surface.
       light_scale: Light texels per colour texel along u and v, per surface.
     """
-    face = np.maximum(seen, 0).ravel()
-    surface = mesh.surface
-    x = np.arange(camera.width_px, dtype=np.float32)[None] + np.float32(0.5)
-    y = np.arange(camera.height_px, dtype=np.float32)[:, None] + np.float32(0.5)
-    take = lambda values: values.astype(np.float32)[face].reshape(seen.shape)  # noqa: E731
-    plane = lambda rows: x * take(rows[:, 0]) + y * take(rows[:, 1]) + take(rows[:, 2])  # noqa: E731
-    depth = 1 / np.maximum(plane(projection.inverse_depth), np.float32(1e-4))
-    u, v = plane(projection.texels[:, 0]) * depth, plane(projection.texels[:, 1]) * depth
-
-    distance = np.abs(mesh.offset - mesh.normal @ camera.position_m)
-    with np.errstate(divide="ignore"):
-        sharpness = np.log2(mesh.texels_per_m / camera.focal_px) - 0.5 * np.log2(distance)
-    # Texels per pixel grow with depth, and once more by half with the slant of the face.
-    level = take(np.clip(sharpness, -30, 30)) + 1.5 * np.log2(depth) - np.float32(0.35)
-    level = np.clip(np.rint(level), 0, images.num_levels - 1).astype(np.int32)
+    face = np.maximum(seen, 0)
+    depth = 1 / np.maximum(_evaluate(projection.inverse_depth, face), np.float32(1e-4))
+    u = _evaluate(projection.texels[:, 0], face) * depth
+    v = _evaluate(projection.texels[:, 1], face) * depth
+    level = _choose_level(mesh, camera, face, depth, images.num_levels)
     scale = (0.5 ** np.arange(images.num_levels)).astype(np.float32)[level]
-    slot = face * images.num_levels + level.ravel()
-    origins = images.origins[surface].reshape(-1, 2).astype(np.float32)[slot]
-    origins = origins.reshape(*seen.shape, 2)
-    half = np.float32(0.5)
-    color = cv2.remap(
-        images.pixels,
-        origins[..., 0] + u * scale - half,
-        origins[..., 1] + v * scale - half,
-        cv2.INTER_LINEAR,
+    origins = images.origins[mesh.surface].astype(np.float32)[face, level]
+    color = _look_up(images, origins[..., 0] + u * scale, origins[..., 1] + v * scale)
+    start, step = lights.origins[mesh.surface, 0], light_scale[mesh.surface]
+    light = _look_up(
+        lights,
+        _take(start[:, 0], face) + u * _take(step[:, 0], face),
+        _take(start[:, 1], face) + v * _take(step[:, 1], face),
     )
-    start, step = lights.origins[surface, 0], light_scale[surface]
-    light = cv2.remap(
-        lights.pixels,
-        take(start[:, 0]) + u * take(step[:, 0]) - half,
-        take(start[:, 1]) + v * take(step[:, 1]) - half,
-        cv2.INTER_LINEAR,
-    )
-    nothing = seen == NO_FACE
-    if nothing.any():
-        light[nothing] = 0
+    light[seen == NO_FACE] = 0
     return color, light
+
+
+def _choose_level(
+    mesh: Mesh,
+    camera: Camera,
+    face: Int[np.ndarray, "H W"],
+    depth: Float[np.ndarray, "H W"],
+    num_levels: int,
+) -> Int[np.ndarray, "H W"]:
+    """The smaller version of an image whose texels are about as large as the pixels."""
+    distance = np.maximum(np.abs(mesh.offset - mesh.normal @ camera.position_m), 1e-6)
+    sharpness = np.log2(mesh.texels_per_m / camera.focal_px) - 0.5 * np.log2(distance)
+    # Texels per pixel grow with depth, and by half its power more with the slant of the face. The
+    # last term prefers the sharper of two versions.
+    level = _take(sharpness, face) + np.float32(1.5) * np.log2(depth) - np.float32(0.35)
+    return np.clip(np.rint(level), 0, num_levels - 1).astype(np.int32)
+
+
+def _take(values: Float[np.ndarray, "F"], face: Int[np.ndarray, "H W"]) -> np.ndarray:
+    """A face's value at each of its pixels."""
+    return values.astype(np.float32)[face]
+
+
+def _evaluate(planes: Float[np.ndarray, "F 3"], face: Int[np.ndarray, "H W"]) -> np.ndarray:
+    """A face's plane over the image at each of its pixels."""
+    height, width = face.shape
+    x = np.arange(width, dtype=np.float32) + np.float32(0.5)
+    y = np.arange(height, dtype=np.float32)[:, None] + np.float32(0.5)
+    a, b, c = (_take(planes[:, column], face) for column in range(3))
+    return x * a + y * b + c
+
+
+def _look_up(atlas: Atlas, x: Float[np.ndarray, "H W"], y: Float[np.ndarray, "H W"]) -> np.ndarray:
+    """Reads an atlas between its texels; whole numbers are their corners."""
+    half = np.float32(0.5)
+    return cv2.remap(atlas.pixels, x - half, y - half, cv2.INTER_LINEAR)
 
 
 def _project_planes(mesh: Mesh, camera: Camera, distance: Float[np.ndarray, "F"]) -> Projection:
