@@ -1,0 +1,264 @@
+"""Who is seen with whom: every object counts the others around it (paper III-D; notes 4).
+
+Objects count episodes, not frames: an episode is a sighting in new surroundings, or after some
+time in the same ones. The notes are the context notes. Letters: `N` detections, `O` object slots;
+the first object axis is the one that remembers, the second the one remembered.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.config.relation_thresholds import Cooccurrence as Rules
+from remind_jax.config.static import Static
+from remind_jax.memory.bank import NEVER
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class CooccurrenceGraph:
+    """Episodes of every object and its edges to others (notes 3)."""
+
+    episodes: Int[Array, "O"]  # accepted episodes
+    last_episode: Int[Array, "O"]  # frame of the last one, -1 before the first
+    context: Bool[Array, "O O"]  # who was around in the last episode
+    pending_context: Bool[Array, "O O"]  # other surroundings that may become an episode
+    pending_hits: Int[Array, "O"]  # sightings in them, 0: there are none
+    count: Int[Array, "O O"]  # episodes together, 0: no edge
+    weight: Float[Array, "O O"]  # the same, decayed
+    edge_time: Int[Array, "O O"]  # frame of the last episode together
+    edge_order: Int[Array, "O O"]  # rises in the order in which the edges were made
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Sightings:
+    """Which objects a frame shows, each by one detection."""
+
+    row: Int[Array, "N"]  # object shown by the detection; O: none, or another one shows it
+    detection: Int[Array, "O"]  # detection that shows the object; N: not visible
+    visible: Bool[Array, "O"]
+    allowed: Bool[Array, "O"]  # visible, and the sighting may become an episode
+
+
+def gather_sightings(
+    slot: Int[Array, "N"], order: Int[Array, "N"], allowed: Bool[Array, "N"], num_objects: int
+) -> Sightings:
+    """Finds the objects of a frame; of two detections of one object the later decided counts.
+
+    Args:
+      slot: Object slot of every matched or created detection, out of range for others.
+      order: Rises in the order in which the detections were decided.
+      allowed: Detections that may make an episode (notes 4.1).
+      num_objects: Object slots.
+    """
+    num = slot.shape[0]
+    shows = slot[:, None] == jnp.arange(num_objects)
+    rank = jnp.where(shows, order[:, None], jnp.iinfo(jnp.int32).min)
+    visible = jnp.any(shows, axis=0)
+    detection = jnp.where(visible, jnp.argmax(rank, axis=0), num).astype(jnp.int32)
+    chosen = shows & (detection == jnp.arange(num)[:, None])
+    return Sightings(
+        row=jnp.where(jnp.any(chosen, axis=1), slot, num_objects).astype(jnp.int32),
+        detection=detection,
+        visible=visible,
+        allowed=jnp.any(chosen & allowed[:, None], axis=0),
+    )
+
+
+def empty_cooccurrence(num_objects: int, scalar: jnp.dtype) -> CooccurrenceGraph:
+    """A graph without episodes."""
+    row, square = (num_objects,), (num_objects, num_objects)
+    return CooccurrenceGraph(
+        episodes=jnp.zeros(row, jnp.int32),
+        last_episode=jnp.full(row, NEVER, jnp.int32),
+        context=jnp.zeros(square, bool),
+        pending_context=jnp.zeros(square, bool),
+        pending_hits=jnp.zeros(row, jnp.int32),
+        count=jnp.zeros(square, jnp.int32),
+        weight=jnp.zeros(square, scalar),
+        edge_time=jnp.full(square, NEVER, jnp.int32),
+        edge_order=jnp.zeros(square, jnp.int32),
+    )
+
+
+def update_cooccurrence(
+    graph: CooccurrenceGraph,
+    sightings: Sightings,
+    frame: Int[Array, ""],
+    static: Static,
+    t: Rules,
+) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
+    """Lets every visible object decide whether this frame is an episode (notes 4.1 to 4.4).
+
+    Returns:
+      The graph, and which detections show an object that accepted an episode. Its context is
+      then every other visible object.
+    """
+    slots = graph.episodes.shape[0]
+    row = sightings.row
+    own = row[:, None] == jnp.arange(slots)
+    around = sightings.visible & ~own
+    allowed = jnp.any(own & sightings.allowed, axis=1) & t.enabled
+    old = jax.tree.map(lambda leaf: leaf[jnp.minimum(row, slots - 1)], graph)
+    decided, accepted = _decide_episodes(old, around, allowed, frame, t)
+    updated = _count_neighbours(decided, around, accepted, frame, static, t)
+    graph = jax.tree.map(lambda leaf, new: leaf.at[row].set(new, mode="drop"), graph, updated)
+    return graph, accepted
+
+
+def _decide_episodes(
+    rows: CooccurrenceGraph,
+    around: Bool[Array, "N O"],
+    allowed: Bool[Array, "N"],
+    frame: Int[Array, ""],
+    t: Rules,
+) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
+    """Episode logic of the visible objects (notes 4.2); a forced episode keeps what is pending."""
+    first = rows.episodes == 0
+    forced = (t.force_frames > 0) & ~first & (frame - rows.last_episode >= t.force_frames)
+    common = jnp.sum(around & rows.context, axis=1, dtype=rows.weight.dtype)
+    union = jnp.sum(around | rows.context, axis=1, dtype=rows.weight.dtype)
+    overlap = jnp.where(union > 0, common / jnp.maximum(1.0, union), 1.0)
+
+    open_ = allowed & ~forced & ~first
+    same = open_ & (overlap >= t.same_context)
+    other = open_ & ~same
+    again = (rows.pending_hits > 0) & jnp.all(around == rows.pending_context, axis=1)
+    hits = jnp.where(again, rows.pending_hits + 1, 1)
+    settled = other & (hits >= t.debounce_frames)
+    accepted = (allowed & (forced | first)) | settled
+    rows = dataclasses.replace(
+        rows,
+        episodes=rows.episodes + accepted,
+        last_episode=jnp.where(accepted, frame, rows.last_episode),
+        context=jnp.where(accepted[:, None], around, rows.context),
+        pending_context=jnp.where(other[:, None], around, rows.pending_context),
+        pending_hits=jnp.where(same | settled, 0, jnp.where(other, hits, rows.pending_hits)),
+    )
+    return rows, accepted
+
+
+def _count_neighbours(
+    rows: CooccurrenceGraph,
+    around: Bool[Array, "N O"],
+    accepted: Bool[Array, "N"],
+    frame: Int[Array, ""],
+    static: Static,
+    t: Rules,
+) -> CooccurrenceGraph:
+    """Strengthens the edges to the neighbours of an episode (notes 4.3, 4.4).
+
+    New edges of one episode are ordered by rising id; the original's order among them is that of
+    a Python set.
+    """
+    slots = rows.count.shape[1]
+    hit, known = accepted[:, None] & around, rows.count > 0
+    weight = jnp.where(accepted[:, None], rows.weight * t.decay, rows.weight)
+    newest = jnp.max(jnp.where(known, rows.edge_order, NEVER), axis=1, keepdims=True)
+    rows = dataclasses.replace(
+        rows,
+        count=rows.count + hit,
+        weight=jnp.where(hit, jnp.where(known, weight, 0.0) + 1.0, weight),
+        edge_time=jnp.where(hit, frame, rows.edge_time),
+        edge_order=jnp.where(
+            hit & ~known, newest + 1 + jnp.arange(slots, dtype=jnp.int32), rows.edge_order
+        ),
+    )
+    most = static.max_neighbours
+    if not 0 < most < slots - 1:
+        return rows
+    full = jnp.sum(rows.count > 0, axis=1, keepdims=True) > most
+    return jax.lax.cond(jnp.any(full), lambda: _trim(rows, full, static), lambda: rows)
+
+
+def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> CooccurrenceGraph:
+    """Keeps the first edges of the neighbour order, which becomes the order of the edges."""
+    rank = neighbour_rank(rows, static)
+    dropped = full & (rank >= static.max_neighbours)
+    return dataclasses.replace(
+        rows,
+        count=jnp.where(dropped, 0, rows.count),
+        edge_order=jnp.where(full, rank, rows.edge_order),
+    )
+
+
+def neighbour_rank(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:
+    """Position of every neighbour, the strongest first; O where there is no edge (notes 4.6).
+
+    Counting the edges before each edge is quicker than sorting the rows.
+    """
+
+    def pairs(leaf: Array) -> tuple[Array, Array]:
+        return leaf[:, :, None], leaf[:, None, :]
+
+    earlier, tie = False, True
+    keys = {"weight": (graph.weight, graph.edge_time), "recent": (graph.edge_time,)}
+    for key in keys[static.neighbour_trim]:
+        one, other = pairs(key)
+        earlier, tie = earlier | (tie & (one > other)), tie & (one == other)
+    one, other = pairs(graph.edge_order)
+    known = graph.count > 0
+    before = known[:, :, None] & (earlier | (tie & (one < other)))
+    return jnp.where(known, jnp.sum(before, axis=1, dtype=jnp.int32), known.shape[1])
+
+
+def neighbour_order(
+    graph: CooccurrenceGraph, static: Static
+) -> tuple[Int[Array, "R M"], Bool[Array, "R M"]]:
+    """Slots of the neighbours of every object, the strongest first (notes 4.6).
+
+    Returns:
+      The slots and which of them are neighbours; M is `static.max_neighbours`, at most O.
+    """
+    slots = graph.count.shape[1]
+    most = min(static.max_neighbours or slots, slots)
+    rank = neighbour_rank(graph, static)
+    at = rank[:, None, :] == jnp.arange(most)[:, None]
+    slot = jnp.sum(jnp.where(at, jnp.arange(slots), 0), axis=-1, dtype=jnp.int32)
+    return slot, jnp.any(at, axis=-1)
+
+
+def conditional(
+    graph: CooccurrenceGraph, num_objects: Int[Array, ""], t: Rules
+) -> Float[Array, "O O"]:
+    """Smoothed probability P[i, j] of seeing j in an episode of i, [0, 1] (notes 4.5).
+
+    Pairs never seen together have a share, too, and so has an object with itself.
+
+    Args:
+      graph: Counts.
+      num_objects: Objects in memory, in every lifecycle state.
+      t: Smoothing.
+    """
+    scalar = graph.weight.dtype
+    total = graph.episodes.astype(scalar) + t.smoothing * jnp.maximum(1, num_objects).astype(scalar)
+    share = (graph.count.astype(scalar) + t.smoothing) / jnp.maximum(total, _TINY)[:, None]
+    return jnp.where(total[:, None] > _TINY, jnp.clip(share, 0.0, 1.0), 0.0)
+
+
+_TINY = 1e-12
+
+
+def reorder_cooccurrence(
+    graph: CooccurrenceGraph, order: Int[Array, "O"], alive: Bool[Array, "O"]
+) -> CooccurrenceGraph:
+    """Moves objects to other slots and forgets those that are gone, by others, too.
+
+    Args:
+      graph: Graph by old slots.
+      order: Old slot of every new one.
+      alive: New slots in use.
+    """
+    empty = empty_cooccurrence(order.shape[0], graph.weight.dtype)
+
+    def move(leaf: Array, blank: Array) -> Array:
+        if leaf.ndim == 1:
+            return jnp.where(alive, leaf[order], blank)
+        return jnp.where(alive[:, None] & alive, leaf[order][:, order], blank)
+
+    return jax.tree.map(move, graph, empty)
