@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
-UNASSIGNED = -1
-_FORBIDDEN_COST = 1e6
+from remind_jax.errors import ConfigError
+from remind_jax.solvers.assignment_in_graph import FORBIDDEN_COST, UNASSIGNED, assign_in_graph
 
 
 def assign(
@@ -36,13 +36,16 @@ def assign(
       group: Class of each row.
       dummy: Score of leaving a row without a column.
       dummies: Whether rows may be left without a column by choice.
-      solver: `"host"`: SciPy in one callback for all groups and batch entries.
+      solver: `"host"`: SciPy in one callback for all groups and batch entries; `"jax"`: the same
+        procedure in the graph, with equal results.
 
     Returns:
       The column of each row, -1 if it has none.
     """
+    if solver == "jax":
+        return assign_in_graph(scores, allowed, group, dummy, dummies)
     if solver != "host":
-        raise NotImplementedError(f"solver {solver!r} is not available; use 'host'")
+        raise ConfigError(f"solver {solver!r} is unknown; use 'host' or 'jax'")
     out = jax.ShapeDtypeStruct(group.shape, jnp.int32)
     return jax.pure_callback(
         _assign_batched, out, scores, allowed, group, dummy, dummies, vmap_method="broadcast_all"
@@ -86,7 +89,7 @@ def assign_groups(
         cost = np.where(
             allowed[np.ix_(rows, columns)],
             -scores[np.ix_(rows, columns)].astype(np.float64),
-            _FORBIDDEN_COST,
+            FORBIDDEN_COST,
         )
         if dummies:
             price = np.repeat(-dummy[rows, None].astype(np.float64), len(rows), axis=1)
