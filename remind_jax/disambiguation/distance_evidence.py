@@ -1,0 +1,165 @@
+"""What is known about distances: remembered ones, those of this frame, and how telling they are.
+
+Letters: `O` object slots, `N` detections. Contact codes: near 0, overlap 1, separate 2, touch 3.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.config.known_set_thresholds import KnownSets
+
+FULL_RELIABILITY_EPISODES = 6  # context notes 6.3
+INFORMATIVENESS_SUPPORT = 0.80  # hard-coded in the original (context notes 6.3)
+INFORMATIVENESS_FLOOR = 0.10
+AGREEMENT_BASE, AGREEMENT_CONTACT, AGREEMENT_SUPPORT = 0.5, 0.25, 0.25  # context notes 11.2
+TINY = 1e-12
+_TINY_REF = 1e-6
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class DistanceEvidence:
+    """Remembered distances (context notes 3, 6); the edge from `o` to `a` is row o, column a.
+
+    Pair statistics at an anchor tell which of two objects used to be nearer to it: `[anchor, x, y]`
+    with slot x below slot y.
+    """
+
+    rel_n: Int[Array, "O O"]  # episodes that saw both; 0: no edge
+    gap_n: Int[Array, "O O"]  # of these, with a valid gap
+    gap_mean: Float[Array, "O O"]  # mean gap, object sizes
+    centre_mean: Float[Array, "O O"]  # mean distance of the centres, object sizes
+    support_mean: Float[Array, "O O"]  # how much one looked like standing on the other, [0, 1]
+    contact: Int[Array, "O O 4"]  # episodes by contact
+    pair_n: Int[Array, "O O O"]  # episodes that saw x and y beside the anchor
+    pair_first: Int[Array, "O O O"]  # of these, with x nearer than y
+    pair_margin_mean: Float[Array, "O O O"]  # mean difference of the two distances
+    pair_margin_m2: Float[Array, "O O O"]  # sum of its squared deviations
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FrameRelations:
+    """Relations between the detections of this frame (context notes 5); symmetric."""
+
+    gap: Float[Array, "N N"]  # gap of the masks, object sizes; negative where they overlap
+    gap_valid: Bool[Array, "N N"]
+    centre: Float[Array, "N N"]  # distance of the centres, object sizes
+    gap_quality: Float[Array, "N N"]  # [0, 1]
+    truncation: Float[Array, "N N"]  # 1 where a mask touches the frame's border
+    state: Int[Array, "N N"]  # contact code
+    support_like: Float[Array, "N N"]  # how much one looks like standing on the other, [0, 1]
+
+    @property
+    def distance(self) -> Float[Array, "N N"]:
+        """The gap where it is valid, else the distance of the centres."""
+        return jnp.where(self.gap_valid, self.gap, self.centre)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Edges:
+    """Remembered distances of selected pairs of objects; all fields share one shape."""
+
+    usable: Bool[Array, "..."]  # seen together often enough
+    reliability: Float[Array, "..."]  # [0, 1]
+    has_gap: Bool[Array, "..."]
+    gap: Float[Array, "..."]
+    distance: Float[Array, "..."]  # the gap if known, else the distance of the centres
+    support: Float[Array, "..."]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PairOrders:
+    """Remembered order of selected pairs (x, y) as seen from an anchor."""
+
+    seen: Bool[Array, "..."]
+    first: Float[Array, "..."]  # share of episodes with x nearer
+    consistency: Float[Array, "..."]  # share of the usual order, [0.5, 1]
+    margin: Float[Array, "..."]  # mean difference of the two distances
+    robustness: Float[Array, "..."]  # [0, 1]
+
+
+def rate_reliability(count: Int[Array, "..."], scalar: jnp.dtype) -> Float[Array, "..."]:
+    """Trust in a statistic of `count` episodes, [0, 1] (context notes 6.3)."""
+    return jnp.minimum(1.0, jnp.sqrt(count.astype(scalar) / FULL_RELIABILITY_EPISODES))
+
+
+def rate_difference(
+    value: Float[Array, "..."], reference: Float[Array, ""], t: KnownSets
+) -> Float[Array, "..."]:
+    """How clearly two distances differ that are `value` apart, [0, 1) (context notes 11.4)."""
+    scaled = jnp.maximum(0.0, value) / jnp.maximum(_TINY_REF, reference * t.strength_scale)
+    return (1.0 - jnp.exp(-scaled)) ** t.strength_power
+
+
+def read_edges(
+    evidence: DistanceEvidence,
+    source: Int[Array, "..."],
+    target: Int[Array, "..."],
+    known: Bool[Array, "..."],
+    t: KnownSets,
+) -> Edges:
+    """Distances remembered by objects `source` to objects `target` (slots that broadcast).
+
+    Args:
+      evidence: Remembered distances.
+      source: Slots of the objects that remember.
+      target: Slots of the objects that are remembered.
+      known: Pairs of objects in memory; the others get no edge.
+      t: Thresholds.
+    """
+    scalar = evidence.gap_mean.dtype
+    count = jnp.where(known, evidence.rel_n[source, target], 0)
+    reliability = rate_reliability(count, scalar)
+    gap = evidence.gap_mean[source, target]
+    has_gap = (count > 0) & (evidence.gap_n[source, target] > 0)
+    return Edges(
+        usable=(count > 0) & (reliability >= t.min_reliability),
+        reliability=reliability,
+        has_gap=has_gap,
+        gap=gap,
+        distance=jnp.where(has_gap, gap, evidence.centre_mean[source, target]),
+        support=evidence.support_mean[source, target],
+    )
+
+
+def read_orders(
+    evidence: DistanceEvidence,
+    anchor: Int[Array, "..."],
+    x: Int[Array, "..."],
+    y: Int[Array, "..."],
+    known: Bool[Array, "..."],
+    t: KnownSets,
+) -> PairOrders:
+    """Order of objects `x` and `y` as seen from `anchor` (slots that broadcast, x below y).
+
+    `known` marks the pairs of objects in memory; the others were never seen.
+    """
+    scalar = evidence.pair_margin_mean.dtype
+    at = (anchor, x, y)
+    count = jnp.where(known, evidence.pair_n[at], 0)
+    seen = count > 0
+    first = jnp.where(seen, evidence.pair_first[at], 0).astype(scalar)
+    first = first / jnp.maximum(1, count).astype(scalar)
+    consistency = jnp.maximum(first, 1.0 - first)
+    margin = jnp.where(seen, evidence.pair_margin_mean[at], 0.0)
+    spread = jnp.maximum(0.0, evidence.pair_margin_m2[at]) / jnp.maximum(1, count - 1)
+    deviation = jnp.where(count > 1, jnp.sqrt(spread.astype(scalar)), 0.0)
+    stable = margin / jnp.maximum(_TINY_REF, margin + deviation)
+    trust = t.consistency_floor + (1.0 - t.consistency_floor) * consistency**t.consistency_power
+    clear = (1.0 - t.margin_weight) * stable
+    clear = clear + t.margin_weight * rate_difference(margin, t.margin_ref, t)
+    return PairOrders(
+        seen=seen,
+        first=first,
+        consistency=consistency,
+        margin=margin,
+        robustness=jnp.where(seen, trust * rate_reliability(count, scalar) * clear, 0.0),
+    )
