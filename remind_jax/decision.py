@@ -9,6 +9,7 @@ import jax
 from jaxtyping import Array, Bool, Float, Int
 
 NO_ID = -1
+NUM_OPTIONS = 3  # objects that an undecided detection may name
 
 
 class Outcome(enum.IntEnum):
@@ -69,10 +70,25 @@ class Lock(enum.IntEnum):
     DETECTION = 2
 
 
+class Source(enum.IntEnum):
+    """What gave a match its object (association notes 18.1)."""
+
+    NONE = 0
+    ASSOCIATION = 1
+    DISTANCE_FULL = 2  # the layout of a closed group of look-alikes, clearly
+    DISTANCE_PARTIAL = 3  # the same, barely
+    DISTANCE_FULL_POSTCREATE = 4  # the same for detections that would have been new
+    DISTANCE_PARTIAL_POSTCREATE = 5
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Decisions:
-    """The decisions of one frame; `N` detection slots, `C` candidates shown per detection."""
+    """The decisions of one frame.
+
+    Letters: `N` detection slots, `C` candidates shown per detection, `K = 3` objects that an
+    undecided detection could be.
+    """
 
     outcome: Int[Array, "N"]  # Outcome
     reason: Int[Array, "N"]  # Reason
@@ -86,9 +102,18 @@ class Decisions:
     second_score: Float[Array, "N"]  # second highest, 0 without any
     num_close: Int[Array, "N"]  # candidates within `close_delta` of the best
     lock: Int[Array, "N"]  # Lock
+    source: Int[Array, "N"]  # Source of a match
     assigned_id: Int[Array, "N"]  # object after locks and joint assignment, before guards; -1 new
+    guarded_id: Int[Array, "N"]  # object after the guard of look-alikes, -1 none
+    is_anchor: Bool[Array, "N"]  # clear enough to speak for its surroundings
+    option_id: Int[Array, "N K"]  # objects that an undecided detection could be, -1 padding
+    option_score: Float[Array, "N K"]
+    option_blocked: Bool[Array, "N K"]  # held by another detection
     candidate_id: Int[Array, "N C"]  # by falling score, then rising id; -1 padding
     candidate_score: Float[Array, "N C"]  # visual score
     candidate_final: Float[Array, "N C"]  # score after context
     candidate_eligible: Bool[Array, "N C"]  # open to assignment
+    candidate_plausible: Bool[Array, "N C"]  # not vetoed by context
+    candidate_gate: Int[Array, "N C"]  # association.gating.Gate
+    candidate_bonus: Float[Array, "N C"]  # context adjustment that was applied
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite

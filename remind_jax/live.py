@@ -18,7 +18,7 @@ import numpy as np
 
 from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
-from remind_jax.config import Config, Static, load_config
+from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import reduce_masks
@@ -30,7 +30,25 @@ from remind_jax.tracks import Tracks, encode_masks
 
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
 
-_step = jax.jit(step, static_argnames="static", donate_argnames="state")
+
+def _step_once(
+    state: TrackerState,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: Thresholds,
+) -> TrackerState:
+    stepped = step(state, frame_feats, masks, static=static, thresholds=thresholds)
+    return _settle_types(stepped)
+
+
+def _settle_types(state: TrackerState) -> TrackerState:
+    """Strong types throughout: a weak one that comes or goes costs a second compilation."""
+    return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, leaf.dtype), state)
+
+
+_step = jax.jit(_step_once, static_argnames="static", donate_argnames="state")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -264,18 +282,27 @@ class Tracker:
         if num > static.num_detections:
             static = static.grow(num_detections=num)
             self._note_growth("detections", num, static.num_detections)
-        state = init(static) if self._state is None else grow(self._state, static)
+        if self._state is None:
+            self._state, self._static = _settle_types(init(static)), static
+        elif static != self._static:
+            self._grow(static)
         padded = _pad_slots(masks, static.num_detections)
         thresholds = self.config.thresholds
         while True:
-            state = _step(state, frame_feats, padded, static=static, thresholds=thresholds)
-            needed = int(state.overflow.objects)
+            # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
+            # while its result is waited for.
+            self._state = _step(
+                self._state, frame_feats, padded, static=self._static, thresholds=thresholds
+            )
+            needed = int(self._state.overflow.objects)
             if not needed:
                 break
-            static = static.grow(num_objects=needed)
-            self._note_growth("objects", needed, static.num_objects)
-            state = grow(state, static)
-        self._state, self._static = state, static
+            self._grow(self._static.grow(num_objects=needed))
+            self._note_growth("objects", needed, self._static.num_objects)
+
+    def _grow(self, static: Static) -> None:
+        assert self._state is not None
+        self._state, self._static = _settle_types(grow(self._state, static)), static
 
     def _note_growth(self, what: str, needed: int, capacity: int) -> None:
         message = f"{needed} {what} do not fit; the capacity is {capacity} now"

@@ -1,8 +1,8 @@
 """The whole memory of a tracker as one fixed-capacity pytree.
 
-Letters: `O` object slots, `A` appearance channels (global, trimmed), `C` part channels, `R` rings
-(inner, outer). Object slots in use come first and are ordered by rising id; ids, never slots, are
-shown outside.
+Letters: `O` object slots, `P` slots of pending tracks, `A` appearance channels (global, trimmed),
+`C` part channels, `R` rings (inner, outer). Object slots in use come first and are ordered by
+rising id; ids, never slots, are shown outside.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.config.static import Static
-from remind_jax.decision import NO_ID, Decisions, Outcome
+from remind_jax.decision import NO_ID, NUM_OPTIONS, Decisions, Outcome
 from remind_jax.memory.bank import NEVER, DualBank, empty_bank
+from remind_jax.memory.pending import PendingTracks, no_pending
 
 NUM_APPEARANCE_CHANNELS = 2
 NUM_PART_CHANNELS = 1
@@ -57,6 +58,7 @@ class Overflow:
     """What did not fit. A frame that overflows changes nothing else in the state."""
 
     objects: Int[Array, ""]  # object slots that the frame needs, 0 if they sufficed
+    pending: Int[Array, ""]  # slots of pending tracks that it needs, 0 if they sufficed
 
 
 @jax.tree_util.register_dataclass
@@ -65,9 +67,10 @@ class TrackerState:
     """Everything that one frame hands to the next, and the decisions of the last frame."""
 
     objects: Objects
-    appearance: DualBank  # leading axes [A O]
-    parts: DualBank  # leading axes [C O]
-    rings: DualBank  # leading axes [R O]
+    pending: PendingTracks
+    appearance: DualBank  # leading axes [A O+P]: objects first, then pending tracks
+    parts: DualBank  # leading axes [C O+P]
+    rings: DualBank  # leading axes [R O+P]
     next_id: Int[Array, ""]  # id of the next new object
     frame: Int[Array, ""]  # frames processed so far, the clock of the memory
     decisions: Decisions
@@ -81,7 +84,8 @@ def init(static: Static) -> TrackerState:
     def banks(channels: int, *capacities: tuple[int, int]) -> DualBank:
         """All banks of a kind share one shape; capacities are kept by the updates."""
         slots = max(max(capacity) for capacity in capacities)
-        work, stable = (empty_bank((channels, objects), slots, dim, scalar) for _ in range(2))
+        leading = (channels, objects + static.num_pending)
+        work, stable = (empty_bank(leading, slots, dim, scalar) for _ in range(2))
         return DualBank(work, stable)
 
     def column(value: int) -> Array:
@@ -97,13 +101,14 @@ def init(static: Static) -> TrackerState:
             age=column(0),
             last_seen=column(NEVER),
         ),
+        pending=no_pending(static.num_pending, scalar),
         appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
         parts=banks(NUM_PART_CHANNELS, static.part_slots),
         rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),
         next_id=jnp.int32(0),
         frame=jnp.int32(0),
         decisions=no_decisions(static),
-        overflow=Overflow(objects=jnp.int32(0)),
+        overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),
     )
 
 
@@ -128,11 +133,20 @@ def no_decisions(static: Static) -> Decisions:
         second_score=real,
         num_close=whole(0),
         lock=whole(0),
+        source=whole(0),
         assigned_id=whole(NO_ID),
+        guarded_id=whole(NO_ID),
+        is_anchor=jnp.zeros(num, bool),
+        option_id=jnp.full((num, NUM_OPTIONS), NO_ID, jnp.int32),
+        option_score=jnp.zeros((num, NUM_OPTIONS), scalar),
+        option_blocked=jnp.zeros((num, NUM_OPTIONS), bool),
         candidate_id=jnp.full((num, shown), NO_ID, jnp.int32),
         candidate_score=jnp.zeros((num, shown), scalar),
         candidate_final=jnp.zeros((num, shown), scalar),
         candidate_eligible=jnp.zeros((num, shown), bool),
+        candidate_plausible=jnp.zeros((num, shown), bool),
+        candidate_gate=jnp.zeros((num, shown), jnp.int32),
+        candidate_bonus=jnp.zeros((num, shown), scalar),
         num_bad_patches=jnp.int32(0),
     )
 
@@ -140,11 +154,24 @@ def no_decisions(static: Static) -> Decisions:
 def grow(state: TrackerState, static: Static) -> TrackerState:
     """The same memory with the larger capacities of `static`; results do not change."""
     empty = init(static)
+    old_objects, new_objects = state.objects.id.shape[0], empty.objects.id.shape[0]
 
     def widen(small: Array, large: Array) -> Array:
         if small.shape == large.shape:
             return small
         return large.at[tuple(slice(0, length) for length in small.shape)].set(small)
 
-    grown = jax.tree.map(widen, state, empty)
+    def widen_rows(small: Array, large: Array) -> Array:
+        """Rows of objects and rows of pending tracks move apart."""
+        if small.shape == large.shape:
+            return small
+        objects = large.at[:, :old_objects].set(small[:, :old_objects])
+        pending = small[:, old_objects:]
+        return objects.at[:, new_objects : new_objects + pending.shape[1]].set(pending)
+
+    banks = {
+        name: jax.tree.map(widen_rows, getattr(state, name), getattr(empty, name))
+        for name in ("appearance", "parts", "rings")
+    }
+    grown = jax.tree.map(widen, dataclasses.replace(state, **banks), empty)
     return dataclasses.replace(grown, overflow=empty.overflow)

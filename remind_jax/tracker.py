@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from remind_jax.association.assignment import associate
-from remind_jax.association.diagnosis import diagnose
+from remind_jax.association.diagnosis import diagnose, find_anchors
+from remind_jax.association.gating import no_context
 from remind_jax.association.outcome import decide
 from remind_jax.association.quality import assess
+from remind_jax.association.settlement import settle
 from remind_jax.association.similarity import compare, count_terms
+from remind_jax.association.temporal import Account, rank
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.memory.update import remember
@@ -53,11 +56,24 @@ def step(
     evidence = diagnose(
         comparison.score, comparison.candidate, num_terms, static.margin, t.diagnosis
     )
+    anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
+    # Which tracks belong together here?
+    context = no_context(comparison.candidate, static.scalar)
     # Who is who, jointly?
-    assignment = associate(comparison, evidence, descriptors.class_id, static, t.matching)
+    assignment = associate(comparison, evidence, context, descriptors.class_id, static, t.matching)
     pairs = assignment.pairs
+    # Who stays undecided?
+    account = Account(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
+    settlement = settle(
+        account, assignment, state.objects, descriptors.valid, state.next_id, static, t
+    )
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, static.margin, t.diagnosis)
     decisions = decide(
-        state.objects, masks, descriptors, comparison, evidence, final, assignment, static
-    )
-    return remember(state, decisions, assignment.slot, descriptors, static, t)
+        state.objects, masks, descriptors, account, anchors, evidence, final, assignment,
+        settlement, static,
+    )  # fmt: skip
+    birth_support, _ = rank(pairs.score_known, account.plausible)
+    return remember(
+        state, decisions, settlement, birth_support, comparison.pending_score, descriptors, masks,
+        static, t,
+    )  # fmt: skip

@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from tests.golden import load  # noqa: E402
+from tests.golden import load
 
 # Scores: the original's are float64 on float32 cosines; summation order alone moves them by 1e-7.
 SCORE_TOLERANCE = {"float64": 2e-6, "float32": 2e-5}
@@ -93,6 +93,7 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         precision=precision,
         num_detections=max(1, most),
         num_objects=int(trace.frame["n_object"].max()) + 8,
+        num_pending=max(8, len(set(zip(trace.temp["track"], trace.temp["temp"], strict=True))) + 8),
     )
     jitted = jax.jit(step, static_argnames="static", donate_argnames="state")
     state = init(static)
@@ -122,13 +123,15 @@ def compare_trace(name: str, variant: str, precision: str, root: Path) -> Report
     ):
         _compare_detections(report, trace, frame, kept, state, precision)
         _compare_objects(report, trace, frame, state)
+        _compare_pending(report, trace, frame, state)
         if "desc" in trace.tables and frame % 10 == 0:
             _compare_descriptors(report, trace, frame, kept, feats, reduced, static, config)
     return report
 
 
 def _compare_detections(report, trace, frame, kept, state, precision) -> None:
-    from remind_jax.decision import Lock, Outcome, Reason, Status
+    from remind_jax.association.gating import Gate
+    from remind_jax.decision import Lock, Outcome, Reason, Source, Status
 
     d = jax.tree.map(np.asarray, state.decisions)
     first_row = int(np.searchsorted(trace.det["frame"], frame))
@@ -158,6 +161,9 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
         report.agreeing += same
         exact("reason", Reason(d.reason[i]).name, code("reason", "reason"))
         exact("temp", int(d.pending_id[i]), int(row["temp"]))
+        exact("source", Source(d.source[i]).name.lower(), code("source", "source") or "none")
+        exact("guarded", int(d.guarded_id[i]), int(row["guarded"]))
+        exact("anchor", bool(d.is_anchor[i]), bool(row["anchor"]))
         exact("hungarian", int(d.assigned_id[i]), int(row["hungarian"]))
         exact("lock", Lock(d.lock[i]).name.lower(), code("lock", "lock"))
         exact("status", Status(d.status[i]).name, code("status", "status"))
@@ -168,6 +174,7 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
         close("s1", d.best_score[i], row["s1"], score_tolerance)
         close("s2", d.second_score[i], row["s2"], score_tolerance)
         close("confidence", d.confidence[i], row["confidence"], CONFIDENCE_TOLERANCE[precision])
+        _compare_options(report, trace, frame, det, first_row + i, d, i, score_tolerance)
         candidates = trace.rows("cand", det_row=first_row + i)
         exact(
             "candidates",
@@ -181,6 +188,56 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
                 close("cand.score_final", d.candidate_final[i, j], final, score_tolerance)
                 eligible = bool(candidates["eligible"][j])
                 exact("cand.eligible", bool(d.candidate_eligible[i, j]), eligible)
+                plausible = bool(candidates["plausible"][j])
+                exact("cand.plausible", bool(d.candidate_plausible[i, j]), plausible)
+                gate = Gate(d.candidate_gate[i, j]).name
+                exact(
+                    "cand.gate", gate.replace("NONE", ""), trace.name("gate", candidates["gate"][j])
+                )
+                bonus = candidates["bonus"][j]
+                close("cand.bonus", d.candidate_bonus[i, j], bonus, score_tolerance)
+
+
+def _compare_options(report, trace, frame, det, row, d, i, tolerance) -> None:
+    """Objects that an undecided detection could be, as a set with scores."""
+    ours = {
+        int(o): (float(v), bool(b))
+        for o, v, b in zip(d.option_id[i], d.option_score[i], d.option_blocked[i], strict=True)
+        if o >= 0
+    }
+    for table in ("amb", "prov"):
+        theirs = trace.rows(table, det_row=row)
+        if not len(theirs["object"]):
+            continue
+        ids = [int(o) for o in theirs["object"]]
+        same = sorted(ours) == sorted(ids)
+        report.note(frame, f"detection {det}", table, sorted(ours), sorted(ids), same)
+        for object_id, score in zip(ids, theirs["score"], strict=True):
+            if object_id in ours:
+                near = abs(ours[object_id][0] - score) <= tolerance
+                value = ours[object_id][0]
+                report.note(frame, f"detection {det}", f"{table}.score", value, score, near)
+        if table == "prov":
+            blocked = {int(o) for o, b in zip(ids, theirs["blocked"], strict=True) if b}
+            mine = {o for o, (_, b) in ours.items() if b}
+            report.note(frame, f"detection {det}", "prov.blocked", mine, blocked, mine == blocked)
+
+
+def _compare_pending(report, trace, frame, state) -> None:
+    from remind_jax.memory.pending import Kind
+
+    tracks = jax.tree.map(np.asarray, state.pending)
+    ours = {
+        (Kind(kind).name.lower(), int(i)): int(hits)
+        for kind, i, hits in zip(tracks.kind, tracks.id, tracks.hits, strict=True)
+        if kind != Kind.FREE
+    }
+    rows = trace.rows("temp", frame=frame)
+    theirs = {
+        (trace.name("track", kind), int(i)): int(hits)
+        for kind, i, hits in zip(rows["track"], rows["temp"], rows["hits"], strict=True)
+    }
+    report.note(frame, "pending tracks", "temp", ours, theirs, ours == theirs)
 
 
 def _compare_objects(report, trace, frame, state) -> None:

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.association.diagnosis import Evidence, top_two
-from remind_jax.association.gating import Pairs, gate_pairs, initial_pairs
+from remind_jax.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
 from remind_jax.association.similarity import Comparison
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Matching
-from remind_jax.decision import Lock
+from remind_jax.decision import Lock, Status
 from remind_jax.solvers.assignment import UNASSIGNED, assign
 
 
@@ -31,6 +31,7 @@ class Assignment:
 def associate(
     comparison: Comparison,
     evidence: Evidence,
+    context: ContextVerdict,
     class_id: Int[Array, "N"],
     static: Static,
     t: Matching,
@@ -40,6 +41,7 @@ def associate(
     Args:
       comparison: Visual scores.
       evidence: Diagnosis of the visual scores.
+      context: What context says of pairs and objects.
       class_id: Class of each detection.
       static: Choice of solver.
       t: Thresholds.
@@ -47,12 +49,15 @@ def associate(
     candidate, score = comparison.candidate, comparison.score
     num, slots = candidate.shape
     everyone, nothing = jnp.ones(num, bool), jnp.zeros(slots, bool)
-    pairs = gate_pairs(initial_pairs(score), candidate, score, everyone, nothing, t)
+    unclear = evidence.status != Status.STRONG
+    pairs = gate_pairs(
+        initial_pairs(score), candidate, score, context, unclear, everyone, nothing, t
+    )
     locked, lock = lock_pairs(pairs, score, t)
     used, free = jnp.any(locked, axis=0), ~jnp.any(locked, axis=1)
     locked_score = jnp.sum(jnp.where(locked, pairs.score_final, 0.0), axis=1)
 
-    pairs = gate_pairs(pairs, candidate, score, free, used, t)
+    pairs = gate_pairs(pairs, candidate, score, context, unclear, free, used, t)
     column = assign(
         pairs.score_assign,
         pairs.eligible & free[:, None],

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.thresholds import Matching
+
+
+class Gate(enum.IntEnum):
+    """Why a pair is, or is not, open to assignment."""
+
+    NONE = 0  # no candidate, or vetoed by context
+    BLOCK_MIN_MATCH = 1
+    BLOCK_MATCH_THR = 2
+    BLOCK_USED_OBJECT = 3
+    PASS_MATCH_THR = 4
+    SETS_RESCUE = 5  # below the threshold, opened by context
 
 
 @jax.tree_util.register_dataclass
@@ -17,19 +29,52 @@ class Pairs:
     """Score table of the frame; rows are detections, columns objects."""
 
     eligible: Bool[Array, "N O"]  # open to assignment
-    score_assign: Float[Array, "N O"]  # what the assignment maximises
-    score_final: Float[Array, "N O"]  # what is tested for acceptance and reported
+    gate: Int[Array, "N O"]  # Gate
+    score_assign: Float[Array, "N O"]  # what the assignment maximises: visual, less penalties
+    score_final: Float[Array, "N O"]  # what is tested for acceptance: visual and context
+    score_known: Float[Array, "N O"]  # the same, with context even where it may not influence
+    bonus: Float[Array, "N O"]  # context adjustment that was applied
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ContextVerdict:
+    """What context says of pairs and objects; neutral where there is none."""
+
+    plausible: Bool[Array, "N O"]  # candidates that context does not veto
+    veto: Int[Array, "N O"]  # context.veto.Veto
+    bonus_raw: Float[Array, "O"]  # signed adjustment of the score
+    supported: Bool[Array, "O"]  # clearly backed by context
+    influences: Bool[Array, ""]  # context may change scores at all
+    rescue_min_visual: Float[Array, ""]  # least visual score of a rescued pair
+
+
+def no_context(candidate: Bool[Array, "N O"], scalar: jnp.dtype) -> ContextVerdict:
+    """The verdict where context is switched off."""
+    slots = candidate.shape[1]
+    return ContextVerdict(
+        plausible=candidate,
+        veto=jnp.zeros(candidate.shape, jnp.int32),
+        bonus_raw=jnp.zeros(slots, scalar),
+        supported=jnp.zeros(slots, bool),
+        influences=jnp.zeros((), bool),
+        rescue_min_visual=jnp.ones((), scalar),
+    )
 
 
 def initial_pairs(score: Float[Array, "N O"]) -> Pairs:
     """The table before any gate: all scores visual, nothing eligible."""
-    return Pairs(jnp.zeros(score.shape, bool), score, score)
+    nothing = jnp.zeros(score.shape, bool)
+    gate = jnp.full(score.shape, Gate.NONE, jnp.int32)
+    return Pairs(nothing, gate, score, score, score, jnp.zeros_like(score))
 
 
 def gate_pairs(
     pairs: Pairs,
     candidate: Bool[Array, "N O"],
     score: Float[Array, "N O"],
+    context: ContextVerdict,
+    unclear: Bool[Array, "N"],
     rows: Bool[Array, "N"],
     used: Bool[Array, "O"],
     t: Matching,
@@ -40,15 +85,34 @@ def gate_pairs(
       pairs: Table to update; rows outside `rows` and scores of closed pairs stay.
       candidate: Pairs of one class.
       score: Visual score.
+      context: What context says.
+      unclear: Detections whose visual evidence is not clear: context may influence them.
       rows: Detections still to be assigned.
-      used: Objects already taken.
+      used: Objects already taken; they open the whole class to context.
       t: Thresholds.
     """
-    good = candidate & ((score >= t.min_visual) | ~t.gate_min_visual)
-    good = good & ((score >= t.match) | ~t.gate_match)
-    opened = good & ~used[None] & rows[:, None]
+    allowed = unclear | jnp.any(candidate & used[None], axis=1)
+    allowed = allowed & context.influences
+    bonus = jnp.where(allowed[:, None], context.bonus_raw[None], 0.0)
+    rescued = allowed[:, None] & (score >= context.rescue_min_visual)
+    rescued = rescued & (bonus > 0) & (score + bonus >= t.match)
+    low = (score < t.min_visual) & t.gate_min_visual
+    below = (score < t.match) & t.gate_match
+
+    gate = jnp.where(below & rescued, Gate.SETS_RESCUE, Gate.PASS_MATCH_THR)
+    gate = jnp.where(used[None], Gate.BLOCK_USED_OBJECT, gate)
+    gate = jnp.where(below & ~rescued, Gate.BLOCK_MATCH_THR, gate)
+    gate = jnp.where(low, Gate.BLOCK_MIN_MATCH, gate)
+    gate = jnp.where(candidate & context.plausible, gate, Gate.NONE)
+    row = rows[:, None]
+    opened = row & (gate >= Gate.PASS_MATCH_THR)
+    final = score + bonus
+    known = jnp.maximum(final, score + context.bonus_raw[None])
     return Pairs(
-        eligible=jnp.where(rows[:, None], opened, pairs.eligible),
-        score_assign=jnp.where(opened, score, pairs.score_assign),
-        score_final=jnp.where(opened, score, pairs.score_final),
+        eligible=jnp.where(row, opened, pairs.eligible),
+        gate=jnp.where(row, gate, pairs.gate).astype(jnp.int32),
+        score_assign=jnp.where(opened, score + jnp.minimum(0.0, bonus), pairs.score_assign),
+        score_final=jnp.where(opened, final, pairs.score_final),
+        score_known=jnp.where(opened, known, pairs.score_known),
+        bonus=jnp.where(row, bonus, pairs.bonus),
     )

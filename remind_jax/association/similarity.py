@@ -62,6 +62,11 @@ class Terms:
     authority: Float[Array, "N O"]  # 1 where absent
 
 
+AUTO, WORK, STABLE = 0, 1, 2
+_AUTO_RULES: tuple[Rule, ...] = ("prefer_stable", "prefer_stable", "max")
+_FORCED_RULES: tuple[Rule, ...] = ("work", "stable", "max")
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Comparison:
@@ -69,13 +74,12 @@ class Comparison:
 
     candidate: Bool[Array, "N O"]  # same class; nothing else rules an object out
     score: Float[Array, "N O"]  # the visual score, [0, 1]; 0 for non-candidates
-    source: Int[Array, "T N"]  # bank compared by: 0 auto, 1 work, 2 stable
+    source: Int[Array, "T N"]  # bank compared by: AUTO, WORK or STABLE
     terms: Terms  # under the source of each detection
-    shown: Terms  # under "auto", for the count of present terms
-
-
-AUTO, WORK, STABLE = 0, 1, 2
-_AUTO_RULES: tuple[Rule, ...] = ("prefer_stable", "prefer_stable", "max")
+    auto: Terms  # under AUTO
+    neutral: Terms  # the better of both banks, for scores comparable between candidates
+    neutral_weights: Float[Array, "T N 1"]  # without the authority of the prototypes
+    pending_score: Float[Array, "N P"]  # visual score with undecided tracks, under AUTO
 
 
 def compare(
@@ -87,7 +91,7 @@ def compare(
     background: Bool[Array, ""],
     promote_hits: Int[Array, ""],
 ) -> Comparison:
-    """Scores every detection against every object of its class.
+    """Scores every detection against every object of its class, and against undecided tracks.
 
     Args:
       state: Memory before the frame.
@@ -99,15 +103,20 @@ def compare(
       promote_hits: Hits that prove an appearance prototype.
     """
     objects = state.objects
+    slots = objects.id.shape[0]
     candidate = descriptors.valid[:, None] & objects.exists[None]
     candidate = candidate & (descriptors.class_id[:, None] == objects.class_id[None])
     channels = compare_channels(state, descriptors, static, background, promote_hits)
 
-    by_rule = [
-        collapse(channels, rules, static, t)
-        for rules in (_AUTO_RULES, ("work",) * NUM_TERMS, ("stable",) * NUM_TERMS)
-    ]
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *by_rule)
+    everything = collapse(channels, _AUTO_RULES, static, t)
+    pending_weights = term_weights(quality, everything.authority, t)
+    pending = weighted_mean(everything.value, everything.present, pending_weights, t)[:, slots:]
+    auto = jax.tree.map(lambda leaf: leaf[..., :slots], everything)
+    of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], channels)
+    work, stable, neutral = (
+        collapse(of_objects, (rule,) * NUM_TERMS, static, t) for rule in _FORCED_RULES
+    )
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), auto, work, stable)
     # One bank for all candidates of a detection where all have it, stable first (notes 7.3).
     everywhere = jnp.all(stacked.present | ~candidate, axis=-1)
     source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
@@ -118,14 +127,32 @@ def compare(
         authority=jnp.take_along_axis(stacked.authority, source[OBJECT][None, :, None], 0)[0],
     )
     weights = term_weights(quality, terms.authority, t)
-    score = weighted_mean(terms.value, terms.present & candidate, weights, t)
-    return Comparison(candidate, score, source, terms, by_rule[AUTO])
+    return Comparison(
+        candidate=candidate,
+        score=weighted_mean(terms.value, terms.present & candidate, weights, t),
+        source=source,
+        terms=terms,
+        auto=auto,
+        neutral=neutral,
+        neutral_weights=term_weights(quality, None, t),
+        pending_score=pending,
+    )
+
+
+def comparable_score(
+    comparison: Comparison, members: Bool[Array, "N O"], t: Similarity
+) -> Float[Array, "N O"]:
+    """Score on the evidence that all members of a set have, so that it can be compared (7.5)."""
+    neutral = comparison.neutral
+    common = jnp.all(neutral.present | ~members, axis=-1, keepdims=True)
+    score = weighted_mean(neutral.value, neutral.present & common, comparison.neutral_weights, t)
+    return jnp.where(jnp.any(common, axis=0), score, comparison.score)
 
 
 def count_terms(comparison: Comparison) -> Int[Array, "N"]:
     """Terms that are present between each detection and its best candidate, under "auto"."""
     best = jnp.argmax(jnp.where(comparison.candidate, comparison.score, -jnp.inf), axis=1)
-    present = comparison.shown.present & comparison.candidate
+    present = comparison.auto.present & comparison.candidate
     counts = jnp.sum(present, axis=0)
     return jnp.take_along_axis(counts, best[:, None], axis=1)[:, 0]
 
@@ -274,13 +301,18 @@ def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
 
 
 def term_weights(
-    quality: Quality, authority: Float[Array, "N O"], t: Similarity
-) -> Float[Array, "T N O"]:
-    """Weights of the terms after the quality of observation and prototype (notes 6.2)."""
+    quality: Quality, authority: Float[Array, "N O"] | None, t: Similarity
+) -> Float[Array, "T N #O"]:
+    """Weights of the terms after the quality of observation and prototype (notes 6.2).
+
+    Without authority the prototypes are not asked (notes 7.5).
+    """
     lift = lambda q, floor: floor + (1.0 - floor) * jnp.clip(q, 0.0, 1.0)  # noqa: E731
-    joint = jnp.sqrt(jnp.maximum(0.0, quality.object[:, None] * authority))
-    ones = jnp.ones_like(authority)
-    obj = lift(joint, t.object_floor) * quality.object_density[:, None]
+    seen = quality.object[:, None]
+    if authority is not None:
+        seen = jnp.sqrt(jnp.maximum(0.0, seen * authority))
+    ones = jnp.ones_like(seen)
+    obj = lift(seen, t.object_floor) * quality.object_density[:, None]
     back = lift(quality.background, t.background_floor)[:, None] * ones
     parts = (lift(quality.parts, t.parts_floor) * quality.parts_density)[:, None] * ones
     return jnp.stack([t.object_weight * obj, t.background_weight * back, t.parts_weight * parts])
@@ -289,7 +321,7 @@ def term_weights(
 def weighted_mean(
     value: Float[Array, "T N O"],
     present: Bool[Array, "T N O"],
-    weights: Float[Array, "T N O"],
+    weights: Float[Array, "T N #O"],
     t: Similarity,
 ) -> Float[Array, "N O"]:
     """One score from the present terms of positive nominal weight (notes 7.4)."""

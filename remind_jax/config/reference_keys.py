@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from remind_jax.config import outcome_thresholds
 from remind_jax.errors import ConfigError, nearest_names
 
 Path = str
@@ -20,6 +21,7 @@ _B = "update.background_memory"
 _P = "update.parts_memory"
 
 RENAMED: dict[Path, Path] = {
+    **outcome_thresholds.RENAMED,
     "system.input_width_size": "input.max_width_px",
     "perception.full_center_crop": "input.center_crop",
     "detector.ignored_classes": "input.ignored_classes",
@@ -165,6 +167,7 @@ _WEIGHT = {"equal": "equal", "count_capped": "capped"}
 
 # Keys whose values have other names here.
 CHOICES: dict[Path, tuple[Path, dict[Any, Any]]] = {
+    **outcome_thresholds.CHOICES,
     "bg_local.ring_mode": (
         "thresholds.perception.ring_nested",
         {"disjoint": False, "nested": True},
@@ -218,6 +221,7 @@ SLOTS: dict[Path, tuple[tuple[Path, int], ...]] = {
 
 # Keys that are supported with this value only.
 FIXED: dict[Path, Any] = {
+    **outcome_thresholds.FIXED,
     "dino.normalize_embeddings": True,
     "object_features.global.enabled": True,
     "object_features.global.weighted": True,
@@ -251,6 +255,7 @@ FIXED: dict[Path, Any] = {
 
 # Keys, or whole sections, that never change an identity in a supported setting.
 INERT: tuple[Path, ...] = (
+    *outcome_thresholds.INERT,
     "runtime",
     "timing",
     "paths",
@@ -289,20 +294,14 @@ INERT: tuple[Path, ...] = (
     "debug",
 )
 
-# Sections of context, disambiguation and undecided tracks, which have no counterpart yet.
+# Sections of context and disambiguation, which have no counterpart yet.
 NOT_YET: tuple[Path, ...] = (
     "memory.neighbors",
     "memory.neighbors_distance",
-    f"{_M}.clear_margin",
-    f"{_H}.identity_stability",
-    f"{_H}.committed_new_competition",
     f"{_M}.neighbor_sets_influence",
     f"{_M}.neighbor_sets_context_veto",
-    "association.ambiguous_tracks",
-    "association.provisional_new",
+    "association.ambiguous_tracks.known_set_distance_disambiguation",
     "association.scores.neighbor_sets",
-    "update.ambiguous_tracks",
-    "update.provisional_new",
 )
 
 _SELECTION, _SELECTION_THRESHOLD = "dino.patch_selection", "dino.patch_threshold"

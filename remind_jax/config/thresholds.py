@@ -14,6 +14,13 @@ import jax
 import jax.numpy as jnp
 
 from remind_jax.config.kinds import Gate, Real, Whole
+from remind_jax.config.outcome_thresholds import (
+    Ambiguous,
+    Competition,
+    Pending,
+    Provisional,
+    Stability,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -223,6 +230,11 @@ class Thresholds:
     similarity: Similarity = dataclasses.field(default_factory=Similarity)
     diagnosis: Diagnosis = dataclasses.field(default_factory=Diagnosis)
     matching: Matching = dataclasses.field(default_factory=Matching)
+    stability: Stability = dataclasses.field(default_factory=Stability)
+    competition: Competition = dataclasses.field(default_factory=Competition)
+    ambiguous: Ambiguous = dataclasses.field(default_factory=Ambiguous)
+    provisional: Provisional = dataclasses.field(default_factory=Provisional)
+    pending: Pending = dataclasses.field(default_factory=Pending)
     update: Update = dataclasses.field(default_factory=Update)
 
     def as_arrays(self, scalar: Any) -> Thresholds:

@@ -93,18 +93,21 @@ def mark_missed(
 def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerState:
     """Takes objects out of memory and closes the gaps, so that slots stay ordered by id."""
     keep = state.objects.exists & ~forgotten
-    order = jnp.argsort(~keep, stable=True)
-    alive = jnp.arange(keep.shape[0]) < jnp.sum(keep)
-    rows = jax.tree.map(lambda leaf: leaf[order], state.objects)
+    slots, num_pending = keep.shape[0], state.pending.id.shape[0]
+    order = jnp.argsort(~keep, stable=True).astype(jnp.int32)
+    alive = jnp.arange(slots) < jnp.sum(keep)
+    rows = jnp.concatenate([order, slots + jnp.arange(num_pending, dtype=jnp.int32)])
+    filled = jnp.concatenate([alive, jnp.ones(num_pending, bool)])
+    kept = jax.tree.map(lambda leaf: leaf[order], state.objects)
     objects = dataclasses.replace(
-        rows,
-        id=jnp.where(alive, rows.id, NO_ID),
-        class_id=jnp.where(alive, rows.class_id, NO_ID),
+        kept,
+        id=jnp.where(alive, kept.id, NO_ID),
+        class_id=jnp.where(alive, kept.class_id, NO_ID),
     )
 
     def compact(banks: DualBank) -> DualBank:
-        moved = jax.tree.map(lambda leaf: leaf[:, order], banks)
-        clear = lambda bank: dataclasses.replace(bank, size=jnp.where(alive, bank.size, 0))  # noqa: E731
+        moved = jax.tree.map(lambda leaf: leaf[:, rows], banks)
+        clear = lambda bank: dataclasses.replace(bank, size=jnp.where(filled, bank.size, 0))  # noqa: E731
         return DualBank(clear(moved.work), clear(moved.stable))
 
     return dataclasses.replace(

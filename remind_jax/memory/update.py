@@ -1,6 +1,6 @@
 """What memory learns from a frame: banks of seen objects, births, absences (paper III-F).
 
-Order of operations: perception notes 16. Letters: `N` detections, `O` objects.
+Order of operations: perception notes 16. Letters: `N` detections, `O` objects, `P` pending tracks.
 """
 
 from __future__ import annotations
@@ -13,70 +13,202 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from remind_jax.association.settlement import Settlement
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
-from remind_jax.decision import NO_ID, Decisions, Outcome, Status
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
 from remind_jax.memory.appearance import appearance_quality, observe_appearance
 from remind_jax.memory.background import observe_background, ring_quality
 from remind_jax.memory.bank import DualBank, Permit, Room, place
 from remind_jax.memory.lifecycle import create_objects, mark_missed, mark_seen, remove_objects
 from remind_jax.memory.parts import observe_part
-from remind_jax.observation import Descriptors
-from remind_jax.state import Overflow, TrackerState
+from remind_jax.memory.pending import (
+    Items,
+    Kind,
+    claim_origins,
+    end_tracks,
+    join_tracks,
+    open_tracks,
+    write_tracks,
+)
+from remind_jax.observation import Descriptors, Masks
+from remind_jax.state import Objects, Overflow, TrackerState
 
 
 def remember(
     state: TrackerState,
     decisions: Decisions,
-    slot: Int[Array, "N"],
+    settlement: Settlement,
+    birth_support: Int[Array, "N K"],
+    pending_score: Array,
     descriptors: Descriptors,
+    masks: Masks,
     static: Static,
     t: Thresholds,
 ) -> TrackerState:
     """Writes the outcome of a frame into memory.
 
-    If the new objects do not fit, nothing is written but `overflow`.
+    If new objects or pending tracks do not fit, nothing is written but `overflow`.
 
     Args:
       state: Memory before the frame.
-      decisions: Outcomes; ids of new objects are filled in here.
-      slot: Object slot of matched detections, -1 otherwise.
+      decisions: Outcomes; ids of new objects and of pending tracks are filled in here.
+      settlement: Slots and reserved ids behind the decisions.
+      birth_support: Slots of known objects that speak for a new detection, -1 padding.
+      pending_score: Visual score of detections with pending tracks, `[N, P]`.
       descriptors: What the detections look like.
+      masks: Where they are.
       static: Capacities and policies.
       t: Thresholds.
     """
-    slots = state.objects.id.shape[0]
-    is_new = decisions.outcome == Outcome.NEW
-    needed = jnp.sum(state.objects.exists, dtype=jnp.int32) + jnp.sum(is_new, dtype=jnp.int32)
-    fits = needed <= slots
+    slots, num_pending = static.num_objects, static.num_pending
     now = state.frame
+    is_new = decisions.outcome == Outcome.NEW
+
+    support_id = _ids_of(state.objects, birth_support)
+    ended = claim_origins(state.pending, is_new, descriptors.class_id, support_id, t.pending)
+    tracks = end_tracks(state.pending, ended)
+    items = _undecided(decisions, settlement, descriptors, masks, t)
+    joined = join_tracks(tracks, items, pending_score, t.pending, solver=static.solver)
+    pending_slot, needed_pending = open_tracks(tracks, items, joined)
+
+    num_new = jnp.sum(is_new, dtype=jnp.int32)
+    founds = _committed_founders(settlement, items, state.next_id + num_new)
+    births = num_new + jnp.sum(founds, dtype=jnp.int32)
+    needed = jnp.sum(state.objects.exists, dtype=jnp.int32) + births
+    fits = (needed <= slots) & (needed_pending <= num_pending)
 
     objects, new_slot = create_objects(
         state.objects, descriptors.class_id, is_new & fits, state.next_id
     )
-    rows = jnp.where(slot >= 0, slot, new_slot)
-    rows = jnp.where(fits & descriptors.valid, rows, slots)
-    seen = jnp.zeros(slots, bool).at[rows].set(True, mode="drop")
-    objects = mark_seen(objects, seen, now, t.lifecycle)
-    objects, forgotten = mark_missed(objects, objects.exists & ~seen & fits, t.lifecycle)
-
-    object_id = objects.id.at[rows].get(mode="fill", fill_value=NO_ID)
-    decisions = dataclasses.replace(
-        decisions, object_id=jnp.where(is_new, object_id, decisions.object_id)
+    next_id = state.next_id + jnp.where(fits, num_new, 0)
+    objects, founder_slot, next_id = _create_committed(
+        objects, descriptors.class_id, founds & fits, settlement.reserved_id, next_id
     )
+    slot = jnp.where(settlement.slot >= 0, settlement.slot, new_slot)
+    slot = jnp.where(fits, slot, slots)
+    visible = _mark(slot, slots)
+    founded = _mark(founder_slot, slots)
+    objects = mark_seen(objects, visible | founded, now, t.lifecycle)
+    spared = visible | founded | _protected(objects, items)
+    objects, forgotten = mark_missed(objects, objects.exists & ~spared & fits, t.lifecycle)
+
+    in_track = items.kind != Kind.FREE
+    pending_slot = jnp.where(fits & in_track, pending_slot, num_pending)
+    written = write_tracks(tracks, items, pending_slot, joined)
+    tracks = jax.tree.map(lambda new, old: jnp.where(fits, new, old), written, state.pending)
+    decisions = dataclasses.replace(
+        decisions,
+        object_id=jnp.where(
+            is_new, objects.id.at[slot].get(mode="fill", fill_value=NO_ID), decisions.object_id
+        ),
+        pending_id=tracks.id.at[pending_slot].get(mode="fill", fill_value=NO_ID),
+    )
+
     learns, permit = gate_updates(decisions, t)
-    rows = jnp.where(learns, rows, slots)
+    row = jnp.where(pending_slot < num_pending, slots + pending_slot, slots + num_pending)
+    row = jnp.where(slot < slots, slot, row)
+    row = jnp.where(learns & descriptors.valid, row, slots + num_pending)
+    founder_row = jnp.where(founder_slot < slots, founder_slot, slots + num_pending)
+    cleared = _clear_rows(state, jnp.concatenate([jnp.zeros(slots, bool), ended & fits]))
     updated = dataclasses.replace(
-        _update_banks(state, rows, descriptors, permit, static, t),
+        _update_banks(cleared, jnp.stack([row, founder_row]), descriptors, permit, static, t),
         objects=objects,
-        next_id=state.next_id + jnp.where(fits, jnp.sum(is_new, dtype=jnp.int32), 0),
+        pending=tracks,
+        next_id=next_id,
         frame=now + fits,
         decisions=decisions,
-        overflow=Overflow(objects=jnp.where(fits, 0, needed)),
+        overflow=Overflow(
+            objects=jnp.where(needed <= slots, 0, needed),
+            pending=jnp.where(needed_pending <= num_pending, 0, needed_pending),
+        ),
     )
     if static.remove_objects:
         return remove_objects(updated, forgotten & fits)
     return updated
+
+
+def _mark(slot: Int[Array, "N"], slots: int) -> Bool[Array, "O"]:
+    return jnp.zeros(slots, bool).at[slot].set(True, mode="drop")
+
+
+def _ids_of(objects: Objects, slot: Int[Array, "N K"]) -> Int[Array, "N K"]:
+    return jnp.where(slot >= 0, objects.id[jnp.maximum(slot, 0)], NO_ID)
+
+
+def _undecided(
+    decisions: Decisions,
+    settlement: Settlement,
+    descriptors: Descriptors,
+    masks: Masks,
+    t: Thresholds,
+) -> Items:
+    """The detections that go to pending tracks."""
+    doubts, outcome = settlement.doubts, decisions.outcome
+    ambiguous = (outcome == Outcome.AMBIGUOUS) & t.pending.ambiguous_enabled
+    provisional = (outcome == Outcome.PROVISIONAL_NEW) | (outcome == Outcome.PROVISIONAL_PARENT)
+    provisional = provisional & t.pending.provisional_enabled
+    kind = jnp.where(ambiguous, Kind.AMBIGUOUS, Kind.FREE)
+    kind = jnp.where(provisional, Kind.PROVISIONAL, kind)
+    return Items(
+        kind=kind.astype(jnp.int32),
+        class_id=descriptors.class_id,
+        known_id=decisions.option_id,
+        known_score=decisions.option_score,
+        from_parent=doubts.reason == Reason.UNCERTAIN_PARENT,
+        center=masks.center,
+        area=masks.area,
+    )
+
+
+def _committed_founders(
+    settlement: Settlement, items: Items, next_id: Int[Array, ""]
+) -> Bool[Array, "N"]:
+    """Detections that found an object although they stay ambiguous (15.4)."""
+    reserved = settlement.reserved_id
+    named = jnp.any(items.known_id[:, :, None] == reserved, axis=1)
+    named = jnp.any(named & (items.kind == Kind.AMBIGUOUS)[:, None], axis=0)
+    return (reserved != NO_ID) & named & (reserved >= next_id)
+
+
+def _create_committed(
+    objects: Objects,
+    class_id: Int[Array, "N"],
+    founds: Bool[Array, "N"],
+    reserved: Int[Array, "N"],
+    next_id: Int[Array, ""],
+) -> tuple[Objects, Int[Array, "N"], Int[Array, ""]]:
+    """Creates the objects with reserved ids, by rising id; ids between stay unused (14.3)."""
+    order = jnp.argsort(jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max), stable=True)
+    created, slot = create_objects(objects, class_id[order], founds[order], next_id)
+    back = jnp.argsort(order)
+    slot = slot[back]
+    exact = created.id.at[slot].set(reserved, mode="drop")
+    last = jnp.max(jnp.where(founds, reserved, NO_ID))
+    return dataclasses.replace(created, id=exact), slot, jnp.maximum(next_id, last + 1)
+
+
+def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
+    """Objects that an undecided detection names: they count no miss (14.2)."""
+    named = jnp.where((items.kind != Kind.FREE)[:, None], items.known_id, NO_ID)
+    return objects.exists & jnp.any(objects.id[:, None, None] == named, axis=(1, 2))
+
+
+def _clear_rows(state: TrackerState, rows: Bool[Array, "O+P"]) -> TrackerState:
+    """Empties the banks of pending tracks that ended."""
+
+    def clear(banks: DualBank) -> DualBank:
+        def empty(bank):
+            return dataclasses.replace(bank, size=jnp.where(rows, 0, bank.size))
+
+        return DualBank(empty(banks.work), empty(banks.stable))
+
+    return dataclasses.replace(
+        state,
+        appearance=clear(state.appearance),
+        parts=clear(state.parts),
+        rings=clear(state.rings),
+    )
 
 
 def gate_updates(decisions: Decisions, t: Thresholds) -> tuple[Bool[Array, "N"], Permit]:
@@ -90,31 +222,39 @@ def gate_updates(decisions: Decisions, t: Thresholds) -> tuple[Bool[Array, "N"],
 
 def _update_banks(
     state: TrackerState,
-    rows: Int[Array, "N"],
+    rows: Int[Array, "2 N"],
     descriptors: Descriptors,
     permit: Permit,
     static: Static,
     t: Thresholds,
 ) -> TrackerState:
-    """Shows each detection to the banks of its object; `rows` beyond the slots are dropped."""
-    return dataclasses.replace(
-        state,
-        appearance=_write_rows(
-            state.appearance,
-            rows,
-            lambda banks: _observe_appearance(banks, descriptors, permit, state.frame, static, t),
-        ),
-        rings=_write_rows(
-            state.rings,
-            rows,
-            lambda banks: _observe_rings(banks, descriptors, permit, state.frame, static, t),
-        ),
-        parts=_write_rows(
-            state.parts,
-            rows,
-            lambda banks: _observe_parts(banks, descriptors, permit, state.frame, static, t),
-        ),
-    )
+    """Shows each detection to the banks of its object or pending track, and of what it founds.
+
+    A detection may have two targets, and an object two detections; such cases take further rounds.
+    """
+    none = state.appearance.work.size.shape[1]
+    now, num = state.frame, rows.shape[1]
+    banks = (state.appearance, state.rings, state.parts)
+
+    def show(carry: tuple[Array, tuple]) -> tuple[Array, tuple]:
+        rows, banks = carry
+        turn = jnp.where(rows[0] < none, rows[0], rows[1])
+        first = jnp.argmax(turn[:, None] == turn[None], axis=1) == jnp.arange(num)
+        turn = jnp.where(first, turn, none)
+        done = (rows == turn[None]) & (rows < none)
+        done = done.at[1].set(done[1] & ~done[0])
+        appearance, rings, parts = banks
+        args = (descriptors, permit, now, static, t)
+        shown = (
+            _write_rows(appearance, turn, lambda bank: _observe_appearance(bank, *args)),
+            _write_rows(rings, turn, lambda bank: _observe_rings(bank, *args)),
+            _write_rows(parts, turn, lambda bank: _observe_parts(bank, *args)),
+        )
+        return jnp.where(done, none, rows), shown
+
+    _, banks = jax.lax.while_loop(lambda carry: jnp.any(carry[0] < none), show, (rows, banks))
+    appearance, rings, parts = banks
+    return dataclasses.replace(state, appearance=appearance, rings=rings, parts=parts)
 
 
 def _write_rows(
