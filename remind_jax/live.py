@@ -291,10 +291,10 @@ class Tracker:
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
-            self._state = _step(
+            self._state = stepped = _step(
                 self._state, frame_feats, padded, static=self._static, thresholds=thresholds
             )
-            needed = int(self._state.overflow.objects)
+            needed = int(stepped.overflow.objects)
             if not needed:
                 break
             self._grow(self._static.grow(num_objects=needed))

@@ -1,0 +1,130 @@
+"""`remind config`: prints, compares, checks and imports configurations."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import Positional, arg, subcommand
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.errors import OutputError
+
+
+@dataclasses.dataclass(frozen=True)
+class List:
+    """Print the names of the shipped configurations."""
+
+    def execute(self) -> int:
+        """Prints one name per line."""
+        from remind_jax.config import list_configs
+
+        print("\n".join(list_configs()))
+        return exit_codes.FINE
+
+
+@dataclasses.dataclass(frozen=True)
+class Show:
+    """Print every value of a configuration as YAML, which 'remind run --config' reads."""
+
+    name: Annotated[Positional[str], arg(metavar="NAME|FILE")] = "default"  # shipped, or YAML
+    changes: Assignments = ()
+
+    def execute(self) -> int:
+        """Prints the configuration."""
+        print(_as_yaml(load_config_with(self.name, self.changes).to_dict()))
+        return exit_codes.FINE
+
+
+@dataclasses.dataclass(frozen=True)
+class Diff:
+    """Print the keys in which two configurations differ; nothing if they are equal."""
+
+    first: Annotated[Positional[str], arg(metavar="NAME|FILE")]  # shipped, or YAML
+    second: Annotated[Positional[str], arg(metavar="NAME|FILE")] = "default"  # shipped, or YAML
+
+    def execute(self) -> int:
+        """Prints one line per differing key."""
+        first, second = load_config_with(self.first), load_config_with(self.second)
+        for key, mine, theirs in first.difference(second):
+            print(f"{key}: {mine!r} -> {theirs!r}")
+        return exit_codes.FINE
+
+
+@dataclasses.dataclass(frozen=True)
+class Validate:
+    """Check configurations; the first unknown key or wrong value gives exit code 1."""
+
+    files: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME|FILE")]  # shipped, or YAML
+
+    def execute(self) -> int:
+        """Prints one line per valid configuration."""
+        for name in self.files:
+            load_config_with(name)
+            print(f"{name} is valid")
+        return exit_codes.FINE
+
+
+@dataclasses.dataclass(frozen=True)
+class ImportReference:
+    """Translate settings of the original implementation; prints what differs from published."""
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]  # the original's YAML
+    out: Path | None = None  # write to this file instead of printing
+
+    def execute(self) -> int:
+        """Prints or writes the translation."""
+        from remind_jax.config import Config, load_config
+
+        imported = Config.from_reference(self.file)
+        tree: dict[str, Any] = {"base": "published"}
+        for key, value, _ in imported.difference(load_config("published")):
+            *groups, last = key.split(".")
+            node = tree
+            for group in groups:
+                node = node.setdefault(group, {})
+            node[last] = value
+        if self.out is None:
+            print(_as_yaml(tree))
+            return exit_codes.FINE
+        try:
+            self.out.write_text(_as_yaml(tree) + "\n")
+        except OSError as error:
+            raise OutputError(f"cannot write '{self.out}': {error.strerror}") from error
+        return exit_codes.FINE
+
+
+@dataclasses.dataclass(frozen=True)
+class ConfigVerb:
+    """Print, compare, check and import configurations.
+
+    Examples:
+      remind config show default > mine.yaml
+      remind config diff mine.yaml
+      remind config validate mine.yaml
+      remind config import-reference remind.yaml --out imported.yaml
+    """
+
+    action: (
+        Annotated[List, subcommand("list")]
+        | Annotated[Show, subcommand("show")]
+        | Annotated[Diff, subcommand("diff")]
+        | Annotated[Validate, subcommand("validate")]
+        | Annotated[ImportReference, subcommand("import-reference")]
+    )
+
+    def execute(self) -> int:
+        """Does what was chosen; returns the exit code.
+
+        Raises:
+          RemindError: If a configuration is not accepted.
+        """
+        return self.action.execute()
+
+
+def _as_yaml(values: dict[str, Any]) -> str:
+    import yaml
+
+    return yaml.safe_dump(values, sort_keys=False, default_flow_style=None).rstrip()

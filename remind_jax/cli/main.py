@@ -1,0 +1,108 @@
+"""The `remind` command: parses the verb, runs it, turns errors into sentences and exit codes."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated, Any, Union
+
+import tyro
+from tyro.conf import subcommand
+
+import remind_jax
+from remind_jax.cli import exit_codes
+from remind_jax.cli.config import ConfigVerb
+from remind_jax.cli.demo import Demo
+from remind_jax.cli.eval import Eval
+from remind_jax.cli.run import Run
+from remind_jax.cli.view import View
+from remind_jax.errors import RemindError, nearest_names
+
+DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
+
+First steps:
+  remind demo                               two minutes, needs nothing
+  remind run VIDEO --detector MODEL.onnx    your own video
+  remind run FOLDER --masks MASKS           your own images and instance masks
+  remind run --help                         everything that can be chosen
+
+Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
+2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
+
+Verb = Run | Demo | View | Eval | ConfigVerb
+
+VERBS: dict[str, type[Verb]] = {
+    "run": Run,
+    "demo": Demo,
+    "view": View,
+    "eval": Eval,
+    "config": ConfigVerb,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command.
+
+    Args:
+      argv: Words after `remind`; those of the process if left out.
+
+    Returns:
+      The exit code.
+    """
+    words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
+    if words[0] in ("--version", "-V"):
+        print(f"remind-jax {remind_jax.__version__}")
+        return exit_codes.FINE
+    if not words[0].startswith("-") and words[0] not in VERBS:
+        hint = nearest_names(words[0], VERBS)
+        print(f"remind: there is no verb {words[0]!r}; {hint}", file=sys.stderr)
+        return exit_codes.USAGE
+    try:
+        return _parse(words).execute()
+    except SystemExit as stop:  # help was shown, or wrong usage explained
+        return stop.code if isinstance(stop.code, int) else exit_codes.USAGE
+    except RemindError as error:
+        print(f"remind: {error}", file=sys.stderr)
+        for note in getattr(error, "__notes__", ()):
+            print(note, file=sys.stderr)
+        return exit_codes.ERROR
+    except KeyboardInterrupt:
+        print("remind: stopped", file=sys.stderr)
+        return exit_codes.INTERRUPTED
+    except BrokenPipeError:
+        # Whatever Python flushes at its end would complain once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return exit_codes.BROKEN_PIPE
+
+
+def _parse(words: Sequence[str]) -> Verb:
+    """The verb with its flags; shows help or explains wrong usage, and exits."""
+    choices = tuple(
+        Annotated[verb, subcommand(name, description=_describe(verb, in_full=words[0] == name))]
+        for name, verb in VERBS.items()
+    )
+    parse: Any = tyro.cli  # its stubs know no unions made at run time
+    return parse(
+        Union[choices],  # noqa: UP007
+        prog="remind",
+        description=DESCRIPTION,
+        args=words,
+        config=(
+            tyro.conf.FlagCreatePairsOff,
+            tyro.conf.OmitArgPrefixes,
+            tyro.conf.OmitSubcommandPrefixes,
+            tyro.conf.DisallowNone,
+        ),
+    )
+
+
+def _describe(verb: type[Verb], in_full: bool) -> str:
+    """The class's own words: all, examples included, or the first line for the list of verbs."""
+    text = inspect.getdoc(verb) or ""
+    return text if in_full else text.partition("\n")[0]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,71 @@
+"""`--set KEY=VALUE`: single values of a configuration, changed on the command line."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import UseAppendAction, arg
+
+from remind_jax.errors import ConfigError
+
+if TYPE_CHECKING:
+    from remind_jax.config import Config
+
+
+# Both `--set a=1 b=2` and `--set a=1 --set b=2`.
+Assignments = Annotated[
+    UseAppendAction[tuple[tuple[str, ...], ...]],
+    arg(
+        name="set",
+        metavar="KEY=VALUE ...",
+        help="change single values of the configuration (see 'remind config show')",
+    ),
+]
+
+
+def load_config_with(name: str, assignments: Assignments = ()) -> Config:
+    """A configuration by name or file, with single values changed.
+
+    Args:
+      name: Name of a shipped configuration, or a YAML file.
+      assignments: Changes as `dotted.key=value`, values in YAML.
+
+    Raises:
+      ConfigError: If the configuration or a key is unknown, or a value of the wrong kind.
+    """
+    from remind_jax.config import load_config
+
+    changes = parse_assignments(itertools.chain(*assignments))
+    return load_config(name).updated(changes, "--set")
+
+
+def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
+    """Turns `["a.b=1", "a.c=x"]` into `{"a": {"b": 1, "c": "x"}}`.
+
+    Raises:
+      ConfigError: If a text is no assignment, or one key is both a value and a group.
+    """
+    import yaml
+
+    tree: dict[str, Any] = {}
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals or not key or "" in key.split("."):
+            raise ConfigError(
+                f"{assignment!r} is no assignment; give --set KEY=VALUE, for example "
+                "--set thresholds.matching.match=0.7, after everything else"
+            )
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise ConfigError(f"the value of --set {assignment!r} is not valid YAML") from error
+        *groups, last = key.split(".")
+        node = tree
+        for group in groups:
+            node = node.setdefault(group, {})
+            if not isinstance(node, dict):
+                raise ConfigError(f"--set gives both a value and keys below it for {group!r}")
+        node[last] = value
+    return tree

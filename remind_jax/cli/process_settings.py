@@ -1,0 +1,48 @@
+"""What the command line, unlike the library, sets for its whole process."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from pathlib import Path
+
+CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
+_WORTH_KEEPING_S = 0.2  # compilations that took less are not kept
+
+
+def user_cache_folder() -> Path:
+    """Where this system keeps files of a user that can be made again."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "remind-jax"
+
+
+def keep_compiled_programs() -> None:
+    """Lets JAX keep compiled programs between commands; `JAX_COMPILATION_CACHE_DIR` decides where.
+
+    A folder that cannot be made costs only time.
+    """
+    import jax
+
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", _WORTH_KEEPING_S)
+    if CACHE_VARIABLE in os.environ:
+        return
+    folder = user_cache_folder() / "compiled"
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+
+
+def silence_decoders() -> None:
+    """Keeps OpenCV and FFmpeg from writing to the terminal; what they fail at is reported."""
+    import av.logging
+    import cv2
+
+    set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel
+    set_level(0)
+    av.logging.set_level(None)

@@ -1,0 +1,143 @@
+"""`remind run`: from a video, folder or archive to identities and an output folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.cli.process_settings import keep_compiled_programs, silence_decoders
+from remind_jax.cli.progress import RunDisplay
+from remind_jax.cli.summary import print_summary, summary_facts
+from remind_jax.detectors.options import DetectorOptions
+from remind_jax.errors import RemindError
+from remind_jax.sources.sampling import Sampling
+
+if TYPE_CHECKING:
+    from remind_jax.result import Result
+    from remind_jax.sources import Source
+
+DEFAULT_FOLDER = Path("runs")
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """What to read where a folder or archive leaves a choice."""
+
+    metadata: Path | None = None  # JSON with the class of each instance id
+    sequence: str | None = None  # which one, where a DAVIS folder holds several
+    images: str | None = None  # which images of a ScanNet++ scene, e.g. iphone/rgb
+    mask_variant: str | None = None  # which masks of a ScanNet++ scene, e.g. raw
+    unlabelled: Literal["error", "skip"] = "error"  # instances without class
+    image_fps: float = 30.0  # images per second where there are no time stamps
+    allow_size_change: bool = False  # go on when the frame size changes, else skip such frames
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """Track every object of a video and say who is who in every frame.
+
+    Instances come from a detector or from masks; what was found goes to a folder.
+
+    Examples:
+      remind run rooms.mp4 --detector yolo11n-seg.onnx --classes chair cup
+      remind run frames/ --masks masks/            instance maps, one per image
+      remind run DAVIS --sequence bear             masks of the layout
+      remind run scene.tar --fps 5                 read in place
+      remind run rooms.mp4 --masks detections.json COCO run-length masks
+      remind run frames/ --masks masks/ --set thresholds.matching.match=0.7
+      remind run tuesday/ --memory runs/monday/memory.safetensors
+    """
+
+    # video, folder or tar of images, DAVIS or ScanNet++ folder or tar, feature file (.npz)
+    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    # instance maps (folder, tar, .npz) or COCO JSON; 'none' ignores those of the layout
+    masks: Path | None = None
+    detector: Path | None = None  # ONNX segmentation export (YOLO-seg, RF-DETR-seg)
+    backbone: Annotated[str, arg(metavar="NAME")] = (
+        "patch-statistics"  # what patch features come from
+    )
+    # configuration by name (see 'remind config list') or YAML file
+    config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
+    changes: Assignments = ()
+    memory: Path | None = None  # go on from the memory of an earlier run
+    out: Path | None = None  # output folder; runs/NAME if left out
+    overwrite: bool = False  # allow an output folder with files in it
+    no_overlay: bool = False  # leave out the overlay video
+    quiet: bool = False  # say nothing but errors
+    json: bool = False  # print the summary as JSON on stdout
+    sampling: Sampling = dataclasses.field(default_factory=Sampling)
+    detection: DetectorOptions = dataclasses.field(default_factory=DetectorOptions)
+    layout: Layout = dataclasses.field(default_factory=Layout)
+
+    def execute(self) -> int:
+        """Runs, shows progress, prints the summary; returns the exit code.
+
+        Raises:
+          RemindError: As `remind_jax.run`.
+        """
+        silence_decoders()
+        source = self._open()
+        out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
+        config = load_config_with(self.config, self.changes)
+        keep_compiled_programs()
+        display = RunDisplay(source.name, source.num_frames, is_shown=not self.quiet)
+        result = track(
+            display,
+            out,
+            source=source,
+            detector=self.detector,
+            detector_options=self.detection,
+            backbone=self.backbone,
+            config=config,
+            memory=self.memory,
+            overlay=not self.no_overlay,
+            overwrite=self.overwrite,
+        )
+        if self.json:
+            print(json.dumps(summary_facts(result, out), indent=1))
+        elif not self.quiet:
+            print_summary(result, out, source.notes)
+        return exit_codes.FINE if result.complete else exit_codes.INTERRUPTED
+
+    def _open(self) -> Source:
+        from remind_jax.sources import open_source
+
+        return open_source(
+            self.source,
+            masks=None if self.masks is None else _path_or_none(self.masks),
+            sampling=self.sampling,
+            **dataclasses.asdict(self.layout),
+        )
+
+
+def track(display: RunDisplay, out: Path, **options: Any) -> Result:
+    """`remind_jax.run` behind a progress bar.
+
+    Raises:
+      RemindError: As `remind_jax.run`, with a note where to find what was done until then.
+    """
+    from remind_jax.run import run
+
+    try:
+        with display:
+            return run(options.pop("source"), out=out, progress=display, **options)
+    except RemindError as error:
+        if display.num_done:
+            error.add_note(f"what was done until then ({display.num_done} frames) is in {out}")
+        raise
+
+
+def _path_or_none(masks: Path) -> str | Path:
+    """The word 'none' is no path."""
+    return "none" if str(masks) == "none" else masks
+
+
+def _fit_for_folder(name: str) -> str:
+    return re.sub(r"[^\w.+-]+", "_", name).strip("._") or "run"

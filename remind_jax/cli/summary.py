@@ -1,0 +1,90 @@
+"""What is said about a run when it is over: a few lines for people, JSON for machines."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from remind_jax.result import Result
+
+_MAX_EXAMPLES = 3  # skipped frames and events that are spelt out
+
+
+def summary_facts(result: Result, out: Path) -> dict[str, Any]:
+    """Counts, times, skipped frames and events of a run, as `json` can write them."""
+    return {
+        "name": result.info.name,
+        "out": str(out),
+        "complete": result.complete,
+        **result.summary(),
+        "skipped": [dataclasses.asdict(frame) for frame in result.skipped],
+        "events": [dataclasses.asdict(event) for event in result.events],
+    }
+
+
+def print_summary(result: Result, out: Path, notes: Iterable[str] = ()) -> None:
+    """Prints the same for people on stdout.
+
+    Args:
+      result: The run.
+      out: Its output folder.
+      notes: What the source found worth saying.
+    """
+    for line in (*notes, *summary_lines(result, out)):
+        print(line)
+
+
+def summary_lines(result: Result, out: Path) -> list[str]:
+    """What was found, how long it took, what went wrong, where it is; one line each."""
+    facts = result.summary()
+    found = (
+        f"{result.info.name}: {_count(facts['frames'], 'frame')}, "
+        f"{_count(facts['identities'], 'identity', 'identities')}, "
+        f"{_count(facts['returns'], 'return')}, "
+        f"{100 * facts['undecided_share']:.1f} % of {facts['detections']} detections uncertain"
+    )
+    place = "output in" if result.complete else "stopped; what was done is in"
+    return [
+        found,
+        *_say_times(facts),
+        *_say_skipped(result),
+        *_say_events(result),
+        f"{place} {out}, open {out / 'report.html'}",
+    ]
+
+
+def _count(number: int, one: str, many: str | None = None) -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _say_times(facts: dict[str, Any]) -> list[str]:
+    stages = facts["ms_per_frame"]
+    if not stages:
+        return []
+    parts = ", ".join(f"{stage} {times['median']:.1f}" for stage, times in stages.items())
+    first_ms = facts["first_frame_ms"]
+    first = "" if first_ms is None else f"; first identities after {first_ms / 1000:.1f} s"
+    return [f"median ms per frame: {parts}{first}"]
+
+
+def _say_skipped(result: Result) -> list[str]:
+    if not result.skipped:
+        return []
+    num = sum(frame.count for frame in result.skipped)
+    shown = [f"'{frame.name}': {frame.reason}" for frame in result.skipped[:_MAX_EXAMPLES]]
+    more = ["..."] if len(result.skipped) > _MAX_EXAMPLES else []
+    return [f"{_count(num, 'frame')} skipped: " + "; ".join(shown + more)]
+
+
+def _say_events(result: Result) -> list[str]:
+    """One line per kind of event: the first, and how many more there were."""
+    lines = []
+    for kind, count in Counter(event.kind for event in result.events).items():
+        first = next(event for event in result.events if event.kind == kind)
+        more = f" (and {count - 1} more like this)" if count > 1 else ""
+        lines.append(f"frame {first.frame_index}: {first.message}{more}")
+    return lines

@@ -1,0 +1,72 @@
+"""`remind view`: draws overlay, timeline, gallery and report of a run again."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.process_settings import silence_decoders
+from remind_jax.cli.summary import print_summary
+from remind_jax.errors import SourceError
+
+if TYPE_CHECKING:
+    from remind_jax.result import RunInfo
+    from remind_jax.sources import Source
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """Draw overlay, timeline, gallery and report of a finished or interrupted run again.
+
+    Frames are read where the run found them; without them the overlay stays.
+
+    Examples:
+      remind view runs/rooms
+      remind view runs/rooms --source /new/place/rooms.mp4
+    """
+
+    run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
+    source: Path | None = None  # where the frames are now, if they were moved
+    quiet: bool = False  # say nothing but errors
+
+    def execute(self) -> int:
+        """Draws everything and prints the summary; returns the exit code.
+
+        Raises:
+          RemindError: If the folder holds no run, or `source` does not belong to it.
+        """
+        from remind_jax.outputs.writer import render_again
+        from remind_jax.result import Result
+
+        silence_decoders()
+        info = Result.load(self.run).info
+        notes = []
+        if self.source is not None:
+            frames = _open_moved(info, self.source)
+        else:
+            try:
+                frames = _open_again(info)
+            except SourceError as error:
+                frames, notes = None, [f"drawn without the frames: {error}"]
+        result = render_again(self.run, frames)
+        if not self.quiet:
+            print_summary(result, self.run, notes)
+        return exit_codes.FINE
+
+
+def _open_again(info: RunInfo) -> Source:
+    from remind_jax.sources import reopen_source
+
+    return reopen_source(info.source or {"name": info.name})
+
+
+def _open_moved(info: RunInfo, source: Path) -> Source:
+    """The same source and sampling at another place; masks are not needed."""
+    from remind_jax.sources import open_source
+
+    arguments = dict((info.source or {}).get("reopen") or {})
+    return open_source(source, **{**arguments, "masks": "none", "metadata": None})
