@@ -21,7 +21,7 @@ from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections, Frame
-from remind_jax.mask_reduction import reduce_masks
+from remind_jax.mask_reduction import pad_masks, reduce_masks
 from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.state import TrackerState, grow, init
@@ -194,6 +194,8 @@ class Tracker:
             sanitize=options.sanitize,
             close_px=options.close_px,
             open_px=options.open_px,
+            scale_min_px=float(self.config.thresholds.relations.scale_min_px),
+            exact_gap_max=float(self.config.thresholds.relations.exact_gap_max),
         )
         image = None if frame.image is None else alignment.align_image(frame.image)
         rles = encode_masks(detections.masks)
@@ -276,8 +278,13 @@ class Tracker:
     def _step(self, frame_feats: FrameFeats, masks: Masks) -> None:
         """Steps, growing capacities until the frame fits."""
         static = self._static
-        if not static.feature_dim:
-            static = dataclasses.replace(static, feature_dim=frame_feats.patches.shape[-1])
+        dim = frame_feats.patches.shape[-1]
+        if static.feature_dim not in (0, dim):
+            raise SourceError(
+                f"the frame has features of {dim} numbers, the memory knows {static.feature_dim}; "
+                "go on with the features that it was made with"
+            )
+        static = dataclasses.replace(static, feature_dim=dim)
         num = len(masks.valid)
         if num > static.num_detections:
             static = static.grow(num_detections=num)
@@ -286,7 +293,7 @@ class Tracker:
             self._state, self._static = _settle_types(init(static)), static
         elif static != self._static:
             self._grow(static)
-        padded = _pad_slots(masks, static.num_detections)
+        padded = pad_masks(masks, static.num_detections)
         thresholds = self.config.thresholds
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
@@ -294,11 +301,15 @@ class Tracker:
             self._state = stepped = _step(
                 self._state, frame_feats, padded, static=self._static, thresholds=thresholds
             )
-            needed = int(stepped.overflow.objects)
-            if not needed:
+            overflow = jax.device_get(stepped.overflow)
+            if not overflow.objects and not overflow.pending:
                 break
-            self._grow(self._static.grow(num_objects=needed))
-            self._note_growth("objects", needed, self._static.num_objects)
+            objects, pending = int(overflow.objects), int(overflow.pending)
+            self._grow(self._static.grow(num_objects=objects, num_pending=pending))
+            if objects:
+                self._note_growth("objects", objects, self._static.num_objects)
+            if pending:
+                self._note_growth("undecided tracks", pending, self._static.num_pending)
 
     def _grow(self, static: Static) -> None:
         assert self._state is not None
@@ -350,15 +361,6 @@ class Tracker:
             instance_ids=prepared.detections.instance_ids,
             rles=prepared.rles,
         )
-
-
-def _pad_slots(masks: Masks, num_slots: int) -> Masks:
-    """Adds empty slots at the end."""
-
-    def pad(leaf: Any) -> np.ndarray:
-        return np.pad(leaf, [(0, num_slots - len(leaf))] + [(0, 0)] * (leaf.ndim - 1))
-
-    return jax.tree.map(pad, masks)
 
 
 def _boxes_of(masks: np.ndarray) -> np.ndarray:
