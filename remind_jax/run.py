@@ -20,7 +20,7 @@ from remind_jax.config import Config
 from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
-from remind_jax.errors import SourceError
+from remind_jax.errors import RemindError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
 from remind_jax.outputs.writer import RunWriter
@@ -103,12 +103,24 @@ def run(
             raise SourceError(f"'{frames.name}' has no frames")
         info = describe_run(frames, tracker, first)
         if out is None:
-            return session.consume(first, ahead, info, None)
+            return session.conclude(info, session.consume(first, ahead, None))
         with RunWriter(out, info, overlay=overlay, overwrite=overwrite) as writer:
-            result = session.consume(first, ahead, info, writer)
-            tracker.save(Path(out) / MEMORY_NAME)
-            writer.finish(result)
-        return result
+            try:
+                complete = session.consume(first, ahead, writer)
+            except Exception:
+                # What was done is finished; what went wrong first is what is told.
+                with contextlib.suppress(RemindError):
+                    _finish(session.conclude(info, complete=False), tracker, writer)
+                raise
+            return _finish(session.conclude(info, complete), tracker, writer)
+
+
+def _finish(result: Result, tracker: Tracker, writer: RunWriter) -> Result:
+    """Writes all that is written at the end."""
+    if tracker.state is not None:
+        tracker.save(writer.folder / MEMORY_NAME)
+    writer.finish(result)
+    return result
 
 
 class _Session:
@@ -130,17 +142,18 @@ class _Session:
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
-    def consume(
-        self, first: Prepared, ahead: Iterator[Prepared], info: RunInfo, writer: RunWriter | None
-    ) -> Result:
-        """Tracks every frame; Ctrl-C ends the loop and keeps what was done."""
-        complete = True
+    def consume(self, first: Prepared, ahead: Iterator[Prepared], writer: RunWriter | None) -> bool:
+        """Tracks every frame; Ctrl-C ends the loop. Returns whether there was none."""
         try:
             self._take(first, writer)
             for prepared in ahead:
                 self._take(prepared, writer)
         except KeyboardInterrupt:
-            complete = False
+            return False
+        return True
+
+    def conclude(self, info: RunInfo, complete: bool) -> Result:
+        """What was found so far."""
         self._note_drops()
         return Result(
             tracks=tuple(self._tracks),
