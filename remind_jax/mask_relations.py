@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from remind_jax.perception.relations import MaskRelations
+from remind_jax.observation import MaskRelations
+
+_STRAIGHT, _DIAGONAL = 0.955, 1.3693  # steps of the distance transform in pixels
 
 
 def relate_masks(
@@ -40,7 +42,7 @@ def relate_masks(
     """
     num = len(masks)
     boxes, areas = np.asarray(boxes, np.float64)[:num], np.asarray(areas, np.float64)[:num]
-    box_gap_px, boxes_meet = _relate_boxes(boxes)
+    box_gap_px = _gap_between_boxes(boxes)
     side = np.sqrt(areas)
     scale_px = np.maximum(scale_min_px, 0.5 * (side[:, None] + side))
     present = areas > 0
@@ -48,16 +50,9 @@ def relate_masks(
     np.fill_diagonal(close, False)
 
     gap_px = box_gap_px.copy()
-    pixels = masks.view(np.uint8)
-    corners = boxes.astype(int)
-    outlines = {
-        index: _outline(pixels[index], corners[index]) for index in np.nonzero(close.any(0))[0]
-    }
-    for first in range(num):
-        near = first + 1 + np.nonzero(close[first, first + 1 :])[0]
-        if near.size:
-            gaps = _gaps_from(pixels, corners, outlines, first, near, boxes_meet[first])
-            gap_px[first, near] = gap_px[near, first] = gaps
+    first, second = np.nonzero(np.triu(close))
+    gaps = _measure_gaps(masks, boxes.astype(int), first, second)
+    gap_px[first, second] = gap_px[second, first] = gaps
 
     height, width = masks.shape[1:]
     left, top, right, bottom = boxes.T
@@ -70,49 +65,76 @@ def relate_masks(
     return result
 
 
-def _gaps_from(
-    pixels: np.ndarray,
-    corners: np.ndarray,
-    outlines: dict[int, tuple[np.ndarray, np.ndarray]],
-    first: int,
-    near: np.ndarray,
-    boxes_meet: np.ndarray,
+def _measure_gaps(
+    masks: np.ndarray, corners: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> Float[np.ndarray, "M"]:
-    """Gaps between one mask and each of the masks `near` it, with one distance transform."""
-    members = corners[[first, *near]]
-    (x0, y0), (x1, y1) = members[:, :2].min(axis=0), members[:, 2:].max(axis=0)
-    outside = 1 - pixels[first, y0:y1, x0:x1]
-    distance_px = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
-    gaps = np.empty(len(near))
-    for place, other in enumerate(near):
-        shared = _shared_pixels(pixels, corners, first, other) if boxes_meet[other] else 0
-        rows, columns = outlines[other]
-        gaps[place] = -np.sqrt(shared) if shared else distance_px[rows - y0, columns - x0].min()
+    """Exact gaps of M pairs, each with a distance transform of the few pixels that matter.
+
+    Some pixels of the two masks bound the gap from above; only pixels that close to the other box
+    can be nearest.
+    """
+    pixels = masks.view(np.uint8)
+    marks = np.zeros((len(masks), 8, 2), int)
+    for index in np.unique([first, second]):
+        marks[index] = _extreme_pixels(pixels[index], corners[index])
+    steps = np.abs(marks[first][:, :, None] - marks[second][:, None])
+    most, least = steps.max(axis=-1), steps.min(axis=-1)
+    bound_px = (_STRAIGHT * (most - least) + _DIAGONAL * least).min(axis=(1, 2))
+    reach = (bound_px / _STRAIGHT).astype(int)[:, None] + 1
+    reach = np.concatenate([-reach, -reach, reach, reach], axis=1)
+    source = _intersect(corners[first], corners[second] + reach)
+    target = _intersect(corners[second], corners[first] + reach)
+    shared = _intersect(corners[first], corners[second])
+    region = np.minimum(source, target)
+    region[:, 2:] = np.maximum(source, target)[:, 2:]
+
+    gaps = np.empty(len(first))
+    corner = region[:, [0, 1, 0, 1]]
+    for pair, (one, other, both, around, there, offset) in enumerate(
+        zip(
+            *(x.tolist() for x in (first, second, shared, region, target, target - corner)),
+            strict=True,
+        )
+    ):
+        num_shared = np.count_nonzero(_crop(pixels[one], both) & _crop(pixels[other], both))
+        if num_shared:
+            gaps[pair] = -np.sqrt(num_shared)
+            continue
+        outside = 1 - _crop(pixels[one], around)
+        distance_px = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
+        nearest = cv2.minMaxLoc(_crop(distance_px, offset), _crop(pixels[other], there))
+        gaps[pair] = nearest[0]
     return gaps
 
 
-def _shared_pixels(pixels: np.ndarray, corners: np.ndarray, first: int, second: int) -> int:
-    x0, y0 = np.maximum(corners[first, :2], corners[second, :2])
-    x1, y1 = np.minimum(corners[first, 2:], corners[second, 2:])
-    return np.count_nonzero(pixels[first, y0:y1, x0:x1] & pixels[second, y0:y1, x0:x1])
+def _extreme_pixels(pixels: np.ndarray, corner: np.ndarray) -> Int[np.ndarray, "8 2"]:
+    """Both ends of the outermost rows and columns of a mask, as x and y."""
+    left, top, right, bottom = corner.tolist()
+    ends = []
+    for y in (top, bottom - 1):
+        inside = np.flatnonzero(pixels[y, left:right])
+        ends += [(left + inside[0], y), (left + inside[-1], y)]
+    for x in (left, right - 1):
+        inside = np.flatnonzero(pixels[top:bottom, x])
+        ends += [(x, top + inside[0]), (x, top + inside[-1])]
+    return np.array(ends)
 
 
-def _outline(pixels: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels of a mask beside others; a disjoint mask is nearest to one of them."""
-    left, top, right, bottom = corner
-    inside = pixels[top:bottom, left:right]
-    core = cv2.erode(
-        inside, np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0
-    )
-    rows, columns = np.nonzero(inside ^ core)
-    return rows + top, columns + left
+def _intersect(one: np.ndarray, other: np.ndarray) -> Int[np.ndarray, "M 4"]:
+    """Common part of boxes, empty where they are apart."""
+    low = np.maximum(one[:, :2], other[:, :2])
+    return np.concatenate([low, np.maximum(low, np.minimum(one[:, 2:], other[:, 2:]))], axis=1)
 
 
-def _relate_boxes(boxes: np.ndarray) -> tuple[Float[np.ndarray, "N N"], Bool[np.ndarray, "N N"]]:
-    """Gap of every two boxes, negative where they overlap, and whether they do."""
+def _crop(image: np.ndarray, box: list[int]) -> np.ndarray:
+    left, top, right, bottom = box
+    return image[top:bottom, left:right]
+
+
+def _gap_between_boxes(boxes: np.ndarray) -> Float[np.ndarray, "N N"]:
+    """Gap of every two boxes, negative where they overlap."""
     low, high = boxes[:, :2], boxes[:, 2:]
     apart = np.maximum(0.0, np.maximum(low[:, None] - high, low - high[:, None]))
     common = np.maximum(0.0, np.minimum(high[:, None], high) - np.maximum(low[:, None], low))
-    area = common.prod(axis=-1)
     gap = np.sqrt((apart**2).sum(axis=-1))
-    return np.where((apart > 0).any(axis=-1), gap, -np.sqrt(area)), area > 0
+    return np.where((apart > 0).any(axis=-1), gap, -np.sqrt(common.prod(axis=-1)))

@@ -330,15 +330,18 @@ def reorder_distances(
       alive: New slots in use.
     """
 
+    slots = jnp.arange(order.shape[0])
+
     def move(leaf: Array) -> Array:
         keep = alive[:, None] & alive
         moved = leaf[order][:, order]
-        return jnp.where(keep.reshape(*keep.shape, *(1,) * (leaf.ndim - 2)), moved, 0).astype(
-            leaf.dtype
-        )
+        blank = jnp.zeros((), leaf.dtype)
+        return jnp.where(keep.reshape(*keep.shape, *(1,) * (leaf.ndim - 2)), moved, blank)
 
     def move_cube(leaf: Array) -> Array:
-        return jnp.where(alive, move(leaf)[:, :, order], 0)
+        return jax.lax.map(
+            lambda at: jnp.where(alive[at], move(leaf[order[at]]), jnp.zeros((), leaf.dtype)), slots
+        )
 
     def move_all() -> DistanceGraph:
         return DistanceGraph(
@@ -350,5 +353,5 @@ def reorder_distances(
 
     known = (graph.edges.count > 0) | (graph.pending.count > 0)
     gone = jnp.any(known & ~(alive[:, None] & alive))
-    moves = gone | jnp.any(order != jnp.arange(order.shape[0]))
+    moves = gone | jnp.any(order != slots)
     return jax.lax.cond(moves, move_all, lambda: graph)

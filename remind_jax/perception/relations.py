@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.relation_thresholds import Relations as Rules
-from remind_jax.observation import Masks
+from remind_jax.observation import MaskRelations, Masks
 
 _TINY = 1e-6
 _SUPPORT_MAX_RATIO = 0.6  # a thing that rests on another is smaller than it by this factor
@@ -28,16 +28,6 @@ class Contact(enum.IntEnum):
     OVERLAP = 1
     SEPARATE = 2
     TOUCH = 3
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class MaskRelations:
-    """What relations need of pixel masks, reduced on the host; padding slots are zero."""
-
-    gap_px: Float[Array, "N N"]  # between masks where exact, else between boxes; negative: overlap
-    exact: Bool[Array, "N N"]  # the gap was measured between the masks
-    touches_border: Bool[Array, "N"]  # the mask reaches the edge of the frame
 
 
 @jax.tree_util.register_dataclass
@@ -69,7 +59,7 @@ def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> 
         boxes, at lower quality.
       t: Thresholds, as arrays of the scalar type.
     """
-    scalar = t.scale_min_px.dtype  # type: ignore[union-attr]  # thresholds are traced
+    scalar = jnp.asarray(t.scale_min_px).dtype
     box, center = jnp.asarray(masks.box, scalar), jnp.asarray(masks.center, scalar)
     area = jnp.asarray(masks.area, scalar)
     side = jnp.sqrt(area)
