@@ -46,8 +46,8 @@ def describe(
         given > t.patch_coverage.astype(given.dtype),
         filled > t.ring_object_coverage.astype(filled.dtype),
     )
-    rings = find_rings(blocked, static.ring_max_radius, t)
-    ring_mean, ring_present = pool(ring_weights(rings & finite, filled), features)
+    rings = find_rings(blocked, static.ring_max_radius, t) & finite
+    ring_mean, ring_present = pool(ring_weights(rings, filled), features)
 
     covered, lost = jnp.any(given > 0, axis=(1, 2)), ~jnp.any(coverage > 0, axis=(1, 2))
     return Descriptors(

@@ -1,0 +1,42 @@
+"""How JAX runs under the tests: on the CPU, quick to compile, in 32 bits unless asked otherwise.
+
+Promotion of types and ranks stays "standard" and "allow": the core mixes counts with scores and
+broadcasts `[N, C]` with `[C]` as NumPy does, in nearly every module, and casts would hide the rules.
+"""
+
+import os
+import tempfile
+from pathlib import Path
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import jax
+import pytest
+
+# The tests ask what is decided, not how fast: a third of the time to compile, the same results.
+jax.config.update("jax_disable_most_optimizations", True)
+if not jax.config.jax_compilation_cache_dir:
+    cache = Path(tempfile.gettempdir()) / "remind-jax-test-programs"
+    jax.config.update("jax_compilation_cache_dir", str(cache))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+
+
+@pytest.fixture
+def x64():
+    """Runs a test in 64 bits.
+
+    Set for the whole process: the context manager of JAX holds for one thread only, and the host
+    solvers are called in another one.
+    """
+    before = jax.config.jax_enable_x64
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", before)
+
+
+@pytest.fixture
+def optimized():
+    """Compiles as users do."""
+    jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", True)
