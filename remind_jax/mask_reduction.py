@@ -5,12 +5,14 @@ Letters: `N` detections, `S` slots (at least N), `H W` pixels, `Hp Wp` patches.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Literal
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
+from remind_jax.mask_relations import relate_masks
 from remind_jax.observation import Masks
 
 SanitizeMode = Literal["convex_hull", "morphology", "none"]
@@ -26,6 +28,8 @@ def reduce_masks(
     sanitize: SanitizeMode = "convex_hull",
     close_px: int = 3,
     open_px: int = 0,
+    scale_min_px: float = 40.0,
+    exact_gap_max: float = 1.75,
 ) -> Masks:
     """Reduces pixel masks to patch coverage and geometry, padded to `num_slots`.
 
@@ -41,6 +45,8 @@ def reduce_masks(
         (perception notes 6.1).
       close_px: Side of the closing square of mode "morphology".
       open_px: Side of the opening square of mode "morphology", 0 for none.
+      scale_min_px: Least length that gaps between masks are measured in.
+      exact_gap_max: Gaps up to this many lengths are measured between the masks themselves.
 
     Returns:
       Masks of NumPy arrays.
@@ -82,8 +88,37 @@ def reduce_masks(
         area=area,
         class_id=pad(np.asarray(class_ids, np.int32)),
         detector_score=pad(np.asarray(scores, np.float32)),
+        relations=relate_masks(
+            masks,
+            box,
+            area,
+            num_slots=num_slots,
+            scale_min_px=scale_min_px,
+            exact_gap_max=exact_gap_max,
+        ),
         valid=valid,
     )
+
+
+def pad_masks(masks: Masks, num_slots: int) -> Masks:
+    """Adds empty slots at the end."""
+    lacking = num_slots - len(masks.valid)
+
+    def pad(leaf: np.ndarray, axes: int = 1) -> np.ndarray:
+        return np.pad(leaf, [(0, lacking)] * axes + [(0, 0)] * (leaf.ndim - axes))
+
+    relations = dataclasses.replace(
+        masks.relations,
+        gap_px=pad(masks.relations.gap_px, 2),
+        exact=pad(masks.relations.exact, 2),
+        touches_border=pad(masks.relations.touches_border),
+    )
+    rest = {
+        field.name: pad(getattr(masks, field.name))
+        for field in dataclasses.fields(masks)
+        if field.name != "relations"
+    }
+    return Masks(relations=relations, **rest)
 
 
 def patch_coverage(pixels: np.ndarray, patch_px: int) -> Float[np.ndarray, "Hp Wp"]:

@@ -30,6 +30,18 @@ class FrameFeats:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class MaskRelations:
+    """What relations need of pixel masks, reduced on the host; padding slots are zero."""
+
+    gap_px: Float[
+        AnyArray, "N N"
+    ]  # between masks where exact, else boxes; negative: overlap
+    exact: Bool[AnyArray, "N N"]  # the gap was measured between the masks
+    touches_border: Bool[AnyArray, "N"]  # the mask reaches the edge of the frame
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Masks:
     """What the tracker needs of the pixel masks of one frame, reduced on the host.
 
@@ -44,6 +56,7 @@ class Masks:
     area: Float[AnyArray, "N"]  # pixels
     class_id: Int[AnyArray, "N"]  # index into the class vocabulary
     detector_score: Float[AnyArray, "N"]  # [0, 1]
+    relations: MaskRelations  # between every two of them
     valid: Bool[AnyArray, "N"]
 
 

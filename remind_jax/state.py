@@ -17,6 +17,8 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.config.static import Static
 from remind_jax.decision import NO_ID, NUM_OPTIONS, Decisions, Outcome
 from remind_jax.memory.bank import NEVER, DualBank, empty_bank
+from remind_jax.memory.cooccurrence import CooccurrenceGraph, empty_cooccurrence
+from remind_jax.memory.distances import DistanceGraph, empty_distances
 from remind_jax.memory.pending import PendingTracks, no_pending
 
 NUM_APPEARANCE_CHANNELS = 2
@@ -68,6 +70,8 @@ class TrackerState:
 
     objects: Objects
     pending: PendingTracks
+    cooccurrence: CooccurrenceGraph  # who is seen with whom
+    distances: DistanceGraph  # and how far apart
     appearance: DualBank  # leading axes [A O+P]: objects first, then pending tracks
     parts: DualBank  # leading axes [C O+P]
     rings: DualBank  # leading axes [R O+P]
@@ -102,6 +106,8 @@ def init(static: Static) -> TrackerState:
             last_seen=column(NEVER),
         ),
         pending=no_pending(static.num_pending, scalar),
+        cooccurrence=empty_cooccurrence(objects, scalar),
+        distances=empty_distances(objects, scalar),
         appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
         parts=banks(NUM_PART_CHANNELS, static.part_slots),
         rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),

@@ -15,6 +15,7 @@ from remind_jax.config.thresholds import Thresholds
 from remind_jax.memory.update import remember
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.perception.description import describe
+from remind_jax.perception.relations import observe_relations
 from remind_jax.state import TrackerState, init
 
 __all__ = ["init", "step"]
@@ -47,6 +48,7 @@ def step(
     # What does each detection look like, and how much does that tell?
     descriptors = describe(frame_feats, masks, static, t)
     quality = assess(descriptors, t.similarity)
+    relations = observe_relations(masks, masks.relations, t.relations)
     # How similar is it to each object?
     comparison = compare(
         state, descriptors, quality, static, t.similarity,
@@ -64,9 +66,7 @@ def step(
     pairs = assignment.pairs
     # Who stays undecided?
     account = Account(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
-    settlement = settle(
-        account, assignment, state.objects, descriptors.valid, state.next_id, static, t
-    )
+    settlement = settle(account, assignment, state, descriptors, relations, static, t)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, static.margin, t.diagnosis)
     decisions = decide(
         state.objects, masks, descriptors, account, anchors, evidence, final, assignment,
@@ -75,5 +75,5 @@ def step(
     birth_support, _ = rank(pairs.score_known, account.plausible)
     return remember(
         state, decisions, settlement, birth_support, comparison.pending_score, descriptors, masks,
-        static, t,
+        relations, static, t,
     )  # fmt: skip

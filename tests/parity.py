@@ -252,6 +252,9 @@ def _compare_objects(report, trace, frame, state) -> None:
         column: np.asarray(getattr(getattr(state, leaf), bank).size[channel])
         for column, (leaf, channel, bank) in BANKS.items()
     }
+    graph = jax.tree.map(np.asarray, state.cooccurrence)
+    degree = (graph.count > 0).sum(axis=1)
+    distance_degree = (np.asarray(state.distances.edges.count) > 0).sum(axis=1)
     for i, object_id in enumerate(rows["object"].tolist()):
         slot = slots.get(object_id)
         if slot is None:
@@ -262,6 +265,9 @@ def _compare_objects(report, trace, frame, state) -> None:
             "hits": int(objects.hits[slot]),
             "misses": int(objects.misses[slot]),
             "age": int(objects.age[slot]),
+            "degree": int(degree[slot]),
+            "episodes": int(graph.episodes[slot]),
+            "distance_degree": int(distance_degree[slot]),
             **{column: int(size[slot]) for column, size in sizes.items()},
         }
         for field, value in ours.items():

@@ -38,6 +38,21 @@ class Doubts:
     blocked: Bool[Array, "N K"]  # support that another detection holds
 
 
+def no_doubts(entries: Entries) -> Doubts:
+    """No doubt about any of the detections that `entries` is about."""
+    nothing = jax.tree.map(jnp.zeros_like, entries)
+    nowhere = jnp.full_like(entries.slot, NO_SLOT)
+    return Doubts(
+        ambiguous=dataclasses.replace(nothing, slot=nowhere),
+        present=nothing.present,
+        reason=nothing.reason,
+        best=nothing.best,
+        support=nowhere,
+        support_score=nothing.score,
+        blocked=jnp.zeros(entries.slot.shape, bool),
+    )
+
+
 def question_births(
     account: Account,
     creates: Bool[Array, "N"],

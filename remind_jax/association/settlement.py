@@ -11,13 +11,20 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.association.ambiguity import find_ambiguous
 from remind_jax.association.assignment import Assignment
 from remind_jax.association.competition import find_competitions
-from remind_jax.association.provisional import Doubts, question_births
+from remind_jax.association.provisional import Doubts, no_doubts, question_births
 from remind_jax.association.stability import doubt_entries, stabilise
 from remind_jax.association.temporal import NO_SLOT, Account, Entries, prefer
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.decision import Source
-from remind_jax.state import Objects
+from remind_jax.disambiguation.anchors import KnownScores
+from remind_jax.disambiguation.distance_evidence import distance_evidence, frame_relations
+from remind_jax.disambiguation.groups import Entries as Undecided
+from remind_jax.disambiguation.known_sets import GroupAccount, settle_known_sets
+from remind_jax.disambiguation.known_sets import Source as LayoutSource
+from remind_jax.observation import Descriptors
+from remind_jax.perception.relations import Relations
+from remind_jax.state import TrackerState
 
 
 @jax.tree_util.register_dataclass
@@ -33,32 +40,33 @@ class Settlement:
     ambiguous: Entries
     doubts: Doubts
     reserved_id: Int[Array, "N"]  # id of the object that an ambiguous detection founds, -1 none
+    groups: GroupAccount  # what became of closed groups, leading axis: passes
 
 
 def settle(
     account: Account,
     assignment: Assignment,
-    objects: Objects,
-    usable: Bool[Array, "N"],
-    next_id: Int[Array, ""],
+    state: TrackerState,
+    descriptors: Descriptors,
+    relations: Relations,
     static: Static,
     t: Thresholds,
 ) -> Settlement:
-    """Withdraws what is too close to call and asks again of what would be new.
+    """Withdraws what is too close to call, lets layout decide, and asks again of what is new.
 
     Args:
       account: Scores and gates of all pairs.
       assignment: Result of the joint assignment.
-      objects: Objects known before the frame.
-      usable: Detections that can be decided about.
-      next_id: Next free object id.
-      static: Number of passes.
+      state: Memory before the frame.
+      descriptors: Detections of the frame.
+      relations: How they lie to each other.
+      static: Number of passes and limits of groups.
       t: Thresholds.
     """
-    width = account.plausible.shape[1]
+    objects, next_id = state.objects, state.next_id
     stable = stabilise(account, assignment.slot, t.stability)
     slot = stable.slot
-    creates = usable & (slot < 0)
+    creates = descriptors.valid & (slot < 0)
     doubtful = doubt_entries(account, stable, t.matching.min_visual, t.ambiguous.max_candidates)
     creates = creates & ~doubtful.present
     rivalry = find_competitions(account, objects, slot, creates, next_id, t.competition)
@@ -66,22 +74,96 @@ def settle(
     entries = prefer(rivalry.entries, prefer(doubtful, policy))
 
     score = jnp.take_along_axis(account.pairs.score_final, jnp.maximum(slot, 0)[:, None], axis=1)
-    score = jnp.where(slot >= 0, score[:, 0], 0.0)
-    source = jnp.where(slot >= 0, Source.ASSOCIATION, Source.NONE)
-    for _ in range(static.max_passes):
-        held = jnp.any(slot[:, None] == jnp.arange(width), axis=0)
-        doubts = question_births(
-            account, creates & ~entries.present, held, t.ambiguous.max_candidates, t.provisional,
-            t.matching, t.diagnosis,
-        )  # fmt: skip
-        entries = prefer(entries, doubts.ambiguous)
-    return Settlement(
-        slot=jnp.where(entries.present | doubts.present, NO_SLOT, slot),
-        score=score,
-        source=source,
-        guarded=stable.slot,
-        creates=creates & ~entries.present & ~doubts.present & (slot < 0),
-        ambiguous=entries,
-        doubts=doubts,
-        reserved_id=rivalry.reserved_id,
+    open_ = _Open(
+        slot=slot,
+        score=jnp.where(slot >= 0, score[:, 0], 0.0),
+        source=jnp.where(slot >= 0, Source.ASSOCIATION, Source.NONE).astype(jnp.int32),
+        turn=jnp.zeros_like(slot),
+        creates=creates,
+        entries=entries,
+        doubts=no_doubts(entries),
     )
+
+    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, GroupAccount]:
+        return _reconcile(open_, turn, account, state, descriptors, relations, static, t)
+
+    turns = jnp.arange(static.max_passes, dtype=jnp.int32)
+    open_, groups = jax.lax.scan(reconcile, open_, turns)
+    undecided = open_.entries.present | open_.doubts.present
+    return Settlement(
+        slot=jnp.where(undecided, NO_SLOT, open_.slot),
+        score=open_.score,
+        source=open_.source,
+        guarded=stable.slot,
+        creates=open_.creates & ~undecided & (open_.slot < 0),
+        ambiguous=open_.entries,
+        doubts=open_.doubts,
+        reserved_id=rivalry.reserved_id,
+        groups=groups,
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Open:
+    """What the passes of the reconciliation hand on."""
+
+    slot: Int[Array, "N"]
+    score: Float[Array, "N"]
+    source: Int[Array, "N"]
+    turn: Int[Array, "N"]  # pass that made the match, 0 for the assignment
+    creates: Bool[Array, "N"]
+    entries: Entries
+    doubts: Doubts
+
+
+def _reconcile(
+    open_: _Open,
+    turn: Int[Array, ""],
+    account: Account,
+    state: TrackerState,
+    descriptors: Descriptors,
+    relations: Relations,
+    static: Static,
+    t: Thresholds,
+) -> tuple[_Open, GroupAccount]:
+    """One pass: layout settles closed groups, then births are questioned (notes 15)."""
+    entries = open_.entries
+    settled = settle_known_sets(
+        Undecided(entries.present, entries.slot, descriptors.class_id),
+        open_.slot,
+        open_.turn,
+        KnownScores(
+            account.pairs.score_known, account.comparison.candidate, account.pairs.eligible
+        ),
+        state.objects.exists,
+        frame_relations(relations),
+        distance_evidence(state.distances),
+        static,
+        t.known_sets,
+    )
+    found = settled.resolved_slot >= 0
+    by_layout = jnp.where(
+        settled.source == LayoutSource.FULL, Source.DISTANCE_FULL, Source.DISTANCE_PARTIAL
+    )
+    late = Source.DISTANCE_FULL_POSTCREATE - Source.DISTANCE_FULL
+    by_layout = by_layout + jnp.where(turn > 0, late, 0)
+    slot = jnp.where(found, settled.resolved_slot, open_.slot)
+    creates = open_.creates & ~found
+    entries = dataclasses.replace(entries, present=settled.remaining)
+
+    held = jnp.any(slot[:, None] == jnp.arange(account.plausible.shape[1]), axis=0)
+    doubts = question_births(
+        account, creates & ~entries.present, held, t.ambiguous.max_candidates, t.provisional,
+        t.matching, t.diagnosis,
+    )  # fmt: skip
+    after = _Open(
+        slot=slot,
+        score=jnp.where(found, settled.resolved_score, open_.score),
+        source=jnp.where(found, by_layout, open_.source).astype(jnp.int32),
+        turn=jnp.where(found, turn + 1, open_.turn),
+        creates=creates,
+        entries=prefer(entries, doubts.ambiguous),
+        doubts=doubts,
+    )
+    return after, settled.groups

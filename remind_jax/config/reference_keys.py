@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from remind_jax.config import outcome_thresholds
+from remind_jax.config import known_set_thresholds, outcome_thresholds, relation_thresholds
 from remind_jax.errors import ConfigError, nearest_names
 
 Path = str
@@ -22,6 +22,8 @@ _P = "update.parts_memory"
 
 RENAMED: dict[Path, Path] = {
     **outcome_thresholds.RENAMED,
+    **relation_thresholds.RENAMED,
+    **known_set_thresholds.RENAMED,
     "system.input_width_size": "input.max_width_px",
     "perception.full_center_crop": "input.center_crop",
     "detector.ignored_classes": "input.ignored_classes",
@@ -168,6 +170,7 @@ _WEIGHT = {"equal": "equal", "count_capped": "capped"}
 # Keys whose values have other names here.
 CHOICES: dict[Path, tuple[Path, dict[Any, Any]]] = {
     **outcome_thresholds.CHOICES,
+    **relation_thresholds.CHOICES,
     "bg_local.ring_mode": (
         "thresholds.perception.ring_nested",
         {"disjoint": False, "nested": True},
@@ -256,6 +259,8 @@ FIXED: dict[Path, Any] = {
 # Keys, or whole sections, that never change an identity in a supported setting.
 INERT: tuple[Path, ...] = (
     *outcome_thresholds.INERT,
+    *relation_thresholds.INERT,
+    *known_set_thresholds.INERT,
     "runtime",
     "timing",
     "paths",
@@ -294,13 +299,10 @@ INERT: tuple[Path, ...] = (
     "debug",
 )
 
-# Sections of context and disambiguation, which have no counterpart yet.
+# Sections of context, which have no counterpart yet.
 NOT_YET: tuple[Path, ...] = (
-    "memory.neighbors",
-    "memory.neighbors_distance",
     f"{_M}.neighbor_sets_influence",
     f"{_M}.neighbor_sets_context_veto",
-    "association.ambiguous_tracks.known_set_distance_disambiguation",
     "association.scores.neighbor_sets",
 )
 

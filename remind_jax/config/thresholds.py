@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from remind_jax.config.kinds import Gate, Real, Whole
+from remind_jax.config.known_set_thresholds import KnownSets
 from remind_jax.config.outcome_thresholds import (
     Ambiguous,
     Competition,
@@ -21,6 +22,7 @@ from remind_jax.config.outcome_thresholds import (
     Provisional,
     Stability,
 )
+from remind_jax.config.relation_thresholds import Cooccurrence, Relations
 
 
 @jax.tree_util.register_dataclass
@@ -234,7 +236,10 @@ class Thresholds:
     competition: Competition = dataclasses.field(default_factory=Competition)
     ambiguous: Ambiguous = dataclasses.field(default_factory=Ambiguous)
     provisional: Provisional = dataclasses.field(default_factory=Provisional)
+    known_sets: KnownSets = dataclasses.field(default_factory=KnownSets)
     pending: Pending = dataclasses.field(default_factory=Pending)
+    cooccurrence: Cooccurrence = dataclasses.field(default_factory=Cooccurrence)
+    relations: Relations = dataclasses.field(default_factory=Relations)
     update: Update = dataclasses.field(default_factory=Update)
 
     def as_arrays(self, scalar: Any) -> Thresholds:

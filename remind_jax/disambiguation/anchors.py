@@ -1,13 +1,12 @@
 """Which surrounding objects tell the candidates of a group apart? (notes 11.1, 11.4, 11.5).
 
-Letters: `N` detections, `O` object slots, `V` possible voters, `A` anchors of a group, `G`
-detections and `U` candidates of a group, `X` pairs of its candidates.
+Letters: `N` detections, `O` object slots, `V` possible anchors, `G` detections and `U` candidates
+of a group.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import jax
 import jax.numpy as jnp
@@ -19,13 +18,10 @@ from remind_jax.config.static import Static
 from remind_jax.disambiguation.distance_evidence import (
     INFORMATIVENESS_FLOOR,
     TINY,
-    DistanceEvidence,
     Edges,
     FrameRelations,
     PairOrders,
     rate_difference,
-    read_edges,
-    read_orders,
 )
 
 # Shares of span, pair orders and mean separation in the history, and what a single remembered
@@ -71,17 +67,6 @@ class Group:
     slot: Int[Array, "U"]  # object slot, 0 where not stored
     stored: Bool[Array, "U"]
     allowed: Bool[Array, "G U"]  # candidates of each detection
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Anchors:
-    """Anchors of one group by falling usefulness; an object occurs once."""
-
-    votes: Int[Array, "A"]  # how often the anchor counts; 0: padding
-    slot: Int[Array, "A"]
-    place: Int[Array, "A"]
-    quality: Float[Array, "A"]
 
 
 def find_voters(
@@ -139,100 +124,84 @@ def find_voters(
 def choose_anchors(
     group: Group,
     voters: Voters,
-    relations: FrameRelations,
-    evidence: DistanceEvidence,
+    quality: Float[Array, "V"],
     static: Static,
     t: KnownSets,
-) -> Anchors:
+) -> Bool[Array, "V"]:
     """The voters that separate the candidates of a group most clearly (context notes 11.5)."""
-    quality = rate_anchors(group, voters, relations, evidence, t)
     inside = group.is_candidate & (group.candidate == voters.slot[:, None])
     valid = voters.valid & ~jnp.any(inside, axis=1)
     score = jnp.where(valid, quality * voters.factor, -jnp.inf)
-    tied = score[:, None] == score
-    # Falling score, then falling id; entries of one object are interchangeable.
+    # Falling score, then falling id; two entries of one object are interchangeable.
     index = jnp.arange(score.shape[0])
-    higher_id = voters.slot > voters.slot[:, None]
-    same_id = (voters.slot == voters.slot[:, None]) & (index < index[:, None])
-    ahead = (score > score[:, None]) | (tied & (higher_id | same_id))
+    same_slot = voters.slot[:, None] == voters.slot
+    behind = (voters.slot[:, None] < voters.slot) | (same_slot & (index[:, None] > index))
+    ahead = (score > score[:, None]) | ((score == score[:, None]) & behind)
     rank = jnp.sum(ahead, axis=1)
     best = jnp.maximum(jnp.max(score), 0.0)
     floor = jnp.maximum(t.min_usefulness, t.usefulness_share * best)
-    room = max(FEWEST_ANCHORS, static.group_anchors)
     pairs = jnp.minimum(t.max_pairs, static.group_anchors)
     limit = jnp.minimum(t.max_anchors, jnp.maximum(FEWEST_ANCHORS, pairs))
     chosen = valid & (rank < limit) & (score >= floor)
-
-    at_rank = chosen & (rank == jnp.arange(room)[:, None])
-    voter = jnp.argmax(at_rank, axis=1)
-    slot, found = voters.slot[voter], jnp.any(at_rank, axis=1)
-    entries = jnp.sum(valid & (voters.slot == slot[:, None]), axis=1, dtype=jnp.int32)
-    again = jnp.tril((slot[:, None] == slot) & found, -1)
-    votes = jnp.where(found & ~jnp.any(again, axis=1), entries, 0)
-    return Anchors(votes=votes, slot=slot, place=voters.place[voter], quality=quality[voter])
+    return valid & jnp.any(same_slot & chosen, axis=1)
 
 
 def rate_anchors(
     group: Group,
     voters: Voters,
+    edges: Edges,
+    orders: PairOrders,
     relations: FrameRelations,
-    evidence: DistanceEvidence,
     t: KnownSets,
 ) -> Float[Array, "V"]:
-    """How well each voter separates the group, by history and in this frame (notes 11.4)."""
-    edges = read_edges(evidence, group.slot[:, None], voters.slot, group.stored[:, None], t)
-    orders = read_group_orders(group, voters.slot[:, None], evidence, t)
+    """How well each voter separates the group, by history and in this frame (notes 11.4).
+
+    Args:
+      group: Detections and candidates.
+      voters: Possible anchors.
+      edges: From each candidate to each voter, `[U, V]`.
+      orders: Of each two candidates as seen from each voter, `[U, U, V]`.
+      relations: Distances between the detections of the frame.
+      t: Thresholds.
+    """
     history = _rate_history(edges, orders, t)
     gap = relations.gap[group.detection[:, None], voters.place]
     real = group.is_detection[:, None]
     span = jnp.max(jnp.where(real, gap, -jnp.inf), axis=0)
     span = span - jnp.min(jnp.where(real, gap, jnp.inf), axis=0)
-    frame = rate_difference(jnp.where(jnp.isfinite(span), span, 0.0), t.span_ref, t)
+    frame = rate_difference(span, t.span_ref, t)
     weight = t.history_weight + t.frame_weight
     weighted = t.history_weight * history + t.frame_weight * frame
     mean = weighted / jnp.where(weight > TINY, weight, 1.0)
     return jnp.where(weight > TINY, mean, 0.5 * (history + frame))
 
 
-def list_pairs(num: int) -> tuple[np.ndarray, np.ndarray]:
-    """All index pairs (i, j) with i < j, in lexicographic order."""
-    pairs = np.array(list(itertools.combinations(range(num), 2)), np.int32).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
-
-
-def read_group_orders(
-    group: Group, anchor: Int[Array, "A 1"], evidence: DistanceEvidence, t: KnownSets
-) -> PairOrders:
-    """Order of all pairs of candidates as seen from each anchor, fields `[A, X]`."""
-    x, y = list_pairs(group.slot.shape[0])
-    known = group.stored[x] & group.stored[y]
-    return read_orders(evidence, anchor, group.slot[x], group.slot[y], known, t)
-
-
 def _rate_history(edges: Edges, orders: PairOrders, t: KnownSets) -> Float[Array, "V"]:
-    """How well anchors used to separate the candidates; edges `[U, V]`, orders `[V, X]`."""
-    usable = edges.usable & edges.has_gap
+    """How well anchors used to separate the candidates."""
+    usable = edges.has_gap
     count = jnp.sum(usable, axis=0)
 
     def mean(value: Float[Array, "U V"]) -> Float[Array, "V"]:
         return jnp.sum(jnp.where(usable, value, 0.0), axis=0) / jnp.maximum(1, count)
 
-    span = jnp.max(jnp.where(usable, edges.gap, -jnp.inf), axis=0)
-    span = span - jnp.min(jnp.where(usable, edges.gap, jnp.inf), axis=0)
+    span = jnp.max(jnp.where(usable, edges.distance, -jnp.inf), axis=0)
+    span = span - jnp.min(jnp.where(usable, edges.distance, jnp.inf), axis=0)
     clear = rate_difference(jnp.where(count > 1, span, 0.0), t.span_ref, t)
     clear = jnp.where(count > 1, clear, jnp.where(count == 1, SINGLE_EDGE, 0.0))
     informative = 1.0 - t.support_penalty * mean(edges.support)
     base = clear * mean(edges.reliability) * jnp.maximum(INFORMATIVENESS_FLOOR, informative)
 
-    x, y = list_pairs(edges.gap.shape[0])
-    measured = (edges.has_gap[x] & edges.has_gap[y]).T
+    num = edges.distance.shape[0]
+    once = jnp.asarray(np.triu(np.ones((num, num), bool), 1))[..., None]
+    measured = usable[:, None] & usable & once
     recommends = measured & orders.seen & (orders.consistency >= t.min_consistency)
-    robust = jnp.sort(jnp.where(recommends, orders.robustness, -jnp.inf), axis=1)[:, ::-1]
+    robust = jnp.where(recommends, orders.robustness, -jnp.inf).reshape(num * num, -1)
+    robust = jax.lax.top_k(robust.T, num * (num - 1) // 2)[0]
     counted = jnp.isfinite(robust) & (jnp.arange(robust.shape[1]) < t.max_pairs)
     num_counted = jnp.maximum(1, jnp.sum(counted, axis=1))
     order = jnp.sum(jnp.where(counted, robust, 0.0), axis=1) / num_counted
-    apart = jnp.where(measured, jnp.abs(edges.gap[x] - edges.gap[y]).T, 0.0)
-    separation = jnp.sum(apart, axis=1) / jnp.maximum(1, jnp.sum(measured, axis=1))
-    blend = SPAN_SHARE * base + ORDER_SHARE * order
-    blend = blend + SEPARATION_SHARE * rate_difference(separation, t.span_ref, t)
+    apart = jnp.where(measured, jnp.abs(edges.distance[:, None] - edges.distance), 0.0)
+    num_measured = jnp.maximum(1, jnp.sum(measured, axis=(0, 1)))
+    separation = rate_difference(jnp.sum(apart, axis=(0, 1)) / num_measured, t.span_ref, t)
+    blend = SPAN_SHARE * base + ORDER_SHARE * order + SEPARATION_SHARE * separation
     return jnp.maximum(base, jnp.minimum(1.0, blend))

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.known_set_thresholds import KnownSets
+from remind_jax.memory.distances import DistanceGraph
+from remind_jax.perception.relations import Relations
 
 FULL_RELIABILITY_EPISODES = 6  # context notes 6.3
 INFORMATIVENESS_SUPPORT = 0.80  # hard-coded in the original (context notes 6.3)
@@ -61,26 +63,60 @@ class FrameRelations:
         return jnp.where(self.gap_valid, self.gap, self.centre)
 
 
+def distance_evidence(graph: DistanceGraph) -> DistanceEvidence:
+    """The evidence that the distance graph holds."""
+    edges, other_way = graph.edges, jnp.swapaxes(graph.nearer, 1, 2)
+    return DistanceEvidence(
+        rel_n=edges.count,
+        gap_n=edges.gap_count,
+        gap_mean=edges.gap_mean,
+        centre_mean=edges.center_mean,
+        support_mean=edges.support_mean,
+        contact=edges.contact_count,
+        pair_n=graph.nearer + other_way,
+        pair_first=graph.nearer,
+        pair_margin_mean=graph.margin,
+        pair_margin_m2=jnp.swapaxes(graph.margin, 1, 2),
+    )
+
+
+def frame_relations(relations: Relations) -> FrameRelations:
+    """The relations of this frame as the disambiguation reads them."""
+    return FrameRelations(
+        gap=relations.gap,
+        gap_valid=relations.gap_valid,
+        centre=relations.center_distance,
+        gap_quality=relations.gap_quality,
+        truncation=relations.truncated.astype(relations.gap.dtype),
+        state=relations.contact,
+        support_like=relations.support,
+    )
+
+
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Edges:
-    """Remembered distances of selected pairs of objects; all fields share one shape."""
+    """Remembered distances of selected pairs of objects; the fields share one shape."""
 
-    usable: Bool[Array, "..."]  # seen together often enough
-    reliability: Float[Array, "..."]  # [0, 1]
+    reliability: Float[Array, "..."]  # [0, 1]; 0: not seen together often enough
     has_gap: Bool[Array, "..."]
-    gap: Float[Array, "..."]
     distance: Float[Array, "..."]  # the gap if known, else the distance of the centres
     support: Float[Array, "..."]
+    contact_share: Float[Array, "... 4"]  # by contact code
+
+    @property
+    def usable(self) -> Bool[Array, "..."]:
+        """Pairs with a distance that may be relied on."""
+        return self.reliability > 0
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PairOrders:
-    """Remembered order of selected pairs (x, y) as seen from an anchor."""
+    """Remembered order of selected pairs of objects as seen from an anchor."""
 
     seen: Bool[Array, "..."]
-    first: Float[Array, "..."]  # share of episodes with x nearer
+    first: Float[Array, "..."]  # share of episodes with the lower slot nearer
     consistency: Float[Array, "..."]  # share of the usual order, [0.5, 1]
     margin: Float[Array, "..."]  # mean difference of the two distances
     robustness: Float[Array, "..."]  # [0, 1]
@@ -92,41 +128,45 @@ def rate_reliability(count: Int[Array, "..."], scalar: jnp.dtype) -> Float[Array
 
 
 def rate_difference(
-    value: Float[Array, "..."], reference: Float[Array, ""], t: KnownSets
+    value: Float[Array, "..."], reference: Array | float, t: KnownSets
 ) -> Float[Array, "..."]:
     """How clearly two distances differ that are `value` apart, [0, 1) (context notes 11.4)."""
     scaled = jnp.maximum(0.0, value) / jnp.maximum(_TINY_REF, reference * t.strength_scale)
     return (1.0 - jnp.exp(-scaled)) ** t.strength_power
 
 
+def tabulate_edges(evidence: DistanceEvidence, t: KnownSets) -> Float[Array, "O O 8"]:
+    """All edges side by side, so that `read_edges` is one gather."""
+    scalar = evidence.gap_mean.dtype
+    reliability = rate_reliability(evidence.rel_n, scalar)
+    reliability = jnp.where(reliability >= t.min_reliability, reliability, 0.0)
+    has_gap = evidence.gap_n > 0
+    distance = jnp.where(has_gap, evidence.gap_mean, evidence.centre_mean)
+    total = jnp.maximum(1, jnp.sum(evidence.contact, axis=-1, keepdims=True))
+    columns = (reliability, has_gap.astype(scalar), distance, evidence.support_mean)
+    share = evidence.contact.astype(scalar) / total.astype(scalar)
+    return jnp.concatenate([jnp.stack(columns, axis=-1), share], axis=-1)
+
+
 def read_edges(
-    evidence: DistanceEvidence,
+    table: Float[Array, "O O 8"],
     source: Int[Array, "..."],
     target: Int[Array, "..."],
     known: Bool[Array, "..."],
-    t: KnownSets,
 ) -> Edges:
     """Distances remembered by objects `source` to objects `target` (slots that broadcast).
 
-    Args:
-      evidence: Remembered distances.
-      source: Slots of the objects that remember.
-      target: Slots of the objects that are remembered.
-      known: Pairs of objects in memory; the others get no edge.
-      t: Thresholds.
+    `known` marks the pairs of objects in memory; the others get no edge.
     """
-    scalar = evidence.gap_mean.dtype
-    count = jnp.where(known, evidence.rel_n[source, target], 0)
-    reliability = rate_reliability(count, scalar)
-    gap = evidence.gap_mean[source, target]
-    has_gap = (count > 0) & (evidence.gap_n[source, target] > 0)
+    row = jnp.where(known, source * table.shape[0] + target, 0)
+    value = table.reshape(-1, table.shape[-1])[row]
+    reliability = jnp.where(known, value[..., 0], 0.0)
     return Edges(
-        usable=(count > 0) & (reliability >= t.min_reliability),
         reliability=reliability,
-        has_gap=has_gap,
-        gap=gap,
-        distance=jnp.where(has_gap, gap, evidence.centre_mean[source, target]),
-        support=evidence.support_mean[source, target],
+        has_gap=(value[..., 1] > 0) & (reliability > 0),
+        distance=value[..., 2],
+        support=value[..., 3],
+        contact_share=value[..., 4:],
     )
 
 
@@ -138,20 +178,22 @@ def read_orders(
     known: Bool[Array, "..."],
     t: KnownSets,
 ) -> PairOrders:
-    """Order of objects `x` and `y` as seen from `anchor` (slots that broadcast, x below y).
+    """Order of objects `x` and `y` as seen from `anchor` (slots that broadcast).
 
-    `known` marks the pairs of objects in memory; the others were never seen.
+    `known` marks the pairs of two objects in memory; the others were never seen.
     """
-    scalar = evidence.pair_margin_mean.dtype
-    at = (anchor, x, y)
-    count = jnp.where(known, evidence.pair_n[at], 0)
+    scalar, size = evidence.pair_margin_mean.dtype, evidence.pair_n.shape[0]
+    cell = (anchor * size + jnp.minimum(x, y)) * size + jnp.maximum(x, y)
+    cell = jnp.where(known, cell, 0)
+    count = jnp.where(known, evidence.pair_n.reshape(-1)[cell], 0)
     seen = count > 0
-    first = jnp.where(seen, evidence.pair_first[at], 0).astype(scalar)
-    first = first / jnp.maximum(1, count).astype(scalar)
+    first = evidence.pair_first.reshape(-1)[cell].astype(scalar)
+    first = jnp.where(seen, first, 0.0) / jnp.maximum(1, count).astype(scalar)
     consistency = jnp.maximum(first, 1.0 - first)
-    margin = jnp.where(seen, evidence.pair_margin_mean[at], 0.0)
-    spread = jnp.maximum(0.0, evidence.pair_margin_m2[at]) / jnp.maximum(1, count - 1)
-    deviation = jnp.where(count > 1, jnp.sqrt(spread.astype(scalar)), 0.0)
+    margin = jnp.where(seen, evidence.pair_margin_mean.reshape(-1)[cell], 0.0)
+    squares = jnp.maximum(0.0, evidence.pair_margin_m2.reshape(-1)[cell])
+    variance = squares / jnp.maximum(1, count - 1).astype(scalar)
+    deviation = jnp.where(count > 1, jnp.sqrt(variance), 0.0)
     stable = margin / jnp.maximum(_TINY_REF, margin + deviation)
     trust = t.consistency_floor + (1.0 - t.consistency_floor) * consistency**t.consistency_power
     clear = (1.0 - t.margin_weight) * stable

@@ -20,7 +20,6 @@ from remind_jax.disambiguation.distance_evidence import (
     AGREEMENT_SUPPORT,
     INFORMATIVENESS_FLOOR,
     INFORMATIVENESS_SUPPORT,
-    DistanceEvidence,
     FrameRelations,
     read_edges,
 )
@@ -55,7 +54,7 @@ def form_groups(
     entries: Entries,
     object_exists: Bool[Array, "O"],
     relations: FrameRelations,
-    evidence: DistanceEvidence,
+    edge_table: Float[Array, "O O 8"],
     static: Static,
     t: KnownSets,
 ) -> Groups:
@@ -70,7 +69,7 @@ def form_groups(
     distinct = filled & ~jnp.any(same & earlier & filled[:, None, :], axis=2)
     takes_part = jnp.sum(distinct, axis=1) >= 2
 
-    near = measure_affinity(slot, stored, relations, evidence, t) >= t.link_score
+    near = measure_affinity(slot, stored, relations, edge_table, t) >= t.link_score
     linked = near | _share_candidates(candidates, filled)
     some = jnp.any(stored, axis=1)
     other_class = entries.class_id[:, None] != entries.class_id
@@ -84,15 +83,18 @@ def form_groups(
 
     member = root == jnp.arange(num)[:, None]
 
-    def count(flags: Bool[Array, "N"] | Int[Array, "N"]) -> Int[Array, "N"]:
-        """Sums a value of the detections over each group."""
-        return jnp.sum(jnp.where(member, flags, 0), axis=1, dtype=jnp.int32)
-
-    num_detections = count(takes_part)
-    num_candidates = count(jnp.sum(fresh, axis=1, dtype=jnp.int32))
-    num_stored = count(jnp.sum(fresh & stored, axis=1, dtype=jnp.int32))
+    each = jnp.stack(
+        [
+            takes_part,
+            jnp.sum(fresh, axis=1),
+            jnp.sum(fresh & stored, axis=1),
+            takes_part & ~some,
+        ]
+    )
+    counts = jnp.sum(jnp.where(member, each[:, None], 0), axis=2, dtype=jnp.int32)
+    num_detections, num_candidates, num_stored, num_unknown = counts
     small = (num_detections <= static.group_size) & (num_candidates <= static.group_candidates)
-    closed = (num_detections >= 2) & (num_stored == num_detections)
+    closed = (num_detections >= 2) & (num_stored == num_detections) & (num_unknown == 0)
     return Groups(
         root=root,
         distinct=distinct,
@@ -101,7 +103,7 @@ def form_groups(
         num_detections=num_detections,
         num_candidates=num_candidates,
         fits=small & (num_candidates >= num_detections) & (num_detections > 0),
-        closed=closed & (count(~some) == 0),
+        closed=closed,
     )
 
 
@@ -109,7 +111,7 @@ def measure_affinity(
     slot: Int[Array, "N C"],
     stored: Bool[Array, "N C"],
     relations: FrameRelations,
-    evidence: DistanceEvidence,
+    edge_table: Float[Array, "O O 8"],
     t: KnownSets,
 ) -> Float[Array, "N N"]:
     """How well two detections stand to each other as any two of their candidates used to stand.
@@ -118,7 +120,7 @@ def measure_affinity(
     """
     source, target = slot[:, :, None, None], slot[None, None]
     known = stored[:, :, None, None] & stored[None, None]
-    edges = read_edges(evidence, source, target, known, t)
+    edges = read_edges(edge_table, source, target, known)
 
     def spread(value: Array) -> Array:
         """Lays a relation of two detections out beside the edges of their candidates."""
@@ -126,11 +128,9 @@ def measure_affinity(
 
     sigma = jnp.where(edges.has_gap, t.gap_sigma, t.centre_sigma)
     similarity = jnp.exp(-jnp.abs(spread(relations.distance) - edges.distance) / sigma)
-    contact = evidence.contact[source, target]
-    total = jnp.sum(contact, axis=-1)
-    same_contact = jnp.arange(contact.shape[-1]) == spread(relations.state)[..., None]
-    hits = jnp.sum(jnp.where(same_contact, contact, 0), axis=-1)
-    contact_share = hits / jnp.maximum(1, total).astype(similarity.dtype)
+    state = spread(relations.state)[..., None]
+    same = jnp.arange(edges.contact_share.shape[-1]) == state
+    contact_share = jnp.sum(jnp.where(same, edges.contact_share, 0.0), axis=-1)
     support = spread(relations.support_like)
     agreement = AGREEMENT_BASE + AGREEMENT_CONTACT * contact_share
     unlike = jnp.abs(support - edges.support)

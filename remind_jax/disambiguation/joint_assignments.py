@@ -1,7 +1,6 @@
 """Which candidate is which detection, judged by the order of distances (notes 11.6, 11.7).
 
-Letters: `G` detections and `U` candidates of a group, `R` joint assignments, `P` pairs of
-detections, `X` pairs of candidates, `A` anchors.
+Letters: `G` detections and `U` candidates of a group, `R` joint assignments, `V` voters.
 """
 
 from __future__ import annotations
@@ -17,15 +16,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.known_set_thresholds import KnownSets
-from remind_jax.disambiguation.anchors import Anchors, Group, list_pairs, read_group_orders
-from remind_jax.disambiguation.distance_evidence import (
-    TINY,
-    DistanceEvidence,
-    FrameRelations,
-    read_edges,
-)
+from remind_jax.disambiguation.anchors import Group, Voters
+from remind_jax.disambiguation.distance_evidence import TINY, Edges, FrameRelations, PairOrders
 
 ROBUSTNESS_FLOOR = 0.10  # weight of an order that was never robust (context notes 11.6)
+_TINY_REF = 1e-6
 
 
 class GroupStatus(enum.IntEnum):
@@ -42,6 +37,21 @@ class GroupStatus(enum.IntEnum):
     LOW_CORE_GAP = 8
     RESOLVED = 9
     PARTIAL_RESOLVED = 10  # accepted whole as well, with a small lead
+
+
+_STATUS_IF_FAILED = np.array(
+    [
+        GroupStatus.NO_ASSIGNMENT,
+        GroupStatus.LOW_EVIDENCE,
+        GroupStatus.LOW_SCORE,
+        GroupStatus.VISUAL_RANK_FLIP,
+        GroupStatus.LOW_CORE_SCORE,
+        GroupStatus.LOW_CORE_GAP,
+        GroupStatus.PARTIAL_RESOLVED,
+        GroupStatus.RESOLVED,
+    ],
+    np.int32,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -88,95 +98,128 @@ def list_injections(num_rows: int, num_columns: int) -> tuple[np.ndarray, np.nda
 
 def score_assignments(
     group: Group,
-    anchors: Anchors,
+    vote: Float[Array, "G G U U V"],
+    weight: Float[Array, "G G U U V"],
+    quality: Float[Array, "V"],
     visual: Float[Array, "G U"],
-    relations: FrameRelations,
-    evidence: DistanceEvidence,
     t: KnownSets,
 ) -> AssignmentScores:
     """Scores every way to give the detections of a group candidates of their own.
 
     Args:
       group: Detections and candidates.
-      anchors: Objects that vote.
+      vote: How well two candidates fit two detections as each voter sees it, from `vote_by_pairs`.
+      weight: Weight of that vote, 0 for voters that are no anchors.
+      quality: How well each voter separates the group.
       visual: Score of each detection for each candidate.
-      relations: Distances between the detections of the frame.
-      evidence: Remembered distances.
       t: Thresholds.
     """
     valid, choice = _enumerate(group)
-    fit, weight = _vote_by_pairs(group, anchors, relations, evidence, t)
-    first, second = list_pairs(group.detection.shape[0])
-    num_candidates = group.slot.shape[0]
-    index = choice[:, first] * num_candidates + choice[:, second]
-    pair = np.arange(len(first))
-    pair_weight = weight[pair, index]  # [R, P, A]
-    anchor_evidence = jnp.sum(pair_weight, axis=1)
-    agreement = jnp.sum(fit[pair, index] * pair_weight, axis=1)
-    agreement = agreement / jnp.where(anchor_evidence > TINY, anchor_evidence, 1.0)
-    total = anchors.quality * anchor_evidence
-    counted = (anchors.quality > TINY) & (anchor_evidence > TINY) & (total > TINY)
-    total = jnp.where(counted, total * anchors.votes, 0.0)
-    summed = jnp.sum(total, axis=1)
-    safe = jnp.where(summed > TINY, summed, 1.0)
-    core = jnp.sum(total * agreement, axis=1) / safe
-    core = jnp.where(summed > TINY, core * (jnp.sum(total * anchors.quality, axis=1) / safe), 0.0)
+    size, num = group.allowed.shape
+    first, second = np.triu_indices(size, 1)
+    pair = ((first * size + second) * num + choice[:, first]) * num + choice[:, second]
+    votes = jnp.stack([vote * weight, weight], axis=-1).reshape(size * size * num * num, -1)
+    summed = jnp.sum(votes[pair], axis=1).reshape(len(choice), -1, 2)  # [R, V, 2]
+    evidence = summed[..., 1]
+    fit = summed[..., 0] / jnp.where(evidence > TINY, evidence, 1.0)
+    weighed = quality * evidence
+    counted = (quality > TINY) & (evidence > TINY) & (weighed > TINY)
+    weighed = jnp.where(counted, weighed, 0.0)
+    total = jnp.sum(weighed, axis=1)
+    safe = jnp.where(total > TINY, total, 1.0)
+    core = (jnp.sum(weighed * fit, axis=1) / safe) * (jnp.sum(weighed * quality, axis=1) / safe)
 
-    stored = group.stored[choice] & group.is_detection
-    num_seen = jnp.sum(stored, axis=1)
-    seen = jnp.where(stored, visual[np.arange(choice.shape[1]), choice], 0.0)
-    look = jnp.sum(seen, axis=1) / jnp.maximum(1, num_seen)
-    anchor_share = jnp.where(jnp.any(total > 0, axis=1), t.anchor_weight, 0.0)
-    visual_share = jnp.where(num_seen > 0, t.visual_weight, 0.0)
+    stored = group.stored & group.is_detection[:, None]
+    looks = jnp.stack([jnp.where(stored, visual, 0.0), stored.astype(visual.dtype)], axis=-1)
+    looks = jnp.sum(looks.reshape(size * num, 2)[np.arange(size) * num + choice], axis=1)
+    look = looks[:, 0] / jnp.maximum(1.0, looks[:, 1])
+    anchor_share = jnp.where(jnp.any(counted, axis=1), t.anchor_weight, 0.0)
+    visual_share = jnp.where(looks[:, 1] > 0, t.visual_weight, 0.0)
     share = anchor_share + visual_share
     score = (anchor_share * core + visual_share * look) / jnp.where(share > TINY, share, 1.0)
-    return AssignmentScores(valid & (share > TINY), choice, score, core, summed)
+    return AssignmentScores(valid & (share > TINY), choice, score, core, total)
 
 
 def settle(scores: AssignmentScores, t: KnownSets) -> Solution:
     """Takes the best assignment and asks whether it is good and clear enough."""
-    index = jnp.arange(scores.score.shape[0])
     score = jnp.where(scores.valid, scores.score, -jnp.inf)
     core = jnp.where(scores.valid, scores.core, -jnp.inf)
-    several = jnp.sum(scores.valid) > 1
     best = jnp.argmax(score)
     # Of equal cores, the one that comes first by score.
     core_best = jnp.argmax(jnp.where(core == jnp.max(core), score, -jnp.inf))
-
-    def lead(values: Float[Array, "R"], top: Int[Array, ""]) -> tuple[Array, Array]:
-        """The value next to that of `top`, and the lead of the best assignment before it."""
-        rest = jnp.max(jnp.where(index == top, -jnp.inf, values))
-        rest = jnp.where(several, rest, -1.0)
-        own = values[best]
-        return rest, jnp.where(rest >= 0.0, own - rest, own)
-
-    second, gap = lead(score, best)
-    _, core_gap = lead(core, core_best)
-    evidence = scores.evidence[best]
-    tests = (
-        (~jnp.any(scores.valid), GroupStatus.NO_ASSIGNMENT),
-        (evidence < t.min_evidence, GroupStatus.LOW_EVIDENCE),
-        (score[best] < t.min_score, GroupStatus.LOW_SCORE),
-        (best != core_best, GroupStatus.VISUAL_RANK_FLIP),
-        (core[best] < t.min_core, GroupStatus.LOW_CORE_SCORE),
-        (core_gap < t.min_core_gap, GroupStatus.LOW_CORE_GAP),
-        (gap < t.full_gap, GroupStatus.PARTIAL_RESOLVED),
+    runner_up = jax.lax.top_k(jnp.stack([score, core]), 2)[0][:, 1]
+    some, several = jnp.any(scores.valid), jnp.sum(scores.valid) > 1
+    own = jnp.where(some, jnp.stack([score[best], core[best]]), 0.0)
+    runner_up = jnp.where(several, runner_up, jnp.where(some, -1.0, 0.0))
+    lead = jnp.where(runner_up >= 0.0, own - runner_up, own)
+    evidence = jnp.where(some, scores.evidence[best], 0.0)
+    failed = jnp.stack(
+        [
+            ~some,
+            evidence < t.min_evidence,
+            own[0] < t.min_score,
+            best != core_best,
+            own[1] < t.min_core,
+            lead[1] < t.min_core_gap,
+            lead[0] < t.full_gap,
+            jnp.ones((), bool),
+        ]
     )
-    status = jnp.int32(GroupStatus.RESOLVED)
-    for failed, code in reversed(tests):
-        status = jnp.where(failed, jnp.int32(code), status)
-    none = ~jnp.any(scores.valid)
-    clear = lambda value: jnp.where(none, 0.0, value)  # noqa: E731
     return Solution(
-        status=status,
+        status=jnp.asarray(_STATUS_IF_FAILED)[jnp.argmax(failed)],
         choice=scores.choice[best],
-        score=clear(score[best]),
-        second=clear(second),
-        gap=clear(gap),
-        core=clear(core[best]),
-        core_gap=clear(core_gap),
-        evidence=clear(evidence),
+        score=own[0],
+        second=runner_up[0],
+        gap=lead[0],
+        core=own[1],
+        core_gap=lead[1],
+        evidence=evidence,
     )
+
+
+def vote_by_pairs(
+    group: Group,
+    voters: Voters,
+    chosen: Bool[Array, "V"],
+    edges: Edges,
+    orders: PairOrders,
+    relations: FrameRelations,
+    t: KnownSets,
+) -> tuple[Float[Array, "G G U U V"], Float[Array, "G G U U V"]]:
+    """How well two candidates fit two detections as each voter sees it, and the weight of that.
+
+    The arrays are indexed `[i, j, u, v, voter]`: candidate u for detection i, v for j. Votes with
+    `i >= j` mean nothing.
+
+    Args:
+      group: Detections and candidates.
+      voters: Possible anchors.
+      chosen: Those that vote.
+      edges: From each candidate to each voter, `[U, V]`.
+      orders: Of each two candidates as seen from each voter, `[U, U, V]`.
+      relations: Distances between the detections of the frame.
+      t: Thresholds.
+    """
+    seen = relations.distance[group.detection[:, None], voters.place]  # [G, V]
+    apart = jnp.abs(seen[:, None] - seen)[:, :, None, None]
+    nearer = (seen[:, None] < seen)[:, :, None, None]
+    expected = jnp.abs(edges.distance[:, None] - edges.distance)  # [U, U, V]
+    separation = jnp.maximum(apart, expected) / jnp.maximum(_TINY_REF, t.span_ref)
+    separation = jnp.minimum(1.0, separation)
+    vote = (nearer == (edges.distance[:, None] < edges.distance)).astype(seen.dtype)
+    # The candidate given to the nearer detection, is it the lower of the two?
+    index = np.arange(group.slot.shape[0])
+    lower = nearer == (index[:, None] < index)[..., None]
+    order = jnp.where(lower, orders.first, 1.0 - orders.first)
+    known = (1.0 - t.order_weight) * vote + t.order_weight * order
+    off = jnp.abs(apart - orders.margin) / jnp.maximum(_TINY_REF, t.margin_ref)
+    known = (1.0 - t.margin_weight) * known + t.margin_weight * jnp.exp(-off)
+    robust = jnp.where(orders.seen, jnp.maximum(ROBUSTNESS_FLOOR, orders.robustness), 1.0)
+    weight = 0.5 * (edges.reliability[:, None] + edges.reliability) * (separation * robust)
+    usable = edges.usable[:, None] & edges.usable & chosen
+    pair_real = (group.is_detection[:, None] & group.is_detection)[:, :, None, None, None]
+    usable = usable & pair_real & (separation > TINY) & (weight > TINY)
+    return jnp.where(orders.seen, known, vote), jnp.where(usable, weight, 0.0)
 
 
 def _enumerate(group: Group) -> tuple[Bool[Array, "R"], Int[Array, "R G"]]:
@@ -184,55 +227,9 @@ def _enumerate(group: Group) -> tuple[Bool[Array, "R"], Int[Array, "R G"]]:
     table, leading = list_injections(*group.allowed.shape)
     index = np.arange(table.shape[1])
     width = jnp.where(group.is_detection, jnp.sum(group.allowed, axis=1), table.shape[0])
-    tied = (width == width[:, None]) & (index < index[:, None])
-    depth = jnp.sum((width < width[:, None]) | tied, axis=1)
+    earlier = (width == width[:, None]) & (index < index[:, None])
+    depth = jnp.sum((width < width[:, None]) | earlier, axis=1)
     choice = jnp.asarray(table)[:, depth]
     fits = group.allowed[index, choice] | ~group.is_detection
     used = jnp.sum(group.is_detection)
     return jnp.all(fits, axis=1) & jnp.asarray(leading)[used], choice
-
-
-def _vote_by_pairs(
-    group: Group,
-    anchors: Anchors,
-    relations: FrameRelations,
-    evidence: DistanceEvidence,
-    t: KnownSets,
-) -> tuple[Float[Array, "P UU A"], Float[Array, "P UU A"]]:
-    """How well two candidates fit two detections as seen from an anchor, and the weight of that.
-
-    The second axis is the first detection's candidate times `U` plus the second one's.
-    """
-    num = group.slot.shape[0]
-    u, v = np.divmod(np.arange(num * num, dtype=np.int32), num)
-    x, y = list_pairs(num)
-    pair_of = np.zeros((num, num), np.int32)
-    pair_of[x, y] = pair_of[y, x] = np.arange(len(x))
-    orders = jax.tree.map(
-        lambda field: field[:, pair_of[u, v]].T,  # [UU, A]
-        read_group_orders(group, anchors.slot[:, None], evidence, t),
-    )
-    edges = read_edges(evidence, group.slot[:, None], anchors.slot, group.stored[:, None], t)
-    ref = jnp.maximum(1e-6, t.span_ref)
-
-    i, j = list_pairs(group.detection.shape[0])
-    seen = relations.distance[group.detection[:, None], anchors.place]  # [G, A]
-    apart = jnp.abs(seen[i] - seen[j])[:, None]  # [P, 1, A]
-    nearer = (seen[i] < seen[j])[:, None]
-    expected = jnp.abs(edges.distance[u] - edges.distance[v])
-    separation = jnp.minimum(1.0, jnp.maximum(apart, expected) / ref)  # [P, UU, A]
-    fit = (nearer == (edges.distance[u] < edges.distance[v])).astype(seen.dtype)
-    # The candidate given to the nearer detection, is it the first of its pair?
-    is_first = nearer == (u < v)[:, None]
-    order = jnp.where(is_first, orders.first, 1.0 - orders.first)
-    known = (1.0 - t.order_weight) * fit + t.order_weight * order
-    off = jnp.abs(apart - orders.margin) / jnp.maximum(1e-6, t.margin_ref)
-    known = (1.0 - t.margin_weight) * known + t.margin_weight * jnp.exp(-off)
-    fit = jnp.where(orders.seen, known, fit)
-    robust = jnp.maximum(ROBUSTNESS_FLOOR, orders.robustness)
-    trust = 0.5 * (edges.reliability[u] + edges.reliability[v])
-    weight = trust * jnp.where(orders.seen, separation * robust, separation)
-    usable = edges.usable[u] & edges.usable[v] & (u != v)[:, None] & (anchors.votes > 0)
-    usable = usable & (group.is_detection[i] & group.is_detection[j])[:, None, None]
-    usable = usable & (separation > TINY) & (weight > TINY)
-    return fit, jnp.where(usable, weight, 0.0)

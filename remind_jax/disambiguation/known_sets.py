@@ -20,10 +20,22 @@ from remind_jax.disambiguation.anchors import (
     Voters,
     choose_anchors,
     find_voters,
+    rate_anchors,
 )
-from remind_jax.disambiguation.distance_evidence import DistanceEvidence, FrameRelations
+from remind_jax.disambiguation.distance_evidence import (
+    DistanceEvidence,
+    FrameRelations,
+    read_edges,
+    read_orders,
+    tabulate_edges,
+)
 from remind_jax.disambiguation.groups import Entries, Groups, form_groups
-from remind_jax.disambiguation.joint_assignments import GroupStatus, score_assignments, settle
+from remind_jax.disambiguation.joint_assignments import (
+    GroupStatus,
+    score_assignments,
+    settle,
+    vote_by_pairs,
+)
 
 NO_SLOT = -1
 
@@ -64,8 +76,8 @@ class Settled:
 
     resolved_slot: Int[Array, "N"]  # object, -1 none
     resolved_score: Float[Array, "N"]  # score_known of that object, 0 without any
-    source: Int[Array, "N"]  # Source; also set where an entry gave way to a virtual object
-    remaining: Bool[Array, "N"]  # entries that stay undecided
+    source: Int[Array, "N"]  # Source
+    remaining: Bool[Array, "N"]  # entries that stay undecided; one given a virtual object does not
     root: Int[Array, "N"]  # root of the group of each entry, -1 outside groups
     proposed: Int[Array, "N"]  # candidate in the best assignment of the group, -1 if not scored
     groups: GroupAccount
@@ -100,114 +112,146 @@ def settle_known_sets(
       static: Limits of groups and anchors.
       t: Thresholds.
     """
+    scalar = scores.score.dtype
 
     def solve(_: None) -> Settled:
-        groups = form_groups(entries, object_exists, relations, evidence, static, t)
+        edge_table = tabulate_edges(evidence, t)
+        groups = form_groups(entries, object_exists, relations, edge_table, static, t)
         voters = find_voters(
             entries.present, matched_slot, matched_pass, object_exists, scores, static, t
         )
-        start = _unsolved(entries, groups, scores.score.dtype)
         pending = groups.fits & groups.closed
         order = jnp.cumsum(pending, dtype=jnp.int32)
 
-        def one(number: Int[Array, ""], settled: Settled) -> Settled:
-            root = jnp.argmax(pending & (order == number + 1))
-            return _settle_group(
-                root, settled, entries, groups, voters, scores, relations, evidence, static, t
+        def solve_next(number: Int[Array, ""], solved: _Solved) -> _Solved:
+            root = jnp.argmax(order == number + 1).astype(jnp.int32)
+            group = extract_group(root, entries, groups, static)
+            return _solve_group(
+                root, group, solved, voters, scores, relations, edge_table, evidence, static, t
             )
 
-        return jax.lax.fori_loop(0, order[-1], one, start)
+        start = _unsolved(groups, scalar)
+        solved = jax.lax.fori_loop(0, order[-1], solve_next, start)
+        return _account(solved, entries, groups, scores, object_exists)
 
     def skip(_: None) -> Settled:
-        return _untouched(entries, scores.score.dtype)
+        return _untouched(entries, scalar)
 
     return jax.lax.cond(t.enabled & jnp.any(entries.present), solve, skip, None)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Solved:
+    """Groups solved so far; `[N]` by root but for the proposals."""
+
+    proposed: Int[Array, "N"]  # by detection
+    status: Int[Array, "N"]
+    num_anchors: Int[Array, "N"]
+    numbers: Float[Array, "N 6"]  # the real fields of GroupAccount in their order
+
+
+def _unsolved(groups: Groups, scalar: jnp.dtype) -> _Solved:
+    """Groups before any is solved; those that cannot be solved have their status already."""
+    num = groups.root.shape[0]
+    zero = jnp.zeros(num, jnp.int32)
+    status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
+    return _Solved(
+        proposed=jnp.full(num, NO_SLOT, jnp.int32),
+        status=jnp.where(groups.num_detections > 0, status, zero).astype(jnp.int32),
+        num_anchors=zero,
+        numbers=jnp.zeros((num, 6), scalar),
+    )
+
+
+def _solve_group(
+    root: Int[Array, ""],
+    group: Group,
+    solved: _Solved,
+    voters: Voters,
+    scores: KnownScores,
+    relations: FrameRelations,
+    edge_table: Float[Array, "O O 8"],
+    evidence: DistanceEvidence,
+    static: Static,
+    t: KnownSets,
+) -> _Solved:
+    """Solves one group and adds it to those solved."""
+    slot, stored = group.slot, group.stored
+    edges = read_edges(edge_table, slot[:, None], voters.slot, stored[:, None])
+    pair_stored = (stored[:, None] & stored)[..., None]
+    orders = read_orders(
+        evidence, voters.slot, slot[:, None, None], slot[None, :, None], pair_stored, t
+    )
+    quality = rate_anchors(group, voters, edges, orders, relations, t)
+    chosen = choose_anchors(group, voters, quality, static, t)
+    vote, weight = vote_by_pairs(group, voters, chosen, edges, orders, relations, t)
+    at = (group.detection[:, None], slot)
+    visual = jnp.where(scores.candidate[at], scores.score[at], 0.0)
+    best = settle(score_assignments(group, vote, weight, quality, visual, t), t)
+
+    numbers = (best.score, best.second, best.gap, best.core, best.core_gap, best.evidence)
+    num = solved.status.shape[0]
+    is_root = jnp.arange(num) == root
+    place = group.is_detection & (group.detection == jnp.arange(num)[:, None])  # [N, G]
+    place = place & (best.status != GroupStatus.NO_ASSIGNMENT)
+    proposed = jnp.sum(jnp.where(place, group.candidate[best.choice], 0), axis=1, dtype=jnp.int32)
+    return _Solved(
+        proposed=jnp.where(jnp.any(place, axis=1), proposed, solved.proposed),
+        status=jnp.where(is_root, best.status, solved.status),
+        num_anchors=jnp.where(is_root, jnp.sum(chosen, dtype=jnp.int32), solved.num_anchors),
+        numbers=jnp.where(is_root[:, None], jnp.stack(numbers), solved.numbers),
+    )
+
+
+def _account(
+    solved: _Solved,
+    entries: Entries,
+    groups: Groups,
+    scores: KnownScores,
+    object_exists: Bool[Array, "O"],
+) -> Settled:
+    """What the solved groups mean for every detection."""
+    in_group = groups.root >= 0
+    status = jnp.where(in_group, solved.status[jnp.maximum(groups.root, 0)], 0)
+    full = status == GroupStatus.RESOLVED
+    partial = status == GroupStatus.PARTIAL_RESOLVED
+    source = jnp.where(full, Source.FULL, jnp.where(partial, Source.PARTIAL, Source.NONE))
+    real = (solved.proposed >= 0) & (solved.proposed < object_exists.shape[0])
+    slot = jnp.where(real, solved.proposed, 0)
+    real = real & object_exists[slot] & (full | partial)
+    row = jnp.arange(slot.shape[0], dtype=jnp.int32)
+    known = real & scores.candidate[row, slot]
+    return Settled(
+        resolved_slot=jnp.where(real, slot, NO_SLOT),
+        resolved_score=jnp.where(known, scores.score[row, slot], 0.0),
+        source=jnp.where(real, source, Source.NONE).astype(jnp.int32),
+        remaining=entries.present & ~(full | partial),
+        root=groups.root,
+        proposed=solved.proposed,
+        groups=GroupAccount(
+            jnp.where(groups.num_detections > 0, row, -1),
+            solved.status,
+            groups.num_detections,
+            groups.num_candidates,
+            solved.num_anchors,
+            *solved.numbers.T,
+        ),
+    )
 
 
 def _untouched(entries: Entries, scalar: jnp.dtype) -> Settled:
     """The answer where there is nothing to settle."""
     num = entries.present.shape[0]
-    none, zero = jnp.full(num, -1, jnp.int32), jnp.zeros(num, jnp.int32)
+    none, zero = jnp.full(num, NO_SLOT, jnp.int32), jnp.zeros(num, jnp.int32)
     real = jnp.zeros(num, scalar)
     account = GroupAccount(none, zero, zero, zero, zero, real, real, real, real, real, real)
     return Settled(none, real, zero, entries.present, none, none, account)
 
 
-def _unsolved(entries: Entries, groups: Groups, scalar: jnp.dtype) -> Settled:
-    """Groups as they are before any is solved; those that cannot be solved have their status."""
-    blank = _untouched(entries, scalar)
-    is_root = groups.num_detections > 0
-    status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
-    account = dataclasses.replace(
-        blank.groups,
-        root=jnp.where(is_root, jnp.arange(is_root.shape[0], dtype=jnp.int32), -1),
-        status=jnp.where(is_root, status, GroupStatus.NONE).astype(jnp.int32),
-        num_detections=groups.num_detections,
-        num_candidates=groups.num_candidates,
-    )
-    return dataclasses.replace(blank, root=groups.root, groups=account)
-
-
-def _settle_group(
-    root: Int[Array, ""],
-    settled: Settled,
-    entries: Entries,
-    groups: Groups,
-    voters: Voters,
-    scores: KnownScores,
-    relations: FrameRelations,
-    evidence: DistanceEvidence,
-    static: Static,
-    t: KnownSets,
-) -> Settled:
-    """Solves the group of `root` and writes down what became of it."""
-    group = _extract_group(root, entries, groups, static)
-    anchors = choose_anchors(group, voters, relations, evidence, static, t)
-    at = (group.detection[:, None], group.slot)
-    visual = jnp.where(scores.candidate[at], scores.score[at], 0.0)
-    rated = score_assignments(group, anchors, visual, relations, evidence, t)
-    solution = settle(rated, t)
-
-    full = solution.status == GroupStatus.RESOLVED
-    accepted = full | (solution.status == GroupStatus.PARTIAL_RESOLVED)
-    scored = solution.status != GroupStatus.NO_ASSIGNMENT
-    num = settled.root.shape[0]
-    position = group.is_detection & (group.detection == jnp.arange(num)[:, None])  # [N, G]
-    member = jnp.any(position, axis=1)
-    place = jnp.argmax(position, axis=1)
-    chosen = solution.choice[place]
-    stored = group.stored[chosen]
-    decided = member & accepted
-    source = jnp.where(full, Source.FULL, Source.PARTIAL).astype(jnp.int32)
-    row = jnp.arange(num) == root
-
-    def note(old: Array, new: Array) -> Array:
-        return jnp.where(row, new, old)
-
-    before = settled.groups
-    account = dataclasses.replace(
-        before,
-        status=note(before.status, solution.status),
-        num_anchors=note(before.num_anchors, jnp.sum(anchors.votes, dtype=jnp.int32)),
-        **{
-            name: note(getattr(before, name), getattr(solution, name))
-            for name in ("score", "second", "gap", "core", "core_gap", "evidence")
-        },
-    )
-    return Settled(
-        resolved_slot=jnp.where(decided & stored, group.slot[chosen], settled.resolved_slot),
-        resolved_score=jnp.where(decided & stored, visual[place, chosen], settled.resolved_score),
-        source=jnp.where(decided, source, settled.source),
-        remaining=settled.remaining & ~decided,
-        root=settled.root,
-        proposed=jnp.where(member & scored, group.candidate[chosen], settled.proposed),
-        groups=account,
-    )
-
-
-def _extract_group(root: Int[Array, ""], entries: Entries, groups: Groups, static: Static) -> Group:
+def extract_group(root: Int[Array, ""], entries: Entries, groups: Groups, static: Static) -> Group:
     """Detections and candidates of one group, ascending."""
-    num, width = entries.candidates.shape
+    num = groups.root.shape[0]
     none = jnp.iinfo(jnp.int32).max
     member = groups.root == root
     size = min(static.group_size, static.group_candidates)

@@ -11,6 +11,8 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.config.thresholds import Lifecycle as Rules
 from remind_jax.decision import NO_ID
 from remind_jax.memory.bank import DualBank
+from remind_jax.memory.cooccurrence import reorder_cooccurrence
+from remind_jax.memory.distances import reorder_distances
 from remind_jax.state import Lifecycle, Objects, TrackerState
 
 
@@ -113,6 +115,8 @@ def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerS
     return dataclasses.replace(
         state,
         objects=objects,
+        cooccurrence=reorder_cooccurrence(state.cooccurrence, order, alive),
+        distances=reorder_distances(state.distances, order, alive),
         appearance=compact(state.appearance),
         parts=compact(state.parts),
         rings=compact(state.rings),
