@@ -22,6 +22,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.solvers.lockstep import batch_max
+
 UNASSIGNED = -1
 FORBIDDEN_COST = 1e6
 _NO_KEY = 2**31 - 1
@@ -31,8 +33,7 @@ class _Problem(NamedTuple):
     """What the search reads; rows and drivers are sorted by group, those that take part first."""
 
     cost: Float[Array, "N C"]  # of each driver in each slot
-    place: Int[Array, "N C"]  # where the slot stands in the first list of open slots, -1: nowhere
-    num_open: Int[Array, "N"]  # length of that list
+    place: Int[Array, "N C"]  # of the slot among the open ones, by rising order; -1: not open
     start: Int[Array, "N"]  # first driver of the group
     num_drivers: Int[Array, ""]
 
@@ -45,8 +46,7 @@ class _Search(NamedTuple):
     low: Float[Array, ""]  # length of the path to `visited`
     distance: Float[Array, "C"]  # of the shortest path to each slot
     previous: Int[Array, "C"]  # last driver on that path
-    place: Int[Array, "C"]  # in the list of open slots, -1: closed or of another group
-    num_open: Int[Array, ""]
+    place: Int[Array, "C"]  # among the open slots; -1: closed or of another group
     entry: Float[Array, "N"]  # `low` when the driver was visited, inf: not visited
     driver_price: Float[Array, "N"]  # dual variables
     slot_price: Float[Array, "C"]
@@ -111,39 +111,37 @@ def _pose(
     """Lays out drivers and slots; also says which drivers are objects, and which objects."""
     num, columns = cost.shape
     slots = max(columns + 1, num)
-    order, start = groups.order, groups.start
-    cost = cost[order]
-    num_rows = jnp.sum(groups.same, axis=1, dtype=jnp.int32)
-    num_columns = jnp.sum(groups.columns, axis=1, dtype=jnp.int32)
-    rank = jnp.cumsum(groups.columns, axis=1, dtype=jnp.int32) - 1
-    turn = jnp.arange(num, dtype=jnp.int32) - start
-
+    cost, dummy_cost = cost[groups.order], dummy_cost[groups.order]
     padding = ((0, 0), (0, slots - columns - 1))
-    place = jnp.where(groups.columns, num_columns[:, None] - 1 - rank + dummies, -1)
-    last = jnp.where(dummies, 0, -1).astype(jnp.int32)
-    place = jnp.concatenate([place, jnp.broadcast_to(last, (num, 1))], axis=1)
-    place = jnp.pad(place, padding, constant_values=-1)
-    direct = jnp.concatenate([cost, dummy_cost[order][:, None]], axis=1)
-    direct = jnp.pad(direct, padding)
+    place = jnp.where(groups.columns, columns - jnp.arange(columns, dtype=jnp.int32), -1)
+    last = jnp.broadcast_to(jnp.where(dummies, 0, -1).astype(jnp.int32), (num, 1))
+    place = jnp.pad(jnp.concatenate([place, last], axis=1), padding, constant_values=-1)
+    priced = jnp.pad(jnp.concatenate([cost, dummy_cost[:, None]], axis=1), padding)
 
-    crossed = (num_rows > num_columns) & ~dummies & groups.live
-    driven = groups.columns & (rank == turn[:, None]) & crossed[:, None]
-    object_of = jnp.argmax(driven, axis=1).astype(jnp.int32)
-    padding = ((0, 0), (0, slots - num))
-    ahead = num_rows[:, None] - 1 - turn[None]
-    has_turn = jnp.any(driven, axis=1)
-    place_crossed = jnp.where(groups.same & has_turn[:, None], ahead, -1)
-    place_crossed = jnp.pad(place_crossed, padding, constant_values=-1)
-    cost_crossed = jnp.pad(cost[:, object_of].T, padding)
-
-    problem = _Problem(
-        cost=jnp.where(crossed[:, None], cost_crossed, direct),
-        place=jnp.where(crossed[:, None], place_crossed, place).astype(jnp.int32),
-        num_open=jnp.where(crossed, num_rows * has_turn, num_columns + dummies).astype(jnp.int32),
-        start=start,
-        num_drivers=jnp.sum(groups.live, dtype=jnp.int32),
+    crossed, object_of, priced, place = lax.cond(
+        dummies,
+        lambda: (jnp.zeros(num, bool), jnp.zeros(num, jnp.int32), priced, place),
+        lambda: _cross(cost, groups, priced, place),
     )
-    return problem, crossed, object_of
+    num_drivers = jnp.sum(groups.live, dtype=jnp.int32)
+    return _Problem(priced, place, groups.start, num_drivers), crossed, object_of
+
+
+def _cross(
+    cost: Float[Array, "N M"], groups: _Groups, priced: Float[Array, "N C"], place: Int[Array, "N C"]
+) -> tuple[Bool[Array, "N"], Int[Array, "N"], Float[Array, "N C"], Int[Array, "N C"]]:
+    """Lets objects drive in groups of more detections than objects; a driver too many has no slot."""
+    num, slots = place.shape
+    crossed = jnp.sum(groups.same, axis=1) > jnp.sum(groups.columns, axis=1)
+    index = jnp.arange(num, dtype=jnp.int32)
+    rank = jnp.cumsum(groups.columns, axis=1, dtype=jnp.int32) - 1
+    drives = groups.columns & (rank == (index - groups.start)[:, None])
+    object_of = jnp.argmax(drives, axis=1).astype(jnp.int32)
+    competes = groups.same & jnp.any(drives, axis=1, keepdims=True)
+    padding = ((0, 0), (0, slots - num))
+    turned = jnp.pad(jnp.where(competes, num - index, -1), padding, constant_values=-1)
+    priced = jnp.where(crossed[:, None], jnp.pad(cost[:, object_of].T, padding), priced)
+    return crossed, object_of, priced, jnp.where(crossed[:, None], turned, place)
 
 
 def _search(
@@ -170,7 +168,6 @@ def _search_in_double(problem, dummies, dummy_slot):
         distance=jnp.full(slots, jnp.inf, jnp.float64),
         previous=none,
         place=none,
-        num_open=zero,
         entry=jnp.full(num, jnp.inf, jnp.float64),
         driver_price=jnp.zeros(num, jnp.float64),
         slot_price=jnp.zeros(slots, jnp.float64),
@@ -179,7 +176,7 @@ def _search_in_double(problem, dummies, dummy_slot):
     )
     no_owner = dummies & (jnp.arange(slots, dtype=jnp.int32) == dummy_slot)
     state = lax.while_loop(
-        lambda state: state.driver < problem.num_drivers,
+        lambda state: batch_max(state.driver < problem.num_drivers),
         lambda state: _visit(state, problem, no_owner),
         state,
     )
@@ -195,8 +192,9 @@ def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Se
 
     fresh = driver == visited
     low = jnp.where(fresh, 0.0, state.low)
-    place = jnp.where(fresh, problem.place[driver], state.place)
-    num_open = jnp.where(fresh, problem.num_open[driver], state.num_open)
+    # Entries of a batch that are done wait for the others: without an open slot nothing changes.
+    todo = jnp.where(driver < problem.num_drivers, problem.place[driver], -1)
+    place = jnp.where(fresh, todo, state.place)
     entry = jnp.where(fresh, jnp.inf, state.entry)
     entry = jnp.where(driver_index == visited, low, entry)
     owned = state.owner >= start
@@ -210,19 +208,20 @@ def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Se
     previous = jnp.where(shorter, visited, state.previous)
 
     key = jnp.where(is_open, jnp.where(owned, place, -1 - place), _NO_KEY)
-    low, key, slot = _nearest(jnp.where(is_open, distance, jnp.inf), key, slot_index)
+    low, key, slot, last = _nearest(jnp.where(is_open, distance, jnp.inf), key, slot_index, place)
     closed_place = jnp.where(key < 0, -1 - key, key)
     at_slot = slot_index == slot
-    place = jnp.where(place == num_open - 1, closed_place, place)
+    place = jnp.where(place == last, closed_place, place)
     place = jnp.where(at_slot, -1, place)
-    found = key != _NO_KEY
+    found = low < jnp.inf
     ends = (key < 0) | ~found
 
     closed = (place < 0) & (distance < jnp.inf)
     paid = jnp.where(closed, slot_price - (low - distance), slot_price)
     priced = jnp.where(entry < jnp.inf, state.driver_price + (low - entry), state.driver_price)
     last_owner = state.owner[slot]
-    taken_over = ends & found & (driver_index == last_owner)
+    gains = ends & found
+    owner = _augment(state.owner, previous, at_slot, previous[slot], driver, gains)
     return _Search(
         driver=jnp.where(ends, driver + 1, driver),
         visited=jnp.where(ends, driver + 1, last_owner),
@@ -230,28 +229,30 @@ def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Se
         distance=distance,
         previous=previous,
         place=place,
-        num_open=num_open - 1,
         entry=entry,
-        driver_price=jnp.where(ends, priced, state.driver_price),
-        slot_price=jnp.where(ends, paid, slot_price),
-        owner=_augment(state.owner, previous, at_slot, previous[slot], driver, ends & found)
-        * ~no_owner
-        - no_owner,
-        settled=jnp.where(taken_over, slot, state.settled),
+        driver_price=jnp.where(gains, priced, state.driver_price),
+        slot_price=jnp.where(gains, paid, slot_price),
+        owner=jnp.where(no_owner, -1, owner),
+        settled=jnp.where(gains & (driver_index == last_owner), slot, state.settled),
     )
 
 
 def _nearest(
-    distance: Float[Array, "C"], key: Int[Array, "C"], slot: Int[Array, "C"]
-) -> tuple[Float[Array, ""], Int[Array, ""], Int[Array, ""]]:
-    """Least distance; among equals least key: free before owned, free ones last listed first."""
+    distance: Float[Array, "C"], key: Int[Array, "C"], slot: Int[Array, "C"], place: Int[Array, "C"]
+) -> tuple[Float[Array, ""], Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
+    """Least distance; among equals least key: free before owned, free ones last listed first.
+
+    Returns:
+      Distance, key and index of that slot, and the last place of all open ones.
+    """
 
     def less(left, right):
         nearer = (left[0] < right[0]) | ((left[0] == right[0]) & (left[1] < right[1]))
-        return tuple(jnp.where(nearer, x, y) for x, y in zip(left, right, strict=True))
+        best = tuple(jnp.where(nearer, x, y) for x, y in zip(left[:3], right[:3], strict=True))
+        return *best, jnp.maximum(left[3], right[3])
 
-    nothing = (jnp.float64(jnp.inf), jnp.int32(_NO_KEY), jnp.int32(distance.shape[0]))
-    return lax.reduce((distance, key, slot), nothing, less, (0,))
+    unit = (jnp.float64(jnp.inf), jnp.int32(_NO_KEY), jnp.int32(len(key)), jnp.int32(-1))
+    return lax.reduce((distance, key, slot, place), unit, less, (0,))
 
 
 def _augment(
@@ -265,12 +266,13 @@ def _augment(
     """Passes every slot of the path on to the driver before it, back to `driver`."""
 
     def unfinished(carry):
-        return carry[0] != driver
+        return batch_max(carry[0] != driver)
 
     def pass_on(carry):
         holder, renewed = carry
-        given_up = owner == holder
-        holder = jnp.max(jnp.where(given_up, previous, -1))
+        moves = holder != driver
+        given_up = (owner == holder) & moves
+        holder = jnp.where(moves, jnp.max(jnp.where(given_up, previous, -1)), holder)
         return holder, jnp.where(given_up, holder, renewed)
 
     holder = jnp.where(ends, holder, driver)

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-OUTSIDE = -1
+from remind_jax.errors import ConfigError
+from remind_jax.solvers.clustering_in_graph import OUTSIDE, cluster_in_graph
 
 
 def kmeans(
@@ -35,29 +36,88 @@ def kmeans(
       iterations: Most rounds of one restart.
       restarts: Number of restarts.
       seed: Seed of the draws, restarted for every set.
-      solver: `"host"`: NumPy in one callback for all sets and batch entries.
+      solver: `"host"`: NumPy in one callback for all sets and batch entries; `"jax"`: the same
+        procedure in the graph.
 
     Returns:
       Cluster of each point, -1 outside the set.
     """
-    if solver != "host":
-        raise NotImplementedError(f"solver {solver!r} is not available; use 'host'")
+    wanted = jnp.full(members.shape[0], clusters, jnp.int32)
+    labels, _ = kmeans_with_centres(
+        points,
+        members,
+        wanted,
+        clusters=clusters,
+        iterations=iterations,
+        restarts=restarts,
+        seed=seed,
+        solver=solver,
+    )
+    return labels
 
-    def cluster_batched(points, members):
-        points, members = np.asarray(points), np.asarray(members)
+
+def kmeans_with_centres(
+    points: Float[Array, "P D"],
+    members: Bool[Array, "N P"],
+    wanted: Int[Array, "N"],
+    *,
+    clusters: int,
+    iterations: int,
+    restarts: int,
+    seed: int,
+    solver: str,
+) -> tuple[Int[Array, "N P"], Float[Array, "N K D"]]:
+    """Clusters as `kmeans` does, with a number of clusters for each set; returns centres as well.
+
+    Args:
+      points: Points shared by all sets.
+      members: Which points belong to each set.
+      wanted: Clusters of each set, from 1 to `clusters`; a set never has more than points.
+      clusters: K.
+      iterations: Most rounds of one restart.
+      restarts: Number of restarts.
+      seed: Seed of the draws, restarted for every set.
+      solver: `"host"` or `"jax"`.
+
+    Returns:
+      Cluster of each point, -1 outside the set; centres, zero for clusters that do not exist.
+      If a restart ends by its last round, centres are one update newer than labels.
+    """
+    if solver == "jax":
+        return cluster_in_graph(
+            points,
+            members,
+            wanted,
+            clusters=clusters,
+            iterations=iterations,
+            restarts=restarts,
+            seed=seed,
+        )
+    if solver != "host":
+        raise ConfigError(f"solver {solver!r} is unknown; use 'host' or 'jax'")
+
+    def cluster_batched(points, members, wanted):
+        points, members, wanted = map(np.asarray, (points, members, wanted))
         labels = np.full(members.shape, OUTSIDE, np.int8)
-        for index in np.ndindex(*members.shape[:-1]):
+        centres = np.zeros((*wanted.shape, clusters, points.shape[-1]), points.dtype)
+        for index in np.ndindex(*wanted.shape):
             inside = np.flatnonzero(members[index])
             if len(inside):
-                labels[index][inside], _ = cluster_points(
-                    points[index[:-1]][inside], clusters, iterations, restarts, seed
+                labels[index][inside], found = cluster_points(
+                    points[index[:-1]][inside], int(wanted[index]), iterations, restarts, seed
                 )
-        return labels
+                centres[index][: len(found)] = found
+        return labels, centres
 
-    out = jax.ShapeDtypeStruct(members.shape, jnp.int8)
-    return jax.pure_callback(
-        cluster_batched, out, points, members, vmap_method="broadcast_all"
-    ).astype(jnp.int32)
+    shape = (members.shape[0], clusters, points.shape[1])
+    out = (
+        jax.ShapeDtypeStruct(members.shape, jnp.int8),
+        jax.ShapeDtypeStruct(shape, points.dtype),
+    )
+    labels, centres = jax.pure_callback(
+        cluster_batched, out, points, members, wanted, vmap_method="broadcast_all"
+    )
+    return labels.astype(jnp.int32), centres
 
 
 def cluster_points(
