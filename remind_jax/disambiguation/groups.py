@@ -161,6 +161,6 @@ def _label_components(linked: Bool[Array, "N N"], takes_part: Bool[Array, "N"]) 
     num = linked.shape[0]
     reach = linked & takes_part[:, None] & takes_part
     reach = (reach | reach.T | jnp.eye(num, dtype=bool)).astype(jnp.float32)
-    for _ in range(max(1, (num - 1).bit_length())):
-        reach = (reach @ reach > 0).astype(jnp.float32)
+    square = lambda _, reach: (reach @ reach > 0).astype(jnp.float32)  # noqa: E731
+    reach = jax.lax.fori_loop(0, max(1, (num - 1).bit_length()), square, reach)
     return jnp.argmax(reach, axis=1).astype(jnp.int32)

@@ -1,6 +1,7 @@
 """Which candidate is which detection, judged by the order of distances (notes 11.6, 11.7).
 
-Letters: `G` detections and `U` candidates of a group, `R` joint assignments, `V` voters.
+Letters: `G` detections and `U` candidates of a group, `R` joint assignments, `P` pairs
+of detections, `V` voters.
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ from remind_jax.disambiguation.distance_evidence import TINY, Edges, FrameRelati
 ROBUSTNESS_FLOOR = 0.10  # weight of an order that was never robust (context notes 11.6)
 _TINY_REF = 1e-6
 
+# What a solution says about itself: score of the best assignment, of the runner-up (-1 without
+# any), their difference, and score of the best without appearance, its lead, weight of the anchors.
+NUMBERS = ("score", "second", "gap", "core", "core_gap", "evidence")
+
 
 class GroupStatus(enum.IntEnum):
     """What became of a group (context notes 11.3, 11.7)."""
@@ -37,21 +42,6 @@ class GroupStatus(enum.IntEnum):
     LOW_CORE_GAP = 8
     RESOLVED = 9
     PARTIAL_RESOLVED = 10  # accepted whole as well, with a small lead
-
-
-_STATUS_IF_FAILED = np.array(
-    [
-        GroupStatus.NO_ASSIGNMENT,
-        GroupStatus.LOW_EVIDENCE,
-        GroupStatus.LOW_SCORE,
-        GroupStatus.VISUAL_RANK_FLIP,
-        GroupStatus.LOW_CORE_SCORE,
-        GroupStatus.LOW_CORE_GAP,
-        GroupStatus.PARTIAL_RESOLVED,
-        GroupStatus.RESOLVED,
-    ],
-    np.int32,
-)
 
 
 @jax.tree_util.register_dataclass
@@ -73,12 +63,7 @@ class Solution:
 
     status: Int[Array, ""]  # GroupStatus
     choice: Int[Array, "G"]  # index into the candidates of the group
-    score: Float[Array, ""]
-    second: Float[Array, ""]  # score of the runner-up, -1 without any
-    gap: Float[Array, ""]
-    core: Float[Array, ""]
-    core_gap: Float[Array, ""]
-    evidence: Float[Array, ""]
+    numbers: Float[Array, "6"]  # NUMBERS; 0 without any assignment
 
 
 @functools.lru_cache
@@ -98,8 +83,8 @@ def list_injections(num_rows: int, num_columns: int) -> tuple[np.ndarray, np.nda
 
 def score_assignments(
     group: Group,
-    vote: Float[Array, "G G U U V"],
-    weight: Float[Array, "G G U U V"],
+    vote: Float[Array, "P U U V"],
+    weight: Float[Array, "P U U V"],
     quality: Float[Array, "V"],
     visual: Float[Array, "G U"],
     t: KnownSets,
@@ -117,23 +102,23 @@ def score_assignments(
     valid, choice = _enumerate(group)
     size, num = group.allowed.shape
     first, second = np.triu_indices(size, 1)
-    pair = ((first * size + second) * num + choice[:, first]) * num + choice[:, second]
-    votes = jnp.stack([vote * weight, weight], axis=-1).reshape(size * size * num * num, -1)
+    pair = (np.arange(len(first)) * num + choice[:, first]) * num + choice[:, second]
+    votes = jnp.stack([vote * weight, weight], axis=-1).reshape(len(first) * num * num, -1)
     summed = jnp.sum(votes[pair], axis=1).reshape(len(choice), -1, 2)  # [R, V, 2]
     evidence = summed[..., 1]
     fit = summed[..., 0] / jnp.where(evidence > TINY, evidence, 1.0)
     weighed = quality * evidence
-    counted = (quality > TINY) & (evidence > TINY) & (weighed > TINY)
-    weighed = jnp.where(counted, weighed, 0.0)
-    total = jnp.sum(weighed, axis=1)
+    weighed = jnp.where((quality > TINY) & (evidence > TINY) & (weighed > TINY), weighed, 0.0)
+    terms = jnp.stack([weighed, weighed * fit, weighed * quality], axis=-1)
+    total, fits, qualities = jnp.sum(terms, axis=1).T
     safe = jnp.where(total > TINY, total, 1.0)
-    core = (jnp.sum(weighed * fit, axis=1) / safe) * (jnp.sum(weighed * quality, axis=1) / safe)
+    core = (fits / safe) * (qualities / safe)
 
     stored = group.stored & group.is_detection[:, None]
     looks = jnp.stack([jnp.where(stored, visual, 0.0), stored.astype(visual.dtype)], axis=-1)
     looks = jnp.sum(looks.reshape(size * num, 2)[np.arange(size) * num + choice], axis=1)
     look = looks[:, 0] / jnp.maximum(1.0, looks[:, 1])
-    anchor_share = jnp.where(jnp.any(counted, axis=1), t.anchor_weight, 0.0)
+    anchor_share = jnp.where(total > TINY, t.anchor_weight, 0.0)
     visual_share = jnp.where(looks[:, 1] > 0, t.visual_weight, 0.0)
     share = anchor_share + visual_share
     score = (anchor_share * core + visual_share * look) / jnp.where(share > TINY, share, 1.0)
@@ -142,39 +127,33 @@ def score_assignments(
 
 def settle(scores: AssignmentScores, t: KnownSets) -> Solution:
     """Takes the best assignment and asks whether it is good and clear enough."""
-    score = jnp.where(scores.valid, scores.score, -jnp.inf)
-    core = jnp.where(scores.valid, scores.core, -jnp.inf)
-    best = jnp.argmax(score)
-    # Of equal cores, the one that comes first by score.
-    core_best = jnp.argmax(jnp.where(core == jnp.max(core), score, -jnp.inf))
-    runner_up = jax.lax.top_k(jnp.stack([score, core]), 2)[0][:, 1]
-    some, several = jnp.any(scores.valid), jnp.sum(scores.valid) > 1
-    own = jnp.where(some, jnp.stack([score[best], core[best]]), 0.0)
-    runner_up = jnp.where(several, runner_up, jnp.where(some, -1.0, 0.0))
-    lead = jnp.where(runner_up >= 0.0, own - runner_up, own)
-    evidence = jnp.where(some, scores.evidence[best], 0.0)
-    failed = jnp.stack(
-        [
-            ~some,
-            evidence < t.min_evidence,
-            own[0] < t.min_score,
-            best != core_best,
-            own[1] < t.min_core,
-            lead[1] < t.min_core_gap,
-            lead[0] < t.full_gap,
-            jnp.ones((), bool),
-        ]
+    rated = jnp.stack([scores.score, scores.core, scores.evidence])
+    rated = jnp.where(scores.valid, rated, -jnp.inf)
+    best = jnp.argmax(rated[0])
+    score, core, evidence = rated[:, best]
+    (_, second), (top_core, second_core) = jax.lax.top_k(rated[:2], 2)[0]
+    none, alone = score == -jnp.inf, second == -jnp.inf
+
+    def lead(value: Float[Array, ""], other: Float[Array, ""]) -> Float[Array, ""]:
+        return jnp.where(other >= 0.0, value - other, value)
+
+    gap, core_gap = lead(score, second), lead(core, second_core)
+    tests = (
+        (none, GroupStatus.NO_ASSIGNMENT),
+        (evidence < t.min_evidence, GroupStatus.LOW_EVIDENCE),
+        (score < t.min_score, GroupStatus.LOW_SCORE),
+        # Of equal cores, the one that comes first by score is best.
+        (core < top_core, GroupStatus.VISUAL_RANK_FLIP),
+        (core < t.min_core, GroupStatus.LOW_CORE_SCORE),
+        (core_gap < t.min_core_gap, GroupStatus.LOW_CORE_GAP),
+        (gap < t.full_gap, GroupStatus.PARTIAL_RESOLVED),
     )
-    return Solution(
-        status=jnp.asarray(_STATUS_IF_FAILED)[jnp.argmax(failed)],
-        choice=scores.choice[best],
-        score=own[0],
-        second=runner_up[0],
-        gap=lead[0],
-        core=own[1],
-        core_gap=lead[1],
-        evidence=evidence,
-    )
+    status = jnp.int32(GroupStatus.RESOLVED)
+    for failed, code in reversed(tests):
+        status = jnp.where(failed, jnp.int32(code), status)
+    second = jnp.where(alone, -1.0, second)
+    numbers = jnp.stack([score, second, gap, core, core_gap, evidence])
+    return Solution(status, scores.choice[best], jnp.where(none, 0.0, numbers))
 
 
 def vote_by_pairs(
@@ -185,11 +164,10 @@ def vote_by_pairs(
     orders: PairOrders,
     relations: FrameRelations,
     t: KnownSets,
-) -> tuple[Float[Array, "G G U U V"], Float[Array, "G G U U V"]]:
+) -> tuple[Float[Array, "P U U V"], Float[Array, "P U U V"]]:
     """How well two candidates fit two detections as each voter sees it, and the weight of that.
 
-    The arrays are indexed `[i, j, u, v, voter]`: candidate u for detection i, v for j. Votes with
-    `i >= j` mean nothing.
+    Indexed by the pair (i, j) of detections, the candidate of i, the candidate of j and the voter.
 
     Args:
       group: Detections and candidates.
@@ -200,9 +178,10 @@ def vote_by_pairs(
       relations: Distances between the detections of the frame.
       t: Thresholds.
     """
+    first, second = np.triu_indices(group.detection.shape[0], 1)
     seen = relations.distance[group.detection[:, None], voters.place]  # [G, V]
-    apart = jnp.abs(seen[:, None] - seen)[:, :, None, None]
-    nearer = (seen[:, None] < seen)[:, :, None, None]
+    one, other = seen[first][:, None, None], seen[second][:, None, None]
+    apart, nearer = jnp.abs(one - other), one < other  # [P, 1, 1, V]
     expected = jnp.abs(edges.distance[:, None] - edges.distance)  # [U, U, V]
     separation = jnp.maximum(apart, expected) / jnp.maximum(_TINY_REF, t.span_ref)
     separation = jnp.minimum(1.0, separation)
@@ -217,8 +196,8 @@ def vote_by_pairs(
     robust = jnp.where(orders.seen, jnp.maximum(ROBUSTNESS_FLOOR, orders.robustness), 1.0)
     weight = 0.5 * (edges.reliability[:, None] + edges.reliability) * (separation * robust)
     usable = edges.usable[:, None] & edges.usable & chosen
-    pair_real = (group.is_detection[:, None] & group.is_detection)[:, :, None, None, None]
-    usable = usable & pair_real & (separation > TINY) & (weight > TINY)
+    real = group.is_detection[first] & group.is_detection[second]
+    usable = usable & real[:, None, None, None] & (separation > TINY) & (weight > TINY)
     return jnp.where(orders.seen, known, vote), jnp.where(usable, weight, 0.0)
 
 

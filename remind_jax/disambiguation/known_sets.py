@@ -31,6 +31,7 @@ from remind_jax.disambiguation.distance_evidence import (
 )
 from remind_jax.disambiguation.groups import Entries, Groups, form_groups
 from remind_jax.disambiguation.joint_assignments import (
+    NUMBERS,
     GroupStatus,
     score_assignments,
     settle,
@@ -148,7 +149,7 @@ class _Solved:
     proposed: Int[Array, "N"]  # by detection
     status: Int[Array, "N"]
     num_anchors: Int[Array, "N"]
-    numbers: Float[Array, "N 6"]  # the real fields of GroupAccount in their order
+    numbers: Float[Array, "N 6"]  # joint_assignments.NUMBERS
 
 
 def _unsolved(groups: Groups, scalar: jnp.dtype) -> _Solved:
@@ -160,7 +161,7 @@ def _unsolved(groups: Groups, scalar: jnp.dtype) -> _Solved:
         proposed=jnp.full(num, NO_SLOT, jnp.int32),
         status=jnp.where(groups.num_detections > 0, status, zero).astype(jnp.int32),
         num_anchors=zero,
-        numbers=jnp.zeros((num, 6), scalar),
+        numbers=jnp.zeros((num, len(NUMBERS)), scalar),
     )
 
 
@@ -190,7 +191,6 @@ def _solve_group(
     visual = jnp.where(scores.candidate[at], scores.score[at], 0.0)
     best = settle(score_assignments(group, vote, weight, quality, visual, t), t)
 
-    numbers = (best.score, best.second, best.gap, best.core, best.core_gap, best.evidence)
     num = solved.status.shape[0]
     is_root = jnp.arange(num) == root
     place = group.is_detection & (group.detection == jnp.arange(num)[:, None])  # [N, G]
@@ -200,7 +200,7 @@ def _solve_group(
         proposed=jnp.where(jnp.any(place, axis=1), proposed, solved.proposed),
         status=jnp.where(is_root, best.status, solved.status),
         num_anchors=jnp.where(is_root, jnp.sum(chosen, dtype=jnp.int32), solved.num_anchors),
-        numbers=jnp.where(is_root[:, None], jnp.stack(numbers), solved.numbers),
+        numbers=jnp.where(is_root[:, None], best.numbers, solved.numbers),
     )
 
 
@@ -235,7 +235,7 @@ def _account(
             groups.num_detections,
             groups.num_candidates,
             solved.num_anchors,
-            *solved.numbers.T,
+            **dict(zip(NUMBERS, solved.numbers.T, strict=True)),
         ),
     )
 
