@@ -49,7 +49,7 @@ def relate_masks(
     close = present[:, None] & present & (box_gap_px <= exact_gap_max * scale_px)
     np.fill_diagonal(close, False)
 
-    gap_px = box_gap_px.copy()
+    gap_px = np.where(np.eye(num, dtype=bool), 0.0, box_gap_px)
     first, second = np.nonzero(np.triu(close))
     gaps = _measure_gaps(masks, boxes.astype(int), first, second)
     gap_px[first, second] = gap_px[second, first] = gaps

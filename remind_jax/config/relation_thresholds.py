@@ -7,18 +7,20 @@ from typing import Any
 
 import jax
 
+from remind_jax.config.kinds import Gate, Real, Whole
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Cooccurrence:
     """Who is seen with whom (context notes 4)."""
 
-    enabled: bool = True  # remember neighbours at all; off also stops the distances
-    smoothing: float = 0.5  # added to every count of a conditional probability
-    same_context: float = 0.85  # overlap of two sets of neighbours that are the same context
-    debounce_frames: int = 3  # sightings of a new context that make an episode
-    force_frames: int = 3  # frames after which the next sighting is an episode; 0: never
-    decay: float = 1.0  # share of an edge weight that an episode leaves
+    enabled: Gate = True  # remember neighbours at all; off also stops the distances
+    smoothing: Real = 0.5  # added to every count of a conditional probability
+    same_context: Real = 0.85  # overlap of two sets of neighbours that are the same context
+    debounce_frames: Whole = 3  # sightings of a new context that make an episode
+    force_frames: Whole = 3  # frames after which the next sighting is an episode; 0: never
+    decay: Real = 1.0  # share of an edge weight that an episode leaves
 
 
 @jax.tree_util.register_dataclass
@@ -26,11 +28,11 @@ class Cooccurrence:
 class Relations:
     """How two things in one frame lie to each other (context notes 5)."""
 
-    enabled: bool = True  # remember distances
-    scale_min_px: float = 40.0  # least length that distances are measured in
-    contact_margin_px: float = 2.0  # gap up to which two masks touch
-    near: float = 1.25  # normalised gap up to which two masks are near
-    exact_gap_max: float = 1.75  # normalised box gap beyond which the box gap is good enough
+    enabled: Gate = True  # remember distances
+    scale_min_px: Real = 40.0  # least length that distances are measured in
+    contact_margin_px: Real = 2.0  # gap up to which two masks touch
+    near: Real = 1.25  # normalised gap up to which two masks are near
+    exact_gap_max: Real = 1.75  # normalised box gap beyond which the box gap is good enough
 
 
 RENAMED: dict[str, str] = {

@@ -19,8 +19,6 @@ from remind_jax.memory.cooccurrence import Sightings
 from remind_jax.perception.relations import Contact, Relations
 
 PENDING_SLOTS = 3  # a forced episode comes before a fourth relation (notes 16)
-_FULL_EPISODES = 6.0  # episodes from which an edge is fully reliable
-_SUPPORT_PENALTY, _MIN_INFORMATIVENESS = 0.80, 0.10
 
 
 @jax.tree_util.register_dataclass
@@ -52,27 +50,6 @@ class Edges:
         """Episodes that the edge was built from, 0: no edge."""
         return jnp.sum(self.contact_count, axis=-1, dtype=jnp.int32)
 
-    @property
-    def reliability(self) -> Float[Array, "..."]:
-        """How far the number of episodes can be trusted, [0, 1]."""
-        return reliability(self.count, self.gap_mean.dtype)
-
-    @property
-    def distance(self) -> Float[Array, "..."]:
-        """Mean gap if there is one, else mean distance of the centres."""
-        return jnp.where(self.gap_count > 0, self.gap_mean, self.center_mean)
-
-    @property
-    def informativeness(self) -> Float[Array, "..."]:
-        """How much the distance tells, [0.1, 1]; little between a thing and what it rests on."""
-        return jnp.maximum(_MIN_INFORMATIVENESS, 1.0 - _SUPPORT_PENALTY * self.support_mean)
-
-    @property
-    def contact_share(self) -> Float[Array, "... 4"]:
-        """Share of the episodes per Contact."""
-        total = jnp.maximum(1, self.count).astype(self.gap_mean.dtype)
-        return self.contact_count / total[..., None]
-
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -83,16 +60,6 @@ class PairOrder:
     first_share: Float[Array, "..."]  # share of them in which a was nearer than b
     margin_mean: Float[Array, "..."]  # of the difference of the two distances, without sign
     margin_deviation: Float[Array, "..."]  # its sample standard deviation
-
-    @property
-    def consistency(self) -> Float[Array, "..."]:
-        """Share of the more frequent order."""
-        return jnp.maximum(self.first_share, 1.0 - self.first_share)
-
-    @property
-    def reliability(self) -> Float[Array, "..."]:
-        """How far the number of episodes can be trusted, [0, 1]."""
-        return reliability(self.count, self.margin_mean.dtype)
 
 
 @jax.tree_util.register_dataclass
@@ -108,16 +75,6 @@ class DistanceGraph:
     edges: Edges  # leading axes [O O]
     nearer: Int[Array, "O O O"]  # episodes with a nearer than b; of equals the later slot is nearer
     margin: Float[Array, "O O O"]  # difference of both distances; a < b: mean, a > b: squares
-
-
-def reliability(count: Int[Array, "..."], scalar: jnp.dtype) -> Float[Array, "..."]:
-    """Trust in statistics of `count` episodes, 1 from six on (notes 6.3)."""
-    return jnp.minimum(1.0, jnp.sqrt(count.astype(scalar) / _FULL_EPISODES))
-
-
-def read_edges(graph: DistanceGraph, owner: Int[Array, "..."], other: Int[Array, "..."]) -> Edges:
-    """What the objects `owner` know of the objects `other`; slots broadcast together."""
-    return jax.tree.map(lambda leaf: leaf[owner, other], graph.edges)
 
 
 def read_pair_order(
@@ -329,7 +286,6 @@ def reorder_distances(
       order: Old slot of every new one.
       alive: New slots in use.
     """
-
     slots = jnp.arange(order.shape[0])
 
     def move(leaf: Array) -> Array:

@@ -59,7 +59,7 @@ def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> 
         boxes, at lower quality.
       t: Thresholds, as arrays of the scalar type.
     """
-    scalar = jnp.asarray(t.scale_min_px).dtype
+    scalar = t.scale_min_px.dtype
     box, center = jnp.asarray(masks.box, scalar), jnp.asarray(masks.center, scalar)
     area = jnp.asarray(masks.area, scalar)
     side = jnp.sqrt(area)
