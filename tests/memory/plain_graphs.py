@@ -1,7 +1,6 @@
 """The relational memories again in plain Python, straight from context notes 4 and 6."""
 
 import dataclasses
-import statistics
 
 import numpy as np
 
@@ -79,7 +78,7 @@ class PlainDistances:
             if measured:
                 edge[0].append(_median(measured))
             edge[1].append(_median(centers))
-            edge[2].append(float(np.mean(np.float32(supports))))
+            edge[2].append(float(np.mean(np.asarray(supports, np.float32))))
             edge[3].append(max(contacts, key=lambda c: (contacts.count(c), c)))
             distance[other] = _median(primary)
         for a in distance:
@@ -90,4 +89,4 @@ class PlainDistances:
 
 
 def _median(values) -> float:
-    return float(np.float32(statistics.median(np.float32(values))))
+    return float(np.median(np.asarray(values, np.float32)))
