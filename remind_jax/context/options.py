@@ -2,7 +2,7 @@
 
 A hypothesis takes `k` detections of the class and explains them by `k` of its objects: by the best
 supported ones, or with the last of them replaced by the next. Likewise it takes the surest `k`
-detections, or replaces the last. Letters: `W` beam rows, `K` most detections per class,
+detections, or replaces the last. Letters: `W` sets of the beam, `K` most detections per class,
 `L` objects per class and one empty place.
 """
 
@@ -31,7 +31,7 @@ _DISTINCT = 1e-15
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """The choices of one class for every row of the beam; `k` counts from 0 to `K`."""
+    """The choices of one class for every set of the beam; `k` counts from 0 to `K`."""
 
     ranked: Int[Array, "W K+1"]  # objects of the class, best supported first, NOBODY behind them
     support: Float[Array, "W K+1 2"]  # of the choice of k objects, by object variant
@@ -52,13 +52,13 @@ def support_by_kernel(
     static: Static,
     t: Sets,
 ) -> tuple[Float[Array, "W L"], Bool[Array, "W"]]:
-    """Mean conditional probability of each object of a class, given the kernel of a row (7.3).
+    """Mean conditional probability of each object of a class, given the kernel of a set (7.3).
 
-    The kernel is the anchors and, while there is room, the members of the row. Members of the
+    The kernel is the anchors and, while there is room, the members of the set. Members of the
     kernel that do not speak for an object are left out of its mean.
 
     Returns:
-      The support, the maturity of the object if there is no kernel; and which rows have a kernel.
+      The support, the maturity of the object if there is no kernel; and which sets have a kernel.
     """
     slots = anchors.shape[0]
     slot = jnp.arange(slots)
@@ -71,7 +71,7 @@ def support_by_kernel(
     told = evidence.conditional[:, at][kernel]
     heard = (told >= t.min_link) & speaks[:, :, None]
     count = jnp.sum(heard, axis=1, dtype=jnp.int32)
-    total = sum_in_order(jnp.moveaxis(jnp.where(heard, told, 0.0), 1, 0))
+    total = sum_in_order(jnp.moveaxis(told, 1, 0), jnp.moveaxis(heard, 1, 0))
     support = total / jnp.maximum(count, 1).astype(total.dtype)
     has_kernel = jnp.any(speaks, axis=1)
     return jnp.where(has_kernel[:, None], support, maturity[at][None]), has_kernel
@@ -91,7 +91,7 @@ def list_options(
 
     Args:
       support: Support of each object of the class.
-      has_kernel: Rows in which that support comes from other objects.
+      has_kernel: Sets for which that support comes from other objects.
       pool: Objects of the class, latest first.
       pool_size: Their number.
       num_detections: Detections of the class.
@@ -126,7 +126,7 @@ def list_options(
         allowed=allowed,
         info=_information(pool_size, most, static, t),
         target=target,
-        stability=_stability(jnp.where(included & has_kernel[:, None], support, 0.0), t),
+        stability=_stability(support, included & has_kernel[:, None], t),
         exclusivity=exclusivity,
         exclusive=exclusive,
     )
@@ -157,13 +157,15 @@ def _information(
     return 1.0 / (1.0 + t.choice_penalty * jnp.where(free, jnp.maximum(choices, 0.0), 0.0))
 
 
-def _stability(support: Float[Array, "W L"], t: Sets) -> Float[Array, "W"]:
+def _stability(
+    support: Float[Array, "W L"], included: Bool[Array, "W L"], t: Sets
+) -> Float[Array, "W"]:
     """1 if one object has all support, 0 if it is spread evenly."""
-    support = support.T[::-1]
-    total = sum_in_order(support)
+    support, included = support.T[::-1], included.T[::-1]  # early objects first
+    total = sum_in_order(support, included)
     some = total > t.stability_eps
-    share = jnp.where(some, support / jnp.where(some, total, 1.0), 0.0)
-    entropy = sum_in_order(-share * jnp.log(jnp.maximum(t.stability_eps, share)))
+    share = jnp.where(some & included, support / jnp.where(some, total, 1.0), 0.0)
+    entropy = sum_in_order(-share * jnp.log(jnp.maximum(t.stability_eps, share)), included)
     positive = jnp.sum(share > 0.0, axis=0, dtype=jnp.int32).astype(support.dtype)
     spread = jnp.clip(entropy / jnp.log(jnp.maximum(2.0, positive)), 0.0, 1.0)
     return jnp.where(some, 1.0 - spread, 0.0)

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
-from remind_jax.context.member_sets import Cohesion
+from remind_jax.context.member_sets import Cohesion, Trust
+from remind_jax.context.options import Options
 
 
 @jax.tree_util.register_dataclass
@@ -40,14 +41,38 @@ def empty_tally(scalar: jnp.dtype) -> Tally:
     return Tally(jnp.ones((), scalar), *[nothing] * 4, jnp.zeros((), bool))
 
 
+def tally_choices(tally: Tally, options: Options) -> Tally:
+    """The tally of every set after every choice of objects `[W, K+1, 2]` (notes 7.5)."""
+    row = lambda leaf: leaf[:, None, None]  # noqa: E731
+    count = jnp.arange(options.info.shape[0])
+    some = (count > 0)[:, None]
+    lead = count.astype(options.info.dtype) * options.exclusivity
+    support = jnp.clip(options.support, 0.0, 1.0)
+    grown = Tally(
+        info=row(tally.info) * options.info[:, None],
+        support_sum=row(tally.support_sum) + row(options.target) * support,
+        support_weight=row(tally.support_weight + options.target),
+        stability_sum=row(tally.stability_sum) + jnp.where(some, row(options.stability), 0.0),
+        exclusivity_sum=row(tally.exclusivity_sum) + lead[..., None],
+        exclusive=row(tally.exclusive) | options.exclusive[..., None],
+    )
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, support.shape), grown)
+
+
 def score_sets(
-    size: Int[Array, "..."], cohesion: Cohesion, tally: Tally, scale: FrameScale, t: Sets
+    size: Int[Array, "..."],
+    cohesion: Cohesion,
+    trust: Trust,
+    tally: Tally,
+    scale: FrameScale,
+    t: Sets,
 ) -> Float[Array, "..."]:
     """Weighted mean of the terms, scaled by connection and reliability, in [0, 1].
 
     Args:
       size: Members, as many as explained detections.
       cohesion: How well the sets hold together.
+      trust: How well their members are known.
       tally: How good the choices were.
       scale: What the frame shows.
       t: Thresholds.
@@ -57,15 +82,11 @@ def score_sets(
     classes = jnp.maximum(scale.num_classes, 1).astype(count.dtype)
     excess = jnp.maximum(count - t.size_free.astype(count.dtype), 0.0)
     rated = tally.exclusive & t.exclusivity & (size >= t.exclusivity_min_size)
-    rated = rated & (cohesion.maturity >= t.exclusivity_min_maturity)
+    rated = rated & (trust.maturity >= t.exclusivity_min_maturity)
     terms = (  # summed in this order, as in the original
         (t.coverage_weight, rate_coverage(size, scale.num_detections, t), True),
         (t.size_weight, 1.0 - jnp.exp(-excess / t.size_scale), True),
-        (
-            t.info_weight * _decline(once, "info", t),
-            tally.info,
-            True,
-        ),
+        (t.info_weight * _decline(once, "info", t), tally.info, True),
         (t.density_weight, cohesion.density, size >= 2),
         (t.support_weight, tally.support_sum / jnp.maximum(tally.support_weight, 1.0), True),
         (t.stability_weight, tally.stability_sum / classes, True),
@@ -82,9 +103,7 @@ def score_sets(
         weights = weights + weight
     counts = weights > 1e-12
     mean = jnp.where(counts, total / jnp.where(counts, weights, 1.0), 0.0)
-    return jnp.clip(
-        jnp.clip(mean, 0.0, 1.0) * cohesion.connection * cohesion.reliability, 0.0, 1.0
-    )
+    return jnp.clip(jnp.clip(mean, 0.0, 1.0) * cohesion.connection * trust.reliability, 0.0, 1.0)
 
 
 def rate_coverage(

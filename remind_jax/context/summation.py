@@ -9,13 +9,18 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-_UNROLL = 16  # additions per turn of the loop
+_UNROLL = 8  # additions per turn of the loop
 
 
-def sum_in_order(values: Float[Array, "X *B"]) -> Float[Array, "*B"]:
-    """Adds along the first axis, one after the other."""
-    start = jnp.zeros_like(values[0])
-    total, _ = jax.lax.scan(lambda so_far, x: (so_far + x, None), start, values, unroll=_UNROLL)
-    return total
+def sum_in_order(values: Float[Array, "X *V"], counted: Bool[Array, "X *C"]) -> Float[Array, "*B"]:
+    """Adds the counted values along the first axis, one after the other; the rest broadcasts."""
+
+    def add(so_far: Array, term: tuple[Array, Array]) -> tuple[Array, None]:
+        value, counts = term
+        return so_far + jnp.where(counts, value, 0.0), None
+
+    shape = jnp.broadcast_shapes(values.shape[1:], counted.shape[1:])
+    start = jnp.zeros(shape, values.dtype)
+    return jax.lax.scan(add, start, (values, counted), unroll=_UNROLL)[0]

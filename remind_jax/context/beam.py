@@ -1,0 +1,129 @@
+"""Partial hypotheses and how they take up one more class (context notes 7.5).
+
+Letters: `W` beam rows, `N` detections, `O` objects, `K` most detections per class.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.config.context_thresholds import Sets
+from remind_jax.config.static import Static
+from remind_jax.context.evidence import Links, NeighbourEvidence
+from remind_jax.context.frame_classes import FrameClasses
+from remind_jax.context.growth import join_chosen, members_by_choice, rate_choices
+from remind_jax.context.member_sets import NOBODY, MemberSet, empty_set, rate_trust
+from remind_jax.context.options import list_options, support_by_kernel
+from remind_jax.context.selection import number_sets, select_children
+from remind_jax.context.set_score import FrameScale, Tally, empty_tally, score_sets, tally_choices
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Beam:
+    """Partial hypotheses in the order in which they are expanded.
+
+    Rows that differ only in the detections they explain share one set, and all that follows from
+    it: a set can be reached by one sequence of choices of objects only.
+    """
+
+    sets: MemberSet  # leading axis W, of which `num_sets` count
+    tally: Tally  # of each set
+    num_sets: Int[Array, ""]
+    set_of: Int[Array, "W"]  # set of each row
+    detections: Bool[Array, "W N"]
+    valid: Bool[Array, "W"]
+
+
+def empty_beam(num: int, slots: int, static: Static) -> Beam:
+    """Nothing chosen yet, in the first row; the other rows are free."""
+    width, scalar = static.beam_width, static.scalar
+    one = (empty_set(min(num, slots), slots, scalar), empty_tally(scalar), jnp.zeros(num, bool))
+    sets, tally, detections = jax.tree.map(
+        lambda leaf: jnp.broadcast_to(leaf, (width, *leaf.shape)), one
+    )
+    rows = jnp.zeros(width, jnp.int32)
+    return Beam(sets, tally, jnp.int32(1), rows, detections, jnp.arange(width) == 0)
+
+
+def expand_by_class(
+    beam: Beam,
+    classes: FrameClasses,
+    step: Int[Array, ""],
+    scale: FrameScale,
+    evidence: NeighbourEvidence,
+    anchors: Bool[Array, "O"],
+    links: Links,
+    static: Static,
+    t: Sets,
+) -> Beam:
+    """Lets every row make every choice of one class and keeps the best.
+
+    Args:
+      beam: What earlier classes led to.
+      classes: The classes in view.
+      step: Which of them to take up.
+      scale: What every set is measured against.
+      evidence: Who was seen with whom.
+      anchors: Objects that are surely in view.
+      links: Ties between objects.
+      static: Sizes of the search.
+      t: Thresholds.
+    """
+    pool, num_detections = classes.pool[step], classes.num_detections[step]
+    most = classes.detections.shape[1]
+    support, has_kernel = support_by_kernel(
+        beam.sets.members, anchors, pool, evidence, links.maturity, static, t
+    )
+    options = list_options(
+        support, has_kernel, pool, classes.pool_size[step], num_detections, most, static, t
+    )
+    largest = jnp.minimum(num_detections, classes.pool_size[step])
+    size = beam.sets.bonds.size[:, None, None] + jnp.arange(most + 1, dtype=jnp.int32)[:, None]
+    size = jnp.broadcast_to(size, options.support.shape)
+    cohesion = rate_choices(beam.sets, beam.num_sets, options.ranked, largest, links, t)
+    trust = rate_trust(
+        members_by_choice(beam.sets.members, options.ranked), size, links.maturity, t
+    )
+    tally = tally_choices(beam.tally, options)
+    score = score_sets(size, cohesion, trust, tally, scale, t)
+    child = select_children(score, options, beam.set_of, beam.valid, num_detections > 1)
+
+    taken = _chosen_places(most, child.count, child.det_variant)
+    is_detection = classes.detections[step][:, None] == jnp.arange(beam.detections.shape[1])
+    explained = jnp.any(taken[:, :, None] & is_detection[None], axis=1)
+    set_of, origin, num_sets = number_sets(beam.set_of[child.row], child, most)
+    parent = beam.set_of[child.row][origin]
+    count, variant = child.count[origin], child.variant[origin]
+    chosen = _chosen_objects(options.ranked[parent], count, variant)
+    return Beam(
+        sets=join_chosen(beam.sets, parent, chosen, largest, num_sets, links),
+        tally=jax.tree.map(lambda leaf: leaf[parent, count, variant], tally),
+        num_sets=num_sets,
+        set_of=set_of,
+        detections=beam.detections[child.row] | explained,
+        valid=child.valid,
+    )
+
+
+def _chosen_places(
+    most: int, count: Int[Array, "W"], variant: Int[Array, "W"]
+) -> Bool[Array, "W K"]:
+    """The first `count` of `most` places, the last of them moved on by `variant`."""
+    place = jnp.arange(most)
+    before = place < (count - 1)[:, None]
+    return (before | (place == (count - 1 + variant)[:, None])) & (count > 0)[:, None]
+
+
+def _chosen_objects(
+    ranked: Int[Array, "W K+1"], count: Int[Array, "W"], variant: Int[Array, "W"]
+) -> Int[Array, "W K"]:
+    """The objects of a choice, NOBODY behind them."""
+    place = jnp.arange(ranked.shape[1] - 1)
+    last = jnp.take_along_axis(ranked, jnp.maximum(count - 1 + variant, 0)[:, None], axis=1)
+    chosen = jnp.where(place == (count - 1)[:, None], last, ranked[:, :-1])
+    return jnp.where(place < count[:, None], chosen, NOBODY)

@@ -1,0 +1,97 @@
+"""Which children of a beam live on? (context notes 7.5).
+
+Letters: `W` beam rows, `S` sets of the beam, `K` most detections per class.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.context.options import VARIANTS, Options
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Children:
+    """The rows of the next beam, by their parent and what they chose."""
+
+    row: Int[Array, "W"]  # parent
+    count: Int[Array, "W"]  # detections and objects chosen
+    det_variant: Int[Array, "W"]  # 1: the last detection replaced by the next
+    variant: Int[Array, "W"]  # 1: the last object replaced by the next
+    valid: Bool[Array, "W"]
+
+
+def select_children(
+    score: Float[Array, "S K+1 2"],
+    options: Options,
+    set_of: Int[Array, "W"],
+    live: Bool[Array, "W"],
+    diverse: Bool[Array, ""],
+) -> Children:
+    """The best children, ordered by score, then row, then support of the choice.
+
+    With `diverse`, the best child of each count comes first, the largest count at the front.
+
+    Args:
+      score: Of each set after each choice of objects.
+      options: The choices.
+      set_of: Set of each row.
+      live: Rows in use.
+      diverse: Whether every count has its place.
+    """
+    counts = score.shape[1]
+    choices = counts * VARIANTS * VARIANTS
+    allowed = options.allowed.reshape(-1)
+
+    def by_choice(leaf: Float[Array, "S K+1 2"]) -> Float[Array, "S choices"]:
+        shape = (leaf.shape[0], counts, VARIANTS, VARIANTS)
+        return jnp.broadcast_to(leaf[:, :, None, :], shape).reshape(-1, choices)
+
+    support = jnp.where(allowed, by_choice(options.support), -jnp.inf)
+    order = jnp.argsort(-support, axis=1, stable=True)
+    value = jnp.where(allowed, by_choice(score), -jnp.inf)
+    value = jnp.take_along_axis(value, order, axis=1)
+    value = jnp.where(live[:, None], value[set_of], -jnp.inf).reshape(-1)
+    choice = order[set_of].reshape(-1)
+
+    chosen = choice // VARIANTS**2 == jnp.arange(counts - 1, -1, -1)[:, None]
+    each = jnp.where(chosen, value, -jnp.inf)
+    leader = jnp.argmax(each, axis=1)
+    leads = (jnp.max(each, axis=1) >= 0.0) & diverse
+    value = value.at[jnp.where(leads, leader, value.shape[0])].set(-jnp.inf, mode="drop")
+    best, rest = jax.lax.top_k(value, live.shape[0])
+    child = jnp.concatenate([leader, rest]).astype(jnp.int32)
+    valid = jnp.concatenate([leads, best >= 0.0])
+    first = jnp.argsort(~valid, stable=True)[: live.shape[0]]
+    child, valid = child[first], valid[first]
+    choice = choice[child].astype(jnp.int32)
+    return Children(
+        row=child // choices,
+        count=choice // VARIANTS**2,
+        det_variant=choice // VARIANTS % VARIANTS,
+        variant=choice % VARIANTS,
+        valid=valid,
+    )
+
+
+def number_sets(
+    parent: Int[Array, "W"], child: Children, most: int
+) -> tuple[Int[Array, "W"], Int[Array, "W"], Int[Array, ""]]:
+    """Numbers the sets of the children.
+
+    Returns:
+      Set of each child, a child of each set, and the number of sets.
+    """
+    index = jnp.arange(parent.shape[0], dtype=jnp.int32)
+    key = (parent * (most + 1) + child.count) * VARIANTS + child.variant
+    same = (key[:, None] == key[None]) & child.valid[:, None] & child.valid[None]
+    first = jnp.argmax(same, axis=1)
+    leads = child.valid & (first == index)
+    number = jnp.cumsum(leads, dtype=jnp.int32) - 1
+    origin = jnp.argsort(~leads, stable=True)
+    return jnp.where(child.valid, number[first], 0), origin, jnp.sum(leads, dtype=jnp.int32)
