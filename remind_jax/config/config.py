@@ -15,6 +15,7 @@ from typing import Any
 
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
+from remind_jax.config.validation import check_fields
 from remind_jax.errors import ConfigError, nearest_names
 
 
@@ -28,6 +29,9 @@ class Input:
     sanitize: typing.Literal["convex_hull", "morphology", "none"] = "convex_hull"
     close_px: int = 3  # "morphology": side of the closing square
     open_px: int = 0  # "morphology": side of the opening square, 0: none
+
+    def __post_init__(self) -> None:
+        check_fields(self, "input", may_be_zero=("close_px", "open_px"))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -307,6 +307,9 @@ NOT_YET: tuple[Path, ...] = (
 )
 
 _SELECTION, _SELECTION_THRESHOLD = "dino.patch_selection", "dino.patch_threshold"
+_RADII = tuple(
+    f"thresholds.perception.ring_{edge}" for edge in ("border", "inner", "outer", "limit")
+)
 
 
 def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -341,6 +344,8 @@ def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
     selection = _allowed(_SELECTION, flat.get(_SELECTION, "any"), ("any", "threshold"))
     if selection == "threshold":
         changes["thresholds.perception.patch_coverage"] = flat.get(_SELECTION_THRESHOLD, 0.0)
+    radii = [changes.get(radius, defaults[radius]) for radius in _RADII]
+    changes["static.ring_max_radius"] = max(1, *(r for r in radii if isinstance(r, int)))
     return _nest(changes)
 
 
@@ -349,7 +354,7 @@ def _within(key: Path, sections: tuple[Path, ...]) -> bool:
 
 
 def _allowed(key: Path, value: Any, values: Any) -> Any:
-    if value not in values:
+    if value not in tuple(values):
         shown = ", ".join(str(v) for v in values)
         raise ConfigError(f"{key} of the original is {value!r}; supported here: {shown}")
     return value

@@ -7,9 +7,10 @@ from typing import Literal
 
 import jax.numpy as jnp
 
-from remind_jax.errors import ConfigError
+from remind_jax.config.validation import check_fields
 
 GROWTH_STEP = 2  # capacities double when they overflow
+_MAY_BE_ZERO = ("feature_dim", "part_seed", "group_anchors", "soft_anchors", "max_passes")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,22 +75,7 @@ class Static:
     remove_objects: bool = False  # forget objects that stay away too long
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            counts = value if isinstance(value, tuple) else (value,)
-            if (
-                field.name.startswith(("num_", "part_clusters", "ring_max"))
-                or "slots" in field.name
-            ):
-                for count in counts:
-                    if not isinstance(count, int) or count < 1:
-                        raise ConfigError(
-                            f"static.{field.name} is {value!r}; it must be a positive whole number"
-                        )
-            if (allowed := _CHOICES.get(field.name)) and value not in allowed:
-                raise ConfigError(
-                    f"static.{field.name} is {value!r}; allowed: {', '.join(allowed)}"
-                )
+        check_fields(self, "static", may_be_zero=_MAY_BE_ZERO)
 
     @property
     def scalar(self) -> jnp.dtype:
@@ -105,21 +91,3 @@ class Static:
                 capacity *= GROWTH_STEP
             grown[name] = capacity
         return dataclasses.replace(self, **grown)
-
-
-_CHOICES: dict[str, tuple[str, ...]] = {
-    "precision": ("float32", "float64"),
-    "solver": ("host", "jax"),
-    "appearance_insert": ("always", "novel"),
-    "part_insert": ("always", "novel"),
-    "appearance_evict": ("redundant", "oldest"),
-    "appearance_stable_evict": ("redundant", "oldest"),
-    "part_evict": ("redundant", "oldest"),
-    "ring_evict": ("redundant", "oldest"),
-    "appearance_merge": ("equal", "capped"),
-    "part_merge": ("equal", "capped"),
-    "banks_read": ("both", "work"),
-    "object_channel": ("best", "global", "trimmed"),
-    "ring_channel": ("combined", "inner", "outer"),
-    "margin": ("sigmoid", "linear", "linear_relative", "sigmoid_relative"),
-}
