@@ -1,7 +1,7 @@
 """Which surrounding objects tell the candidates of a group apart? (notes 11.1, 11.4, 11.5).
 
-Letters: `N` detections, `O` object slots, `V` possible anchors, `G` detections and `U` candidates
-of a group.
+Letters: `N` detections, `O` object slots, `V` possible anchors, `A` anchors of a group, `G`
+detections and `U` candidates of a group.
 """
 
 from __future__ import annotations
@@ -69,6 +69,17 @@ class Group:
     allowed: Bool[Array, "G U"]  # candidates of each detection
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Anchors:
+    """Anchors of one group by falling usefulness; an object occurs once."""
+
+    votes: Int[Array, "A"]  # how often the anchor counts; 0: padding
+    voter: Int[Array, "A"]  # index into the voters
+    place: Int[Array, "A"]  # detection whose geometry the object has
+    quality: Float[Array, "A"]  # how well it separates the group
+
+
 def find_voters(
     undecided: Bool[Array, "N"],
     matched_slot: Int[Array, "N"],
@@ -127,7 +138,7 @@ def choose_anchors(
     quality: Float[Array, "V"],
     static: Static,
     t: KnownSets,
-) -> Bool[Array, "V"]:
+) -> Anchors:
     """The voters that separate the candidates of a group most clearly (context notes 11.5)."""
     inside = group.is_candidate & (group.candidate == voters.slot[:, None])
     valid = voters.valid & ~jnp.any(inside, axis=1)
@@ -143,7 +154,13 @@ def choose_anchors(
     pairs = jnp.minimum(t.max_pairs, static.group_anchors)
     limit = jnp.minimum(t.max_anchors, jnp.maximum(FEWEST_ANCHORS, pairs))
     chosen = valid & (rank < limit) & (score >= floor)
-    return valid & jnp.any(same_slot & chosen, axis=1)
+    room = max(FEWEST_ANCHORS, static.group_anchors)
+    at_rank = chosen & (rank == jnp.arange(room)[:, None])
+    voter = jnp.argmax(at_rank, axis=1)
+    same, found = same_slot[voter], jnp.any(at_rank, axis=1)
+    again = jnp.any(jnp.tril(same[:, voter] & found, -1), axis=1)
+    votes = jnp.where(found & ~again, jnp.sum(same & valid, axis=1, dtype=jnp.int32), 0)
+    return Anchors(votes, voter, voters.place[voter], quality[voter])
 
 
 def rate_anchors(

@@ -102,7 +102,6 @@ class Edges:
     has_gap: Bool[Array, "..."]
     distance: Float[Array, "..."]  # the gap if known, else the distance of the centres
     support: Float[Array, "..."]
-    contact_share: Float[Array, "... 4"]  # by contact code
 
     @property
     def usable(self) -> Bool[Array, "..."]:
@@ -135,21 +134,19 @@ def rate_difference(
     return (1.0 - jnp.exp(-scaled)) ** t.strength_power
 
 
-def tabulate_edges(evidence: DistanceEvidence, t: KnownSets) -> Float[Array, "O O 8"]:
-    """All edges side by side, so that `read_edges` is one gather."""
+def tabulate_edges(evidence: DistanceEvidence, t: KnownSets) -> Float[Array, "O O 4"]:
+    """All edges with the fields of `Edges` side by side, so that `read_edges` is one gather."""
     scalar = evidence.gap_mean.dtype
     reliability = rate_reliability(evidence.rel_n, scalar)
     reliability = jnp.where(reliability >= t.min_reliability, reliability, 0.0)
     has_gap = evidence.gap_n > 0
     distance = jnp.where(has_gap, evidence.gap_mean, evidence.centre_mean)
-    total = jnp.maximum(1, jnp.sum(evidence.contact, axis=-1, keepdims=True))
     columns = (reliability, has_gap.astype(scalar), distance, evidence.support_mean)
-    share = evidence.contact.astype(scalar) / total.astype(scalar)
-    return jnp.concatenate([jnp.stack(columns, axis=-1), share], axis=-1)
+    return jnp.stack(columns, axis=-1)
 
 
 def read_edges(
-    table: Float[Array, "O O 8"],
+    table: Float[Array, "O O 4"],
     source: Int[Array, "..."],
     target: Int[Array, "..."],
     known: Bool[Array, "..."],
@@ -166,7 +163,6 @@ def read_edges(
         has_gap=(value[..., 1] > 0) & (reliability > 0),
         distance=value[..., 2],
         support=value[..., 3],
-        contact_share=value[..., 4:],
     )
 
 

@@ -54,7 +54,8 @@ def form_groups(
     entries: Entries,
     object_exists: Bool[Array, "O"],
     relations: FrameRelations,
-    edge_table: Float[Array, "O O 8"],
+    edge_table: Float[Array, "O O 4"],
+    contact: Int[Array, "O O 4"],
     static: Static,
     t: KnownSets,
 ) -> Groups:
@@ -69,7 +70,7 @@ def form_groups(
     distinct = filled & ~jnp.any(same & earlier & filled[:, None, :], axis=2)
     takes_part = jnp.sum(distinct, axis=1) >= 2
 
-    near = measure_affinity(slot, stored, relations, edge_table, t) >= t.link_score
+    near = measure_affinity(slot, stored, relations, edge_table, contact, t) >= t.link_score
     linked = near | _share_candidates(candidates, filled)
     some = jnp.any(stored, axis=1)
     other_class = entries.class_id[:, None] != entries.class_id
@@ -111,7 +112,8 @@ def measure_affinity(
     slot: Int[Array, "N C"],
     stored: Bool[Array, "N C"],
     relations: FrameRelations,
-    edge_table: Float[Array, "O O 8"],
+    edge_table: Float[Array, "O O 4"],
+    contact: Int[Array, "O O 4"],
     t: KnownSets,
 ) -> Float[Array, "N N"]:
     """How well two detections stand to each other as any two of their candidates used to stand.
@@ -128,9 +130,10 @@ def measure_affinity(
 
     sigma = jnp.where(edges.has_gap, t.gap_sigma, t.centre_sigma)
     similarity = jnp.exp(-jnp.abs(spread(relations.distance) - edges.distance) / sigma)
-    state = spread(relations.state)[..., None]
-    same = jnp.arange(edges.contact_share.shape[-1]) == state
-    contact_share = jnp.sum(jnp.where(same, edges.contact_share, 0.0), axis=-1)
+    episodes = contact[source, target]
+    same = jnp.arange(episodes.shape[-1]) == spread(relations.state)[..., None]
+    hits = jnp.sum(jnp.where(same, episodes, 0), axis=-1)
+    contact_share = hits / jnp.maximum(1, jnp.sum(episodes, axis=-1)).astype(similarity.dtype)
     support = spread(relations.support_like)
     agreement = AGREEMENT_BASE + AGREEMENT_CONTACT * contact_share
     unlike = jnp.abs(support - edges.support)

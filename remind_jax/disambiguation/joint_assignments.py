@@ -1,7 +1,7 @@
 """Which candidate is which detection, judged by the order of distances (notes 11.6, 11.7).
 
 Letters: `G` detections and `U` candidates of a group, `R` joint assignments, `P` pairs
-of detections, `V` voters.
+of detections, `A` anchors.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.known_set_thresholds import KnownSets
-from remind_jax.disambiguation.anchors import Group, Voters
+from remind_jax.disambiguation.anchors import Anchors, Group
 from remind_jax.disambiguation.distance_evidence import TINY, Edges, FrameRelations, PairOrders
 
 ROBUSTNESS_FLOOR = 0.10  # weight of an order that was never robust (context notes 11.6)
@@ -83,9 +83,9 @@ def list_injections(num_rows: int, num_columns: int) -> tuple[np.ndarray, np.nda
 
 def score_assignments(
     group: Group,
-    vote: Float[Array, "P U U V"],
-    weight: Float[Array, "P U U V"],
-    quality: Float[Array, "V"],
+    vote: Float[Array, "P U U A"],
+    weight: Float[Array, "P U U A"],
+    anchors: Anchors,
     visual: Float[Array, "G U"],
     t: KnownSets,
 ) -> AssignmentScores:
@@ -93,9 +93,9 @@ def score_assignments(
 
     Args:
       group: Detections and candidates.
-      vote: How well two candidates fit two detections as each voter sees it, from `vote_by_pairs`.
-      weight: Weight of that vote, 0 for voters that are no anchors.
-      quality: How well each voter separates the group.
+      vote: How well two candidates fit two detections as an anchor sees it, from `vote_by_pairs`.
+      weight: Weight of that vote.
+      anchors: Who votes.
       visual: Score of each detection for each candidate.
       t: Thresholds.
     """
@@ -104,11 +104,13 @@ def score_assignments(
     first, second = np.triu_indices(size, 1)
     pair = (np.arange(len(first)) * num + choice[:, first]) * num + choice[:, second]
     votes = jnp.stack([vote * weight, weight], axis=-1).reshape(len(first) * num * num, -1)
-    summed = jnp.sum(votes[pair], axis=1).reshape(len(choice), -1, 2)  # [R, V, 2]
+    summed = jnp.sum(votes[pair], axis=1).reshape(len(choice), -1, 2)  # [R, A, 2]
     evidence = summed[..., 1]
     fit = summed[..., 0] / jnp.where(evidence > TINY, evidence, 1.0)
+    quality = anchors.quality
     weighed = quality * evidence
-    weighed = jnp.where((quality > TINY) & (evidence > TINY) & (weighed > TINY), weighed, 0.0)
+    counted = (quality > TINY) & (evidence > TINY) & (weighed > TINY)
+    weighed = jnp.where(counted, anchors.votes * weighed, 0.0)
     terms = jnp.stack([weighed, weighed * fit, weighed * quality], axis=-1)
     total, fits, qualities = jnp.sum(terms, axis=1).T
     safe = jnp.where(total > TINY, total, 1.0)
@@ -158,31 +160,29 @@ def settle(scores: AssignmentScores, t: KnownSets) -> Solution:
 
 def vote_by_pairs(
     group: Group,
-    voters: Voters,
-    chosen: Bool[Array, "V"],
+    anchors: Anchors,
     edges: Edges,
     orders: PairOrders,
     relations: FrameRelations,
     t: KnownSets,
-) -> tuple[Float[Array, "P U U V"], Float[Array, "P U U V"]]:
-    """How well two candidates fit two detections as each voter sees it, and the weight of that.
+) -> tuple[Float[Array, "P U U A"], Float[Array, "P U U A"]]:
+    """How well two candidates fit two detections as an anchor sees it, and the weight of that.
 
-    Indexed by the pair (i, j) of detections, the candidate of i, the candidate of j and the voter.
+    Indexed by the pair (i, j) of detections, the candidate of i, the candidate of j and the anchor.
 
     Args:
       group: Detections and candidates.
-      voters: Possible anchors.
-      chosen: Those that vote.
-      edges: From each candidate to each voter, `[U, V]`.
-      orders: Of each two candidates as seen from each voter, `[U, U, V]`.
+      anchors: Who votes.
+      edges: From each candidate to each anchor, `[U, A]`.
+      orders: Of each two candidates as seen from each anchor, `[U, U, A]`.
       relations: Distances between the detections of the frame.
       t: Thresholds.
     """
     first, second = np.triu_indices(group.detection.shape[0], 1)
-    seen = relations.distance[group.detection[:, None], voters.place]  # [G, V]
+    seen = relations.distance[group.detection[:, None], anchors.place]  # [G, A]
     one, other = seen[first][:, None, None], seen[second][:, None, None]
-    apart, nearer = jnp.abs(one - other), one < other  # [P, 1, 1, V]
-    expected = jnp.abs(edges.distance[:, None] - edges.distance)  # [U, U, V]
+    apart, nearer = jnp.abs(one - other), one < other  # [P, 1, 1, A]
+    expected = jnp.abs(edges.distance[:, None] - edges.distance)  # [U, U, A]
     separation = jnp.maximum(apart, expected) / jnp.maximum(_TINY_REF, t.span_ref)
     separation = jnp.minimum(1.0, separation)
     vote = (nearer == (edges.distance[:, None] < edges.distance)).astype(seen.dtype)
@@ -195,7 +195,7 @@ def vote_by_pairs(
     known = (1.0 - t.margin_weight) * known + t.margin_weight * jnp.exp(-off)
     robust = jnp.where(orders.seen, jnp.maximum(ROBUSTNESS_FLOOR, orders.robustness), 1.0)
     weight = 0.5 * (edges.reliability[:, None] + edges.reliability) * (separation * robust)
-    usable = edges.usable[:, None] & edges.usable & chosen
+    usable = edges.usable[:, None] & edges.usable & (anchors.votes > 0)
     real = group.is_detection[first] & group.is_detection[second]
     usable = usable & real[:, None, None, None] & (separation > TINY) & (weight > TINY)
     return jnp.where(orders.seen, known, vote), jnp.where(usable, weight, 0.0)

@@ -117,7 +117,9 @@ def settle_known_sets(
 
     def solve(_: None) -> Settled:
         edge_table = tabulate_edges(evidence, t)
-        groups = form_groups(entries, object_exists, relations, edge_table, static, t)
+        groups = form_groups(
+            entries, object_exists, relations, edge_table, evidence.contact, static, t
+        )
         voters = find_voters(
             entries.present, matched_slot, matched_pass, object_exists, scores, static, t
         )
@@ -172,7 +174,7 @@ def _solve_group(
     voters: Voters,
     scores: KnownScores,
     relations: FrameRelations,
-    edge_table: Float[Array, "O O 8"],
+    edge_table: Float[Array, "O O 4"],
     evidence: DistanceEvidence,
     static: Static,
     t: KnownSets,
@@ -185,11 +187,12 @@ def _solve_group(
         evidence, voters.slot, slot[:, None, None], slot[None, :, None], pair_stored, t
     )
     quality = rate_anchors(group, voters, edges, orders, relations, t)
-    chosen = choose_anchors(group, voters, quality, static, t)
-    vote, weight = vote_by_pairs(group, voters, chosen, edges, orders, relations, t)
+    anchors = choose_anchors(group, voters, quality, static, t)
+    edges, orders = jax.tree.map(lambda field: field[..., anchors.voter], (edges, orders))
+    vote, weight = vote_by_pairs(group, anchors, edges, orders, relations, t)
     at = (group.detection[:, None], slot)
     visual = jnp.where(scores.candidate[at], scores.score[at], 0.0)
-    best = settle(score_assignments(group, vote, weight, quality, visual, t), t)
+    best = settle(score_assignments(group, vote, weight, anchors, visual, t), t)
 
     num = solved.status.shape[0]
     is_root = jnp.arange(num) == root
@@ -199,7 +202,7 @@ def _solve_group(
     return _Solved(
         proposed=jnp.where(jnp.any(place, axis=1), proposed, solved.proposed),
         status=jnp.where(is_root, best.status, solved.status),
-        num_anchors=jnp.where(is_root, jnp.sum(chosen, dtype=jnp.int32), solved.num_anchors),
+        num_anchors=jnp.where(is_root, jnp.sum(anchors.votes, dtype=jnp.int32), solved.num_anchors),
         numbers=jnp.where(is_root[:, None], best.numbers, solved.numbers),
     )
 
