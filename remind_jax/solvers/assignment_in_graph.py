@@ -128,9 +128,15 @@ def _pose(
 
 
 def _cross(
-    cost: Float[Array, "N M"], groups: _Groups, priced: Float[Array, "N C"], place: Int[Array, "N C"]
+    cost: Float[Array, "N M"],
+    groups: _Groups,
+    priced: Float[Array, "N C"],
+    place: Int[Array, "N C"],
 ) -> tuple[Bool[Array, "N"], Int[Array, "N"], Float[Array, "N C"], Int[Array, "N C"]]:
-    """Lets objects drive in groups of more detections than objects; a driver too many has no slot."""
+    """Lets objects drive in groups of more detections than objects.
+
+    Such a group has as many drivers as detections; those beyond the objects find no open slot.
+    """
     num, slots = place.shape
     crossed = jnp.sum(groups.same, axis=1) > jnp.sum(groups.columns, axis=1)
     index = jnp.arange(num, dtype=jnp.int32)

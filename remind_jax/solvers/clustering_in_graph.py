@@ -180,7 +180,10 @@ def _average(
     count = jnp.sum(inside, axis=2, dtype=jnp.int32)
     form = "nkq,qd->nkd" if sets.rows.ndim == 2 else "nkq,nqd->nkd"
     sums = jnp.einsum(form, inside.astype(sets.rows.dtype), sets.rows, precision="highest")
-    means = sums / jnp.maximum(count, 1).astype(sums.dtype)[..., None]
+    # XLA turns division by a broadcast into a product with the reciprocal, and the mean of equal
+    # points would differ from them; the barrier keeps the division.
+    divisor = jnp.broadcast_to(jnp.maximum(count, 1).astype(sums.dtype)[..., None], sums.shape)
+    means = sums / lax.optimization_barrier(divisor)
     empty = sets.exists & (count == 0) & ~settled[:, None]
     turn = used[:, None] + jnp.cumsum(empty, axis=1, dtype=jnp.int32) - 1
     drawn = jnp.take_along_axis(sets.draws, jnp.maximum(turn, 0), axis=1)

@@ -1,0 +1,136 @@
+"""The twin must choose the pairs that SciPy chooses, ties included.
+
+Tied scores are tenths: in single precision their sums round, and ties would fall otherwise than in
+SciPy's double precision.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+
+from remind_jax.errors import ConfigError
+from remind_jax.solvers.assignment import UNASSIGNED, assign, assign_groups
+
+SHAPES = ((1, 1), (3, 5), (6, 4), (16, 24))
+
+
+@cache
+def twin(mapped: bool = False):
+    """Compiled once for each shape."""
+    solve = lambda *problem: assign(*problem, solver="jax")  # noqa: E731
+    return jax.jit(jax.vmap(solve) if mapped else solve)
+
+
+def by_scipy(scores, allowed, group, dummy, dummies):
+    return assign_groups(scores, allowed, group, dummy, bool(dummies))
+
+
+def make_problem(rng, num, columns, dtype: type = np.float32):
+    """Random or tied scores, shared or separate columns, rows and columns without pairs."""
+    scores = rng.random((num, columns))
+    if rng.random() < 0.6:
+        scores = np.round(scores * rng.choice([2, 4, 10])) / 10
+    groups = rng.integers(1, 2 + num // 2)
+    group = rng.integers(0, groups, num) - 2
+    allowed = rng.random((num, columns)) < rng.choice([0, 0.1, 0.3, 0.6, 1.0])
+    if rng.random() < 0.5:
+        allowed &= group[:, None] == rng.integers(0, groups, columns) - 2
+    allowed[rng.random(num) < 0.15] = False
+    allowed[:, rng.random(columns) < rng.choice([0, 0.3, 0.8])] = False
+    dummy = rng.choice([0.05, 0.1, 0.3, 0.7], num) if rng.random() < 0.5 else rng.random(num)
+    dummies = rng.random() < 0.5
+    return (
+        scores.astype(dtype),
+        allowed,
+        group.astype(np.int32),
+        dummy.astype(dtype),
+        np.bool_(dummies),
+    )
+
+
+@pytest.mark.parametrize(("num", "columns"), SHAPES)
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_equals_scipy_pair_by_pair(num, columns, seed):
+    problem = make_problem(np.random.default_rng(seed), num, columns)
+    np.testing.assert_array_equal(twin()(*problem), by_scipy(*problem))
+
+
+@pytest.mark.parametrize(("num", "columns"), SHAPES)
+def test_batch_equals_scipy(num, columns):
+    rng = np.random.default_rng(7)
+    problems = [make_problem(rng, num, columns) for _ in range(200)]
+    columns_of_rows = twin(mapped=True)(*map(np.stack, zip(*problems, strict=True)))
+    np.testing.assert_array_equal(columns_of_rows, [by_scipy(*p) for p in problems])
+
+
+def test_double_precision_equals_scipy():
+    rng = np.random.default_rng(8)
+    problems = [make_problem(rng, 8, 6, np.float64) for _ in range(200)]
+    with jax.enable_x64(True):
+        batch = [jnp.asarray(np.stack(part)) for part in zip(*problems, strict=True)]
+        result = jax.jit(jax.vmap(lambda *p: assign(*p, solver="jax")))(*batch)
+        assert batch[0].dtype == jnp.float64
+        assert result.dtype == jnp.int32
+    np.testing.assert_array_equal(result, [by_scipy(*p) for p in problems])
+
+
+@pytest.mark.parametrize("shape", [(5, 7), (7, 5), (6, 6)])
+def test_one_group_is_one_call_of_scipy(shape):
+    rng = np.random.default_rng(9)
+    for _ in range(30):
+        scores = rng.integers(0, 4, shape).astype(np.float32)
+        rows, columns = linear_sum_assignment(scores, maximize=True)
+        expected = np.full(shape[0], UNASSIGNED)
+        expected[rows] = columns
+        everything = np.ones(shape, bool)
+        one_group, dummy = np.zeros(shape[0], np.int32), np.zeros(shape[0], np.float32)
+        result = twin()(scores, everything, one_group, dummy, np.bool_(False))
+        np.testing.assert_array_equal(result, expected)
+
+
+def test_uncertain_row_gives_way():
+    """Example of the association notes 13.2."""
+    scores = np.array([[0.80], [0.79]], np.float32)
+    dummy = np.array([0.249752, 0.203938], np.float32)
+    rest = np.ones((2, 1), bool), np.zeros(2, np.int32), dummy, np.bool_(True)
+    assert twin()(scores, *rest).tolist() == [UNASSIGNED, 0]
+
+
+def test_invalid_score_ends():
+    """SciPy refuses such a table; the twin leaves rows without a column, and comes back."""
+    scores = np.full((3, 4), np.nan, np.float32)
+    rest = np.ones((3, 4), bool), np.zeros(3, np.int32), np.zeros(3, np.float32), np.bool_(False)
+    assert twin()(scores, *rest).tolist() == [UNASSIGNED] * 3
+
+
+@pytest.mark.parametrize("swept", [False, True])
+def test_both_solvers_agree_under_transformations(swept):
+    rng = np.random.default_rng(10)
+    problems = [make_problem(rng, 6, 4) for _ in range(16)]
+    batch = [np.stack(part) for part in zip(*problems, strict=True)]
+    axes = (0, 0, 0, 0, 0 if swept else None)
+    if not swept:
+        batch[4] = batch[4][0]
+    host, twin_ = (
+        jax.jit(jax.vmap(jax.jit(lambda *p, s=solver: assign(*p, solver=s)), in_axes=axes))(*batch)
+        for solver in ("host", "jax")
+    )
+    np.testing.assert_array_equal(host, twin_)
+    if swept:
+        scanned = jax.lax.map(lambda p: assign(*p, solver="jax"), tuple(map(jnp.asarray, batch)))
+        np.testing.assert_array_equal(scanned, host)
+
+
+def test_unknown_solver_is_named():
+    problem = make_problem(np.random.default_rng(0), 1, 1)
+    with pytest.raises(ConfigError, match="'scipy' is unknown; use 'host' or 'jax'"):
+        assign(*map(jnp.asarray, problem), solver="scipy")

@@ -1,0 +1,158 @@
+"""The twin must label as the host does; ties of exact sums included."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.errors import ConfigError
+from remind_jax.solvers.clustering import OUTSIDE, cluster_points, kmeans, kmeans_with_centres
+from remind_jax.solvers.clustering_in_graph import _draw_numbers, _multiply
+
+# Centres are float32 means of unit vectors, added in another order.
+CENTRE_ROUNDING = 1e-5
+PARTS = {"clusters": 4, "iterations": 5, "restarts": 2, "seed": 0}
+RINGS = {"clusters": 24, "iterations": 10, "restarts": 1, "seed": 1}
+
+
+def solve(solver, options, points, members, wanted=None):
+    wanted = np.full(len(members), options["clusters"]) if wanted is None else wanted
+    return _SOLVE[solver, options["clusters"]](points, members, wanted)
+
+
+_SOLVE = {
+    (solver, options["clusters"]): jax.jit(
+        lambda p, m, w, s=solver, o=options: kmeans_with_centres(p, m, w, solver=s, **o)
+    )
+    for solver in ("host", "jax")
+    for options in (PARTS, RINGS)
+}
+
+
+def make_generic(rng, num_points, dims, num_sets):
+    """Unit vectors without ties, scattered or in clumps; sets from nothing to nearly everything."""
+    points = rng.normal(size=(num_points, dims))
+    if rng.random() < 0.5:
+        points = rng.normal(size=(5, dims))[rng.integers(0, 5, num_points)] + 0.2 * points
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    share = rng.choice([0.0, 0.03, 0.1, 0.9], (num_sets, 1))
+    return points.astype(np.float32), rng.random((num_sets, num_points)) < share
+
+
+@pytest.mark.parametrize("options", [PARTS, RINGS])
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_equals_host(options, seed):
+    points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
+    labels, centres = solve("jax", options, points, members)
+    host_labels, host_centres = solve("host", options, points, members)
+    np.testing.assert_array_equal(labels, host_labels)
+    np.testing.assert_allclose(centres, host_centres, atol=CENTRE_ROUNDING)
+
+
+@pytest.mark.parametrize("size", [10, 11, 160])
+def test_gathered_and_shared_rows_agree(size):
+    """Sets of at most 160 / 16 points take another path than larger ones."""
+    points, _ = make_generic(np.random.default_rng(size), 160, 16, 1)
+    members = np.zeros((6, 160), bool)
+    members[0, :size] = True
+    members[1:5, 3:9] = True
+    labels, _ = solve("jax", PARTS, points, members)
+    np.testing.assert_array_equal(labels, solve("host", PARTS, points, members)[0])
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), distinct=st.integers(1, 4))
+def test_degenerate_sets_equal_host(seed, distinct):
+    """At most K distinct whole-number points: distances and means are exact, draws decide."""
+    rng = np.random.default_rng(seed)
+    kinds = rng.integers(-3, 4, (distinct, 16))
+    points = kinds[rng.integers(0, distinct, 160)].astype(np.float32)
+    members = rng.random((6, 160)) < rng.choice([0.01, 0.03, 0.5], (6, 1))
+    labels, centres = solve("jax", PARTS, points, members)
+    host_labels, host_centres = solve("host", PARTS, points, members)
+    np.testing.assert_array_equal(labels, host_labels)
+    np.testing.assert_array_equal(centres, host_centres)
+
+
+def test_few_points_get_a_cluster_each():
+    points, _ = make_generic(np.random.default_rng(3), 160, 16, 1)
+    members = np.zeros((6, 160), bool)
+    for size in range(5):
+        members[size, 20 : 20 + size] = True
+    labels = np.asarray(solve("jax", PARTS, points, members)[0])
+    for size in range(5):
+        assert sorted(labels[size, members[size]]) == list(range(size))
+    assert (labels[~members] == OUTSIDE).all()
+
+
+def test_every_set_has_its_own_number_of_clusters():
+    points, members = make_generic(np.random.default_rng(4), 160, 16, 6)
+    members[:] = True
+    wanted = np.array([1, 2, 3, 9, 16, 24])
+    labels, centres = solve("jax", RINGS, points, members, wanted)
+    host_labels, host_centres = solve("host", RINGS, points, members, wanted)
+    np.testing.assert_array_equal(labels, host_labels)
+    np.testing.assert_allclose(centres, host_centres, atol=CENTRE_ROUNDING)
+    assert (np.asarray(labels).max(axis=1) < wanted).all()
+    assert not np.asarray(centres)[0, 1:].any()
+
+
+def test_batch_equals_host():
+    rng = np.random.default_rng(5)
+    cases = [make_generic(rng, 160, 16, 6) for _ in range(8)]
+    points, members = map(np.stack, zip(*cases, strict=True))
+    host, twin = (
+        jax.jit(jax.vmap(lambda p, m, s=solver: kmeans(p, m, **PARTS, solver=s)))(points, members)
+        for solver in ("host", "jax")
+    )
+    np.testing.assert_array_equal(twin, host)
+
+
+def test_double_precision_equals_host():
+    rng = np.random.default_rng(6)
+    with jax.enable_x64(True):
+        twin = jax.jit(lambda p, m: kmeans(p, m, **PARTS, solver="jax"))
+        for _ in range(5):
+            points, members = make_generic(rng, 40, 8, 6)
+            points = jnp.asarray(points, jnp.float64)
+            labels = twin(points, jnp.asarray(members))
+            assert labels.dtype == jnp.int32
+            for own, inside in zip(np.asarray(labels), members, strict=True):
+                if inside.any():
+                    expected, _ = cluster_points(np.asarray(points)[inside], 4, 5, 2, 0)
+                    np.testing.assert_array_equal(own[inside], expected)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_draws_equal_numpy(seed):
+    counts = np.array([1, 2, 3, 17, 600, 3600, 65537, 2**31 - 1])
+    numbers = _draw_numbers(jnp.asarray(counts, jnp.int32), seed, 264)
+    for count, drawn in zip(counts, np.asarray(numbers), strict=True):
+        stream = np.random.Generator(np.random.PCG64(seed))
+        np.testing.assert_array_equal(drawn, [stream.integers(0, count) for _ in range(264)])
+
+
+def test_rejected_words_are_skipped():
+    """Near 3/4 of 2^31 every fourth word or so is rejected; NumPy is the judge."""
+    count = 2**31 - 2**29 + 1
+    stream = np.random.Generator(np.random.PCG64(0))
+    expected = [int(stream.integers(0, count)) for _ in range(8)]
+    drawn = np.asarray(_draw_numbers(jnp.asarray([count], jnp.int32), 0, 64))[0, :8]
+    assert drawn.tolist() == expected
+
+
+@settings(max_examples=50, deadline=None)
+@given(left=st.integers(0, 2**32 - 1), right=st.integers(0, 2**32 - 1))
+def test_product_of_words(left, right):
+    upper, lower = _multiply(*(jnp.asarray(np.uint32(x)) for x in (left, right)))
+    assert (int(upper) << 32) + int(lower) == left * right
+
+
+def test_unknown_solver_is_named():
+    with pytest.raises(ConfigError, match="'gpu' is unknown; use 'host' or 'jax'"):
+        kmeans(jnp.zeros((2, 2)), jnp.ones((1, 2), bool), **PARTS, solver="gpu")
