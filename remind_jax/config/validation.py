@@ -32,11 +32,14 @@ def check_fields(settings: Any, section: str, may_be_zero: Collection[str] = ())
         if kind is int and not _is_count(value, least=0 if name in may_be_zero else 1):
             sign = "" if name in may_be_zero else "positive "
             raise ConfigError(f"{section}.{name} is {value!r}; it must be a {sign}whole number")
-        if arguments == (int, int):
-            if not (isinstance(value, tuple) and len(value) == 2 and all(map(_is_count, value))):
-                raise ConfigError(
-                    f"{section}.{name} is {value!r}; it must be two positive whole numbers"
-                )
+        if arguments == (int, int) and not _are_two_counts(value):
+            raise ConfigError(
+                f"{section}.{name} is {value!r}; it must be two positive whole numbers"
+            )
+
+
+def _are_two_counts(value: Any) -> bool:
+    return isinstance(value, tuple) and len(value) == 2 and all(map(_is_count, value))
 
 
 def _is_count(value: Any, least: int = 1) -> bool:
