@@ -37,6 +37,22 @@ class Hypotheses:
     valid: Bool[Array, "H"]
 
 
+def no_hypotheses(num: int, slots: int, static: Static) -> Hypotheses:
+    """The outcome of no search, for `num` detections and object `slots`."""
+    count = min(static.num_hypotheses, static.beam_width)
+    real = jnp.zeros(count, static.scalar)
+    return Hypotheses(
+        score=real,
+        members=jnp.zeros((count, slots), bool),
+        detections=jnp.zeros((count, num), bool),
+        coverage=real,
+        density=real,
+        size=jnp.zeros(count, jnp.int32),
+        maturity=real,
+        valid=jnp.zeros(count, bool),
+    )
+
+
 def find_hypotheses(
     evidence: NeighbourEvidence,
     exists: Bool[Array, "O"],
