@@ -17,6 +17,8 @@ from remind_jax.config.relation_thresholds import Cooccurrence as Rules
 from remind_jax.config.static import Static
 from remind_jax.memory.bank import NEVER
 
+_TINY = 1e-12
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -239,9 +241,6 @@ def conditional(
     total = graph.episodes.astype(scalar) + t.smoothing * jnp.maximum(1, num_objects).astype(scalar)
     share = (graph.count.astype(scalar) + t.smoothing) / jnp.maximum(total, _TINY)[:, None]
     return jnp.where(total[:, None] > _TINY, jnp.clip(share, 0.0, 1.0), 0.0)
-
-
-_TINY = 1e-12
 
 
 def reorder_cooccurrence(
