@@ -107,7 +107,7 @@ def init(static: Static) -> TrackerState:
         ),
         pending=no_pending(static.num_pending, scalar),
         cooccurrence=empty_cooccurrence(objects, scalar),
-        distances=empty_distances(objects, scalar),
+        distances=empty_distances(objects, scalar, static.pending_relations),
         appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
         parts=banks(NUM_PART_CHANNELS, static.part_slots),
         rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
+
 from remind_jax.association.assignment import associate
 from remind_jax.association.diagnosis import diagnose, find_anchors
-from remind_jax.association.gating import no_context
+from remind_jax.association.gating import read_context
 from remind_jax.association.outcome import decide
 from remind_jax.association.quality import assess
 from remind_jax.association.settlement import settle
@@ -12,6 +14,8 @@ from remind_jax.association.similarity import compare, count_terms
 from remind_jax.association.temporal import Account, rank
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
+from remind_jax.context.evidence import neighbour_evidence
+from remind_jax.context.reasoning import reason
 from remind_jax.memory.update import remember
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.perception.description import describe
@@ -60,7 +64,17 @@ def step(
     )
     anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
     # Which tracks belong together here?
-    context = no_context(comparison.candidate, static.scalar)
+    evidence_of_neighbours = neighbour_evidence(
+        state.cooccurrence, state.objects.exists, t.cooccurrence
+    )
+    reasoning = reason(
+        evidence_of_neighbours, state.objects.exists, state.objects.class_id,
+        jnp.any(anchors, axis=0), descriptors.class_id, masks.detector_score, descriptors.valid,
+        comparison.candidate, comparison.score,
+        jnp.maximum(t.matching.match, t.matching.min_visual),
+        static, t.sets, t.influence, t.veto,
+    )  # fmt: skip
+    context = read_context(reasoning, t.influence, t.ambiguous)
     # Who is who, jointly?
     assignment = associate(comparison, evidence, context, descriptors.class_id, static, t.matching)
     pairs = assignment.pairs

@@ -9,7 +9,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.config.context_thresholds import Influence as InfluenceRules
+from remind_jax.config.outcome_thresholds import Ambiguous
 from remind_jax.config.thresholds import Matching
+from remind_jax.context.reasoning import Reasoning
+
+_TINY = 1e-12
 
 
 class Gate(enum.IntEnum):
@@ -49,16 +54,29 @@ class ContextVerdict:
     rescue_min_visual: Float[Array, ""]  # least visual score of a rescued pair
 
 
-def no_context(candidate: Bool[Array, "N O"], scalar: jnp.dtype) -> ContextVerdict:
-    """The verdict where context is switched off."""
-    slots = candidate.shape[1]
+def read_context(
+    reasoning: Reasoning, influence: InfluenceRules, ambiguous: Ambiguous
+) -> ContextVerdict:
+    """What context means for pairs and objects.
+
+    Args:
+      reasoning: What the context says.
+      influence: Thresholds of its influence.
+      ambiguous: Thresholds of support that counts (notes 14.1).
+    """
+    felt = reasoning.influence
+    some = (felt.support > _TINY) | (felt.score_sets > _TINY)
+    strong = (felt.compat_rel >= ambiguous.min_relative_support) & (
+        felt.kernel_raw >= influence.min_kernel
+    )
+    supported = some & (felt.compat_band | strong)
     return ContextVerdict(
-        plausible=candidate,
-        veto=jnp.zeros(candidate.shape, jnp.int32),
-        bonus_raw=jnp.zeros(slots, scalar),
-        supported=jnp.zeros(slots, bool),
-        influences=jnp.zeros((), bool),
-        rescue_min_visual=jnp.ones((), scalar),
+        plausible=reasoning.plausible,
+        veto=reasoning.veto,
+        bonus_raw=felt.bonus_raw,
+        supported=supported | (felt.score_sets >= ambiguous.min_net_support),
+        influences=influence.enabled,
+        rescue_min_visual=influence.rescue_visual,
     )
 
 

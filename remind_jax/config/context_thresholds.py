@@ -7,52 +7,54 @@ from typing import Any
 
 import jax
 
+from remind_jax.config.kinds import Gate, Real, Whole
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Sets:
     """How sets of objects that may be in view are built and scored (context notes 7)."""
 
-    min_set_score: float = 0.0  # hypotheses below are dropped
-    min_link: float = 0.05  # conditional probability from which an object speaks for another
-    maturity_rate: float = 0.25  # maturity is 1 - exp(-rate * episodes)
-    density_power: float = 1.0  # of the share of linked pairs in the density
-    min_links: int = 1  # links that every member needs
-    linked_power: float = 1.5  # of the share of members with a link; felt only if min_links is 0
-    pairs_power: float = 1.0  # of the share of linked pairs in the connection
-    coverage_power: float = 1.0  # of the share of detections that a set explains
-    coverage_gain: float = 0.35  # extra coverage in frames of many detections
-    coverage_gain_scale: float = 3.0  # detections over which that gain builds up
-    explained_scale: float = 1.5  # explained detections over which coverage builds up; 0: at once
-    exclusivity: bool = True  # rate how far the best choice of a class leads
-    exclusivity_min_size: int = 3  # smallest set that is rated so
-    exclusivity_min_maturity: float = 0.35  # least mean maturity of a set that is rated so
-    exclusivity_eps: float = 1e-12
-    size_free: int = 2  # members that earn nothing for size
-    size_scale: float = 2.0  # further members over which the size term builds up
-    choice_penalty: float = 0.35  # loss per nat of choices within a class
-    stability_eps: float = 1e-12
-    plausible_share: float = 0.75  # of the best support, from which an object is plausible
-    fill_power: float = 1.0  # of the share of plausible objects that a choice takes
-    info_reference: float = 2.0  # set size at which the information term has its full weight
-    info_power: float = 0.5  # decline of that weight beyond it
-    info_weight_min: float = 0.35
-    info_weight_max: float = 1.0
-    exclusivity_reference: float = 3.0  # the same of the exclusivity term
-    exclusivity_power: float = 0.5
-    exclusivity_weight_min: float = 0.35
-    exclusivity_weight_max: float = 1.0
-    maturity: bool = True  # trust sets of mature objects more
-    maturity_mean: float = -3.0  # exponent of the power mean over the members; 0: geometric
-    maturity_power: float = 0.85
-    coverage_weight: float = 0.40
-    size_weight: float = 0.20
-    density_weight: float = 0.20
-    info_weight: float = 0.10
-    support_weight: float = 0.10
-    stability_weight: float = 0.10
-    exclusivity_weight: float = 0.05
-    shortlist_loss: float = 0.10  # loss against the best score up to which members are short-listed
+    min_set_score: Real = 0.0  # hypotheses below are dropped
+    min_link: Real = 0.05  # conditional probability from which an object speaks for another
+    maturity_rate: Real = 0.25  # maturity is 1 - exp(-rate * episodes)
+    density_power: Real = 1.0  # of the share of linked pairs in the density
+    min_links: Whole = 1  # links that every member needs
+    linked_power: Real = 1.5  # of the share of members with a link; felt only if min_links is 0
+    pairs_power: Real = 1.0  # of the share of linked pairs in the connection
+    coverage_power: Real = 1.0  # of the share of detections that a set explains
+    coverage_gain: Real = 0.35  # extra coverage in frames of many detections
+    coverage_gain_scale: Real = 3.0  # detections over which that gain builds up
+    explained_scale: Real = 1.5  # explained detections over which coverage builds up; 0: at once
+    exclusivity: Gate = True  # rate how far the best choice of a class leads
+    exclusivity_min_size: Whole = 3  # smallest set that is rated so
+    exclusivity_min_maturity: Real = 0.35  # least mean maturity of a set that is rated so
+    exclusivity_eps: Real = 1e-12
+    size_free: Whole = 2  # members that earn nothing for size
+    size_scale: Real = 2.0  # further members over which the size term builds up
+    choice_penalty: Real = 0.35  # loss per nat of choices within a class
+    stability_eps: Real = 1e-12
+    plausible_share: Real = 0.75  # of the best support, from which an object is plausible
+    fill_power: Real = 1.0  # of the share of plausible objects that a choice takes
+    info_reference: Real = 2.0  # set size at which the information term has its full weight
+    info_power: Real = 0.5  # decline of that weight beyond it
+    info_weight_min: Real = 0.35
+    info_weight_max: Real = 1.0
+    exclusivity_reference: Real = 3.0  # the same of the exclusivity term
+    exclusivity_power: Real = 0.5
+    exclusivity_weight_min: Real = 0.35
+    exclusivity_weight_max: Real = 1.0
+    maturity: Gate = True  # trust sets of mature objects more
+    maturity_mean: Real = -3.0  # exponent of the power mean over the members; 0: geometric
+    maturity_power: Real = 0.85
+    coverage_weight: Real = 0.40
+    size_weight: Real = 0.20
+    density_weight: Real = 0.20
+    info_weight: Real = 0.10
+    support_weight: Real = 0.10
+    stability_weight: Real = 0.10
+    exclusivity_weight: Real = 0.05
+    shortlist_loss: Real = 0.10  # loss against the best score up to which members are short-listed
 
 
 @jax.tree_util.register_dataclass
@@ -60,51 +62,51 @@ class Sets:
 class Influence:
     """What the context adds to or takes from a candidate (context notes 8 and 9)."""
 
-    enabled: bool = True  # context at all; off also stops rescue and vetoes
-    positive_cap: float = 0.20  # largest bonus [delta_plus]
-    negative_cap: float = 0.10  # largest penalty [delta_minus]
-    min_quality: float = 0.35  # least quality of a context that counts
-    rescue_visual: float = (
+    enabled: Gate = True  # context at all; off also stops rescue and vetoes
+    positive_cap: Real = 0.20  # largest bonus [delta_plus]
+    negative_cap: Real = 0.10  # largest penalty [delta_minus]
+    min_quality: Real = 0.35  # least quality of a context that counts
+    rescue_visual: Real = (
         0.60  # least visual score of a pair that a bonus may rescue [tau_vis,min]
     )
-    min_best_score: float = 0.45  # least score of the best set of a context that counts
-    min_coverage: float = 0.35  # least coverage of that set
-    min_size: int = 2  # least size of that set
-    size_scale: float = 3.0  # members over which the size term of the quality builds up
-    best_weight: float = 0.25  # weights of the quality
-    coverage_weight: float = 0.20
-    maturity_weight: float = 0.15
-    density_weight: float = 0.10
-    size_weight: float = 0.15
-    pruning_weight: float = 0.15
-    local_weight: float = 0.65  # support by the surroundings
-    global_weight: float = 0.35  # support by the rank within the class
-    local_hits_weight: float = 0.60  # parts of the local support
-    local_count_weight: float = 0.20
-    local_kernel_weight: float = 0.20
-    strength_kernel_weight: float = 0.75  # parts of the strength of a class
-    strength_prior_weight: float = 0.25
-    top_weight: float = 0.65  # best hypothesis in the relative rank by hypotheses
-    sum_weight: float = 0.35  # all hypotheses in it
-    kernel_power: float = 0.75  # compresses relative support by the kernel
-    hypothesis_power: float = 0.75  # compresses relative support by hypotheses
-    neutral: float = 0.20  # relative support that earns nothing
-    min_kernel: float = 0.10  # least absolute support by the kernel
-    min_hits: int = 2  # least members of the kernel that speak for the object
-    min_hit_share: float = 0.25  # least share of the kernel that does
-    local_min_kernel: float = 0.10  # the same three for local support
-    local_min_hits: int = 2
-    local_min_hit_share: float = 0.25
-    band: float = 0.80  # of the best relative support, from which an object is supported
-    soft_band: float = 0.65  # of the best mixed support, from which it is softly supported
-    soft_kernel_weight: float = 0.70  # parts of the mixed support
-    soft_hypothesis_weight: float = 0.30
-    pruned_weight: float = 0.55  # parts of the global support
-    rank_weight: float = 0.30
-    selectivity_weight: float = 0.15
-    contradiction_min_pruning: float = 0.35  # least pruning of a class that can contradict
-    contradiction_min_strength: float = 0.35  # least strength of such a class
-    contradiction_max_support: float = 0.10  # largest relative support that is contradicted
+    min_best_score: Real = 0.45  # least score of the best set of a context that counts
+    min_coverage: Real = 0.35  # least coverage of that set
+    min_size: Whole = 2  # least size of that set
+    size_scale: Real = 3.0  # members over which the size term of the quality builds up
+    best_weight: Real = 0.25  # weights of the quality
+    coverage_weight: Real = 0.20
+    maturity_weight: Real = 0.15
+    density_weight: Real = 0.10
+    size_weight: Real = 0.15
+    pruning_weight: Real = 0.15
+    local_weight: Real = 0.65  # support by the surroundings
+    global_weight: Real = 0.35  # support by the rank within the class
+    local_hits_weight: Real = 0.60  # parts of the local support
+    local_count_weight: Real = 0.20
+    local_kernel_weight: Real = 0.20
+    strength_kernel_weight: Real = 0.75  # parts of the strength of a class
+    strength_prior_weight: Real = 0.25
+    top_weight: Real = 0.65  # best hypothesis in the relative rank by hypotheses
+    sum_weight: Real = 0.35  # all hypotheses in it
+    kernel_power: Real = 0.75  # compresses relative support by the kernel
+    hypothesis_power: Real = 0.75  # compresses relative support by hypotheses
+    neutral: Real = 0.20  # relative support that earns nothing
+    min_kernel: Real = 0.10  # least absolute support by the kernel
+    min_hits: Whole = 2  # least members of the kernel that speak for the object
+    min_hit_share: Real = 0.25  # least share of the kernel that does
+    local_min_kernel: Real = 0.10  # the same three for local support
+    local_min_hits: Whole = 2
+    local_min_hit_share: Real = 0.25
+    band: Real = 0.80  # of the best relative support, from which an object is supported
+    soft_band: Real = 0.65  # of the best mixed support, from which it is softly supported
+    soft_kernel_weight: Real = 0.70  # parts of the mixed support
+    soft_hypothesis_weight: Real = 0.30
+    pruned_weight: Real = 0.55  # parts of the global support
+    rank_weight: Real = 0.30
+    selectivity_weight: Real = 0.15
+    contradiction_min_pruning: Real = 0.35  # least pruning of a class that can contradict
+    contradiction_min_strength: Real = 0.35  # least strength of such a class
+    contradiction_max_support: Real = 0.10  # largest relative support that is contradicted
 
 
 @jax.tree_util.register_dataclass
@@ -112,20 +114,20 @@ class Influence:
 class Veto:
     """When the context rules a pair out (context notes 10; association notes 11.3)."""
 
-    enabled: bool = True
-    max_supported: int = 3  # most supported objects of a class that rules others out
-    min_quality: float = 0.60
-    min_pruning: float = 0.35
-    min_strength: float = 0.50
-    max_support: float = 0.10  # relative support above which nothing is ruled out
-    max_score: float = 0.05  # support less contradiction above which nothing is ruled out
-    local: bool = True  # veto by the object's own neighbours
-    local_min_quality: float = 0.45
-    local_min_episodes: int = 4
-    local_min_seen: int = 3  # least plausible objects elsewhere in the frame
-    local_min_expected: int = 3  # least neighbours to be expected
-    local_max_hit_share: float = 0.10  # veto below this share of expected neighbours in view
-    local_mass: float = 0.75  # summed probability that ends the list of expected neighbours
+    enabled: Gate = True
+    max_supported: Whole = 3  # most supported objects of a class that rules others out
+    min_quality: Real = 0.60
+    min_pruning: Real = 0.35
+    min_strength: Real = 0.50
+    max_support: Real = 0.10  # relative support above which nothing is ruled out
+    max_score: Real = 0.05  # support less contradiction above which nothing is ruled out
+    local: Gate = True  # veto by the object's own neighbours
+    local_min_quality: Real = 0.45
+    local_min_episodes: Whole = 4
+    local_min_seen: Whole = 3  # least plausible objects elsewhere in the frame
+    local_min_expected: Whole = 3  # least neighbours to be expected
+    local_max_hit_share: Real = 0.10  # veto below this share of expected neighbours in view
+    local_mass: Real = 0.75  # summed probability that ends the list of expected neighbours
 
 
 _S = "association.scores.neighbor_sets"

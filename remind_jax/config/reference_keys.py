@@ -8,7 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from remind_jax.config import known_set_thresholds, outcome_thresholds, relation_thresholds
+from remind_jax.config import (
+    context_thresholds,
+    known_set_thresholds,
+    outcome_thresholds,
+    relation_thresholds,
+)
 from remind_jax.errors import ConfigError, nearest_names
 
 Path = str
@@ -23,6 +28,7 @@ _P = "update.parts_memory"
 RENAMED: dict[Path, Path] = {
     **outcome_thresholds.RENAMED,
     **relation_thresholds.RENAMED,
+    **context_thresholds.RENAMED,
     **known_set_thresholds.RENAMED,
     "system.input_width_size": "input.max_width_px",
     "perception.full_center_crop": "input.center_crop",
@@ -225,6 +231,7 @@ SLOTS: dict[Path, tuple[tuple[Path, int], ...]] = {
 # Keys that are supported with this value only.
 FIXED: dict[Path, Any] = {
     **outcome_thresholds.FIXED,
+    **context_thresholds.FIXED,
     "dino.normalize_embeddings": True,
     "object_features.global.enabled": True,
     "object_features.global.weighted": True,
@@ -260,6 +267,7 @@ FIXED: dict[Path, Any] = {
 INERT: tuple[Path, ...] = (
     *outcome_thresholds.INERT,
     *relation_thresholds.INERT,
+    *context_thresholds.INERT,
     *known_set_thresholds.INERT,
     "runtime",
     "timing",
@@ -299,13 +307,7 @@ INERT: tuple[Path, ...] = (
     "debug",
 )
 
-# Sections of context, which have no counterpart yet.
-NOT_YET: tuple[Path, ...] = (
-    f"{_M}.neighbor_sets_influence",
-    f"{_M}.neighbor_sets_context_veto",
-    "association.scores.neighbor_sets",
-)
-
+_MANY_RELATIONS = 64
 _SELECTION, _SELECTION_THRESHOLD = "dino.patch_selection", "dino.patch_threshold"
 _RADII = tuple(
     f"thresholds.perception.ring_{edge}" for edge in ("border", "inner", "outer", "limit")
@@ -336,7 +338,7 @@ def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
                 changes[name] = tuple(pair)
         elif key in FIXED:
             _allowed(key, value, (FIXED[key],))
-        elif key not in (_SELECTION, _SELECTION_THRESHOLD) and not _within(key, INERT + NOT_YET):
+        elif key not in (_SELECTION, _SELECTION_THRESHOLD) and not _within(key, INERT):
             known = [*RENAMED, *CHOICES, *SLOTS, *FIXED]
             raise ConfigError(
                 f"the original has no configuration key {key!r}; {nearest_names(key, known)}"
@@ -346,6 +348,11 @@ def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
         changes["thresholds.perception.patch_coverage"] = flat.get(_SELECTION_THRESHOLD, 0.0)
     radii = [changes.get(radius, defaults[radius]) for radius in _RADII]
     changes["static.ring_max_radius"] = max(1, *(r for r in radii if isinstance(r, int)))
+    defers = flat.get("update.robust_updates.enabled", False)
+    every = flat.get("memory.neighbors.force_episode_every_frames", 3)
+    if defers or not 0 < every <= defaults["static.pending_relations"]:
+        # Episodes may be far apart then, and relations wait for them without limit.
+        changes["static.pending_relations"] = _MANY_RELATIONS
     return _nest(changes)
 
 

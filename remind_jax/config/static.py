@@ -52,6 +52,7 @@ class Static:
 
     max_neighbours: int = 20  # edges kept per object in the co-occurrence graph
     neighbour_trim: Literal["weight", "recent"] = "weight"  # which edges are kept
+    pending_relations: int = 3  # relations of a pair that wait for an episode
     mutual_links: bool = True  # geometric mean of both conditionals, else arithmetic
     class_detections: int = 10  # detections of a class that enter the hypotheses
     class_pool: int = 25  # objects of a class that enter the hypotheses

@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from remind_jax.config.context_thresholds import Influence, Sets, Veto
 from remind_jax.config.kinds import Gate, Real, Whole
 from remind_jax.config.known_set_thresholds import KnownSets
 from remind_jax.config.outcome_thresholds import (
@@ -232,6 +233,9 @@ class Thresholds:
     similarity: Similarity = dataclasses.field(default_factory=Similarity)
     diagnosis: Diagnosis = dataclasses.field(default_factory=Diagnosis)
     matching: Matching = dataclasses.field(default_factory=Matching)
+    sets: Sets = dataclasses.field(default_factory=Sets)
+    influence: Influence = dataclasses.field(default_factory=Influence)
+    veto: Veto = dataclasses.field(default_factory=Veto)
     stability: Stability = dataclasses.field(default_factory=Stability)
     competition: Competition = dataclasses.field(default_factory=Competition)
     ambiguous: Ambiguous = dataclasses.field(default_factory=Ambiguous)

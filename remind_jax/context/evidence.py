@@ -9,7 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
+from remind_jax.config.relation_thresholds import Cooccurrence
 from remind_jax.config.static import Static
+from remind_jax.memory.cooccurrence import CooccurrenceGraph, conditional
 
 ROUNDED_OBJECTS = 160  # up to so many in question, link strengths have float32 precision
 
@@ -25,6 +27,21 @@ class NeighbourEvidence:
     weight: Float[Array, "O O"]  # decayed count, first sort key of a neighbour list
     last_seen: Int[Array, "O O"]  # frame of the last common episode, second sort key
     order: Int[Array, "O O"]  # position of the edge in its list, third sort key, ascending
+
+
+def neighbour_evidence(
+    graph: CooccurrenceGraph, exists: Bool[Array, "O"], t: Cooccurrence
+) -> NeighbourEvidence:
+    """The graph as the context reads it; all objects in memory count, seen in company or not."""
+    num_objects = jnp.sum(exists, dtype=jnp.int32)
+    return NeighbourEvidence(
+        conditional=conditional(graph, num_objects, t),
+        count=graph.count,
+        episodes=graph.episodes,
+        weight=graph.weight,
+        last_seen=graph.edge_time,
+        order=graph.edge_order,
+    )
 
 
 @jax.tree_util.register_dataclass
