@@ -66,9 +66,7 @@ class Influence:
     positive_cap: Real = 0.20  # largest bonus [delta_plus]
     negative_cap: Real = 0.10  # largest penalty [delta_minus]
     min_quality: Real = 0.35  # least quality of a context that counts
-    rescue_visual: Real = (
-        0.60  # least visual score of a pair that a bonus may rescue [tau_vis,min]
-    )
+    rescue_visual: Real = 0.60  # least visual score of a pair that a bonus may rescue [tau_vis,min]
     min_best_score: Real = 0.45  # least score of the best set of a context that counts
     min_coverage: Real = 0.35  # least coverage of that set
     min_size: Whole = 2  # least size of that set

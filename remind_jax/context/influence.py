@@ -45,9 +45,24 @@ class Influence:
 def no_influence(num_objects: int, scalar: jnp.dtype) -> Influence:
     """The values without a context."""
     real, no = jnp.zeros(num_objects, scalar), jnp.zeros(num_objects, bool)
-    nothing = jnp.zeros((), scalar), jnp.zeros((), bool), jnp.zeros((), bool)
-    count = jnp.zeros(num_objects, jnp.int32)
-    return Influence(*[real] * 5, no, real, no, no, count, real, real, no, *nothing)
+    return Influence(
+        bonus_raw=real,
+        score_sets=real,
+        support=real,
+        contradiction=real,
+        compat_rel=real,
+        compat_band=no,
+        kernel_raw=real,
+        soft_supported=no,
+        shortlist=no,
+        kept_count=jnp.zeros(num_objects, jnp.int32),
+        pruning=real,
+        strength=real,
+        has_pack=no,
+        quality=jnp.zeros((), scalar),
+        global_ok=jnp.zeros((), bool),
+        enabled=jnp.zeros((), bool),
+    )
 
 
 def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Influence:

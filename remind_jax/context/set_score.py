@@ -38,7 +38,14 @@ class FrameScale:
 def empty_tally(scalar: jnp.dtype) -> Tally:
     """The tally before any choice."""
     nothing = jnp.zeros((), scalar)
-    return Tally(jnp.ones((), scalar), *[nothing] * 4, jnp.zeros((), bool))
+    return Tally(
+        info=jnp.ones((), scalar),
+        support_sum=nothing,
+        support_weight=nothing,
+        stability_sum=nothing,
+        exclusivity_sum=nothing,
+        exclusive=jnp.zeros((), bool),
+    )
 
 
 def tally_choices(tally: Tally, options: Options) -> Tally:
