@@ -67,5 +67,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
             node = node.setdefault(group, {})
             if not isinstance(node, dict):
                 raise ConfigError(f"--set gives both a value and keys below it for {group!r}")
+        if isinstance(node.get(last), dict):
+            raise ConfigError(f"--set gives both a value and keys below it for {last!r}")
         node[last] = value
     return tree

@@ -67,6 +67,8 @@ def _open_again(info: RunInfo) -> Source:
 def _open_moved(info: RunInfo, source: Path) -> Source:
     """The same source and sampling at another place; masks are not needed."""
     from remind_jax.sources import open_source
+    from remind_jax.sources.opening import NO_MASKS
 
-    arguments = dict((info.source or {}).get("reopen") or {})
-    return open_source(source, **{**arguments, "masks": "none", "metadata": None})
+    earlier = (info.source or {}).get("reopen") or {}
+    kept = {name: value for name, value in earlier.items() if name not in ("spec", "metadata")}
+    return open_source(source, **{**kept, "masks": NO_MASKS})

@@ -223,7 +223,7 @@ def _prepare_folder(folder: Path, overwrite: bool) -> None:
     if present and not overwrite:
         raise OutputError(
             f"the output folder '{folder}' is not empty (it holds '{present[0]}'); choose another "
-            "one or allow overwriting"
+            "one or allow overwriting (--overwrite)"
         )
     for name in FILE_NAMES:
         with store.writing(folder / name):

@@ -1,0 +1,44 @@
+"""One folder with a tiny scene, and the command as a function."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from remind_jax.cli.main import main
+from tests.cli import scenes
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What a command left behind."""
+
+    code: int
+    stdout: str
+    stderr: str
+
+
+Command = Callable[..., Outcome]
+
+
+@pytest.fixture
+def command(capfd, monkeypatch, tmp_path) -> Command:
+    """Runs `remind ...` in an empty folder; `remind run` with the static shape of all tests."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object, static: tuple[str, ...] = scenes.STATIC) -> Outcome:
+        capfd.readouterr()
+        argv = [str(word) for word in words]
+        code = main([*argv, "--set", *static] if argv[0] == "run" else argv)
+        return Outcome(code, *capfd.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def scene(tmp_path) -> tuple[Path, Path]:
+    """Folders of images and masks of four frames."""
+    return scenes.write_scene(tmp_path / "scene")

@@ -1,0 +1,97 @@
+"""Tiny inputs for the command line: a few objects on small frames, as files of every kind."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+
+from remind_jax.backbone.registry import get_backbone
+
+# Objects of fewer than about 14 patches are too small to be remembered, hence 25 patches each.
+PATCH_PX = 16
+WIDTH_PX, HEIGHT_PX = 16 * PATCH_PX, 12 * PATCH_PX
+OBJECT_PX = 5 * PATCH_PX
+CLASSES = {1: "cup", 2: "cup", 3: "book", 4: "vase"}
+_PLACES = {1: (8, 8), 2: (8, 136), 3: (104, 8), 4: (104, 136)}  # top, left in the first frame
+FIRST_THREE = (1, 2, 3)
+
+# One static shape for all tests, so that they share one compiled program.
+STATIC = ("static.num_detections=4", "static.num_objects=6", "static.num_pending=4")
+
+
+def picture(index: int, ids: tuple[int, ...] = FIRST_THREE) -> tuple[np.ndarray, np.ndarray]:
+    """RGB image and instance map of a frame: textured squares that drift to the right."""
+    noise = np.random.default_rng(0).integers(0, 12, (HEIGHT_PX, WIDTH_PX, 3), np.uint8)
+    image, labels = 90 + noise, np.zeros((HEIGHT_PX, WIDTH_PX), np.uint8)
+    for instance in ids:
+        top, left = _PLACES[instance]
+        texture = np.random.default_rng(instance).integers(0, 255, (6, 6, 3), np.uint8)
+        left += 2 * min(index, 12)
+        window = np.s_[top : top + OBJECT_PX, left : left + OBJECT_PX]
+        image[window] = cv2.resize(texture, (OBJECT_PX, OBJECT_PX), interpolation=cv2.INTER_CUBIC)
+        labels[window] = instance
+    return image, labels
+
+
+def write_scene(
+    folder: Path,
+    num: int = 4,
+    *,
+    seen: dict[int, tuple[int, ...]] | None = None,
+    classes: dict[int, str] = CLASSES,
+) -> tuple[Path, Path]:
+    """Writes `images/` and `masks/` with metadata; returns both folders.
+
+    `seen` gives the objects in view of single frames; elsewhere it is the first three.
+    """
+    images, masks = folder / "images", folder / "masks"
+    images.mkdir(parents=True)
+    masks.mkdir()
+    for index in range(num):
+        image, labels = picture(index, (seen or {}).get(index, FIRST_THREE))
+        cv2.imwrite(str(images / f"{index:04d}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+        cv2.imwrite(str(masks / f"{index:04d}.png"), labels)
+    names = {str(instance): name for instance, name in classes.items()}
+    (masks / "metadata.json").write_text(json.dumps({"id_to_class": names}))
+    return images, masks
+
+
+def write_video(path: Path, num: int) -> Path:
+    """The same frames as a video, with its index at the start, where cutting leaves it whole."""
+    with av.open(str(path), "w", options={"movflags": "+faststart"}) as container:
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height = WIDTH_PX, HEIGHT_PX  # pyright: ignore[reportAttributeAccessIssue]
+        stream.pix_fmt, stream.gop_size = "yuv420p", 4  # pyright: ignore[reportAttributeAccessIssue]
+        for index in range(num):
+            frame = av.VideoFrame.from_ndarray(picture(index)[0], format="rgb24")
+            container.mux(stream.encode(frame))  # pyright: ignore[reportAttributeAccessIssue]
+        container.mux(stream.encode())  # pyright: ignore[reportAttributeAccessIssue]
+    return path
+
+
+def write_masks(path: Path, num: int) -> Path:
+    """Instance maps of the frames as arrays."""
+    np.savez(path, allow_pickle=False, **_maps(num))
+    return path
+
+
+def write_features(path: Path, num: int, bad_frame: int | None = None) -> Path:
+    """Patch features of the frames with instance maps; NaN and infinity in a bad frame."""
+    images = np.stack([picture(index)[0] for index in range(num)])
+    features = np.array(get_backbone().extract(images))
+    if bad_frame is not None:
+        features[bad_frame, 0, 0, 0], features[bad_frame, 1, 1, 1] = np.nan, np.inf
+    np.savez(path, allow_pickle=False, features=features, **_maps(num))
+    return path
+
+
+def _maps(num: int) -> dict[str, np.ndarray]:
+    return {
+        "masks": np.stack([picture(index)[1] for index in range(num)]),
+        "ids": np.array(list(CLASSES)),
+        "labels": np.array(list(CLASSES.values())),
+    }

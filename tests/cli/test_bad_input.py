@@ -1,0 +1,203 @@
+"""Bad input gets one sentence and exit code 1, and what was done is kept."""
+
+from __future__ import annotations
+
+import io
+import json
+import resource
+import tarfile
+
+import cv2
+import numpy as np
+import pytest
+
+from remind_jax.result import Result
+from tests.cli import scenes
+
+
+def assert_refused(outcome, *words: str) -> None:
+    """Exit code 1 and one sentence that holds all the words, no traceback."""
+    assert outcome.code == 1, outcome
+    assert outcome.stdout == ""
+    sentence, *notes = outcome.stderr.splitlines()
+    assert sentence.startswith("remind: ")
+    assert all(note.startswith("what was done until then") for note in notes)
+    for word in words:
+        assert word in sentence
+
+
+def summary_of(outcome) -> dict:
+    """The summary of a run that went through, with `--json`."""
+    assert outcome.code == 0, outcome
+    return json.loads(outcome.stdout)
+
+
+def test_missing_file_suggests_the_nearest_name(command, tmp_path):
+    (tmp_path / "rooms.mp4").write_bytes(b"")
+    assert_refused(command("run", "room.mp4"), "room.mp4", "does not exist", "rooms.mp4")
+
+
+def test_file_that_is_no_video(command, tmp_path):
+    (tmp_path / "rooms.mp4").write_bytes(b"no video at all")
+    assert_refused(command("run", "rooms.mp4"), "rooms.mp4", "cannot be opened as a video")
+
+
+def test_truncated_video_is_tracked_up_to_its_end(command, tmp_path):
+    num = 24
+    video = scenes.write_video(tmp_path / "rooms.mp4", num)
+    video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
+    masks = scenes.write_masks(tmp_path / "masks.npz", num)
+    outcome = command("run", video, "--masks", masks, "--json", "--no-overlay")
+    summary = summary_of(outcome)
+    assert outcome.stderr == ""
+    assert 0 < summary["frames"] < num
+    assert summary["skipped_frames"] == num - summary["frames"]
+
+
+def test_video_without_a_decodable_frame(command, tmp_path):
+    video = scenes.write_video(tmp_path / "rooms.mp4", 4)
+    content = bytearray(video.read_bytes())
+    start = content.index(b"mdat") + 4
+    content[start:] = bytes(len(content) - start)
+    video.write_bytes(content)
+    assert_refused(command("run", video), "rooms.mp4", "no frame")
+
+
+def test_folder_without_frames(command, tmp_path):
+    (tmp_path / "images").mkdir()
+    assert_refused(command("run", "images"), "images")
+
+
+def test_corrupt_image_in_the_middle_is_skipped_counted_and_reported(command, scene):
+    images, masks = scene
+    bad = images / "0001.png"
+    bad.write_bytes(bad.read_bytes()[:200])
+    outcome = command("run", images, "--masks", masks, "--json", "--out", "a")
+    summary = summary_of(outcome)
+    assert (summary["frames"], summary["skipped_frames"]) == (3, 1)
+    assert summary["skipped"][0]["name"] == "0001.png"
+    outcome = command("run", images, "--masks", masks, "--out", "b")
+    assert "1 frame skipped: '0001.png'" in outcome.stdout
+    assert outcome.stderr == ""
+
+
+def test_mask_of_another_size(command, scene):
+    images, masks = scene
+    cv2.imwrite(str(masks / "0002.png"), np.zeros((64, 64), np.uint8))
+    outcome = command("run", images, "--masks", masks, "--out", "out")
+    assert_refused(outcome, "0002.png", "64x64", "256x192")
+    assert "what was done until then (2 frames) is in out" in outcome.stderr
+    kept = Result.load("out")
+    assert (len(kept), kept.complete) == (2, False)
+    assert kept.timings_ms["step"]
+    names = {"memory.safetensors", "report.html", "overlay.mp4", "tracks.csv", "timeline.png"}
+    assert names <= {path.name for path in (scene[0].parent.parent / "out").iterdir()}
+
+
+def test_mask_ids_without_class(command, tmp_path):
+    images, masks = scenes.write_scene(tmp_path / "scene", classes={1: "cup", 2: "cup"})
+    assert_refused(command("run", images, "--masks", masks), "3", "class")
+
+
+def test_neither_masks_nor_detector(command, scene):
+    assert_refused(command("run", scene[0]), "0000.png", "without masks", "detector")
+
+
+def test_detector_that_is_no_model(command, scene, tmp_path):
+    (tmp_path / "model.onnx").write_bytes(b"\x00" * 64)
+    assert_refused(command("run", scene[0], "--detector", "model.onnx"), "model.onnx")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--backbone", "patch-statistic"), "did you mean 'patch-statistics'?"),
+        (("--config", "defualt"), "did you mean 'default'?"),
+        (("--config", "missing.yaml"), "cannot read configuration missing.yaml"),
+        (("--set", "thresholds.matching.mach=0.7"), "did you mean 'match'?"),
+        (("--set", "thresholds.matching.match=high"), "must be a number"),
+        (("--memory", "missing.safetensors"), "cannot read memory from missing.safetensors"),
+    ],
+)
+def test_unknown_names_and_wrong_values(command, scene, words, expected):
+    outcome = command("run", scene[0], "--masks", scene[1], *words)
+    assert_refused(outcome, expected)
+    assert not (scene[0].parent.parent / "runs").exists()
+
+
+def test_features_that_are_not_finite_are_left_out_and_reported(command, tmp_path):
+    path = scenes.write_features(tmp_path / "features.npz", num=3, bad_frame=1)
+    summary = summary_of(command("run", path, "--json"))
+    assert summary["frames"] == 3
+    assert summary["events"] == [
+        {
+            "frame_index": 1,
+            "kind": "features",
+            "message": "2 patches were left out for a feature that is not finite",
+        }
+    ]
+
+
+def test_frame_smaller_than_a_patch(command, tmp_path):
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((12, 40, 3), np.uint8))
+    np.savez(tmp_path / "masks.npz", masks=np.ones((1, 12, 40), np.uint8), ids=[1], labels=["cup"])
+    outcome = command("run", "images", "--masks", "masks.npz")
+    assert_refused(outcome, "40x12", "smaller than one patch", "16 pixels")
+
+
+def test_changing_frame_size_is_skipped_and_reported(command, scene):
+    images, masks = scene
+    cv2.imwrite(str(images / "0003.png"), np.zeros((48, 48, 3), np.uint8))
+    summary = summary_of(command("run", images, "--masks", masks, "--json"))
+    assert (summary["frames"], summary["skipped_frames"]) == (3, 1)
+    assert "48x48" in summary["skipped"][0]["reason"]
+
+
+def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path):
+    """The fourth object comes while three are remembered."""
+    images, masks = scenes.write_scene(tmp_path / "scene", seen={2: (1, 2, 3, 4), 3: (1, 2, 3, 4)})
+    words = ("run", images, "--masks", masks, "--json", "--out")
+    ample = command(*words, "ample")
+    tight = command(
+        *words,
+        "tight",
+        static=("static.num_detections=2", "static.num_objects=3", "static.num_pending=4"),
+    )
+    grown = [event for event in summary_of(tight)["events"] if event["kind"] == "capacity"]
+    assert [event["message"] for event in grown] == [
+        "3 detections do not fit; the capacity is 4 now",
+        "4 objects do not fit; the capacity is 6 now",
+    ]
+    assert summary_of(ample)["identities"] == 4
+    tables = [(tmp_path / name / "tracks.csv").read_text() for name in ("ample", "tight")]
+    assert tables[0] == tables[1]
+
+
+def test_full_disk(command, scene):
+    """A limit on the size of files stands for the disk: the system refuses the same writes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        outcome = command("run", scene[0], "--masks", scene[1], "--out", "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert_refused(outcome, "cannot write", "out/")
+    assert len(Result.load("out")) == 4
+
+
+def test_hostile_archive(command, tmp_path):
+    with tarfile.open(tmp_path / "scene.tar", "w") as archive:
+        member = tarfile.TarInfo("../../outside.png")
+        member.size = 4
+        archive.addfile(member, io.BytesIO(b"evil"))
+    assert_refused(command("run", "scene.tar"), "scene.tar", "outside.png")
+    assert not (tmp_path.parent / "outside.png").exists()
+
+
+def test_output_folder_with_files_is_left_alone(command, scene, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("years of work")
+    outcome = command("run", scene[0], "--masks", scene[1], "--out", "out")
+    assert_refused(outcome, "out", "not empty", "--overwrite")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]

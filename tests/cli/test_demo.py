@@ -1,0 +1,58 @@
+"""`remind demo`, on a tour of four small frames; the real one is a slow test."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+
+import pytest
+
+import remind_jax.synthetic
+from remind_jax.cli import demo
+from remind_jax.cli.overrides import load_config_with
+from remind_jax.synthetic import SceneOptions, demo_options
+from tests.cli import scenes
+
+
+@pytest.fixture
+def short_tour(monkeypatch):
+    options = SceneOptions(
+        name="demo", num_rooms=1, objects_per_room=3, frames=4, absence_frames=0,
+        width=256, height=192, min_mask_px=400,
+    )  # fmt: skip
+    monkeypatch.setattr(
+        remind_jax.synthetic, "demo_options", lambda seed: dataclasses.replace(options, seed=seed)
+    )
+    config = load_config_with("default", (scenes.STATIC,))
+    track = functools.partial(demo.track, config=config)
+    monkeypatch.setattr(demo, "track", track)
+
+
+@pytest.mark.usefixtures("short_tour")
+def test_demo_prints_what_was_recovered(command):
+    outcome = command("demo", "--out", "tour")
+    assert (outcome.code, outcome.stderr) == (0, "")
+    assert "demo: 4 frames" in outcome.stdout
+    assert "IDF1" in outcome.stdout
+    again = command("demo", "--out", "tour", "--json", "--seed", 1)
+    facts = json.loads(again.stdout)
+    assert facts["frames"] == 4
+    assert 0 <= facts["metrics"]["IDF1"] <= 1
+
+
+@pytest.mark.usefixtures("short_tour")
+def test_folder_of_somebody_else_is_left_alone(command, tmp_path):
+    (tmp_path / "tour").mkdir()
+    (tmp_path / "tour" / "notes.txt").write_text("mine")
+    outcome = command("demo", "--out", "tour")
+    assert outcome.code == 1
+    assert "not empty" in outcome.stderr
+    assert [path.name for path in (tmp_path / "tour").iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.slow
+def test_the_real_demo_recovers_identities(command):
+    facts = json.loads(command("demo", "--json").stdout)
+    assert facts["frames"] == demo_options().frames == 120
+    assert facts["metrics"]["IDF1"] >= 0.90

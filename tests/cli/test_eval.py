@@ -1,0 +1,42 @@
+"""`remind eval`."""
+
+from __future__ import annotations
+
+import json
+import math
+
+BOX = "10,10,50,50,1,1,1"
+
+
+def write_tracks(path, ids: list[int]) -> None:
+    path.write_text("".join(f"{frame},{i},{BOX}\n" for frame, i in enumerate(ids, start=1)))
+
+
+def test_scores_are_printed_and_written(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1, 1, 1, 1])
+    write_tracks(tmp_path / "pred.txt", [5, 5, 5, 6])
+    outcome = command("eval", "gt.txt", "pred.txt", "--json", "scores.json")
+    assert outcome.code == 0
+    assert "75.00 %" in outcome.stdout
+    metrics = json.loads((tmp_path / "scores.json").read_text())["metrics"]
+    assert math.isclose(metrics["IDF1"], 0.75)
+    assert (metrics["IDSW"], metrics["GT_IDs"], metrics["IDs"]) == (1, 1, 2)
+
+
+def test_quiet_prints_nothing(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1, 1])
+    assert command("eval", "gt.txt", "gt.txt", "--quiet").stdout == ""
+
+
+def test_missing_file(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1])
+    outcome = command("eval", "gt.txt", "pred.txt")
+    assert outcome.code == 1
+    assert "pred.txt" in outcome.stderr
+
+
+def test_result_that_cannot_be_written(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1])
+    outcome = command("eval", "gt.txt", "gt.txt", "--json", "no/scores.json")
+    assert outcome.code == 1
+    assert "cannot write 'no/scores.json'" in outcome.stderr

@@ -1,0 +1,148 @@
+"""Parsing, help, exit codes of the command as a whole."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from remind_jax import __version__
+from remind_jax.cli import exit_codes
+from remind_jax.cli import main as main_module
+from remind_jax.cli.main import VERBS, main
+from remind_jax.errors import SourceError
+
+HEAVY = ("jax", "torch", "matplotlib", "onnxruntime", "pandas", "supervision", "rerun")
+
+
+def run_python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_help_of_every_verb_answers_without_jax():
+    finished = run_python(
+        f"""
+        import sys
+        from remind_jax.cli.main import VERBS, main
+        codes = [main(["--help"]), *(main([verb, "--help"]) for verb in VERBS)]
+        print("codes", set(codes), "loaded", [name for name in {HEAVY} if name in sys.modules])
+        """
+    )
+    assert finished.stderr == ""
+    assert finished.stdout.splitlines()[-1] == "codes {0} loaded []"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_teaches_by_examples(command, verb):
+    outcome = command(verb, "--help") if verb != "run" else command("--help")
+    assert outcome.code == 0
+    assert f"remind {verb}" in outcome.stdout
+
+
+def test_no_words_show_help(command, capfd):
+    assert main([]) == exit_codes.FINE
+    shown = capfd.readouterr().out
+    assert all(verb in shown for verb in VERBS)
+
+
+def test_version(command):
+    assert command("--version").stdout == f"remind-jax {__version__}\n"
+
+
+def test_unknown_verb_suggests_the_nearest(command):
+    outcome = command("rum")
+    assert outcome.code == exit_codes.USAGE
+    assert outcome.stderr == "remind: there is no verb 'rum'; did you mean 'run'?\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("demo", "--sead", "3"), "--seed"),
+        (("demo", "--seed", "many"), "many"),
+        (("view",), "RUN"),
+        (("eval", "a.txt", "b.txt", "--format", "mott"), "mots"),
+        (("config",), "show"),
+    ],
+)
+def test_wrong_usage_is_explained(command, words, expected):
+    outcome = command(*words)
+    assert outcome.code == exit_codes.USAGE
+    assert expected in outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"), [(("--confidence", "3"), "from 0 to 1"), (("--fps", "-2"), "above 0")]
+)
+def test_values_out_of_range_are_wrong_usage(capfd, words, expected):
+    assert main(["run", "rooms.mp4", *words]) == exit_codes.USAGE
+    assert expected in " ".join(capfd.readouterr().err.split())
+
+
+def raising(error: BaseException):
+    class Verb:
+        def execute(self) -> int:
+            raise error
+
+    return lambda words: Verb()
+
+
+def test_errors_become_one_sentence_and_notes(monkeypatch, capfd):
+    error = SourceError("'a' is no source")
+    error.add_note("what was done is in b")
+    monkeypatch.setattr(main_module, "_parse", raising(error))
+    assert main(["run"]) == exit_codes.ERROR
+    assert capfd.readouterr().err == "remind: 'a' is no source\nwhat was done is in b\n"
+
+
+def test_interruption_before_anything_is_done(monkeypatch, capfd):
+    monkeypatch.setattr(main_module, "_parse", raising(KeyboardInterrupt()))
+    assert main(["run"]) == exit_codes.INTERRUPTED
+    assert capfd.readouterr().err == "remind: stopped\n"
+
+
+def test_defects_are_not_hidden(monkeypatch):
+    monkeypatch.setattr(main_module, "_parse", raising(RuntimeError("a defect")))
+    with pytest.raises(RuntimeError, match="a defect"):
+        main(["run"])
+
+
+def test_reader_that_goes_away_is_no_error():
+    with subprocess.Popen(
+        [sys.executable, "-m", "remind_jax.cli.main", "config", "show"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=120) == exit_codes.BROKEN_PIPE
+
+
+def test_real_process_says_one_sentence(tmp_path):
+    finished = subprocess.run(
+        [sys.executable, "-m", "remind_jax.cli.main", "run", "missing.mp4"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert finished.returncode == exit_codes.ERROR
+    assert finished.stdout == ""
+    assert finished.stderr == "remind: 'missing.mp4' does not exist\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupt_code_is_what_shells_report():
+    assert exit_codes.INTERRUPTED == 128 + signal.SIGINT

@@ -1,0 +1,61 @@
+"""Progress bar and Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from remind_jax.cli.progress import RunDisplay
+from remind_jax.run import Progress
+
+
+def progress(num_done: int, num_frames: int | None = 10) -> Progress:
+    return Progress(num_done, num_frames, 12.3, 4, 0.25)
+
+
+def test_silent_where_nobody_looks_on(capfd):
+    with RunDisplay("rooms", 10, is_shown=True) as display:
+        display(progress(1))
+    assert capfd.readouterr() == ("", "")
+    assert display.num_done == 1
+
+
+def test_bar_tells_speed_identities_and_uncertain_share(monkeypatch, capfd):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "200")
+    with RunDisplay("rooms", None, is_shown=True) as display:
+        display(progress(3))
+        display(progress(10))
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "12 ms/frame, 4 identities, 25 % uncertain" in err
+    assert "10/10" in err
+
+
+def test_first_interrupt_ends_the_run_after_the_frame():
+    with RunDisplay("rooms", 10, is_shown=False) as display:
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            display(progress(1))
+
+
+def test_second_interrupt_ends_it_at_once():
+    with RunDisplay("rooms", 10, is_shown=False):
+        os.kill(os.getpid(), signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_interrupt_during_the_last_frame_changes_nothing():
+    with RunDisplay("rooms", 10, is_shown=False) as display:
+        os.kill(os.getpid(), signal.SIGINT)
+        display(progress(10))
+
+
+def test_handler_is_put_back():
+    before = signal.getsignal(signal.SIGINT)
+    with RunDisplay("rooms", 10, is_shown=False):
+        assert signal.getsignal(signal.SIGINT) != before
+    assert signal.getsignal(signal.SIGINT) == before

@@ -1,0 +1,107 @@
+"""`remind run` and `remind view`, from files to files."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+
+import pytest
+
+from remind_jax.live import Tracker
+from remind_jax.outputs.writer import FILE_NAMES
+from remind_jax.result import Result
+from tests.cli import scenes
+
+
+def test_run_writes_everything_and_says_what_it_found(command, scene, tmp_path):
+    outcome = command("run", scene[0], "--masks", scene[1])
+    assert (outcome.code, outcome.stderr) == (0, "")
+    lines = outcome.stdout.splitlines()
+    assert lines[0].startswith("images: 4 frames, 3 identities, 0 returns")
+    assert lines[-1] == "output in runs/images, open runs/images/report.html"
+    written = {path.name for path in (tmp_path / "runs" / "images").iterdir()}
+    assert written == {*FILE_NAMES, "memory.safetensors"}
+
+
+def test_summary_for_machines(command, scene):
+    outcome = command("run", scene[0], "--masks", scene[1], "--json", "--out", "out")
+    summary = json.loads(outcome.stdout)
+    assert (summary["frames"], summary["identities"], summary["complete"]) == (4, 3, True)
+    assert summary["out"] == "out"
+    assert {"backbone", "step", "write"} <= set(summary["ms_per_frame"])
+
+
+def test_quiet_says_nothing(command, scene):
+    outcome = command("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay")
+    assert (outcome.code, outcome.stdout, outcome.stderr) == (0, "", "")
+
+
+def test_an_earlier_run_is_replaced_only_on_request(command, scene):
+    words = ("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay", "--out", "out")
+    assert [command(*words).code, command(*words).code] == [0, 1]
+    assert command(*words, "--overwrite", "--max-frames", 2).code == 0
+    assert len(Result.load("out")) == 2
+
+
+def test_tomorrow_knows_the_objects_of_today(command, scene):
+    words = ("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay")
+    command(*words, "--out", "today")
+    command(*words, "--memory", "today/memory.safetensors", "--out", "tomorrow")
+    today, tomorrow = Result.load("today"), Result.load("tomorrow")
+    assert tomorrow.tracks[0].object_id.tolist() == today.tracks[0].object_id.tolist()
+
+
+@pytest.fixture
+def interrupted_after_two_frames(monkeypatch):
+    """Ctrl-C is pressed while the second frame is in work."""
+    advance = Tracker.advance
+
+    def advance_and_interrupt(self, prepared):
+        if prepared.frame.index == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+        return advance(self, prepared)
+
+    monkeypatch.setattr(Tracker, "advance", advance_and_interrupt)
+
+
+@pytest.mark.usefixtures("interrupted_after_two_frames")
+def test_interrupt_finishes_what_was_done(command, scene, tmp_path):
+    outcome = command("run", scene[0], "--masks", scene[1], "--out", "out")
+    assert outcome.code == 130
+    assert "stopped; what was done is in out" in outcome.stdout
+    kept = Result.load("out")
+    assert (len(kept), kept.complete) == (2, False)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *FILE_NAMES,
+        "memory.safetensors",
+    }
+
+
+def test_view_draws_again_from_the_same_or_a_moved_source(command, scene, tmp_path):
+    command("run", scene[0], "--masks", scene[1], "--quiet", "--out", "out")
+    drawn = [tmp_path / "out" / name for name in ("overlay.mp4", "report.html", "timeline.png")]
+    for path in drawn:
+        path.unlink()
+    assert command("view", "out").stdout.startswith("images: 4 frames, 3 identities")
+    assert all(path.exists() for path in drawn)
+    shutil.move(scene[0], tmp_path / "moved")
+    assert "drawn without the frames: 'images' does not exist" in (
+        command("view", "out").stdout.replace(str(scene[0]), "images")
+    )
+    assert command("view", "out", "--source", "moved", "--quiet").code == 0
+
+
+def test_view_of_no_run(command, tmp_path):
+    (tmp_path / "empty").mkdir()
+    outcome = command("view", "empty")
+    assert outcome.code == 1
+    assert "empty" in outcome.stderr
+
+
+def test_source_names_become_folder_names(command, scene, tmp_path):
+    strange = scene[0].rename(scene[0].with_name("my rooms: 2"))
+    masks = scenes.write_masks(tmp_path / "masks.npz", 4)
+    command("run", strange, "--masks", masks, "--quiet", "--no-overlay", "--max-frames", 1)
+    assert (tmp_path / "runs" / "my_rooms_2").is_dir()
