@@ -1,0 +1,104 @@
+"""What importing costs, and which way dependencies point."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import remind_jax
+
+PACKAGE = Path(remind_jax.__file__).parent
+
+# Extras, and what is too slow to load before it is needed.
+LATE = ("jax", "torch", "matplotlib", "onnxruntime", "rerun", "supervision", "pandas")
+BUDGET_S = 2.0
+
+# The core: pure functions over arrays, and the words they share. `errors` has no imports itself.
+CORE = (
+    "tracker",
+    "perception",
+    "memory",
+    "association",
+    "context",
+    "disambiguation",
+    "solvers",
+    "config",
+    "state",
+    "observation",
+    "decision",
+    "errors",
+)
+ALLOWED = {"jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
+# Configuration files are read where they are asked for.
+EXCEPTIONS = {("config/config.py", "yaml")}
+
+
+def modules_of_the_core() -> Iterator[Path]:
+    for name in CORE:
+        yield from sorted((PACKAGE / name).rglob("*.py"))
+        if (PACKAGE / f"{name}.py").exists():
+            yield PACKAGE / f"{name}.py"
+
+
+def imported_names(path: Path) -> Iterator[str]:
+    """Every module that a file names in an import statement, those inside functions too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} has a relative import"
+            assert node.module is not None
+            yield node.module
+
+
+def test_import_is_quick_and_loads_nothing_heavy():
+    code = (
+        "import sys, time; start = time.perf_counter(); import remind_jax; "
+        "spent_s = time.perf_counter() - start; "
+        f"print(spent_s, *[name for name in {LATE} if name in sys.modules])"
+    )
+    finished = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    spent_s, *loaded = finished.stdout.split()
+    assert loaded == []
+    assert float(spent_s) < BUDGET_S
+
+
+def test_every_public_name_is_there():
+    for name in remind_jax.__all__:
+        assert getattr(remind_jax, name).__name__ == name
+
+
+def test_running_needs_no_extra():
+    code = (
+        "import sys, remind_jax as rj; rj.run, rj.Tracker; "
+        f"print(*[name for name in {LATE[1:]} if name in sys.modules])"
+    )
+    finished = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert finished.stdout.split() == []
+
+
+@pytest.mark.parametrize("name", CORE)
+def test_every_part_of_the_core_is_looked_at(name):
+    assert any(name in path.relative_to(PACKAGE).parts[0] for path in modules_of_the_core())
+
+
+@pytest.mark.parametrize(
+    "path", list(modules_of_the_core()), ids=lambda p: str(p.relative_to(PACKAGE))
+)
+def test_core_imports_only_arrays_and_itself(path):
+    for module in imported_names(path):
+        top, _, rest = module.partition(".")
+        if top == "remind_jax":
+            assert rest.partition(".")[0] in CORE, f"{path} imports {module}, which is no core"
+        else:
+            is_exception = (str(path.relative_to(PACKAGE)), top) in EXCEPTIONS
+            assert top in ALLOWED or is_exception, f"{path} imports {module}"
