@@ -93,7 +93,7 @@ def init(static: Static) -> TrackerState:
         return DualBank(work, stable)
 
     def column(value: int) -> Array:
-        return jnp.full(objects, value, jnp.int32)
+        return jnp.full(objects, int(value), jnp.int32)
 
     return TrackerState(
         objects=Objects(
@@ -123,7 +123,7 @@ def no_decisions(static: Static) -> Decisions:
     num, shown, scalar = static.num_detections, static.num_candidates, static.scalar
 
     def whole(value: int) -> Array:
-        return jnp.full(num, value, jnp.int32)
+        return jnp.full(num, int(value), jnp.int32)
 
     real = jnp.zeros(num, scalar)
     return Decisions(

@@ -113,6 +113,10 @@ def remember(
         ),
         pending_id=tracks.id.at[pending_slot].get(mode="fill", fill_value=NO_ID),
     )
+    # In the types of the state, so that one compiled program serves every frame.
+    shown = jax.tree.map(
+        lambda new, old: jnp.where(fits, new.astype(old.dtype), old), decisions, state.decisions
+    )
 
     learns, permit = gate_updates(decisions, t)
     row = jnp.where(pending_slot < num_pending, slots + pending_slot, slots + num_pending)
@@ -132,7 +136,7 @@ def remember(
         distances=distances,
         next_id=next_id,
         frame=now + fits,
-        decisions=decisions,
+        decisions=shown,
         overflow=Overflow(
             objects=jnp.where(needed <= slots, 0, needed),
             pending=jnp.where(needed_pending <= num_pending, 0, needed_pending),
