@@ -125,18 +125,21 @@ def no_decisions(static: Static) -> Decisions:
     def whole(value: int) -> Array:
         return jnp.full(num, int(value), jnp.int32)
 
-    real = jnp.zeros(num, scalar)
+    def real() -> Array:
+        """A new array at each call: buffers are donated to the step, each only once."""
+        return jnp.zeros(num, scalar)
+
     return Decisions(
         outcome=whole(Outcome.EMPTY),
         reason=whole(0),
         object_id=whole(NO_ID),
         pending_id=whole(NO_ID),
-        score=real,
+        score=real(),
         status=whole(0),
         status_final=whole(0),
-        confidence=real,
-        best_score=real,
-        second_score=real,
+        confidence=real(),
+        best_score=real(),
+        second_score=real(),
         num_close=whole(0),
         lock=whole(0),
         source=whole(0),
