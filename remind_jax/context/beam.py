@@ -9,17 +9,40 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
 from remind_jax.config.static import Static
 from remind_jax.context.evidence import Links, NeighbourEvidence
 from remind_jax.context.frame_classes import FrameClasses
-from remind_jax.context.growth import join_chosen, members_by_choice, rate_choices
-from remind_jax.context.member_sets import NOBODY, MemberSet, empty_set, rate_trust
-from remind_jax.context.options import list_options, support_by_kernel
+from remind_jax.context.growth import (
+    choice_mask,
+    count_links,
+    grow_trees,
+    join_chosen,
+    members_by_choice,
+)
+from remind_jax.context.member_sets import (
+    NOBODY,
+    MemberSet,
+    empty_set,
+    rate_cohesion,
+    rate_trust,
+)
+from remind_jax.context.options import Options, list_options, support_by_kernel
 from remind_jax.context.selection import number_sets, select_children
 from remind_jax.context.set_score import FrameScale, Tally, empty_tally, score_sets, tally_choices
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Rating:
+    """What is known of sets, any leading shape."""
+
+    score: Float[Array, "..."]  # [0, 1]
+    density: Float[Array, "..."]  # [0, 1]
+    maturity: Float[Array, "..."]  # mean over the members, [0, 1)
+    tally: Tally
 
 
 @jax.tree_util.register_dataclass
@@ -32,7 +55,7 @@ class Beam:
     """
 
     sets: MemberSet  # leading axis W, of which `num_sets` count
-    tally: Tally  # of each set
+    rating: Rating  # of each set
     num_sets: Int[Array, ""]
     set_of: Int[Array, "W"]  # set of each row
     detections: Bool[Array, "W N"]
@@ -42,19 +65,24 @@ class Beam:
 def empty_beam(num: int, slots: int, static: Static) -> Beam:
     """Nothing chosen yet, in the first row; the other rows are free."""
     width, scalar = static.beam_width, static.scalar
-    one = (empty_set(min(num, slots), slots, scalar), empty_tally(scalar), jnp.zeros(num, bool))
-    sets, tally, detections = jax.tree.map(
+    zero = jnp.zeros((), scalar)
+    one = (
+        empty_set(min(num, slots), slots, scalar),
+        Rating(score=zero, density=zero, maturity=zero, tally=empty_tally(scalar)),
+        jnp.zeros(num, bool),
+    )
+    sets, rating, detections = jax.tree.map(
         lambda leaf: jnp.broadcast_to(leaf, (width, *leaf.shape)), one
     )
     rows = jnp.zeros(width, jnp.int32)
-    return Beam(sets, tally, jnp.int32(1), rows, detections, jnp.arange(width) == 0)
+    return Beam(sets, rating, jnp.int32(1), rows, detections, jnp.arange(width) == 0)
 
 
 def expand_by_class(
     beam: Beam,
     classes: FrameClasses,
     step: Int[Array, ""],
-    scale: FrameScale,
+    total: Int[Array, ""],
     evidence: NeighbourEvidence,
     anchors: Bool[Array, "O"],
     links: Links,
@@ -67,33 +95,23 @@ def expand_by_class(
       beam: What earlier classes led to.
       classes: The classes in view.
       step: Which of them to take up.
-      scale: What every set is measured against.
+      total: Detections of the frame.
       evidence: Who was seen with whom.
       anchors: Objects that are surely in view.
       links: Ties between objects.
       static: Sizes of the search.
       t: Thresholds.
     """
-    pool, num_detections = classes.pool[step], classes.num_detections[step]
-    most = classes.detections.shape[1]
+    pool, pool_size = classes.pool[step], classes.pool_size[step]
+    num_detections, most = classes.num_detections[step], classes.detections.shape[1]
     support, has_kernel = support_by_kernel(
         beam.sets.members, anchors, pool, evidence, links.maturity, static, t
     )
-    options = list_options(
-        support, has_kernel, pool, classes.pool_size[step], num_detections, most, static, t
-    )
-    largest = jnp.minimum(num_detections, classes.pool_size[step])
-    size = beam.sets.bonds.size[:, None, None] + jnp.arange(most + 1, dtype=jnp.int32)[:, None]
-    size = jnp.broadcast_to(size, options.support.shape)
-    cohesion = rate_choices(beam.sets, beam.num_sets, options.ranked, largest, links, t)
-    trust = rate_trust(
-        members_by_choice(beam.sets.members, options.ranked), size, links.maturity, t
-    )
-    tally = tally_choices(beam.tally, options)
-    score = score_sets(size, cohesion, trust, tally, scale, t)
-    child = select_children(score, options, beam.set_of, beam.valid, num_detections > 1)
-
-    taken = _chosen_places(most, child.count, child.det_variant)
+    options = list_options(support, has_kernel, pool, pool_size, num_detections, most, static, t)
+    largest = jnp.minimum(num_detections, pool_size)
+    rating = _rate_choices(beam, options, largest, FrameScale(total, step + 1), links, t)
+    child = select_children(rating.score, options, beam.set_of, beam.valid, num_detections > 1)
+    taken = choice_mask(most + 1)[child.count, child.det_variant, :most]
     is_detection = classes.detections[step][:, None] == jnp.arange(beam.detections.shape[1])
     explained = jnp.any(taken[:, :, None] & is_detection[None], axis=1)
     set_of, origin, num_sets = number_sets(beam.set_of[child.row], child, most)
@@ -102,7 +120,7 @@ def expand_by_class(
     chosen = _chosen_objects(options.ranked[parent], count, variant)
     return Beam(
         sets=join_chosen(beam.sets, parent, chosen, largest, num_sets, links),
-        tally=jax.tree.map(lambda leaf: leaf[parent, count, variant], tally),
+        rating=jax.tree.map(lambda leaf: leaf[parent, count, variant], rating),
         num_sets=num_sets,
         set_of=set_of,
         detections=beam.detections[child.row] | explained,
@@ -110,13 +128,24 @@ def expand_by_class(
     )
 
 
-def _chosen_places(
-    most: int, count: Int[Array, "W"], variant: Int[Array, "W"]
-) -> Bool[Array, "W K"]:
-    """The first `count` of `most` places, the last of them moved on by `variant`."""
-    place = jnp.arange(most)
-    before = place < (count - 1)[:, None]
-    return (before | (place == (count - 1 + variant)[:, None])) & (count > 0)[:, None]
+def _rate_choices(
+    beam: Beam,
+    options: Options,
+    largest: Int[Array, ""],
+    scale: FrameScale,
+    links: Links,
+    t: Sets,
+) -> Rating:
+    """Rates every set after every choice of objects `[W, K+1, 2]`."""
+    sets, ranked = beam.sets, options.ranked
+    size = sets.size[:, None, None] + jnp.arange(ranked.shape[1], dtype=jnp.int32)[:, None]
+    size = jnp.broadcast_to(size, options.support.shape)
+    tree = grow_trees(sets, beam.num_sets, ranked, largest, links)
+    cohesion = rate_cohesion(size, tree, count_links(sets, ranked, links, t), t)
+    trust = rate_trust(members_by_choice(sets.members, ranked), size, links.maturity, t)
+    tally = tally_choices(beam.rating.tally, options)
+    score = score_sets(size, cohesion, trust, tally, scale, t)
+    return Rating(score, cohesion.density, trust.maturity, tally)
 
 
 def _chosen_objects(

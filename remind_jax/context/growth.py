@@ -1,7 +1,8 @@
 """Every choice of objects that the sets of a beam can make (context notes 7.5, 7.6).
 
-Sets are worked through a few at a time, because most beams hold far fewer sets than rows. Letters:
-`W` sets, of which the first `num_sets` count, `K` most detections per class, `O` objects.
+Trees are grown a few sets at a time, because most beams hold far fewer sets than rows. Letters:
+`W` sets, of which the first `num_sets` count, `K` most detections per class, `O` objects, `M` most
+members of a set. A choice is a count of objects, 0 to `K`, and a variant.
 """
 
 from __future__ import annotations
@@ -11,32 +12,54 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
 from remind_jax.context.evidence import Links
 from remind_jax.context.member_sets import (
-    Bonds,
-    Cohesion,
+    NOBODY,
+    LinkCounts,
     MemberSet,
-    add_member,
-    introduce,
-    rate_cohesion,
+    extend_paths,
+    line_up,
+    link_strengths,
+    weigh_tree,
 )
 from remind_jax.context.options import VARIANTS
 
 _CHUNK = 16  # sets worked on at once
 
+_extend = jax.vmap(extend_paths)
+_weigh = jax.vmap(weigh_tree)
+_strengths = jax.vmap(link_strengths, (0, 0, None), out_axes=1)
 
-def rate_choices(
+
+def choice_mask(places: int) -> Bool[Array, "K+1 2 K+1"]:
+    """Which of the ranked objects each choice takes: the first, the last one moved on or not."""
+    place, count = jnp.arange(places), jnp.arange(places)[:, None, None]
+    last = count - 1 + jnp.arange(VARIANTS)[:, None]
+    return ((place < count - 1) | (place == last)) & (count > 0)
+
+
+def members_by_choice(
+    members: Bool[Array, "W O"], ranked: Int[Array, "W K+1"]
+) -> Bool[Array, "O W K+1 2"]:
+    """Who is in a set after each choice."""
+    places = ranked.shape[1]
+    named = ranked[:, None, :] == jnp.arange(members.shape[1])[:, None]
+    rank = jnp.where(jnp.any(named, axis=2), jnp.argmax(named, axis=2), places)
+    taken = jnp.pad(choice_mask(places), ((0, 0), (0, 0), (0, 1)))
+    return members.T[:, :, None, None] | jnp.moveaxis(taken, 2, 0)[rank.T]
+
+
+def grow_trees(
     sets: MemberSet,
     num_sets: Int[Array, ""],
     ranked: Int[Array, "W K+1"],
     largest: Int[Array, ""],
     links: Links,
-    t: Sets,
-) -> Cohesion:
-    """Cohesion of every set after every choice of objects `[W, K+1, 2]`.
+) -> Float[Array, "W K+1 2"]:
+    """Weight of the spanning tree of every set after every choice.
 
     The choices of a set grow by one object at a time: each count adds one to the best choice of
     the count before, or the one after it.
@@ -47,35 +70,53 @@ def rate_choices(
       ranked: Objects to choose from, best first, none a member yet.
       largest: Most objects that may be chosen.
       links: Ties between objects.
-      t: Thresholds.
     """
-    counts = ranked.shape[1]
-    add = jax.vmap(add_member, (0, 0, None))
-    rate = jax.vmap(rate_cohesion, (0, None))
 
-    def grow(rows: tuple[MemberSet, Array]) -> Cohesion:
+    def grow(rows: tuple[MemberSet, Array]) -> Float[Array, "C K+1 2"]:
         sets, ranked = rows
-        newcomers = jax.vmap(introduce, (0, 0, None))(sets, ranked, links)
-        table = jax.tree.map(
-            lambda leaf: jnp.broadcast_to(leaf, (counts, VARIANTS, *leaf.shape)),
-            rate(sets.bonds, t),
-        )
+        strength = _strengths(ranked, jax.vmap(line_up)(sets, ranked), links)
+        table = jnp.broadcast_to(_weigh(sets.path), (ranked.shape[1], VARIANTS, sets.size.shape[0]))
 
-        def step(count: Array, carry: tuple[Bonds, Cohesion]) -> tuple[Bonds, Cohesion]:
-            best, table = carry
-            other, best = add(best, newcomers, count), add(best, newcomers, count - 1)
-            for variant, bonds in enumerate((best, other)):
-                table = jax.tree.map(
-                    lambda whole, new, at=variant: whole.at[count, at].set(new),
-                    table,
-                    rate(bonds, t),
-                )
-            return best, table
+        def step(count: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+            path, table = carry
+            entry = sets.size + count - 1
+            other = _weigh(_extend(path, strength[count], entry))
+            path = _extend(path, strength[count - 1], entry)
+            return path, table.at[count].set(jnp.stack([_weigh(path), other]))
 
-        _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.bonds, table))
-        return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 2, 0), table)
+        _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, table))
+        return jnp.moveaxis(table, 2, 0)
 
     return _by_chunks(grow, (sets, ranked), num_sets)
+
+
+def count_links(sets: MemberSet, ranked: Int[Array, "W K+1"], links: Links, t: Sets) -> LinkCounts:
+    """Links within every set after every choice `[W, K+1, 2]` (notes 7.6)."""
+    # Counts are small whole numbers: exact in every precision that a product may take.
+    present = links.present.astype(jnp.float32)
+    degree = jnp.matmul(sets.members.astype(jnp.float32), present)
+    at, slot = jnp.maximum(ranked, 0), jnp.maximum(sets.slot, 0)
+    taken = choice_mask(ranked.shape[1])
+    chosen = taken.astype(jnp.float32)
+    to_members = present[at[:, :, None], slot[:, None, :]]
+    to_chosen = present[at[:, :, None], at[:, None, :]]
+    old = jnp.take_along_axis(degree, slot, axis=1)[:, None, None]
+    old = old + jnp.einsum("kvj,wjm->wkvm", chosen, to_members)
+    new = jnp.take_along_axis(degree, at, axis=1)[:, None, None]
+    new = new + jnp.einsum("kvj,wji->wkvi", chosen, to_chosen)
+    is_member = (jnp.arange(slot.shape[1]) < sets.size[:, None])[:, None, None]
+
+    def count(of_members: Array, of_chosen: Array) -> Array:
+        within = jnp.sum(jnp.where(is_member, of_members, 0), axis=3)
+        return within + jnp.sum(jnp.where(taken, of_chosen, 0), axis=3)
+
+    scalar = links.strength.dtype
+    least = t.min_links.astype(jnp.float32)
+    return LinkCounts(
+        pairs=count(old, new).astype(scalar) / 2.0,
+        linked=count((old > 0.0).astype(scalar), (new > 0.0).astype(scalar)),
+        isolated=count((old < least).astype(scalar), (new < least).astype(scalar)) > 0.0,
+    )
 
 
 def join_chosen(
@@ -86,43 +127,44 @@ def join_chosen(
     num_sets: Int[Array, ""],
     links: Links,
 ) -> MemberSet:
-    """Makes new sets from parent sets and the objects chosen for them."""
+    """Makes new sets from parent sets and the objects chosen for them.
+
+    Args:
+      sets: Sets before the choice.
+      parent: The set that each new set grows from.
+      chosen: The objects that join it, NOBODY behind them.
+      largest: Most objects that join a set.
+      num_sets: How many new sets there are.
+      links: Ties between objects.
+    """
 
     def grow(rows: tuple[Array, Array]) -> MemberSet:
         parent, chosen = rows
         start = jax.tree.map(lambda leaf: leaf[parent], sets)
-        newcomers = jax.vmap(introduce, (0, 0, None))(start, chosen, links)
-        add = jax.vmap(add_member, (0, 0, None))
-        bonds = jax.lax.fori_loop(
-            0, largest, lambda place, bonds: add(bonds, newcomers, place), start.bonds
+        slot = jax.vmap(line_up)(start, chosen)
+        strength = _strengths(chosen, slot, links)
+        entry = jnp.where(chosen != NOBODY, start.size[:, None] + jnp.arange(chosen.shape[1]), -1)
+        path = jax.lax.fori_loop(
+            0,
+            largest,
+            lambda place, path: _extend(path, strength[place], entry[:, place]),
+            start.path,
         )
         named = chosen[:, :, None] == jnp.arange(start.members.shape[1])
-        return MemberSet(start.members | jnp.any(named, axis=1), newcomers.slot, bonds)
+        size = start.size + jnp.sum(chosen != NOBODY, axis=1, dtype=jnp.int32)
+        return MemberSet(start.members | jnp.any(named, axis=1), slot, size, path)
 
     return _by_chunks(grow, (parent, chosen), num_sets)
-
-
-def members_by_choice(
-    members: Bool[Array, "W O"], ranked: Int[Array, "W K+1"]
-) -> Bool[Array, "O W K+1 2"]:
-    """Who is in a set after each choice of objects."""
-    slot = jnp.arange(members.shape[1])
-    named = ranked[:, None, :] == slot[:, None]
-    rank = jnp.where(jnp.any(named, axis=2), jnp.argmax(named, axis=2), ranked.shape[1])
-    rank = rank.T[:, :, None, None]
-    count = jnp.arange(ranked.shape[1])[:, None]
-    last = count - 1 + jnp.arange(VARIANTS)
-    taken = ((rank < count - 1) | (rank == last)) & (count > 0)
-    return members.T[:, :, None, None] | taken
 
 
 def _by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -> Any:
     """Applies a function of rows to the used ones, a few at a time; the others give zeros."""
     width = jax.tree.leaves(rows)[0].shape[0]
     length = min(_CHUNK, width)
-    part = lambda start: jax.tree.map(  # noqa: E731
-        lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, length), rows
-    )
+
+    def part(start: Int[Array, ""] | int) -> Any:
+        return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, length), rows)
+
     shapes = jax.eval_shape(lambda: function(part(0)))
     results = jax.tree.map(lambda leaf: jnp.zeros((width, *leaf.shape[1:]), leaf.dtype), shapes)
 

@@ -16,10 +16,9 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.config.context_thresholds import Sets
 from remind_jax.config.static import Static
 from remind_jax.context.beam import Beam, empty_beam, expand_by_class
-from remind_jax.context.evidence import Links, NeighbourEvidence, join_links
+from remind_jax.context.evidence import NeighbourEvidence, join_links
 from remind_jax.context.frame_classes import group_by_class
-from remind_jax.context.member_sets import rate_cohesion, rate_trust
-from remind_jax.context.set_score import FrameScale, rate_coverage, score_sets
+from remind_jax.context.set_score import rate_coverage
 
 
 @jax.tree_util.register_dataclass
@@ -87,24 +86,19 @@ def find_hypotheses(
     total = jnp.sum(det_valid, dtype=jnp.int32)
 
     def expand(step: Array, beam: Beam) -> Beam:
-        scale = FrameScale(total, step + 1)
-        return expand_by_class(beam, classes, step, scale, evidence, anchors, links, static, t)
+        return expand_by_class(beam, classes, step, total, evidence, anchors, links, static, t)
 
     num, slots = det_valid.shape[0], exists.shape[0]
     beam = jax.lax.fori_loop(0, classes.num, expand, empty_beam(num, slots, static))
-    return _best_of_beam(beam, FrameScale(total, classes.num), links, static, t)
+    return _best_of_beam(beam, total, classes.num > 0, static, t)
 
 
 def _best_of_beam(
-    beam: Beam, scale: FrameScale, links: Links, static: Static, t: Sets
+    beam: Beam, total: Int[Array, ""], searched: Bool[Array, ""], static: Static, t: Sets
 ) -> Hypotheses:
     """The best complete sets (notes 7.7); no two rows agree in members and detections."""
-    size = beam.sets.bonds.size
-    cohesion = jax.vmap(rate_cohesion, (0, None))(beam.sets.bonds, t)
-    trust = rate_trust(beam.sets.members.T, size, links.maturity, t)
-    score = score_sets(size, cohesion, trust, beam.tally, scale, t)[beam.set_of]
-    valid = beam.valid & (scale.num_classes > 0) & (score >= t.min_set_score)
-    valid = valid & ((scale.num_detections <= 1) | (size[beam.set_of] >= 2))
+    score, size = beam.rating.score[beam.set_of], beam.sets.size[beam.set_of]
+    valid = beam.valid & searched & (score >= t.min_set_score) & ((total <= 1) | (size >= 2))
     count = min(static.num_hypotheses, static.beam_width)
     best, row = jax.lax.top_k(jnp.where(valid, score, -jnp.inf), count)
     kept = best >= 0.0
@@ -114,9 +108,9 @@ def _best_of_beam(
         score=jnp.where(kept, best, 0.0),
         members=beam.sets.members[which] & kept[:, None],
         detections=beam.detections[row] & kept[:, None],
-        coverage=pick(rate_coverage(size, scale.num_detections, t)),
-        density=pick(jnp.where(size >= 2, cohesion.density, 0.0)),
-        size=pick(size),
-        maturity=pick(trust.maturity),
+        coverage=pick(rate_coverage(beam.sets.size, total, t)),
+        density=pick(beam.rating.density),
+        size=pick(beam.sets.size),
+        maturity=pick(beam.rating.maturity),
         valid=kept,
     )

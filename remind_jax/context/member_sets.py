@@ -3,8 +3,8 @@
 The density of a set is the mean link of its maximum spanning tree. Instead of a tree, a set carries
 the strength of the best path between any two members, where a path is as strong as its weakest
 link. A new member updates all paths at once, and the tree weighs as much as the sum of the best
-path from each member to an earlier one. Functions are written for one set; callers `vmap`.
-Letters: `M` most members of a set, `J` newcomers, `O` object slots, `B` sets.
+path from each member to an earlier one. Functions on a `MemberSet` are written for one set; callers
+`vmap`. Letters: `M` most members of a set, `J` newcomers, `O` object slots, `B` sets.
 """
 
 from __future__ import annotations
@@ -27,33 +27,23 @@ _FLOOR = 1e-12  # of a maturity, before powers are taken
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Bonds:
-    """How the members of one set are tied to each other, in order of entry."""
-
-    size: Int[Array, ""]
-    path: Float[Array, "M M"]  # strength of the best path between two members
-    degree: Int[Array, "M"]  # members that each member has been seen with
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class MemberSet:
     """One set of objects."""
 
     members: Bool[Array, "O"]
     slot: Int[Array, "M"]  # members in order of entry, NOBODY behind them
-    bonds: Bonds
+    size: Int[Array, ""]
+    path: Float[Array, "M M"]  # strength of the best path between two members, by entry
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Newcomers:
-    """Objects that may enter a set, with their ties to it and to each other."""
+class LinkCounts:
+    """Who in a set has been seen with whom in it, any leading shape."""
 
-    real: Bool[Array, "J"]  # the others change nothing
-    slot: Int[Array, "M"]  # members once all have entered in this order
-    strength: Float[Array, "J M"]
-    present: Bool[Array, "J M"]
+    pairs: Float[Array, "..."]
+    linked: Float[Array, "..."]  # members seen with at least one other
+    isolated: Bool[Array, "..."]  # some member has too few links
 
 
 @jax.tree_util.register_dataclass
@@ -61,7 +51,7 @@ class Newcomers:
 class Cohesion:
     """How well sets hold together, any leading shape."""
 
-    density: Float[Array, "..."]  # [0, 1]; says nothing below two members
+    density: Float[Array, "..."]  # [0, 1], 0 below two members
     connection: Float[Array, "..."]  # [0, 1], factor of the score
 
 
@@ -79,64 +69,63 @@ def empty_set(num_members: int, num_objects: int, scalar: jnp.dtype) -> MemberSe
     return MemberSet(
         members=jnp.zeros(num_objects, bool),
         slot=jnp.full(num_members, NOBODY, jnp.int32),
-        bonds=Bonds(
-            size=jnp.int32(0),
-            path=jnp.full((num_members, num_members), _NO_PATH, scalar),
-            degree=jnp.zeros(num_members, jnp.int32),
-        ),
+        size=jnp.int32(0),
+        path=jnp.full((num_members, num_members), _NO_PATH, scalar),
     )
 
 
-def introduce(one: MemberSet, objects: Int[Array, "J"], links: Links) -> Newcomers:
-    """Lines up objects behind the members of a set; none may be a member, some may be NOBODY."""
-    entry = jnp.arange(one.slot.shape[0]) - one.bonds.size
-    arrives = (entry >= 0) & (entry < objects.shape[0])
-    slot = jnp.where(arrives, objects[jnp.clip(entry, 0, objects.shape[0] - 1)], one.slot)
-    pair = (jnp.maximum(objects, 0)[:, None], jnp.maximum(slot, 0)[None])
-    return Newcomers(objects != NOBODY, slot, links.strength[pair], links.present[pair])
+def line_up(one: MemberSet, newcomers: Int[Array, "J"]) -> Int[Array, "M"]:
+    """The slots of a set once all newcomers have entered in their order."""
+    entry = jnp.arange(one.slot.shape[0]) - one.size
+    arrives = (entry >= 0) & (entry < newcomers.shape[0])
+    return jnp.where(arrives, newcomers[jnp.clip(entry, 0, newcomers.shape[0] - 1)], one.slot)
 
 
-def add_member(bonds: Bonds, newcomers: Newcomers, which: Int[Array, ""]) -> Bonds:
-    """Ties one newcomer to the members; those introduced before it need not have entered."""
-    pick = lambda leaf: jax.lax.dynamic_index_in_dim(leaf, which, keepdims=False)  # noqa: E731
-    real = pick(newcomers.real)
-    position = jnp.arange(bonds.degree.shape[0])
-    entry = (position == bonds.size) & real
-    # The path matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
-    link = jnp.where(real, pick(newcomers.strength), _NO_PATH)
-    reach = jnp.max(jnp.minimum(link[:, None], bonds.path), axis=0)
-    reach = jnp.where(entry, _OWN, reach)
-    seen = pick(newcomers.present) & (position < bonds.size) & real
-    return Bonds(
-        size=bonds.size + real,
-        path=jnp.maximum(bonds.path, jnp.minimum(reach[:, None], reach[None])),
-        degree=jnp.where(entry, jnp.sum(seen, dtype=jnp.int32), bonds.degree + seen),
-    )
+def link_strengths(
+    newcomers: Int[Array, "J"], slot: Int[Array, "M"], links: Links
+) -> Float[Array, "J M"]:
+    """Strength of the link of each newcomer to each slot; NOBODY has none."""
+    strength = links.strength[jnp.maximum(newcomers, 0)[:, None], jnp.maximum(slot, 0)]
+    return jnp.where((newcomers != NOBODY)[:, None], strength, _NO_PATH)
 
 
-def rate_cohesion(bonds: Bonds, t: Sets) -> Cohesion:
-    """Density and connection of a set (notes 7.6)."""
-    scalar = bonds.path.dtype
-    size = bonds.size.astype(scalar)
-    several = bonds.size >= 2
-    position = jnp.arange(bonds.degree.shape[0])
-    member = position < bonds.size
-    earlier = position[:, None] < position[None]
-    nearest = jnp.max(jnp.where(earlier, bonds.path, 0.0), axis=0)
-    tree = jnp.sum(nearest) / jnp.maximum(size - 1.0, 1.0)
+def extend_paths(
+    path: Float[Array, "M M"], link: Float[Array, "M"], entry: Int[Array, ""]
+) -> Float[Array, "M M"]:
+    """Paths once a newcomer has entered.
 
-    pairs = jnp.sum(bonds.degree, dtype=jnp.int32).astype(scalar) / 2.0
-    pair_share = pairs / jnp.maximum(size * (size - 1.0) / 2.0, 1.0)
-    linked = jnp.sum(member & (bonds.degree > 0), dtype=jnp.int32).astype(scalar)
-    linked_share = linked / jnp.maximum(size, 1.0)
-    isolated = jnp.any(member & (bonds.degree < t.min_links))
+    Args:
+      path: Paths between the members.
+      link: Link of the newcomer to each of them; what it says of others does not count.
+      entry: Position that the newcomer takes, or NOBODY.
+    """
+    # The matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
+    reach = jnp.max(jnp.minimum(link[:, None], path), axis=0)
+    reach = jnp.where(jnp.arange(link.shape[0]) == entry, _OWN, reach)
+    return jnp.maximum(path, jnp.minimum(reach[:, None], reach))
 
+
+def weigh_tree(path: Float[Array, "M M"]) -> Float[Array, ""]:
+    """Summed links of the maximum spanning tree."""
+    position = jnp.arange(path.shape[0])
+    earlier = position[:, None] < position
+    return jnp.sum(jnp.max(jnp.where(earlier, path, 0.0), axis=0))
+
+
+def rate_cohesion(
+    size: Int[Array, "*B"], tree: Float[Array, "*B"], counts: LinkCounts, t: Sets
+) -> Cohesion:
+    """Density and connection of sets from their trees and links (notes 7.6)."""
+    number, several = size.astype(tree.dtype), size >= 2
+    pair_share = counts.pairs / jnp.maximum(number * (number - 1.0) / 2.0, 1.0)
+    linked_share = counts.linked / jnp.maximum(number, 1.0)
     gated = t.min_link > 0.0
-    density = tree * jnp.where(gated, _power(pair_share, t.density_power), 1.0)
+    density = tree / jnp.maximum(number - 1.0, 1.0)
+    density = density * jnp.where(gated, _power(pair_share, t.density_power), 1.0)
     connection = _power(linked_share, t.linked_power) * _power(pair_share, t.pairs_power)
-    connection = jnp.where(isolated, 0.0, connection)
+    connection = jnp.where(counts.isolated, 0.0, connection)
     return Cohesion(
-        density=jnp.clip(density, 0.0, 1.0),
+        density=jnp.where(several, jnp.clip(density, 0.0, 1.0), 0.0),
         connection=jnp.where(several & gated, connection, 1.0),
     )
 
@@ -162,6 +151,6 @@ def rate_trust(
     return Trust(mean, jnp.where(t.maturity, _power(coherence, t.maturity_power), 1.0))
 
 
-def _power(share: Float[Array, "..."], exponent: Float[Array, ""]) -> Float[Array, "..."]:
+def _power(share: Float[Array, "*B"], exponent: Float[Array, ""]) -> Float[Array, "*B"]:
     """`share` in [0, 1] to a power; powers that are not positive leave it out."""
     return jnp.where(exponent > 0.0, jnp.clip(share, 0.0, 1.0) ** exponent, 1.0)
