@@ -1,35 +1,46 @@
-# Two commands for newcomers: `make demo` and `make test`. Each makes .venv and installs first.
+# Each target makes the environment that it needs; `make clean` removes it again.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/installed
 
-.PHONY: demo test test-slow lint types bench clean
+.PHONY: help demo test test-slow lint types bench clean
 
-$(STAMP): pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet -e ".[dev,detect]"
-	touch $(STAMP)
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-demo: $(STAMP)
-	$(BIN)/remind demo --out remind_demo
+demo: $(VENV)/.core  ## render a tour, track it and compare with the truth (two minutes)
+	$(BIN)/remind demo
 
-test: $(STAMP)
+test: $(VENV)/.dev  ## all tests but the slow ones
 	$(BIN)/python -m pytest -m "not slow"
 
-test-slow: $(STAMP)
+test-slow: $(VENV)/.dev  ## the slow tests
 	$(BIN)/python -m pytest -m slow
 
-lint: $(STAMP)
+lint: $(VENV)/.dev  ## style
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(STAMP)
+types: $(VENV)/.dev  ## types
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-bench: $(STAMP)
+bench: $(VENV)/.dev  ## what is claimed about speed
 	$(BIN)/python benchmarks/step.py
+	$(BIN)/python benchmarks/metrics.py
 
-clean:
-	rm -rf $(VENV) build dist *.egg-info remind_demo
+clean:  ## remove the environment and everything that was made
+	rm -rf $(VENV) build dist remind_demo .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \
+		{ echo "remind-jax needs Python 3.11 to 3.13; name one: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.core: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev,detect]"
+	@touch $@ $(VENV)/.core
