@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from remind_jax.cli import exit_codes
-from remind_jax.cli.process_settings import keep_compiled_programs, silence_decoders
+from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import print_summary, track
 from remind_jax.cli.summary import summary_facts
@@ -46,7 +46,7 @@ class Demo:
         from remind_jax.outputs.store import DETECTIONS_NAME
         from remind_jax.synthetic import demo_options, make_scene, render
 
-        silence_decoders()
+        silence_libraries()
         options = demo_options(self.seed)
         scene = make_scene(options)
         keep_compiled_programs()

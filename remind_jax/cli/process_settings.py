@@ -38,8 +38,12 @@ def keep_compiled_programs() -> None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
 
 
-def silence_decoders() -> None:
-    """Keeps OpenCV and FFmpeg from writing to the terminal; what they fail at is reported."""
+def silence_libraries() -> None:
+    """Keeps OpenCV, FFmpeg and XLA from writing to the terminal; what fails is told by us.
+
+    Has to be called before JAX is imported.
+    """
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     import av.logging
     import cv2
 

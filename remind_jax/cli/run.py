@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import keep_compiled_programs, silence_decoders
+from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.detectors.options import DetectorOptions
@@ -82,7 +82,7 @@ class Run:
         Raises:
           RemindError: As `remind_jax.run`.
         """
-        silence_decoders()
+        silence_libraries()
         source = self._open()
         out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
         config = load_config_with(self.config, self.changes)

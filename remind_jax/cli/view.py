@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
-from remind_jax.cli.process_settings import silence_decoders
+from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.summary import print_summary
 from remind_jax.errors import SourceError
 
@@ -42,7 +42,7 @@ class View:
         from remind_jax.outputs.writer import render_again
         from remind_jax.result import Result
 
-        silence_decoders()
+        silence_libraries()
         info = Result.load(self.run).info
         notes = []
         if self.source is not None:
