@@ -54,9 +54,9 @@ def test_equals_host(options, seed):
     np.testing.assert_allclose(centres, host_centres, atol=CENTRE_ROUNDING)
 
 
-@pytest.mark.parametrize("size", [10, 11, 160])
+@pytest.mark.parametrize("size", [10, 11, 20, 21, 160])
 def test_gathered_and_shared_rows_agree(size):
-    """Sets of at most 160 / 16 points take another path than larger ones."""
+    """Sets of at most 160 / 16 and of at most 160 / 8 points take other paths than larger ones."""
     points, _ = make_generic(np.random.default_rng(size), 160, 16, 1)
     members = np.zeros((6, 160), bool)
     members[0, :size] = True
