@@ -7,6 +7,8 @@ from typing import Any
 
 import jax
 
+from remind_jax.config.kinds import Gate, Real, Whole
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -16,44 +18,44 @@ class KnownSets:
     Distances are in units of object size: pixels divided by the mean size of the two objects.
     """
 
-    enabled: bool = True
+    enabled: Gate = True
     # which undecided detections form one group
-    link_distance: float = 1.75  # detections farther apart are linked by shared candidates only
-    link_score: float = 0.08  # least agreement with remembered distances that links detections
-    gap_sigma: float = 0.20  # decay of the agreement of two gaps
-    centre_sigma: float = 0.35  # the same for centre distances, where no gap is known
-    gap_quality_weight: float = 0.35  # how much an unreliable gap counts against a relation
-    truncation_penalty: float = 0.50  # loss of a relation at the frame's border
-    support_penalty: float = 0.80  # loss of a relation between an object and what it stands on
-    min_reliability: float = 0.15  # least reliability of a remembered distance, [0, 1]
+    link_distance: Real = 1.75  # detections farther apart are linked by shared candidates only
+    link_score: Real = 0.08  # least agreement with remembered distances that links detections
+    gap_sigma: Real = 0.20  # decay of the agreement of two gaps
+    centre_sigma: Real = 0.35  # the same for centre distances, where no gap is known
+    gap_quality_weight: Real = 0.35  # how much an unreliable gap counts against a relation
+    truncation_penalty: Real = 0.50  # loss of a relation at the frame's border
+    support_penalty: Real = 0.80  # loss of a relation between an object and what it stands on
+    min_reliability: Real = 0.15  # least reliability of a remembered distance, [0, 1]
     # which surrounding objects vote
-    soft_anchors: bool = True  # objects that are likely but not decided may vote as well
-    soft_min_score: float = 0.75  # least score of such an object
-    soft_confidence: float = 0.35  # how much its score counts in its usefulness
-    max_anchors: int = 4  # most anchors; static.group_anchors and max_pairs limit them as well
-    max_pairs: int = 3  # an anchor is rated by so many of the pairs that it orders best
-    min_usefulness: float = 0.10  # least usefulness of an anchor
-    usefulness_share: float = 0.60  # least usefulness as a share of the best anchor's
-    history_weight: float = 0.60  # how well the anchor used to tell the candidates apart
-    frame_weight: float = 0.40  # how differently far the detections are from it now
-    span_ref: float = 0.20  # difference of two distances that is large
-    strength_scale: float = 1.10  # stretches the references of the strength of a difference
-    strength_power: float = 2.8  # how sharply that strength rises
+    soft_anchors: Gate = True  # objects that are likely but not decided may vote as well
+    soft_min_score: Real = 0.75  # least score of such an object
+    soft_confidence: Real = 0.35  # how much its score counts in its usefulness
+    max_anchors: Whole = 4  # most anchors; static.group_anchors and max_pairs limit them as well
+    max_pairs: Whole = 3  # an anchor is rated by so many of the pairs that it orders best
+    min_usefulness: Real = 0.10  # least usefulness of an anchor
+    usefulness_share: Real = 0.60  # least usefulness as a share of the best anchor's
+    history_weight: Real = 0.60  # how well the anchor used to tell the candidates apart
+    frame_weight: Real = 0.40  # how differently far the detections are from it now
+    span_ref: Real = 0.20  # difference of two distances that is large
+    strength_scale: Real = 1.10  # stretches the references of the strength of a difference
+    strength_power: Real = 2.8  # how sharply that strength rises
     # how an anchor votes
-    margin_ref: float = 0.20  # difference between two margins that is large
-    order_weight: float = 0.65  # how often the order was seen, against the mean distances
-    margin_weight: float = 0.35  # agreement of the margin, against the order
-    min_consistency: float = 0.60  # least share of the usual order that recommends an anchor
-    consistency_floor: float = 0.45  # weight of an order that was never consistent
-    consistency_power: float = 0.75
+    margin_ref: Real = 0.20  # difference between two margins that is large
+    order_weight: Real = 0.65  # how often the order was seen, against the mean distances
+    margin_weight: Real = 0.35  # agreement of the margin, against the order
+    min_consistency: Real = 0.60  # least share of the usual order that recommends an anchor
+    consistency_floor: Real = 0.45  # weight of an order that was never consistent
+    consistency_power: Real = 0.75
     # when an assignment is accepted
-    anchor_weight: float = 0.55  # share of the anchors in the score
-    visual_weight: float = 0.10  # share of the appearance in the score
-    min_evidence: float = 0.20  # least summed weight of the anchors
-    min_score: float = 0.20  # least score of the best assignment
-    min_core: float = 0.18  # least score of the best assignment without appearance
-    min_core_gap: float = 0.06  # least lead of that score
-    full_gap: float = 0.08  # lead from which a solution is called full, partial below; label only
+    anchor_weight: Real = 0.55  # share of the anchors in the score
+    visual_weight: Real = 0.10  # share of the appearance in the score
+    min_evidence: Real = 0.20  # least summed weight of the anchors
+    min_score: Real = 0.20  # least score of the best assignment
+    min_core: Real = 0.18  # least score of the best assignment without appearance
+    min_core_gap: Real = 0.06  # least lead of that score
+    full_gap: Real = 0.08  # lead from which a solution is called full, partial below; label only
 
 
 _K = "association.ambiguous_tracks.known_set_distance_disambiguation"

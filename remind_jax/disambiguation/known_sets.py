@@ -257,7 +257,9 @@ def extract_group(root: Int[Array, ""], entries: Entries, groups: Groups, static
     num = groups.root.shape[0]
     none = jnp.iinfo(jnp.int32).max
     member = groups.root == root
-    size = min(static.group_size, static.group_candidates)
+    # A closed group has two detections at least; smaller limits leave nothing to solve.
+    room = max(2, static.group_candidates)
+    size = max(2, min(static.group_size, room))
     index = jnp.where(member, jnp.arange(num, dtype=jnp.int32), none)
     index = jnp.pad(index, (0, size), constant_values=none)
     detection = jnp.sort(index)[:size]
@@ -266,8 +268,8 @@ def extract_group(root: Int[Array, ""], entries: Entries, groups: Groups, static
 
     fresh = (groups.fresh & member[:, None]).reshape(-1)
     flat = jnp.where(fresh, entries.candidates.reshape(-1), none)
-    flat = jnp.pad(flat, (0, static.group_candidates), constant_values=none)
-    candidate = jnp.sort(flat)[: static.group_candidates]
+    flat = jnp.pad(flat, (0, room), constant_values=none)
+    candidate = jnp.sort(flat)[:room]
     is_candidate = candidate != none
     same = (groups.distinct & member[:, None])[:, :, None]
     same = same & (entries.candidates[:, :, None] == candidate)
