@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from remind_jax.observation import FrameFeats as FrameFeats
     from remind_jax.observation import Masks as Masks
     from remind_jax.result import Result as Result
-    from remind_jax.run import run as run
+    from remind_jax.session import run as run
     from remind_jax.sources import Sampling as Sampling
     from remind_jax.sources import open_source as open_source
     from remind_jax.state import TrackerState as TrackerState
@@ -55,7 +55,7 @@ _HOMES = {
     "init": "tracker",
     "load_config": "config",
     "open_source": "sources",
-    "run": "run",
+    "run": "session",
     "step": "tracker",
 }
 

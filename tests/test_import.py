@@ -75,6 +75,12 @@ def test_every_public_name_is_there():
         assert getattr(remind_jax, name).__name__ == name
 
 
+def test_no_module_hides_a_public_name():
+    """Importing `remind_jax.NAME` would put the module in the place of what NAME stands for."""
+    modules = {path.stem for path in PACKAGE.iterdir()}
+    assert modules.isdisjoint(remind_jax.__all__)
+
+
 def test_running_needs_no_extra():
     code = (
         "import sys, remind_jax as rj; rj.run, rj.Tracker; "

@@ -17,7 +17,7 @@ from rich.progress import (
 from rich.progress import Progress as Bars
 
 if TYPE_CHECKING:
-    from remind_jax.run import Progress
+    from remind_jax.session import Progress
 
 
 class RunDisplay:

@@ -123,7 +123,7 @@ def track(display: RunDisplay, out: Path, **options: Any) -> Result:
     Raises:
       RemindError: As `remind_jax.run`, with a note where to find what was done until then.
     """
-    from remind_jax.run import run
+    from remind_jax.session import run
 
     try:
         with display:
