@@ -12,7 +12,7 @@ demo: $(VENV)/.core  ## render a tour, track it and compare with the truth (two 
 	$(BIN)/remind demo
 
 test: $(VENV)/.dev  ## all tests but the slow ones
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
 test-slow: $(VENV)/.dev  ## the slow tests
 	$(BIN)/python -m pytest -m slow
