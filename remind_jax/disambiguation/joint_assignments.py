@@ -10,6 +10,7 @@ import dataclasses
 import enum
 import functools
 import itertools
+import math
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +20,10 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.config.known_set_thresholds import KnownSets
 from remind_jax.disambiguation.anchors import Anchors, Group
 from remind_jax.disambiguation.distance_evidence import TINY, Edges, FrameRelations, PairOrders
+from remind_jax.errors import ConfigError
 
 ROBUSTNESS_FLOOR = 0.10  # weight of an order that was never robust (context notes 11.6)
+MAX_ASSIGNMENTS = 10_000  # of one group; all of them are scored at once
 _TINY_REF = 1e-6
 
 # What a solution says about itself: score of the best assignment, of the runner-up (-1 without
@@ -73,7 +76,16 @@ def list_injections(num_rows: int, num_columns: int) -> tuple[np.ndarray, np.nda
     Returns:
       The column of each row `[R, num_rows]`, and for every number n of rows in use the ways that
       are the first with their leading n columns `[num_rows + 1, R]`.
+
+    Raises:
+      ConfigError: If there are too many to score them all.
     """
+    if (count := math.perm(num_columns, num_rows)) > MAX_ASSIGNMENTS:
+        raise ConfigError(
+            f"static.group_size and static.group_candidates allow groups of {num_rows} detections "
+            f"and {num_columns} candidates, which have {count} joint assignments; at most "
+            f"{MAX_ASSIGNMENTS} can be scored, so lower one of them"
+        )
     table = np.array(list(itertools.permutations(range(num_columns), num_rows)), np.int32)
     leading = np.zeros((num_rows + 1, len(table)), bool)
     for used in range(1, num_rows + 1):

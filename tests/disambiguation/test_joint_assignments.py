@@ -11,6 +11,7 @@ from remind_jax.disambiguation.joint_assignments import (
     list_injections,
     settle,
 )
+from remind_jax.errors import ConfigError
 
 from .scenes import thresholds
 
@@ -21,6 +22,11 @@ def test_each_leading_choice_occurs_once_and_in_order(rows, columns):
     for used in range(1, rows + 1):
         found = [tuple(row[:used]) for row in table[leading[used]]]
         assert found == list(itertools.permutations(range(columns), used))
+
+
+def test_too_large_groups_are_refused():
+    with pytest.raises(ConfigError, match="group_candidates"):
+        list_injections(7, 9)
 
 
 def settle_rows(*rows, **changes):

@@ -180,6 +180,20 @@ def test_each_test_can_reject(changes, status):
     assert np.all(after.groups.status[accepted] == status)
 
 
+@pytest.mark.usefixtures("x64")
+def test_a_sweep_of_thresholds_equals_single_runs():
+    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
+    cores = np.array([0.1, 0.65, 0.66])
+    swept = dataclasses.replace(thresholds(), min_core=cores)
+    axes = jax.tree.map(lambda leaf: 0 if np.ndim(leaf) else None, swept)
+    settled = jax.vmap(lambda t: settle_one(scene, t), in_axes=(axes,))(swept)
+    single = [settle_one(scene, thresholds(min_core=float(core))) for core in cores]
+    accepted, low = GroupStatus.RESOLVED, GroupStatus.LOW_CORE_SCORE
+    np.testing.assert_array_equal(settled.groups.status[:, 0], [accepted, accepted, low])
+    for row, one in enumerate(single):
+        np.testing.assert_array_equal(settled.resolved_slot[row], one.resolved_slot)
+
+
 def chairs_and_lamp(chair_scores):
     """Two chairs and the lamp beside them (context notes 19.4): objects 0, 1 and 2."""
     num_detections, num_objects = 4, 4
@@ -238,7 +252,7 @@ _settle = jax.jit(settle_known_sets, static_argnames="static")
 def settle_one(scene, t, **limits):
     parts = {field.name: getattr(scene, field.name) for field in dataclasses.fields(scene)}
     static = Static(precision="float64", **limits)
-    return jax.device_get(_settle(**parts, static=static, t=t))
+    return _settle(**parts, static=static, t=t)
 
 
 @pytest.mark.usefixtures("x64")
