@@ -29,6 +29,7 @@ from tests.golden import load  # noqa: E402
 STAGES = ("perception", "association", "update")
 # Stages of its perception that are replaced here, and so are not its time.
 GIVEN_STAGES = ("detector", "dino")
+QUIET: dict[str, Any] = {"timing": {"enabled": False}, "runtime": {"device": "cpu"}}
 
 
 def stand_in_for_network_libraries() -> None:
@@ -94,7 +95,7 @@ def build_pipeline(tree: Path, overrides: dict[str, Any], classes: list[str]) ->
             return self.features
 
     loader = Config(tree / "config" / "default_config.yaml")
-    config = loader.merge_dicts(loader.to_dict(), overrides)
+    config = loader.merge_dicts(loader.merge_dicts(loader.to_dict(), QUIET), overrides)
     np.random.seed(0)  # noqa: NPY002  (what the original draws from)
     network = GivenFeatures(config=config.get("dino", {}), device="cpu")
     context = types.SimpleNamespace(

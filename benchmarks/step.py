@@ -4,7 +4,8 @@
 
 Without network: features are given. Rows: the whole frame (masks to memory), and our stages. The
 original is looked for in the work tree that REMIND_ORIGINAL names. Frames come from
-`FOLDER/inputs/NAME.npz`; the variant's settings from `FOLDER/traces/NAME/VARIANT.npz`.
+`FOLDER/inputs/NAME.npz`; settings of variants other than the shipped ones, which are `default`,
+from `FOLDER/traces/NAME/VARIANT.npz`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from remind_jax.config import Config
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import Tracker
+from remind_jax.mask_reduction import pad_masks
 from remind_jax.observation import FrameFeats
 from remind_jax.perception.description import describe
 from tests.golden import load
@@ -79,8 +81,12 @@ class Peer:
 
 def read_settings(root: Path, name: str, variant: str) -> tuple[dict[str, Any], list[str]]:
     """Overrides of the original's configuration, and the classes in order of their ids."""
-    info = load.load_trace(name, variant, root).info
-    return info["override"], info["classes"]
+    if (root / "traces" / name / f"{variant}.npz").exists():
+        info = load.load_trace(name, variant, root).info
+        return info["override"], info["classes"]
+    if variant != "default":
+        raise SystemExit(f"{root}/traces/{name} has no variant '{variant}'")
+    return {}, sorted(set(load.Scene(name, root).class_names) - {""})
 
 
 def as_frame(index: int, golden: load.Frame) -> Frame:
@@ -111,10 +117,7 @@ def step_ours(tracker: Tracker, frame: Frame) -> dict[str, float]:
 def time_description(tracker: Tracker, frame: Frame, masks: Any) -> float:
     """Milliseconds of the first part of the step, compiled on its own."""
     static = tracker.static
-    num_free = static.num_detections - len(masks.valid)
-    padded = jax.tree.map(
-        lambda leaf: np.pad(leaf, [(0, num_free)] + [(0, 0)] * (leaf.ndim - 1)), masks
-    )
+    padded = pad_masks(masks, static.num_detections)
     feats = FrameFeats(frame.features, np.array(frame.size, np.int32))  # pyright: ignore
     thresholds = tracker.config.thresholds.as_arrays(static.scalar)
     start = time.perf_counter()

@@ -1,7 +1,7 @@
 """How JAX runs under the tests: on the CPU, quick to compile, in 32 bits unless asked otherwise.
 
 Promotion of types and ranks stays "standard" and "allow": the core mixes counts with scores and
-broadcasts `[N, C]` with `[C]` as NumPy does, in nearly every module, and casts would hide the rules.
+broadcasts `[N, C]` with `[C]` as NumPy does in nearly every module; casts would hide the rules.
 """
 
 import os
@@ -15,7 +15,7 @@ import pytest
 
 # The tests ask what is decided, not how fast: a third of the time to compile, the same results.
 jax.config.update("jax_disable_most_optimizations", True)
-if not jax.config.jax_compilation_cache_dir:
+if not jax.config.values["jax_compilation_cache_dir"]:
     cache = Path(tempfile.gettempdir()) / "remind-jax-test-programs"
     jax.config.update("jax_compilation_cache_dir", str(cache))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
@@ -28,7 +28,7 @@ def x64():
     Set for the whole process: the context manager of JAX holds for one thread only, and the host
     solvers are called in another one.
     """
-    before = jax.config.jax_enable_x64
+    before = jax.config.values["jax_enable_x64"]
     jax.config.update("jax_enable_x64", True)
     yield
     jax.config.update("jax_enable_x64", before)

@@ -10,7 +10,14 @@ import jax.numpy as jnp
 from remind_jax.config.validation import check_fields
 
 GROWTH_STEP = 2  # capacities double when they overflow
-_MAY_BE_ZERO = ("feature_dim", "part_seed", "group_anchors", "soft_anchors", "max_passes")
+_MAY_BE_ZERO = (
+    "feature_dim",
+    "max_neighbours",
+    "part_seed",
+    "group_anchors",
+    "soft_anchors",
+    "max_passes",
+)
 
 
 @dataclasses.dataclass(frozen=True)

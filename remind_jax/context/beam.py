@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
 from remind_jax.config.static import Static
+from remind_jax.context.chunks import by_chunks
 from remind_jax.context.evidence import Links, NeighbourEvidence
 from remind_jax.context.frame_classes import FrameClasses
 from remind_jax.context.growth import (
@@ -29,7 +30,14 @@ from remind_jax.context.member_sets import (
     rate_cohesion,
     rate_trust,
 )
-from remind_jax.context.options import Options, list_options, support_by_kernel
+from remind_jax.context.options import (
+    Menu,
+    Options,
+    largest_choice,
+    list_options,
+    support_by_kernel,
+    write_menu,
+)
 from remind_jax.context.selection import number_sets, select_children
 from remind_jax.context.set_score import FrameScale, Tally, empty_tally, score_sets, tally_choices
 
@@ -102,15 +110,23 @@ def expand_by_class(
       static: Sizes of the search.
       t: Thresholds.
     """
-    pool, pool_size = classes.pool[step], classes.pool_size[step]
-    num_detections, most = classes.num_detections[step], classes.detections.shape[1]
-    support, has_kernel = support_by_kernel(
-        beam.sets.members, anchors, pool, evidence, links.maturity, static, t
+    pool, most = classes.pool[step], classes.detections.shape[1]
+    menu = write_menu(classes.pool_size[step], classes.num_detections[step], most, static, t)
+    scale = FrameScale(total, step + 1)
+
+    def rate(rows: tuple[MemberSet, Tally]) -> tuple[Options, Rating]:
+        sets, tally = rows
+        support, has_kernel = support_by_kernel(
+            sets.members, anchors, pool, evidence, links.maturity, static, t
+        )
+        options = list_options(support, has_kernel, pool, menu, t)
+        return options, _rate_choices(sets, tally, options, menu, scale, links, t)
+
+    options, rating = by_chunks(rate, (beam.sets, beam.rating.tally), beam.num_sets)
+    diverse = menu.num_detections > 1
+    child = select_children(
+        rating.score, options.support, menu.allowed, beam.set_of, beam.valid, diverse
     )
-    options = list_options(support, has_kernel, pool, pool_size, num_detections, most, static, t)
-    largest = jnp.minimum(num_detections, pool_size)
-    rating = _rate_choices(beam, options, largest, FrameScale(total, step + 1), links, t)
-    child = select_children(rating.score, options, beam.set_of, beam.valid, num_detections > 1)
     taken = choice_mask(most + 1)[child.count, child.det_variant, :most]
     is_detection = classes.detections[step][:, None] == jnp.arange(beam.detections.shape[1])
     explained = jnp.any(taken[:, :, None] & is_detection[None], axis=1)
@@ -119,7 +135,7 @@ def expand_by_class(
     count, variant = child.count[origin], child.variant[origin]
     chosen = _chosen_objects(options.ranked[parent], count, variant)
     return Beam(
-        sets=join_chosen(beam.sets, parent, chosen, largest, num_sets, links),
+        sets=join_chosen(beam.sets, parent, chosen, largest_choice(menu), num_sets, links),
         rating=jax.tree.map(lambda leaf: leaf[parent, count, variant], rating),
         num_sets=num_sets,
         set_of=set_of,
@@ -129,23 +145,24 @@ def expand_by_class(
 
 
 def _rate_choices(
-    beam: Beam,
+    sets: MemberSet,
+    tally: Tally,
     options: Options,
-    largest: Int[Array, ""],
+    menu: Menu,
     scale: FrameScale,
     links: Links,
     t: Sets,
 ) -> Rating:
     """Rates every set after every choice of objects `[W, K+1, 2]`."""
-    sets, ranked = beam.sets, options.ranked
+    ranked = options.ranked
     size = sets.size[:, None, None] + jnp.arange(ranked.shape[1], dtype=jnp.int32)[:, None]
     size = jnp.broadcast_to(size, options.support.shape)
-    tree = grow_trees(sets, beam.num_sets, ranked, largest, links)
+    tree = grow_trees(sets, ranked, largest_choice(menu), links)
     cohesion = rate_cohesion(size, tree, count_links(sets, ranked, links, t), t)
     trust = rate_trust(members_by_choice(sets.members, ranked), size, links.maturity, t)
-    tally = tally_choices(beam.rating.tally, options)
-    score = score_sets(size, cohesion, trust, tally, scale, t)
-    return Rating(score, cohesion.density, trust.maturity, tally)
+    grown = tally_choices(tally, options, menu)
+    score = score_sets(size, cohesion, trust, grown, scale, t)
+    return Rating(score, cohesion.density, trust.maturity, grown)
 
 
 def _chosen_objects(

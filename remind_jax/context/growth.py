@@ -1,20 +1,17 @@
 """Every choice of objects that the sets of a beam can make (context notes 7.5, 7.6).
 
-Trees are grown a few sets at a time, because most beams hold far fewer sets than rows. Letters:
-`W` sets, of which the first `num_sets` count, `K` most detections per class, `O` objects, `M` most
-members of a set. A choice is a count of objects, 0 to `K`, and a variant.
+Letters: `W` sets, `K` most detections per class, `O` objects, `M` most members of a set. A choice
+is a count of objects, 0 to `K`, and a variant.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
+from remind_jax.context.chunks import by_chunks
 from remind_jax.context.evidence import Links
 from remind_jax.context.member_sets import (
     NOBODY,
@@ -26,8 +23,6 @@ from remind_jax.context.member_sets import (
     weigh_tree,
 )
 from remind_jax.context.options import VARIANTS
-
-_CHUNK = 16  # sets worked on at once
 
 _extend = jax.vmap(extend_paths)
 _weigh = jax.vmap(weigh_tree)
@@ -53,11 +48,7 @@ def members_by_choice(
 
 
 def grow_trees(
-    sets: MemberSet,
-    num_sets: Int[Array, ""],
-    ranked: Int[Array, "W K+1"],
-    largest: Int[Array, ""],
-    links: Links,
+    sets: MemberSet, ranked: Int[Array, "W K+1"], largest: Int[Array, ""], links: Links
 ) -> Float[Array, "W K+1 2"]:
     """Weight of the spanning tree of every set after every choice.
 
@@ -66,28 +57,22 @@ def grow_trees(
 
     Args:
       sets: Sets before the choice.
-      num_sets: How many of them count.
       ranked: Objects to choose from, best first, none a member yet.
       largest: Most objects that may be chosen.
       links: Ties between objects.
     """
+    strength = _strengths(ranked, jax.vmap(line_up)(sets, ranked), links)
+    table = jnp.broadcast_to(_weigh(sets.path), (ranked.shape[1], VARIANTS, ranked.shape[0]))
 
-    def grow(rows: tuple[MemberSet, Array]) -> Float[Array, "C K+1 2"]:
-        sets, ranked = rows
-        strength = _strengths(ranked, jax.vmap(line_up)(sets, ranked), links)
-        table = jnp.broadcast_to(_weigh(sets.path), (ranked.shape[1], VARIANTS, sets.size.shape[0]))
+    def step(count: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        path, table = carry
+        entry = sets.size + count - 1
+        other = _weigh(_extend(path, strength[count], entry))
+        path = _extend(path, strength[count - 1], entry)
+        return path, table.at[count].set(jnp.stack([_weigh(path), other]))
 
-        def step(count: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-            path, table = carry
-            entry = sets.size + count - 1
-            other = _weigh(_extend(path, strength[count], entry))
-            path = _extend(path, strength[count - 1], entry)
-            return path, table.at[count].set(jnp.stack([_weigh(path), other]))
-
-        _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, table))
-        return jnp.moveaxis(table, 2, 0)
-
-    return _by_chunks(grow, (sets, ranked), num_sets)
+    _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, table))
+    return jnp.moveaxis(table, 2, 0)
 
 
 def count_links(sets: MemberSet, ranked: Int[Array, "W K+1"], links: Links, t: Sets) -> LinkCounts:
@@ -154,27 +139,4 @@ def join_chosen(
         size = start.size + jnp.sum(chosen != NOBODY, axis=1, dtype=jnp.int32)
         return MemberSet(start.members | jnp.any(named, axis=1), slot, size, path)
 
-    return _by_chunks(grow, (parent, chosen), num_sets)
-
-
-def _by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -> Any:
-    """Applies a function of rows to the used ones, a few at a time; the others give zeros."""
-    width = jax.tree.leaves(rows)[0].shape[0]
-    length = min(_CHUNK, width)
-
-    def part(start: Int[Array, ""] | int) -> Any:
-        return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, length), rows)
-
-    shapes = jax.eval_shape(lambda: function(part(0)))
-    results = jax.tree.map(lambda leaf: jnp.zeros((width, *leaf.shape[1:]), leaf.dtype), shapes)
-
-    def step(chunk: Array, results: Any) -> Any:
-        # The last chunk may reach back to rows that are done; they come out the same.
-        start = jnp.minimum(chunk * length, width - length)
-        return jax.tree.map(
-            lambda whole, new: jax.lax.dynamic_update_slice_in_dim(whole, new, start, axis=0),
-            results,
-            function(part(start)),
-        )
-
-    return jax.lax.fori_loop(0, (used + length - 1) // length, step, results)
+    return by_chunks(grow, (parent, chosen), num_sets)

@@ -30,17 +30,51 @@ _DISTINCT = 1e-15
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Menu:
+    """The choices that a class offers to every set; `k` counts from 0 to `K`."""
+
+    pool_size: Int[Array, ""]  # objects
+    num_detections: Int[Array, ""]
+    allowed: Bool[Array, "K+1 2 2"]  # by detection variant and object variant
+    info: Float[Array, "K+1"]  # (0, 1], low where many choices of k exist
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Options:
-    """The choices of one class for every set of the beam; `k` counts from 0 to `K`."""
+    """The choices of one class as the sets of the beam see them."""
 
     ranked: Int[Array, "W K+1"]  # objects of the class, best supported first, NOBODY behind them
     support: Float[Array, "W K+1 2"]  # of the choice of k objects, by object variant
-    allowed: Bool[Array, "K+1 2 2"]  # by detection variant and object variant
-    info: Float[Array, "K+1"]  # (0, 1], low where many choices of k exist
     target: Float[Array, "W"]  # objects of the class that one should expect
     stability: Float[Array, "W"]  # [0, 1], how unevenly the class is supported
     exclusivity: Float[Array, "W K+1"]  # [0, 1], lead of the best choice of k objects
     exclusive: Bool[Array, "W K+1"]  # whether that lead says anything
+
+
+def write_menu(
+    pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static, t: Sets
+) -> Menu:
+    """The choices of one class.
+
+    Args:
+      pool_size: Its objects.
+      num_detections: Its detections.
+      most: K.
+      static: How far down the list of objects a replacement may be taken.
+      t: Thresholds.
+    """
+    return Menu(
+        pool_size=pool_size,
+        num_detections=num_detections,
+        allowed=_allowed(pool_size, num_detections, most, static),
+        info=_information(pool_size, most, static, t),
+    )
+
+
+def largest_choice(menu: Menu) -> Int[Array, ""]:
+    """Most objects that can be chosen."""
+    return jnp.minimum(menu.num_detections, menu.pool_size)
 
 
 def support_by_kernel(
@@ -81,10 +115,7 @@ def list_options(
     support: Float[Array, "W L"],
     has_kernel: Bool[Array, "W"],
     pool: Int[Array, "L"],
-    pool_size: Int[Array, ""],
-    num_detections: Int[Array, ""],
-    most: int,
-    static: Static,
+    menu: Menu,
     t: Sets,
 ) -> Options:
     """Ranks the objects of a class and rates every choice among them (notes 7.4).
@@ -93,12 +124,10 @@ def list_options(
       support: Support of each object of the class.
       has_kernel: Sets for which that support comes from other objects.
       pool: Objects of the class, latest first.
-      pool_size: Their number.
-      num_detections: Detections of the class.
-      most: K.
-      static: How far down the list a replacement may be taken.
+      menu: The choices that exist.
       t: Thresholds.
     """
+    most = menu.info.shape[0] - 1
     scalar = support.dtype
     included = pool != NOBODY
     # The pool lists late objects first, so that a stable order breaks ties towards them.
@@ -108,7 +137,7 @@ def list_options(
 
     plausible = included & (support + _SLACK >= t.plausible_share * value[:, :1])
     target = jnp.sum(plausible, axis=1, dtype=jnp.int32)
-    target = jnp.minimum(num_detections, jnp.maximum(1, target)).astype(scalar)
+    target = jnp.minimum(menu.num_detections, jnp.maximum(1, target)).astype(scalar)
 
     columns = itertools.accumulate(value.T[:most], initial=jnp.zeros_like(value[:, 0]))
     sums = jnp.stack(list(columns), axis=1)  # added one by one, as in the original
@@ -118,13 +147,10 @@ def list_options(
     rated = chosen / counts.astype(scalar)[:, None] * fill[..., None]
     rated = jnp.pad(rated, ((0, 0), (1, 0), (0, 0)))
 
-    allowed = _allowed(pool_size, num_detections, most, static)
-    exclusivity, exclusive = _exclusivity(rated, allowed, t)
+    exclusivity, exclusive = _exclusivity(rated, menu.allowed, t)
     return Options(
         ranked=ranked,
         support=rated,
-        allowed=allowed,
-        info=_information(pool_size, most, static, t),
         target=target,
         stability=_stability(support, included & has_kernel[:, None], t),
         exclusivity=exclusivity,

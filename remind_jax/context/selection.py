@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.context.options import VARIANTS, Options
+from remind_jax.context.options import VARIANTS
 
 
 @jax.tree_util.register_dataclass
@@ -28,7 +28,8 @@ class Children:
 
 def select_children(
     score: Float[Array, "S K+1 2"],
-    options: Options,
+    support: Float[Array, "S K+1 2"],
+    allowed: Bool[Array, "K+1 2 2"],
     set_of: Int[Array, "W"],
     live: Bool[Array, "W"],
     diverse: Bool[Array, ""],
@@ -39,22 +40,23 @@ def select_children(
 
     Args:
       score: Of each set after each choice of objects.
-      options: The choices.
+      support: Of each choice of objects.
+      allowed: Choices that exist, by detection variant and object variant.
       set_of: Set of each row.
       live: Rows in use.
       diverse: Whether every count has its place.
     """
     counts = score.shape[1]
     choices = counts * VARIANTS * VARIANTS
-    allowed = options.allowed.reshape(-1)
+    exists = allowed.reshape(-1)
 
     def by_choice(leaf: Float[Array, "S K+1 2"]) -> Float[Array, "S choices"]:
         shape = (leaf.shape[0], counts, VARIANTS, VARIANTS)
         return jnp.broadcast_to(leaf[:, :, None, :], shape).reshape(-1, choices)
 
-    support = jnp.where(allowed, by_choice(options.support), -jnp.inf)
-    order = jnp.argsort(-support, axis=1, stable=True)
-    value = jnp.where(allowed, by_choice(score), -jnp.inf)
+    rank = jnp.where(exists, by_choice(support), -jnp.inf)
+    order = jnp.argsort(-rank, axis=1, stable=True)
+    value = jnp.where(exists, by_choice(score), -jnp.inf)
     value = jnp.take_along_axis(value, order, axis=1)
     value = jnp.where(live[:, None], value[set_of], -jnp.inf).reshape(-1)
     choice = order[set_of].reshape(-1)

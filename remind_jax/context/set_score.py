@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
 from remind_jax.context.member_sets import Cohesion, Trust
-from remind_jax.context.options import Options
+from remind_jax.context.options import Menu, Options
 
 
 @jax.tree_util.register_dataclass
@@ -48,15 +48,15 @@ def empty_tally(scalar: jnp.dtype) -> Tally:
     )
 
 
-def tally_choices(tally: Tally, options: Options) -> Tally:
+def tally_choices(tally: Tally, options: Options, menu: Menu) -> Tally:
     """The tally of every set after every choice of objects `[W, K+1, 2]` (notes 7.5)."""
     row = lambda leaf: leaf[:, None, None]  # noqa: E731
-    count = jnp.arange(options.info.shape[0])
+    count = jnp.arange(menu.info.shape[0])
     some = (count > 0)[:, None]
-    lead = count.astype(options.info.dtype) * options.exclusivity
+    lead = count.astype(menu.info.dtype) * options.exclusivity
     support = jnp.clip(options.support, 0.0, 1.0)
     grown = Tally(
-        info=row(tally.info) * options.info[:, None],
+        info=row(tally.info) * menu.info[:, None],
         support_sum=row(tally.support_sum) + row(options.target) * support,
         support_weight=row(tally.support_weight + options.target),
         stability_sum=row(tally.stability_sum) + jnp.where(some, row(options.stability), 0.0),

@@ -8,7 +8,7 @@ import pytest
 from remind_jax.config import Config, Static, Thresholds
 from remind_jax.config.thresholds import Perception
 from remind_jax.mask_reduction import reduce_masks
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import FrameFeats, MaskRelations, Masks
 from remind_jax.perception.description import describe
 from remind_jax.perception.rings import INNER, OUTER
 from tests.golden import load
@@ -31,6 +31,11 @@ def describe_frame(features, coverage, filled=None, quality=None, static=STATIC,
         area=np.ones(num),
         class_id=np.arange(num, dtype=np.int32),
         detector_score=np.ones(num, np.float32),
+        relations=MaskRelations(
+            gap_px=np.zeros((num, num)),
+            exact=np.zeros((num, num), bool),
+            touches_border=np.zeros(num, bool),
+        ),
         valid=coverage.any(axis=(1, 2)),
     )
     return describe_masks(features, masks, static, **changes)

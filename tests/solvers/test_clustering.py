@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from remind_jax.errors import ConfigError
@@ -44,14 +44,32 @@ def make_generic(rng, num_points, dims, num_sets):
 
 
 @pytest.mark.parametrize("options", [PARTS, RINGS])
-@settings(max_examples=40, deadline=None)
+@settings(
+    max_examples=40,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_equals_host(options, seed):
+def test_equals_host(x64, options, seed):
     points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
-    labels, centres = solve("jax", options, points, members)
-    host_labels, host_centres = solve("host", options, points, members)
-    np.testing.assert_array_equal(labels, host_labels)
-    np.testing.assert_allclose(centres, host_centres, atol=CENTRE_ROUNDING)
+    points = points.astype(np.float64)
+    twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
+    np.testing.assert_array_equal(twin[0], host[0])
+    np.testing.assert_allclose(twin[1], host[1], atol=CENTRE_ROUNDING)
+
+
+@pytest.mark.parametrize("options", [PARTS, RINGS])
+def test_single_precision_equals_host(options):
+    """A point about as near to two centres may go to either: at most 1 of 100 sets has one."""
+    num_equal = 0
+    for seed in range(50):
+        points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
+        twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
+        equal = (np.asarray(twin[0]) == np.asarray(host[0])).all(axis=1)
+        num_equal += equal.sum()
+        twin_centres, host_centres = np.asarray(twin[1])[equal], np.asarray(host[1])[equal]
+        np.testing.assert_allclose(twin_centres, host_centres, atol=CENTRE_ROUNDING)
+    assert num_equal >= 0.99 * 50 * 6
 
 
 @pytest.mark.parametrize("size", [10, 11, 20, 21, 160])

@@ -1,0 +1,41 @@
+"""Work on the rows that are in use, however many there may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+_LENGTH = 16  # rows worked on at once
+
+
+def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -> Any:
+    """Applies a function of rows to the first ones, a few at a time; the others give zeros.
+
+    Args:
+      function: Takes and gives pytrees with rows along the first axes; treats each row alone.
+      rows: Its arguments.
+      used: Rows in use.
+    """
+    width = jax.tree.leaves(rows)[0].shape[0]
+    length = min(_LENGTH, width)
+
+    def part(start: Int[Array, ""] | int) -> Any:
+        return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, length), rows)
+
+    shapes = jax.eval_shape(lambda: function(part(0)))
+    results = jax.tree.map(lambda leaf: jnp.zeros((width, *leaf.shape[1:]), leaf.dtype), shapes)
+
+    def step(chunk: Array, results: Any) -> Any:
+        # The last chunk may reach back to rows that are done; they come out the same.
+        start = jnp.minimum(chunk * length, width - length)
+        return jax.tree.map(
+            lambda whole, new: jax.lax.dynamic_update_slice_in_dim(whole, new, start, axis=0),
+            results,
+            function(part(start)),
+        )
+
+    return jax.lax.fori_loop(0, (used + length - 1) // length, step, results)

@@ -1,0 +1,136 @@
+"""A world small enough to compile in seconds: six boxes in a frame of 8 x 10 patches.
+
+Boxes 0 and 1 look almost alike, 0 to 2 are of one class and 3 to 5 of another, and every box has
+three looks. Which boxes are in view, where exactly and how they look is drawn for every frame.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from remind_jax.config import Config, Static, Thresholds
+from remind_jax.mask_reduction import reduce_masks
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.state import TrackerState, init
+from remind_jax.tracker import step
+
+PATCH, GRID, DIM, BOXES = 4, (8, 10), 8, 6
+HEIGHT, WIDTH = PATCH * GRID[0], PATCH * GRID[1]
+SIDE = 11  # pixels
+LOOK_SPREAD = 0.5
+CLASS_IDS = np.array([0, 0, 0, 1, 1, 1], np.int32)
+
+# Capacities that fill within a few frames.
+STATIC = Static(
+    num_detections=BOXES,
+    num_objects=8,
+    num_pending=8,
+    feature_dim=DIM,
+    part_clusters=2,
+    part_iterations=3,
+    part_restarts=1,
+    appearance_slots=(2, 2),
+    part_slots=(3, 2),
+    inner_ring_slots=(2, 1),
+    outer_ring_slots=(2, 2),
+)
+# Boxes of nine patches are large here.
+THRESHOLDS = (
+    Config()
+    .updated(
+        {
+            "thresholds": {
+                "appearance": {"patches_min": 0.0, "patches_full": 8.0, "promote_hits": 2},
+                "background": {"promote_hits": 2},
+                "parts": {"promote_hits": 2},
+                "perception": {"part_min_patches": 2, "trim_min_patches": 4},
+                "similarity": {"object_min_patches": 1.0, "object_full_patches": 9.0},
+            }
+        }
+    )
+    .thresholds
+)
+
+Frame = tuple[FrameFeats, Masks]
+
+STEP = jax.jit(step, static_argnames="static")
+
+
+def make_frames(num: int, seed: int = 0, share: float = 0.8, order: Any = None) -> list[Frame]:
+    """Draws a sequence; each box is in view with probability `share`.
+
+    `order` maps a frame's boxes in view to their detection order, e.g. `reversed`.
+    """
+    rng = np.random.default_rng(seed)
+    codes = rng.standard_normal((BOXES, DIM))
+    codes[1] = codes[0] + 0.3 * rng.standard_normal(DIM)
+    looks = codes[:, None] + LOOK_SPREAD * rng.standard_normal((BOXES, 3, DIM))
+    ground = rng.standard_normal((HEIGHT, WIDTH, DIM)).reshape(GRID[0], PATCH, GRID[1], PATCH, DIM)
+    ground = 0.5 * ground.mean(axis=(1, 3)) + 0.5 * rng.standard_normal(DIM)
+    frames = []
+    for _ in range(num):
+        boxes = [box for box in range(BOXES) if rng.random() < share]
+        corners = [(3 + 15 * (box // 3), 1 + 13 * (box % 3)) for box in range(BOXES)]
+        corners = np.array(corners) + rng.integers(-1, 2, (BOXES, 2))
+        noise = 0.2 * rng.standard_normal((*GRID, DIM))
+        shown = looks[np.arange(BOXES), rng.integers(0, 3, BOXES)]
+        if order is not None:
+            boxes = list(order(boxes))
+        frames.append(draw_frame(boxes, corners, shown, ground + noise))
+    return frames
+
+
+def draw_frame(boxes: Sequence[int], corners: Any, codes: Any, ground: Any) -> Frame:
+    """One frame with the given boxes in view, in detection order."""
+    masks = np.zeros((len(boxes), HEIGHT, WIDTH), bool)
+    for row, box in enumerate(boxes):
+        top, left = corners[box]
+        masks[row, top : top + SIDE, left : left + SIDE] = True
+    reduced = reduce_masks(
+        masks, CLASS_IDS[list(boxes)], np.ones(len(boxes)), num_slots=BOXES, patch_px=PATCH
+    )
+    features = np.array(ground)
+    for row, box in enumerate(boxes):
+        share = reduced.coverage[row][..., None]
+        features = (1 - share) * features + share * codes[box]
+    return FrameFeats(features.astype(np.float32), np.array([HEIGHT, WIDTH], np.int32)), reduced
+
+
+def pad(frames: Iterable[Frame], num_slots: int) -> list[Frame]:
+    """The same frames with more detection slots."""
+
+    def widen(leaf: np.ndarray) -> np.ndarray:
+        sides = [num_slots if side == BOXES else side for side in leaf.shape]
+        grown = np.zeros(sides, leaf.dtype)
+        grown[tuple(slice(0, side) for side in leaf.shape)] = leaf
+        return grown
+
+    return [(feats, jax.tree.map(widen, masks)) for feats, masks in frames]
+
+
+def run(
+    frames: Iterable[Frame],
+    static: Static = STATIC,
+    thresholds: Thresholds = THRESHOLDS,
+    state: TrackerState | None = None,
+) -> list[TrackerState]:
+    """States after every frame, on the host."""
+    state = init(static) if state is None else state
+    arrays = thresholds.as_arrays(static.scalar)
+    states = []
+    for feats, masks in frames:
+        state = STEP(state, feats, masks, static=static, thresholds=arrays)
+        states.append(jax.device_get(state))
+    return states
+
+
+def decided(state: TrackerState) -> dict[str, np.ndarray]:
+    """The decisions about the detections of a frame, padding left out."""
+    fields = dataclasses.asdict(state.decisions)
+    num = int((fields["outcome"] != 0).sum())
+    return {name: values[:num] for name, values in fields.items() if np.ndim(values)}
