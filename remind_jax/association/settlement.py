@@ -12,7 +12,7 @@ from remind_jax.association.ambiguity import find_ambiguous
 from remind_jax.association.assignment import Assignment
 from remind_jax.association.competition import find_competitions
 from remind_jax.association.provisional import Doubts, no_doubts, question_births
-from remind_jax.association.stability import doubt_entries, stabilise
+from remind_jax.association.stability import Stabilised, doubt_entries, stabilise
 from remind_jax.association.temporal import NO_SLOT, Account, Entries, prefer
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
@@ -29,6 +29,16 @@ from remind_jax.state import TrackerState
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Round:
+    """The question and the answer of one pass of the reconciliation."""
+
+    entries: Entries  # undecided at its start
+    root: Int[Array, "N"]  # first detection of the closed group of each entry, -1 none
+    proposed: Int[Array, "N"]  # candidate in the best assignment of that group, -1 if not scored
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Settlement:
     """The verdict on every detection; ambiguous and provisional outrank matched and new."""
 
@@ -41,6 +51,8 @@ class Settlement:
     doubts: Doubts
     reserved_id: Int[Array, "N"]  # id of the object that an ambiguous detection founds, -1 none
     groups: GroupAccount  # what became of closed groups, leading axis: passes
+    rounds: Round  # what each pass was asked and proposed, leading axis: passes
+    stabilised: Stabilised  # what the guard of look-alikes saw
 
 
 def settle(
@@ -84,11 +96,11 @@ def settle(
         doubts=no_doubts(entries),
     )
 
-    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, GroupAccount]:
+    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[GroupAccount, Round]]:
         return _reconcile(open_, turn, account, state, descriptors, relations, static, t)
 
     turns = jnp.arange(static.max_passes, dtype=jnp.int32)
-    open_, groups = jax.lax.scan(reconcile, open_, turns)
+    open_, (groups, rounds) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
     return Settlement(
         slot=jnp.where(undecided, NO_SLOT, open_.slot),
@@ -100,6 +112,8 @@ def settle(
         doubts=open_.doubts,
         reserved_id=rivalry.reserved_id,
         groups=groups,
+        rounds=rounds,
+        stabilised=stable,
     )
 
 
@@ -126,7 +140,7 @@ def _reconcile(
     relations: Relations,
     static: Static,
     t: Thresholds,
-) -> tuple[_Open, GroupAccount]:
+) -> tuple[_Open, tuple[GroupAccount, Round]]:
     """One pass: layout settles closed groups, then births are questioned (notes 15)."""
     entries = open_.entries
     settled = settle_known_sets(
@@ -166,4 +180,4 @@ def _reconcile(
         entries=prefer(entries, doubts.ambiguous),
         doubts=doubts,
     )
-    return after, settled.groups
+    return after, (settled.groups, Round(open_.entries, settled.root, settled.proposed))

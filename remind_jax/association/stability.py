@@ -39,6 +39,8 @@ class Stabilised:
     slot: Int[Array, "N"]  # object slot, -1 none
     doubtful: Bool[Array, "N"]  # lost its match to doubt
     rivals: Bool[Array, "N O"]  # objects that a doubtful detection could be
+    root: Int[Array, "N"]  # first detection of its group of look-alikes, N for none
+    gap: Float[Array, "N"]  # lead of the best joint assignment of that group, inf if it has one
 
 
 @jax.tree_util.register_dataclass
@@ -62,7 +64,7 @@ def stabilise(account: Account, slot: Int[Array, "N"], t: Stability) -> Stabilis
     """
     parts = _find_components(account, slot)
     contested = parts.contested & t.enabled
-    first, second, close = _compare_assignments(account, parts, t)
+    first, second, close, gap = _compare_assignments(account, parts, t)
     settled = contested & close
     undecided = settled & (first != second)
     current = slot[:, None] == jnp.arange(parts.edge.shape[1])
@@ -89,6 +91,8 @@ def stabilise(account: Account, slot: Int[Array, "N"], t: Stability) -> Stabilis
         rivals=jnp.where(
             undecided[:, None], rivals, jnp.where(lost[:, None], parts.objects, False)
         ),
+        root=parts.root,
+        gap=gap,
     )
 
 
@@ -136,12 +140,12 @@ def _find_components(account: Account, slot: Int[Array, "N"]) -> _Components:
 
 def _compare_assignments(
     account: Account, parts: _Components, t: Stability
-) -> tuple[Int[Array, "N"], Int[Array, "N"], Bool[Array, "N"]]:
+) -> tuple[Int[Array, "N"], Int[Array, "N"], Bool[Array, "N"], Float[Array, "N"]]:
     """The two best complete assignments of each small component.
 
     Returns:
-      The object of each detection in the best and in the second best assignment, and whether the
-      component has two and they are too close.
+      The object of each detection in the best and in the second best assignment, whether the
+      component has two and they are too close, and how far the best one leads.
     """
     num, width = parts.edge.shape
     known = account.pairs.score_known
@@ -192,7 +196,8 @@ def _compare_assignments(
         )
 
     is_close = jnp.any(in_part & close[:, None], axis=0)
-    return spread(first), spread(second), is_close
+    of_detection = jnp.min(jnp.where(in_part, gap[:, None], jnp.inf), axis=0)
+    return spread(first), spread(second), is_close, of_detection
 
 
 def _pad_columns(index: Int[Array, "N X"], width: int) -> Int[Array, "N W"]:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.config.known_set_thresholds import KnownSets
 from remind_jax.config.static import Static
 from remind_jax.disambiguation.anchors import (
+    FEWEST_ANCHORS,
     Group,
     KnownScores,
     Voters,
@@ -68,6 +69,9 @@ class GroupAccount:
     core: Float[Array, "N"]  # score of the best assignment without appearance
     core_gap: Float[Array, "N"]
     evidence: Float[Array, "N"]
+    anchor: Int[Array, "N A"]  # objects whose distances voted, -1 padding
+    anchor_place: Int[Array, "N A"]  # detection whose geometry each of them has
+    anchor_quality: Float[Array, "N A"]  # how well each separates the group
 
 
 @jax.tree_util.register_dataclass
@@ -133,12 +137,12 @@ def settle_known_sets(
                 root, group, solved, voters, scores, relations, edge_table, evidence, static, t
             )
 
-        start = _unsolved(groups, scalar)
+        start = _unsolved(groups, static, scalar)
         solved = jax.lax.fori_loop(0, order[-1], solve_next, start)
         return _account(solved, entries, groups, scores, object_exists)
 
     def skip(_: None) -> Settled:
-        return _untouched(entries, scalar)
+        return _untouched(entries, static, scalar)
 
     return jax.lax.cond(t.enabled & jnp.any(entries.present), solve, skip, None)
 
@@ -152,9 +156,12 @@ class _Solved:
     status: Int[Array, "N"]
     num_anchors: Int[Array, "N"]
     numbers: Float[Array, "N 6"]  # joint_assignments.NUMBERS
+    anchor: Int[Array, "N A"]
+    anchor_place: Int[Array, "N A"]
+    anchor_quality: Float[Array, "N A"]
 
 
-def _unsolved(groups: Groups, scalar: jnp.dtype) -> _Solved:
+def _unsolved(groups: Groups, static: Static, scalar: jnp.dtype) -> _Solved:
     """Groups before any is solved; those that cannot be solved have their status already."""
     num = groups.root.shape[0]
     zero = jnp.zeros(num, jnp.int32)
@@ -164,7 +171,15 @@ def _unsolved(groups: Groups, scalar: jnp.dtype) -> _Solved:
         status=jnp.where(groups.num_detections > 0, status, zero).astype(jnp.int32),
         num_anchors=zero,
         numbers=jnp.zeros((num, len(NUMBERS)), scalar),
+        **_no_anchors(num, static, scalar),
     )
+
+
+def _no_anchors(num: int, static: Static, scalar: jnp.dtype) -> dict[str, Array]:
+    """The anchors of groups that were not scored."""
+    nobody = jnp.full((num, max(FEWEST_ANCHORS, static.group_anchors)), NO_SLOT, jnp.int32)
+    quality = jnp.zeros(nobody.shape, scalar)
+    return {"anchor": nobody, "anchor_place": nobody, "anchor_quality": quality}
 
 
 def _solve_group(
@@ -199,11 +214,19 @@ def _solve_group(
     place = group.is_detection & (group.detection == jnp.arange(num)[:, None])  # [N, G]
     place = place & (best.status != GroupStatus.NO_ASSIGNMENT)
     proposed = jnp.sum(jnp.where(place, group.candidate[best.choice], 0), axis=1, dtype=jnp.int32)
+
+    def note(column: Array, value: Array) -> Array:
+        return jnp.where(is_root[:, None], value, column)
+
+    votes = anchors.votes > 0
     return _Solved(
         proposed=jnp.where(jnp.any(place, axis=1), proposed, solved.proposed),
         status=jnp.where(is_root, best.status, solved.status),
         num_anchors=jnp.where(is_root, jnp.sum(anchors.votes, dtype=jnp.int32), solved.num_anchors),
-        numbers=jnp.where(is_root[:, None], best.numbers, solved.numbers),
+        numbers=note(solved.numbers, best.numbers),
+        anchor=note(solved.anchor, jnp.where(votes, voters.slot[anchors.voter], NO_SLOT)),
+        anchor_place=note(solved.anchor_place, jnp.where(votes, anchors.place, NO_SLOT)),
+        anchor_quality=note(solved.anchor_quality, jnp.where(votes, anchors.quality, 0.0)),
     )
 
 
@@ -239,16 +262,21 @@ def _account(
             groups.num_candidates,
             solved.num_anchors,
             **dict(zip(NUMBERS, solved.numbers.T, strict=True)),
+            anchor=solved.anchor,
+            anchor_place=solved.anchor_place,
+            anchor_quality=solved.anchor_quality,
         ),
     )
 
 
-def _untouched(entries: Entries, scalar: jnp.dtype) -> Settled:
+def _untouched(entries: Entries, static: Static, scalar: jnp.dtype) -> Settled:
     """The answer where there is nothing to settle."""
     num = entries.present.shape[0]
     none, zero = jnp.full(num, NO_SLOT, jnp.int32), jnp.zeros(num, jnp.int32)
     real = jnp.zeros(num, scalar)
-    account = GroupAccount(none, zero, zero, zero, zero, real, real, real, real, real, real)
+    numbers = dict.fromkeys(NUMBERS, real)
+    anchors = _no_anchors(num, static, scalar)
+    account = GroupAccount(none, zero, zero, zero, zero, **numbers, **anchors)
     return Settled(none, real, zero, entries.present, none, none, account)
 
 
