@@ -48,8 +48,8 @@ def find_ambiguous(
     unsupported = matched & ~jnp.any(mine & supported, axis=1) & jnp.any(mine & members, axis=1)
     rivals = supported & ~mine
     lone = unsupported & jnp.any(rivals, axis=1)
-    two, _ = rank(score, rivals, 2)
-    focus = jnp.where(lone[:, None], mine | to_mask(two, width), focus)
+    few, _ = rank(score, rivals, t.max_candidates - 1)
+    focus = jnp.where(lone[:, None], mine | to_mask(few[:, :2], width), focus)
 
     at_once = _conflict_entries(account, mine, rivals & lone[:, None], score, t)
     _, near, top = _judge(account, focus, t)
@@ -142,9 +142,9 @@ def _conflict_entries(
     gap = jnp.maximum(t.gap, t.clear_margin)
     top, low = jnp.maximum(own, assign), jnp.minimum(own, assign)
     close = rivals & is_close(top, low, gap, t.relative_gap, t.gap_slack)
-    two, _ = rank(assign, close, 2)
+    few, _ = rank(assign, close, t.max_candidates - 1)
     match = jnp.argmax(mine, axis=1).astype(jnp.int32)
-    slots = jnp.concatenate([match[:, None], two[:, :2]], axis=1)
+    slots = jnp.concatenate([match[:, None], few[:, :2]], axis=1)
     scores = jnp.take_along_axis(score, jnp.maximum(slots, 0), axis=1)
     scores = jnp.where(slots != NO_SLOT, scores, 0.0)
     return Entries(

@@ -189,7 +189,8 @@ def _promote(
     lone = (count == 1) & taken
     others = supported & ~to_mask(known, supported.shape[1])
     others = others & (score >= jnp.maximum(t.min_candidate, min_visual))
-    more, more_score = rank(score, others, known.shape[1] - 1, later_first=True)
+    lacking = jnp.maximum(1, t.max_support - 1)
+    more, more_score = rank(score, others, lacking, later_first=True)
     slots = jnp.concatenate([known[:, :1], more[:, :-1]], axis=1)
     scores = jnp.concatenate([known_score[:, :1], more_score[:, :-1]], axis=1)
     return (
