@@ -1,4 +1,7 @@
-"""The tracker on one page: `init` and the pure `step` from one frame to the next."""
+"""The tracker on one page: `init` and the pure `step` from one frame to the next.
+
+`step_traced` is the same step with an account of its decisions.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +24,9 @@ from remind_jax.observation import FrameFeats, Masks
 from remind_jax.perception.description import describe
 from remind_jax.perception.relations import observe_relations
 from remind_jax.state import TrackerState, init
+from remind_jax.trace import Deliberation, Trace, collect_trace
 
-__all__ = ["init", "step"]
+__all__ = ["init", "step", "step_traced"]
 
 
 def step(
@@ -48,6 +52,30 @@ def step(
       Memory after the frame with `decisions` about it. If the frame needs more object slots than
       there are, only `overflow` is changed.
     """
+    return _advance(state, frame_feats, masks, static, thresholds)[0]
+
+
+def step_traced(
+    state: TrackerState,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: Thresholds,
+) -> tuple[TrackerState, Trace]:
+    """As `step`, and tells what each decision was made of."""
+    after, deliberation = _advance(state, frame_feats, masks, static, thresholds)
+    return after, collect_trace(deliberation, static, thresholds.as_arrays(static.scalar))
+
+
+def _advance(
+    state: TrackerState,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    static: Static,
+    thresholds: Thresholds,
+) -> tuple[TrackerState, Deliberation]:
+    """The chain of one frame; what nobody asks for is never computed."""
     t = thresholds.as_arrays(static.scalar)
     # What does each detection look like, and how much does that tell?
     descriptors = describe(frame_feats, masks, static, t)
@@ -67,11 +95,12 @@ def step(
     evidence_of_neighbours = neighbour_evidence(
         state.cooccurrence, state.objects.exists, t.cooccurrence
     )
+    visual_gate = jnp.maximum(t.matching.match, t.matching.min_visual)
     reasoning = reason(
         evidence_of_neighbours, state.objects.exists, state.objects.class_id,
         jnp.any(anchors, axis=0), descriptors.class_id, masks.detector_score, descriptors.valid,
         comparison.candidate, comparison.score,
-        jnp.maximum(t.matching.match, t.matching.min_visual),
+        visual_gate,
         static, t.sets, t.influence, t.veto,
     )  # fmt: skip
     context = read_context(reasoning, t.influence, t.ambiguous)
@@ -87,7 +116,11 @@ def step(
         settlement, static,
     )  # fmt: skip
     birth_support, _ = rank(pairs.score_known, account.plausible)
-    return remember(
+    after = remember(
         state, decisions, settlement, birth_support, comparison.pending_score, descriptors, masks,
         relations, static, t,
+    )  # fmt: skip
+    return after, Deliberation(
+        state, descriptors, quality, relations, evidence, anchors, evidence_of_neighbours,
+        reasoning, account, assignment, settlement, visual_gate,
     )  # fmt: skip

@@ -31,6 +31,7 @@ CORE = (
     "state",
     "observation",
     "decision",
+    "trace",
     "errors",
 )
 ALLOWED = {"jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
