@@ -4,22 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
-from pathlib import Path
+
+from remind_jax.user_folders import user_cache_folder
 
 CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 _WORTH_KEEPING_S = 0.2  # compilations that took less are not kept
-
-
-def user_cache_folder() -> Path:
-    """Where this system keeps files of a user that can be made again."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "remind-jax"
 
 
 def keep_compiled_programs() -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import jax
 import pytest
 
 from remind_jax.cli import process_settings
-from remind_jax.cli.process_settings import keep_compiled_programs, user_cache_folder
+from remind_jax.cli.process_settings import keep_compiled_programs
 
 
 @pytest.fixture
@@ -43,21 +41,3 @@ def test_a_cache_that_cannot_be_made_is_no_error(monkeypatch, tmp_path, cache_se
     monkeypatch.setattr(process_settings, "user_cache_folder", lambda: tmp_path / "file")
     keep_compiled_programs()
     assert cache_setting() == before
-
-
-@pytest.mark.parametrize(
-    ("system", "variable", "expected"),
-    [
-        ("linux", "XDG_CACHE_HOME", "remind-jax"),
-        ("win32", "LOCALAPPDATA", "remind-jax"),
-    ],
-)
-def test_cache_folder_follows_the_system(monkeypatch, tmp_path, system, variable, expected):
-    monkeypatch.setattr(process_settings.sys, "platform", system)
-    monkeypatch.setenv(variable, str(tmp_path))
-    assert user_cache_folder() == tmp_path / expected
-
-
-def test_cache_folder_below_the_home_folder(monkeypatch):
-    monkeypatch.setattr(process_settings.sys, "platform", "darwin")
-    assert user_cache_folder() == Path.home() / "Library" / "Caches" / "remind-jax"

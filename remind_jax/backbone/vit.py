@@ -1,0 +1,333 @@
+"""DINOv3, DINOv2 and DINO v1 vision transformers in Flax, one module for all of them.
+
+Written from a description of the networks (vision transformer notes 2 to 7). Float32 mode follows
+the published models operation by operation: exact GELU, two-pass variance, rotations and softmax in
+float32. Bfloat16 mode rounds only what enters matrix products, never queries and keys.
+
+Letters: `B` images, `N` tokens (cls, registers, patches in raster order), `D` features, `H` heads,
+`E` features per head, `Hp Wp` patch grid.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from remind_jax.backbone.vit_attention import (
+    Method,
+    ObjectAttention,
+    attend,
+    attention_among,
+    attention_of_token,
+)
+from remind_jax.backbone.vit_positions import resample_table, rotary_tables, rotate
+from remind_jax.backbone.vit_variants import Variant
+from remind_jax.errors import ConfigError
+
+Rotation = tuple[Float[Array, "P E"], Float[Array, "P E"]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Numerics:
+    """How a network is computed; changes results by rounding only."""
+
+    dtype: Any = jnp.float32  # of what enters matrix products
+    attention: Method = "plain"
+
+    @property
+    def precision(self) -> jax.lax.Precision:
+        """Of matrix products: GPUs and TPUs would round float32 inputs by default."""
+        exact = self.dtype == jnp.float32
+        return jax.lax.Precision.HIGHEST if exact else jax.lax.Precision.DEFAULT
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Tokens:
+    """What a transformer says about images, after its final norm."""
+
+    cls: Float[Array, "B D"]
+    registers: Float[Array, "B R D"]
+    patches: Float[Array, "B Hp Wp D"]
+    intermediates: dict[str, Array]  # what was asked for by name
+    object_attention: ObjectAttention | None  # where object patches were given
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Wanted:
+    """What every block has to keep for the caller."""
+
+    objects: Int[Array, "B K"] | None
+    heads: tuple[int, ...] | None = dataclasses.field(metadata={"static": True})
+    streams: bool = dataclasses.field(metadata={"static": True})
+    cls_attention: bool = dataclasses.field(metadata={"static": True})
+
+
+class Linear(nn.Module):
+    """Matrix product with bias; accumulates in float32."""
+
+    features: int
+    numerics: Numerics
+    use_bias: bool = True
+    out_dtype: Any = None  # the type of the numerics if left out
+
+    @nn.compact
+    def __call__(self, x: Float[Array, "... I"]) -> Float[Array, "... O"]:
+        """Applies the layer to the last axis."""
+        kernel = self.param("kernel", nn.initializers.lecun_normal(), (x.shape[-1], self.features))
+        dtype = self.numerics.dtype
+        y = jax.lax.dot_general(
+            x.astype(dtype),
+            kernel.astype(dtype),
+            (((x.ndim - 1,), (0,)), ((), ())),
+            precision=self.numerics.precision,
+            preferred_element_type=jnp.float32,
+        )
+        if self.use_bias:
+            y = y + self.param("bias", nn.initializers.zeros, (self.features,))
+        return y.astype(self.out_dtype or dtype)
+
+
+class Attention(nn.Module):
+    """Self-attention; patches of DINOv3 are rotated by where they are."""
+
+    variant: Variant
+    numerics: Numerics
+
+    @nn.compact
+    def __call__(
+        self, x: Float[Array, "B N D"], rotation: Rotation | None, wanted: _Wanted
+    ) -> tuple[Array, ObjectAttention | None, Array | None]:
+        """Returns mixed tokens, and what is wanted of the attention."""
+        v, num = self.variant, self.numerics
+        fused = Linear(3 * v.width, num, use_bias=False, out_dtype=jnp.float32, name="qkv")(x)
+        heads = (*x.shape[:2], v.heads, v.head_width)
+        q, k, values = (
+            jnp.swapaxes(part.reshape(heads), 1, 2)
+            for part in jnp.split(self._with_bias(fused), 3, axis=-1)
+        )
+        if rotation is not None:
+            q, k = (_rotate_patches(t, rotation, v.num_prefix) for t in (q, k))
+        q, values = q * v.head_width**-0.5, values.astype(num.dtype)
+        mixed = attend(q, k, values, num.attention, num.precision)
+        mixed = jnp.swapaxes(mixed, 1, 2).reshape(x.shape)
+
+        among = cls_row = None
+        if wanted.objects is not None:
+            among = attention_among(q, k, wanted.objects, v.num_prefix, wanted.heads, num.precision)
+        if wanted.cls_attention:
+            cls_row = attention_of_token(q[:, :, 0], k, num.precision)
+        return Linear(v.width, num, name="proj")(mixed), among, cls_row
+
+    def _with_bias(self, fused: Float[Array, "B N 3D"]) -> Float[Array, "B N 3D"]:
+        """Keys of DINOv3 have no bias: a common shift of rotated keys would not cancel."""
+        kind, width = self.variant.qkv_bias, self.variant.width
+        if kind == "none":
+            return fused
+        q_bias, v_bias = (
+            self.param(name, nn.initializers.zeros, (width,)) for name in ("q_bias", "v_bias")
+        )
+        k_bias = jnp.zeros_like(q_bias)
+        if kind == "all":
+            k_bias = self.param("k_bias", nn.initializers.zeros, (width,))
+        return fused + jnp.concatenate([q_bias, k_bias, v_bias])
+
+
+def _rotate_patches(
+    tokens: Float[Array, "B H N E"], rotation: Rotation, num_prefix: int
+) -> Float[Array, "B H N E"]:
+    prefix, patches = tokens[:, :, :num_prefix], tokens[:, :, num_prefix:]
+    return jnp.concatenate([prefix, rotate(patches, *rotation)], axis=2)
+
+
+class FeedForward(nn.Module):
+    """The two layers after attention, with exact GELU or gated by SiLU."""
+
+    variant: Variant
+    numerics: Numerics
+
+    @nn.compact
+    def __call__(self, x: Float[Array, "B N D"]) -> Float[Array, "B N D"]:
+        """Applies the layers to every token."""
+        v, num = self.variant, self.numerics
+        if v.mlp == "gelu":
+            inner = Linear(v.hidden, num, name="up")(x).astype(jnp.float32)
+            inner = jax.nn.gelu(inner, approximate=False)
+        else:
+            fused = Linear(2 * v.hidden, num, name="gate_and_up")(x).astype(jnp.float32)
+            gate, up = jnp.split(fused, 2, axis=-1)
+            inner = jax.nn.silu(gate) * up
+        return Linear(v.width, num, name="down")(inner)
+
+
+class Block(nn.Module):
+    """One layer: attention, then feed-forward, each added to the stream."""
+
+    variant: Variant
+    numerics: Numerics
+
+    @nn.compact
+    def __call__(
+        self,
+        carry: tuple[Float[Array, "B N D"], ObjectAttention | None],
+        rotation: Rotation | None,
+        wanted: _Wanted,
+    ) -> tuple[tuple[Array, ObjectAttention | None], dict[str, Array]]:
+        """Returns the new stream and the attention summed so far, and what is wanted of it."""
+        stream, seen = carry
+        v, num = self.variant, self.numerics
+        attention = Attention(v, num, name="attention")
+        mixed, among, cls_row = attention(_norm(v, "norm1")(stream), rotation, wanted)
+        stream = stream + self._scaled("scale1", mixed)
+        inner = FeedForward(v, num, name="mlp")(_norm(v, "norm2")(stream))
+        stream = stream + self._scaled("scale2", inner)
+        if seen is not None:
+            seen = jax.tree.map(jnp.add, seen, among)
+        kept = {"stream": stream} if wanted.streams else {}
+        if cls_row is not None:
+            kept["cls_attention"] = cls_row
+        return (stream, seen), kept
+
+    def _scaled(self, name: str, x: Array) -> Array:
+        x = x.astype(jnp.float32)
+        if not self.variant.layer_scale:
+            return x
+        return x * self.param(name, nn.initializers.ones, (self.variant.width,))
+
+
+class VisionTransformer(nn.Module):
+    """A whole network; weights come from `vit_weights.load_weights`."""
+
+    variant: Variant
+    numerics: Numerics = Numerics()
+
+    @nn.compact
+    def __call__(
+        self,
+        images: Float[Array, "B H W 3"],
+        *,
+        capture: tuple[str, ...] = (),
+        objects: Int[Array, "B K"] | None = None,
+        heads: tuple[int, ...] | None = None,
+    ) -> Tokens:
+        """Describes normalised images; what does not fill a patch is left out.
+
+        Args:
+          images: RGB, normalised (`preprocessing.normalise`).
+          capture: Intermediates to keep: `"embedding"` and `"block_3"` are the stream `[B, N, D]`
+            before the first and after the fourth block, not normalised; `"cls_attention_3"` is the
+            softmax row of cls `[B, H, N]` in that block.
+          objects: Raster numbers of patches whose attention is wanted, `NO_PATCH` in unused slots.
+          heads: Heads that this attention is averaged over; all if left out.
+
+        Raises:
+          ConfigError: If an intermediate does not exist.
+        """
+        v = self.variant
+        stream, grid = self._embed(images)
+        streams, cls_rows = (_blocks_named(kind, capture, v) for kind in _CAPTURED)
+        wanted = _Wanted(objects, heads, bool(streams), bool(cls_rows))
+        rotation = None
+        if v.position == "rotary":
+            periods = self.param("periods", nn.initializers.ones, (v.head_width // 4,))
+            rotation = rotary_tables(*grid, periods)
+        seen = None if objects is None else ObjectAttention.zeros(*objects.shape)
+        kept = {"embedding": stream} if "embedding" in capture else {}
+
+        scan: Any = nn.scan  # its annotation knows no broadcast
+        blocks = scan(
+            Block,
+            variable_axes={"params": 0},
+            split_rngs={"params": True},
+            in_axes=nn.broadcast,
+            length=v.depth,
+        )
+        (stream, seen), layers = blocks(v, self.numerics, name="blocks")(
+            (stream, seen), rotation, wanted
+        )
+        kept |= {f"block_{i}": layers["stream"][i] for i in streams}
+        kept |= {f"cls_attention_{i}": layers["cls_attention"][i] for i in cls_rows}
+        if seen is not None:
+            seen = jax.tree.map(lambda total: total / v.depth, seen)
+        return self._read(stream, grid, kept, seen)
+
+    def _embed(self, images: Array) -> tuple[Float[Array, "B N D"], tuple[int, int]]:
+        """Tokens before the first block, and the patch grid."""
+        v, num_images = self.variant, len(images)
+        rows, columns = (side // v.patch_px for side in images.shape[1:3])
+        patches = images[:, : rows * v.patch_px, : columns * v.patch_px]
+        patches = patches.reshape(num_images, rows, v.patch_px, columns, v.patch_px, 3)
+        patches = patches.transpose(0, 1, 3, 2, 4, 5).reshape(num_images, rows * columns, -1)
+        embed = Linear(v.width, self.numerics, out_dtype=jnp.float32, name="patch_embed")
+        patches = embed(patches)
+
+        cls = self.param("cls_token", nn.initializers.normal(0.02), (1, v.width))
+        if v.table_side:
+            shape = (1 + v.table_side**2, v.width)
+            table = self.param("positions", nn.initializers.normal(0.02), shape)
+            assert v.position != "rotary"
+            places = table[1:].reshape(v.table_side, v.table_side, v.width)
+            places = resample_table(places, rows, columns, v.position)
+            cls, patches = cls + table[:1], patches + places.reshape(-1, v.width)
+        prefix = [cls]
+        if v.registers:
+            shape = (v.registers, v.width)
+            prefix.append(self.param("registers", nn.initializers.normal(0.02), shape))
+        prefix = jnp.broadcast_to(jnp.concatenate(prefix), (num_images, v.num_prefix, v.width))
+        return jnp.concatenate([prefix, patches], axis=1), (rows, columns)
+
+    def _read(
+        self,
+        stream: Float[Array, "B N D"],
+        grid: tuple[int, int],
+        kept: dict[str, Array],
+        seen: ObjectAttention | None,
+    ) -> Tokens:
+        """Takes the tokens apart after the final norm."""
+        v = self.variant
+        prefix, patches = stream[:, : v.num_prefix], stream[:, v.num_prefix :]
+        norm = _norm(v, "norm")
+        prefix = (_norm(v, "cls_norm") if v.cls_norm else norm)(prefix)
+        patches = norm(patches)
+        return Tokens(
+            cls=prefix[:, 0],
+            registers=prefix[:, 1:],
+            patches=patches.reshape(len(patches), *grid, v.width),
+            intermediates=kept,
+            object_attention=seen,
+        )
+
+
+def _norm(variant: Variant, name: str) -> nn.LayerNorm:
+    """Layer norm in float32 with the variance of centred values, as published."""
+    return nn.LayerNorm(
+        epsilon=variant.norm_eps, dtype=jnp.float32, use_fast_variance=False, name=name
+    )
+
+
+_CAPTURED = ("block_", "cls_attention_")
+
+
+def _blocks_named(kind: str, capture: tuple[str, ...], variant: Variant) -> tuple[int, ...]:
+    """Numbers of the blocks that are captured under `kind`."""
+    found = []
+    for name in capture:
+        if name == "embedding":
+            continue
+        prefix, _, number = name.rpartition("_")
+        known = prefix + "_" in _CAPTURED and number.isdecimal() and int(number) < variant.depth
+        if not known:
+            last = variant.depth - 1
+            raise ConfigError(
+                f"there is no intermediate '{name}'; allowed: embedding, block_0 to block_{last}, "
+                f"cls_attention_0 to cls_attention_{last}"
+            )
+        if prefix + "_" == kind:
+            found.append(int(number))
+    return tuple(found)

@@ -1,0 +1,156 @@
+"""Attention of a vision transformer in little memory, and what attention parts need of it.
+
+Letters: `B` images, `H` heads, `N` tokens, `E` features per head, `K` patches of objects. Queries
+come already multiplied by `E ** -0.5`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+# plain     all scores of a layer at once
+# chunked   head by head, some rows of queries at a time: scores stay in the cache of a CPU
+# cudnn     the fused kernel of cuDNN (GPU, bfloat16): rounds queries and keys to bfloat16
+Method = Literal["plain", "chunked", "cudnn"]
+METHODS: tuple[Method, ...] = ("plain", "chunked", "cudnn")
+
+CHUNK_ROWS = 256
+NO_PATCH = -1
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ObjectAttention:
+    """Mean attention over layers and heads, of patches of objects only; unused slots are zero.
+
+    Rows are not rescaled: what a patch pays to cls and registers is missing in its sum.
+    """
+
+    row_sums: Float[Array, "B K"]  # of each object patch, over all patches of the image
+    block: Float[Array, "B K K"]  # from object patch to object patch
+
+    @classmethod
+    def zeros(cls, num_images: int, num_patches: int) -> ObjectAttention:
+        """Nothing seen yet."""
+        shape = (num_images, num_patches)
+        return cls(jnp.zeros(shape), jnp.zeros((*shape, num_patches)))
+
+
+def attend(
+    queries: Float[Array, "B H N E"],
+    keys: Float[Array, "B H N E"],
+    values: Float[Array, "B H N E"],
+    method: Method,
+    precision: jax.lax.Precision,
+) -> Float[Array, "B H N E"]:
+    """Softmax attention over all tokens; scores and softmax in the type of the queries."""
+    if method == "plain":
+        return _weigh(queries, keys, values, precision)
+    if method == "cudnn":
+        return _attend_cudnn(queries, keys, values)
+
+    def attend_head(head: tuple[Array, Array, Array]) -> Array:
+        q, k, v = head
+        weigh = functools.partial(_weigh, keys=k, values=v, precision=precision)
+        return _map_rows(weigh, q)
+
+    merged = [t.reshape(-1, *t.shape[2:]) for t in (queries, keys, values)]
+    return jax.lax.map(attend_head, tuple(merged)).reshape(values.shape)
+
+
+def _weigh(queries: Array, keys: Array, values: Array, precision: jax.lax.Precision) -> Array:
+    """Attention of some queries; divides by the sum last, where fewer numbers are left."""
+    weights = _exponentials(queries, keys, precision)
+    total = jnp.sum(weights, axis=-1, keepdims=True)
+    mixed = jnp.einsum(
+        "...nm,...me->...ne",
+        weights.astype(values.dtype),
+        values,
+        precision=precision,
+        preferred_element_type=jnp.float32,
+    )
+    return (mixed / total).astype(values.dtype)
+
+
+def _exponentials(queries: Array, keys: Array, precision: jax.lax.Precision) -> Array:
+    """Unscaled softmax weights; the largest of each row is one."""
+    scores = jnp.einsum("...ne,...me->...nm", queries, keys, precision=precision)
+    return jnp.exp(scores - jnp.max(scores, axis=-1, keepdims=True))
+
+
+def _map_rows(function, rows: Float[Array, "N ..."]) -> Float[Array, "N ..."]:
+    """Applies a function of rows to equal chunks of them, one after another."""
+    num = len(rows)
+    count = math.ceil(num / CHUNK_ROWS)
+    size = math.ceil(num / count)
+    padded = jnp.pad(rows, [(0, count * size - num)] + [(0, 0)] * (rows.ndim - 1))
+    results = jax.lax.map(function, padded.reshape(count, size, *rows.shape[1:]))
+    return results.reshape(count * size, *results.shape[2:])[:num]
+
+
+def _attend_cudnn(queries: Array, keys: Array, values: Array) -> Array:
+    across = [jnp.swapaxes(t.astype(values.dtype), 1, 2) for t in (queries, keys, values)]
+    mixed = jax.nn.dot_product_attention(*across, scale=1.0, implementation="cudnn")
+    return jnp.swapaxes(mixed, 1, 2)
+
+
+def attention_of_token(
+    query: Float[Array, "B H E"],
+    keys: Float[Array, "B H N E"],
+    precision: jax.lax.Precision,
+) -> Float[Array, "B H N"]:
+    """Softmax row of one token, for looking at."""
+    weights = _exponentials(query[:, :, None], keys, precision)[:, :, 0]
+    return weights / jnp.sum(weights, axis=-1, keepdims=True)
+
+
+def attention_among(
+    queries: Float[Array, "B H N E"],
+    keys: Float[Array, "B H N E"],
+    patches: Int[Array, "B K"],
+    num_prefix: int,
+    heads: tuple[int, ...] | None,
+    precision: jax.lax.Precision,
+) -> ObjectAttention:
+    """Attention of one layer from some patches, averaged over heads.
+
+    Only rows of these patches are computed, and never those of all heads at once.
+
+    Args:
+      queries: Of all tokens.
+      keys: Of all tokens.
+      patches: Raster numbers of the patches; `NO_PATCH` leaves a slot empty.
+      num_prefix: Tokens before the patches.
+      heads: Which heads are averaged; all if None.
+      precision: Of the scores.
+    """
+    if heads is not None:
+        queries, keys = queries[:, jnp.array(heads)], keys[:, jnp.array(heads)]
+    num_heads = queries.shape[1]
+
+    def one_image(image: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        q, k, places = image
+        tokens = num_prefix + jnp.maximum(places, 0)
+
+        def some_rows(chunk: Int[Array, "C"]) -> Float[Array, "C K+1"]:
+            def add_head(sums: Array, head: tuple[Array, Array]) -> tuple[Array, None]:
+                weights = _exponentials(head[0][chunk], head[1], precision)
+                weights = weights / jnp.sum(weights, axis=-1, keepdims=True)
+                total = jnp.sum(weights[:, num_prefix:], axis=-1, keepdims=True)
+                return sums + jnp.concatenate([total, weights[:, tokens]], axis=-1), None
+
+            start = jnp.zeros((len(chunk), 1 + len(tokens)), q.dtype)
+            return jax.lax.scan(add_head, start, (q, k))[0] / num_heads
+
+        sums = _map_rows(some_rows, tokens)
+        exists = (places != NO_PATCH).astype(q.dtype)
+        return sums[:, 0] * exists, sums[:, 1:] * exists[:, None] * exists
+
+    return ObjectAttention(*jax.lax.map(one_image, (queries, keys, patches)))

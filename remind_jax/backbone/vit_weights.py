@@ -1,0 +1,289 @@
+"""Weight files of vision transformers: what they hold, where they lie, how they are read.
+
+One safetensors file per network, written by `remind convert`. Matrices are stored as `[in, out]`;
+the header says which network it is, where it comes from and under which licence, and holds the
+sha256 of all tensor bytes. Reading needs only NumPy and refuses a file with any leaf missing, left
+over or of another shape.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+import ml_dtypes
+import numpy as np
+from safetensors import SafetensorError, safe_open
+
+from remind_jax.backbone.vit_variants import (
+    CUSTOM,
+    TERMS,
+    VARIANTS,
+    Family,
+    Mlp,
+    Position,
+    QkvBias,
+    Variant,
+    name_of,
+)
+from remind_jax.errors import RemindError, WeightsError
+from remind_jax.user_folders import user_cache_folder
+
+FORMAT = "remind-jax vision transformer"
+SCHEMA_VERSION = "1"
+WEIGHTS_VARIABLE = "REMIND_WEIGHTS"
+DTYPES: dict[str, np.dtype] = {
+    "float32": np.dtype(np.float32),
+    "bfloat16": np.dtype(ml_dtypes.bfloat16),
+}
+_STACKED = "blocks."  # leaves of all blocks become one array [L, ...]
+_MAX_LISTED = 6
+
+
+@dataclasses.dataclass(frozen=True)
+class Weights:
+    """One network as read from a file."""
+
+    variant: Variant
+    params: dict[str, Any]  # tree of arrays for `vit.VisionTransformer`, host memory
+    sha256: str  # of the tensor bytes; names the weights wherever features are kept
+    header: Mapping[str, str]  # provenance and licence
+    path: Path
+
+
+def leaf_shapes(variant: Variant) -> dict[str, tuple[int, ...]]:
+    """Name and shape of every tensor in the file of a variant."""
+    v = variant
+    leaves: dict[str, tuple[int, ...]] = {
+        "patch_embed.kernel": (v.patch_px * v.patch_px * 3, v.width),  # y, x, channel
+        "patch_embed.bias": (v.width,),
+        "cls_token": (1, v.width),
+        "norm.scale": (v.width,),
+        "norm.bias": (v.width,),
+    }
+    if v.registers:
+        leaves["registers"] = (v.registers, v.width)
+    if v.position == "rotary":
+        leaves["periods"] = (v.head_width // 4,)
+    else:
+        leaves["positions"] = (1 + v.table_side**2, v.width)
+    if v.cls_norm:
+        leaves |= {"cls_norm.scale": (v.width,), "cls_norm.bias": (v.width,)}
+    for block in range(v.depth):
+        leaves |= {f"blocks.{block}.{leaf}": shape for leaf, shape in _block_shapes(v).items()}
+    return leaves
+
+
+def _block_shapes(v: Variant) -> dict[str, tuple[int, ...]]:
+    up, num_up = ("gate_and_up", 2 * v.hidden) if v.mlp == "swiglu" else ("up", v.hidden)
+    shapes: dict[str, tuple[int, ...]] = {
+        "attention.qkv.kernel": (v.width, 3 * v.width),
+        "attention.proj.kernel": (v.width, v.width),
+        "attention.proj.bias": (v.width,),
+        f"mlp.{up}.kernel": (v.width, num_up),
+        f"mlp.{up}.bias": (num_up,),
+        "mlp.down.kernel": (v.hidden, v.width),
+        "mlp.down.bias": (v.width,),
+    }
+    biases = {"all": "qkv", "no key": "qv", "none": ""}[v.qkv_bias]
+    shapes |= {f"attention.{part}_bias": (v.width,) for part in biases}
+    shapes |= {f"norm{i}.{leaf}": (v.width,) for i in (1, 2) for leaf in ("scale", "bias")}
+    if v.layer_scale:
+        shapes |= {"scale1": (v.width,), "scale2": (v.width,)}
+    return shapes
+
+
+def find_weights(name: str, given: str | Path | None) -> Path:
+    """Where the weights of a named variant are.
+
+    Args:
+      name: Of the variant.
+      given: A file, or a folder with `NAME.safetensors`. Left out: the file or folder that the
+        environment variable `REMIND_WEIGHTS` names, then the user's cache folder.
+
+    Raises:
+      WeightsError: If there are none; says where to obtain them, and under which licence.
+    """
+    tried = []
+    for place in (given, os.environ.get(WEIGHTS_VARIABLE), default_folder()):
+        if not place:
+            continue
+        path = Path(place)
+        path = path / f"{name}.safetensors" if path.is_dir() else path
+        if path.is_file():
+            return path
+        tried.append(f"'{path}'")
+        if place == given:
+            break
+    terms = TERMS[VARIANTS[name].family]
+    raise WeightsError(
+        f"there are no weights for '{name}' at {' or '.join(tried)}: {terms.source}; they are "
+        f"under the {terms.licence} ({terms.licence_url}); convert them once with 'remind convert "
+        f"SOURCE -o {default_folder() / f'{name}.safetensors'}', or name the converted file by "
+        f"weights=PATH or the environment variable {WEIGHTS_VARIABLE}"
+    )
+
+
+def default_folder() -> Path:
+    """Where weights are looked for if nothing else is said."""
+    return user_cache_folder() / "weights"
+
+
+def load_weights(path: str | Path, expected: str | None = None) -> Weights:
+    """Reads a converted weight file.
+
+    Args:
+      path: The file.
+      expected: Name of the variant that it must hold; any if left out.
+
+    Raises:
+      WeightsError: If it is missing, damaged, of another network, or not exactly the leaves of its
+        variant.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise WeightsError(f"weight file '{path}' does not exist")
+    try:
+        with safe_open(path, framework="np") as file:
+            header = dict(file.metadata() or {})
+            variant = _variant_in(header, path, expected)
+            names = list(file.keys())
+            shapes = {name: tuple(file.get_slice(name).get_shape()) for name in names}
+            _check_leaves(shapes, variant, path)
+            _check_bytes(path, header)
+            dtype = DTYPES[header["dtype"]]
+            params = _gather(file, shapes, dtype, path)
+    except (SafetensorError, OSError) as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise WeightsError(
+            f"'{path}' is damaged, cut short or no converted weight file ({reason}); convert it "
+            "again with 'remind convert'"
+        ) from error
+    return Weights(variant, params, header["data_sha256"], header, path)
+
+
+def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> Variant:
+    """The architecture that a header describes."""
+    if header.get("format") != FORMAT:
+        raise WeightsError(
+            f"'{path}' was not written by remind-jax; bring it to its layout first: "
+            f"remind convert '{path}' -o weights.safetensors"
+        )
+    if header.get("schema") != SCHEMA_VERSION:
+        raise WeightsError(
+            f"'{path}' has schema {header.get('schema')}, this version reads {SCHEMA_VERSION}; "
+            "convert it again with 'remind convert'"
+        )
+    try:
+        variant = _parse_variant(json.loads(header["architecture"]))
+        is_whole = header["dtype"] in DTYPES and bool(header["data_sha256"])
+    except (KeyError, TypeError, ValueError, RemindError) as error:
+        raise WeightsError(f"the header of '{path}' is damaged: {error}") from error
+    if not is_whole:
+        raise WeightsError(f"the header of '{path}' is damaged: dtype {header['dtype']!r}")
+    if variant.name != name_of(variant):
+        raise WeightsError(
+            f"'{path}' calls itself '{variant.name}' but describes '{name_of(variant)}'; convert "
+            "it again with 'remind convert'"
+        )
+    if expected is not None and variant.name != expected:
+        raise WeightsError(
+            f"'{path}' holds '{variant.name}', not '{expected}'; ask for "
+            + (f"backbone '{variant.name}'" if variant.name != CUSTOM else f"'vit:{path}'")
+        )
+    return variant
+
+
+def _parse_variant(values: Any) -> Variant:
+    """A variant from a header, which may say anything."""
+    if not isinstance(values, dict):
+        raise ValueError("the architecture is no object")
+    choices = {"family": Family, "mlp": Mlp, "qkv_bias": QkvBias, "position": Position}
+    fields = dataclasses.fields(Variant)
+    if set(values) != {field.name for field in fields}:
+        raise ValueError("the architecture has other fields")
+    for field in fields:
+        value, kind = values[field.name], field.type
+        if field.name in choices:
+            if value not in get_args(choices[field.name]):
+                raise ValueError(f"{field.name} is {value!r}")
+        elif type(value).__name__ != kind:
+            raise ValueError(f"{field.name} is {value!r}")
+        elif kind == "int" and not 0 <= value <= 1 << 20:
+            raise ValueError(f"{field.name} is {value}")
+    variant = Variant(**values)
+    if min(variant.width, variant.depth, variant.heads, variant.patch_px) < 1:
+        raise ValueError("a size is zero")
+    variant.check()
+    return variant
+
+
+def _check_leaves(shapes: Mapping[str, tuple[int, ...]], variant: Variant, path: Path) -> None:
+    """Raises a `WeightsError` unless a file holds exactly what its variant needs."""
+    needed = leaf_shapes(variant)
+    faults = {
+        "missing": sorted(set(needed) - set(shapes)),
+        "left over": sorted(set(shapes) - set(needed)),
+        "of another shape": sorted(
+            name for name in set(needed) & set(shapes) if needed[name] != shapes[name]
+        ),
+    }
+    told = [f"{kind}: {_some(names)}" for kind, names in faults.items() if names]
+    if told:
+        raise WeightsError(
+            f"'{path}' does not hold the weights of '{variant.name}' ({'; '.join(told)}); convert "
+            "it again with 'remind convert'"
+        )
+
+
+def _some(names: list[str]) -> str:
+    rest = len(names) - _MAX_LISTED
+    return ", ".join(names[:_MAX_LISTED]) + (f" and {rest} more" if rest > 0 else "")
+
+
+def _check_bytes(path: Path, header: Mapping[str, str]) -> None:
+    """Raises a `WeightsError` if tensor bytes are not those that were written."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        file.seek(8 + int.from_bytes(file.read(8), "little"))
+        while block := file.read(1 << 22):
+            digest.update(block)
+    if digest.hexdigest() != header["data_sha256"]:
+        raise WeightsError(
+            f"tensors of '{path}' are not those that were written: the sha256 of their bytes is "
+            f"{digest.hexdigest()[:12]}..., the header says {header['data_sha256'][:12]}...; copy "
+            "or convert the file again"
+        )
+
+
+def _gather(
+    file: Any, shapes: Mapping[str, tuple[int, ...]], dtype: np.dtype, path: Path
+) -> dict[str, Any]:
+    """Leaves as a tree, those of all blocks stacked."""
+    tree: dict[str, Any] = {}
+    depth = 1 + max(int(n.split(".")[1]) for n in shapes if n.startswith(_STACKED))
+    for name in sorted(shapes):
+        leaf = file.get_tensor(name)
+        if leaf.dtype != dtype and name != "periods":
+            raise WeightsError(f"'{name}' in '{path}' is {leaf.dtype}, the header says {dtype}")
+        parts = name.split(".")
+        if parts[0] != "blocks":
+            _place(tree, parts)[parts[-1]] = leaf
+            continue
+        places = ["blocks", *parts[2:]]
+        node = _place(tree, places)
+        if parts[-1] not in node:
+            node[parts[-1]] = np.empty((depth, *leaf.shape), leaf.dtype)
+        node[parts[-1]][int(parts[1])] = leaf
+    return tree
+
+
+def _place(tree: dict[str, Any], parts: list[str]) -> dict[str, Any]:
+    for part in parts[:-1]:
+        tree = tree.setdefault(part, {})
+    return tree

@@ -1,0 +1,169 @@
+"""`convert`: a published weight file becomes one that `remind_jax.backbone` reads.
+
+Tensors are read, turned and written one by one, so a large network needs little memory.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO, Literal
+
+import numpy as np
+
+import remind_jax
+from remind_jax.backbone.vit_variants import TERMS, Variant
+from remind_jax.backbone.vit_weights import DTYPES, FORMAT, SCHEMA_VERSION, leaf_shapes
+from remind_jax.errors import OutputError, WeightsError
+from weights_convert.key_layouts import NamedTensors, name_tensors
+from weights_convert.leaf_recipes import Recipe, check_complete, make_leaf, recipes
+from weights_convert.stored_tensors import WeightSource, open_source
+from weights_convert.variant_detection import Wishes, detect_variant
+
+Dtype = Literal["float32", "bfloat16"]
+_CODES = {"float32": "F32", "bfloat16": "BF16"}
+# Rotary angles are computed from them: rounding would turn patches elsewhere.
+_ALWAYS_FLOAT32 = "periods"
+_HASH_PLACE = "0" * 64
+_ALIGNMENT = 8
+
+
+@dataclasses.dataclass(frozen=True)
+class Conversion:
+    """What was done."""
+
+    path: Path
+    variant: Variant
+    layout: str
+    source_sha256: str  # of the published file
+    data_sha256: str  # of the tensors written
+    num_bytes: int  # of the file written
+    dropped: tuple[str, ...]  # keys of the source that only training needs
+
+
+def convert(
+    source: str | Path,
+    out: str | Path,
+    *,
+    wishes: Wishes | None = None,
+    dtype: Dtype = "float32",
+    overwrite: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Conversion:
+    """Converts one network.
+
+    Args:
+      source: Official `.pth`, or Hugging Face's safetensors (file, index of shards, or folder).
+      out: File to write; appears only when it is complete.
+      wishes: What is known or decided about the network.
+      dtype: Type that numbers are stored in.
+      overwrite: Replace an existing file.
+      progress: Called with the number of leaves written, and of all leaves.
+
+    Raises:
+      WeightsError: If the source is not exactly one of the known networks.
+      OutputError: If the file exists or cannot be written.
+    """
+    out = Path(out)
+    if out.suffix != ".safetensors":
+        raise OutputError(f"'{out}' must end in .safetensors")
+    if out.exists() and not overwrite:
+        raise OutputError(f"'{out}' exists; choose another name or allow overwriting")
+    opened = open_source(source)
+    file = str(opened.path)
+    named = name_tensors(opened.tensors, file)
+    variant = detect_variant(named, opened.config, wishes or Wishes(), file)
+    wanted = recipes(variant, named.tensors)
+    check_complete(wanted, named.tensors, named.source_keys, named.unexpected, file, variant.name)
+    metadata = _metadata(opened, named, variant, dtype)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = out.with_name(out.name + ".part")
+        try:
+            with unfinished.open("wb") as stream:
+                digest = _write(stream, wanted, named, variant, metadata, dtype, progress, file)
+            os.replace(unfinished, out)
+        finally:
+            unfinished.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write '{out}': {error.strerror or error}") from error
+    num_bytes = out.stat().st_size
+    return Conversion(
+        out, variant, named.layout.name, opened.sha256, digest, num_bytes, named.dropped
+    )
+
+
+def _metadata(
+    source: WeightSource, named: NamedTensors, variant: Variant, dtype: str
+) -> dict[str, str]:
+    """What the header says of a file, besides its tensors."""
+    terms = TERMS[variant.family]
+    return {
+        "format": FORMAT,
+        "schema": SCHEMA_VERSION,
+        "variant": variant.name,
+        "architecture": json.dumps(dataclasses.asdict(variant)),
+        "dtype": dtype,
+        "data_sha256": _HASH_PLACE,
+        "source": source.path.name,
+        "source_sha256": source.sha256,
+        "source_layout": named.layout.name,
+        "licence": terms.licence,
+        "licence_notice": (
+            f"Converted from {source.path.name}; the weights remain under the {terms.licence} of "
+            f"their publisher, {terms.licence_url}"
+        ),
+        "converted_by": f"remind-jax {remind_jax.__version__}",
+        "converted_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _write(
+    stream: BinaryIO,
+    wanted: list[Recipe],
+    named: NamedTensors,
+    variant: Variant,
+    metadata: dict[str, str],
+    dtype: Dtype,
+    progress: Callable[[int, int], None] | None,
+    file: str,
+) -> str:
+    """Writes a safetensors file tensor by tensor; returns the sha256 of all tensor bytes.
+
+    The library would want all tensors in memory. Its format: length of the header, header as JSON
+    (padded to whole words), tensors one after another, the widest types first.
+    """
+    header: dict[str, object] = {"__metadata__": metadata}
+    shapes, position = leaf_shapes(variant), 0
+    wanted = sorted(wanted, key=lambda recipe: recipe.leaf != _ALWAYS_FLOAT32)
+    types = {r.leaf: "float32" if r.leaf == _ALWAYS_FLOAT32 else dtype for r in wanted}
+    for leaf, kind in types.items():
+        num_bytes = int(np.prod(shapes[leaf])) * DTYPES[kind].itemsize
+        header[leaf] = {
+            "dtype": _CODES[kind],
+            "shape": list(shapes[leaf]),
+            "data_offsets": [position, position + num_bytes],
+        }
+        position += num_bytes
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % _ALIGNMENT)
+    stream.write(len(text).to_bytes(8, "little") + text)
+
+    digest = hashlib.sha256()
+    for done, recipe in enumerate(wanted, start=1):
+        leaf = make_leaf(recipe, named.tensors, file).astype(DTYPES[types[recipe.leaf]])
+        if leaf.shape != shapes[recipe.leaf]:
+            raise WeightsError(f"'{recipe.leaf}' came out as {leaf.shape}: a defect, report it")
+        data = leaf.tobytes()
+        digest.update(data)
+        stream.write(data)
+        if progress is not None:
+            progress(done, len(wanted))
+    stream.seek(8 + text.index(_HASH_PLACE.encode()))
+    stream.write(digest.hexdigest().encode())
+    return digest.hexdigest()

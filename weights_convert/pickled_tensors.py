@@ -1,0 +1,253 @@
+"""Reads `.pth` files: pickles that name tensors, which lie beside them in a zip archive.
+
+A pickle can name any function and have it called. Here it may name only what a dictionary of
+tensors needs, and gets inert stand-ins for that (the way of the documentation of `pickle`,
+"Restricting Globals"), so neither PyTorch nor trust in the file is needed. Files older than
+PyTorch 1.6 are no archives; these are left to `torch.load(weights_only=True)`.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import functools
+import pickle
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import ml_dtypes
+import numpy as np
+
+from remind_jax.errors import WeightsError
+
+_STORAGE_TYPES: dict[str, Any] = {
+    "DoubleStorage": np.float64,
+    "FloatStorage": np.float32,
+    "HalfStorage": np.float16,
+    "BFloat16Storage": ml_dtypes.bfloat16,
+    "LongStorage": np.int64,
+    "IntStorage": np.int32,
+    "ShortStorage": np.int16,
+    "CharStorage": np.int8,
+    "ByteStorage": np.uint8,
+    "BoolStorage": np.bool_,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class StorageType:
+    """Stands for a class such as `torch.FloatStorage`."""
+
+    dtype: np.dtype
+
+
+@dataclasses.dataclass(frozen=True)
+class Storage:
+    """A run of numbers in the archive."""
+
+    archive: Archive
+    entry: str
+    dtype: np.dtype
+    num: int
+
+    def read(self) -> np.ndarray:
+        """The numbers, flat."""
+        data = self.archive.read(self.entry)
+        if len(data) != self.num * self.dtype.itemsize:
+            raise WeightsError(
+                f"'{self.archive.path}' is damaged: '{self.entry}' holds {len(data)} bytes instead "
+                f"of {self.num * self.dtype.itemsize}"
+            )
+        return np.frombuffer(data, self.dtype)
+
+
+@dataclasses.dataclass(frozen=True)
+class PickledTensor:
+    """Which numbers of a storage make up a tensor."""
+
+    storage: Storage
+    offset: int  # elements
+    shape: tuple[int, ...]
+    strides: tuple[int, ...]  # elements
+
+    def read(self) -> np.ndarray:
+        """The tensor.
+
+        Raises:
+          WeightsError: If it reaches beyond its storage or the archive is damaged.
+        """
+        numbers = self.storage.read()[self.offset :]
+        last = sum((n - 1) * step for n, step in zip(self.shape, self.strides, strict=True))
+        is_empty = 0 in self.shape
+        if min((self.offset, *self.shape, *self.strides)) < 0 or (
+            not is_empty and last >= len(numbers)
+        ):
+            raise WeightsError(
+                f"'{self.storage.archive.path}' is damaged: a tensor of shape {self.shape} reaches "
+                f"beyond '{self.storage.entry}'"
+            )
+        steps = [step * numbers.itemsize for step in self.strides]
+        return np.lib.stride_tricks.as_strided(numbers, self.shape, steps, writeable=False)
+
+
+class Archive:
+    """A zip archive as `torch.save` writes it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self._zip = zipfile.ZipFile(path)
+        except (zipfile.BadZipFile, OSError) as error:
+            raise _damaged(path, error) from error
+        pickles = [name for name in self._zip.namelist() if name.endswith("/data.pkl")]
+        if len(pickles) != 1:
+            raise WeightsError(
+                f"'{path}' is a zip archive without tensors; give a file that torch.save has "
+                "written, not a TorchScript or NumPy file"
+            )
+        self.root = pickles[0].removesuffix("data.pkl")
+        if self.root + "byteorder" in self._zip.namelist():
+            order = self.read(self.root + "byteorder")
+            if order != b"little":
+                raise WeightsError(f"'{path}' was written by a machine of byte order {order!r}")
+
+    def read(self, entry: str) -> bytes:
+        """The bytes of an entry, checked against their sum."""
+        try:
+            return self._zip.read(entry)
+        except KeyError as error:
+            raise WeightsError(f"'{self.path}' is damaged: it lacks '{entry}'") from error
+        except (zipfile.BadZipFile, zlib.error, EOFError, OSError) as error:
+            raise _damaged(self.path, error) from error
+
+    def file(self, entry: str) -> Any:
+        """An entry as a file."""
+        return self._zip.open(entry)
+
+
+def read_pickled(path: Path) -> Mapping[str, Any]:
+    """What a `.pth` file holds: tensors, and mappings, numbers and texts of a checkpoint.
+
+    Raises:
+      WeightsError: If it is damaged, cut short, no such file, or asks for anything but tensors.
+    """
+    with path.open("rb") as file:
+        start = file.read(4)
+    if not start.startswith(b"PK"):
+        return _read_with_torch(path, start)
+    archive = Archive(path)
+    try:
+        with archive.file(archive.root + "data.pkl") as file:
+            content = _TensorUnpickler(file, archive).load()
+    except WeightsError:
+        raise
+    except Exception as error:
+        # A damaged pickle can fail in any way; nothing of it is kept.
+        raise _damaged(path, error) from error
+    if not isinstance(content, Mapping):
+        raise WeightsError(
+            f"'{path}' holds a {type(content).__name__} instead of a dictionary of tensors"
+        )
+    return content
+
+
+class _TensorUnpickler(pickle.Unpickler):
+    """Builds dictionaries of `PickledTensor`s and refuses everything else."""
+
+    def __init__(self, file: Any, archive: Archive) -> None:
+        super().__init__(file, encoding="utf-8")
+        self._archive = archive
+
+    def find_class(self, module: str, name: str) -> Any:
+        """The stand-in of a name."""
+        if (module, name) == ("collections", "OrderedDict"):
+            return collections.OrderedDict
+        if module == "torch._utils" and name in _REBUILD:
+            return _REBUILD[name]
+        if module == "torch" and name in _STORAGE_TYPES:
+            return StorageType(np.dtype(_STORAGE_TYPES[name]))
+        raise WeightsError(
+            f"'{self._archive.path}' asks for '{module}.{name}' to be run, which weights do not "
+            "need; nothing was run: do not trust this file, download it from its publisher"
+        )
+
+    def persistent_load(self, pid: Any) -> Storage:
+        """A storage by what the pickle says of it: kind, type, entry, device, size."""
+        kind, storage_type, key, _, num = pid
+        if kind != "storage" or not isinstance(storage_type, StorageType):
+            raise pickle.UnpicklingError(f"unknown reference {kind!r}")
+        entry = f"{self._archive.root}data/{key}"
+        return Storage(self._archive, entry, storage_type.dtype, int(num))
+
+
+def _rebuild_tensor(
+    storage: Storage, offset: int, shape: tuple[int, ...], strides: tuple[int, ...], *rest: Any
+) -> PickledTensor:
+    del rest  # gradients and hooks
+    if not isinstance(storage, Storage) or len(shape) != len(strides):
+        raise pickle.UnpicklingError("a tensor without storage")
+    return PickledTensor(storage, int(offset), tuple(map(int, shape)), tuple(map(int, strides)))
+
+
+def _rebuild_parameter(tensor: PickledTensor, *rest: Any) -> PickledTensor:
+    del rest
+    return tensor
+
+
+_REBUILD = {
+    "_rebuild_tensor": _rebuild_tensor,
+    "_rebuild_tensor_v2": _rebuild_tensor,
+    "_rebuild_parameter": _rebuild_parameter,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class _TorchTensor:
+    """A tensor that PyTorch has read."""
+
+    shape: tuple[int, ...]
+    read: Any
+
+
+def _read_with_torch(path: Path, start: bytes) -> Mapping[str, Any]:
+    """Files of PyTorch before 1.6, which are pickles one after another."""
+    if not start.startswith(b"\x80"):
+        raise WeightsError(
+            f"'{path}' is damaged or no PyTorch file: it begins with {start!r}; download it again"
+        )
+    try:
+        import torch  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise WeightsError(
+            f"'{path}' was written by a PyTorch before 1.6 or is no weight file; to read it, "
+            "install PyTorch: pip install 'remind-jax[convert]'"
+        ) from error
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise WeightsError(
+            f"'{path}' is damaged or asks for more than tensors, so PyTorch refuses it: {reason}"
+        ) from error
+    if not isinstance(content, Mapping):
+        raise WeightsError(f"'{path}' holds a {type(content).__name__}, no dictionary of tensors")
+    return _from_torch(content)
+
+
+def _from_torch(values: Mapping[str, Any]) -> dict[str, Any]:
+    kept: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            kept[str(key)] = _from_torch(value)
+        elif hasattr(value, "detach"):
+            read = functools.partial(lambda tensor: tensor.detach().float().numpy(), value)
+            kept[str(key)] = _TorchTensor(tuple(value.shape), read)
+    return kept
+
+
+def _damaged(path: Path, error: Exception) -> WeightsError:
+    reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+    return WeightsError(f"'{path}' is damaged or cut short ({reason}); download it again")

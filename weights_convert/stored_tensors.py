@@ -1,0 +1,157 @@
+"""Weight files as mappings from names to tensors that are read when they are needed."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+
+from remind_jax.errors import WeightsError
+from weights_convert.pickled_tensors import read_pickled
+
+INDEX_SUFFIX = ".safetensors.index.json"
+PICKLED_SUFFIXES = (".pth", ".pt", ".bin", ".ckpt")
+
+
+@dataclasses.dataclass(frozen=True)
+class StoredTensor:
+    """One tensor of a file; `read` fetches its numbers."""
+
+    shape: tuple[int, ...]
+    read: Callable[[], np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class WeightSource:
+    """Everything that is known about a published file before its tensors are read."""
+
+    path: Path
+    files: tuple[Path, ...]  # that hold tensors, in order of name
+    tensors: Mapping[str, Any]  # StoredTensor, and mappings of them in training checkpoints
+    config: Mapping[str, Any]  # `config.json` beside a Hugging Face file; empty if there is none
+
+    @functools.cached_property
+    def sha256(self) -> str:
+        """Of the bytes of all files."""
+        digest = hashlib.sha256()
+        for file in self.files:
+            with file.open("rb") as stream:
+                while block := stream.read(1 << 22):
+                    digest.update(block)
+        return digest.hexdigest()
+
+
+def open_source(path: str | Path) -> WeightSource:
+    """Opens a published weight file without running anything that it may contain.
+
+    Args:
+      path: `.safetensors` file, `.safetensors.index.json` of a sharded one, folder with either, or
+        `.pth` file.
+
+    Raises:
+      WeightsError: If there is none, or it is damaged, cut short or of another kind.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = _find_in(path)
+    if not path.is_file():
+        raise WeightsError(f"weight file '{path}' does not exist; give a .pth or .safetensors file")
+    if path.name.endswith(INDEX_SUFFIX):
+        return _open_shards(path)
+    if path.suffix == ".safetensors":
+        return WeightSource(path, (path,), _open_safetensors(path), _config_beside(path))
+    if path.suffix in PICKLED_SUFFIXES:
+        read = read_pickled(path)
+        return WeightSource(path, (path,), _as_stored(read), _config_beside(path))
+    raise WeightsError(
+        f"'{path}' is no weight file; give the official .pth, or Hugging Face's .safetensors"
+    )
+
+
+def _find_in(folder: Path) -> Path:
+    """The weight file of a Hugging Face folder."""
+    for pattern in ("*" + INDEX_SUFFIX, "*.safetensors", "*.pth"):
+        found = sorted(folder.glob(pattern))
+        if len(found) == 1:
+            return found[0]
+        if found:
+            names = ", ".join(file.name for file in found)
+            raise WeightsError(f"folder '{folder}' holds several weight files ({names}); name one")
+    raise WeightsError(f"folder '{folder}' holds no weight file, neither .safetensors nor .pth")
+
+
+def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
+    try:
+        file = safe_open(path, framework="np")
+        tensors = {}
+        for name in file.keys():  # noqa: SIM118  (it is no mapping)
+            shape = tuple(file.get_slice(name).get_shape())
+            tensors[name] = StoredTensor(shape, functools.partial(_read, file, name, path))
+    except (SafetensorError, OSError) as error:
+        raise WeightsError(
+            f"'{path}' is damaged, cut short or no safetensors file ({_first_line(error)}); "
+            "download it again"
+        ) from error
+    return tensors
+
+
+def _read(file: Any, name: str, path: Path) -> np.ndarray:
+    try:
+        return file.get_tensor(name)
+    except (SafetensorError, OSError, TypeError, KeyError) as error:
+        raise WeightsError(
+            f"tensor '{name}' of '{path}' cannot be read: {_first_line(error)}"
+        ) from error
+
+
+def _open_shards(index: Path) -> WeightSource:
+    listed = _read_json(index).get("weight_map")
+    if not isinstance(listed, dict) or not listed:
+        raise WeightsError(f"'{index}' lists no tensors; it needs a 'weight_map'")
+    tensors: dict[str, StoredTensor] = {}
+    # Names only: an index must not lead out of its folder.
+    files = tuple(sorted({index.parent / Path(str(name)).name for name in listed.values()}))
+    for file in files:
+        if not file.is_file():
+            raise WeightsError(f"'{index}' lists '{file.name}', which is missing beside it")
+        tensors |= _open_safetensors(file)
+    if missing := sorted(set(listed) - set(tensors)):
+        raise WeightsError(f"'{index}' lists tensors that no file holds: {', '.join(missing)}")
+    return WeightSource(index, files, tensors, _config_beside(index))
+
+
+def _config_beside(path: Path) -> Mapping[str, Any]:
+    config = path.with_name("config.json")
+    return _read_json(config) if config.is_file() else {}
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise WeightsError(f"'{path}' cannot be read as JSON: {error}") from error
+    if not isinstance(values, dict):
+        raise WeightsError(f"'{path}' holds no JSON object")
+    return values
+
+
+def _as_stored(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Pickled tensors under the same type; mappings stay, and all else is left out."""
+    kept: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            kept[str(key)] = _as_stored(value)
+        elif hasattr(value, "shape") and hasattr(value, "read"):
+            kept[str(key)] = StoredTensor(tuple(value.shape), value.read)
+    return kept
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
