@@ -74,9 +74,7 @@ def load_memory(path: str | Path) -> SavedMemory:
             f"{path} has memory schema {header.get('schema')}; this version reads schema "
             f"{SCHEMA_VERSION}"
         )
-    values: Any = json.loads(header["static"])
-    values = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
-    static = Static(**values)
+    static, names, backbone = _read_description(header, path)
     empty = init(static)
     leaves = []
     for name, leaf in _named_leaves(empty):
@@ -84,8 +82,7 @@ def load_memory(path: str | Path) -> SavedMemory:
             raise OutputError(f"{path} is damaged: '{name}' is missing or of another shape")
         leaves.append(jax.numpy.asarray(tensors[name], leaf.dtype))
     state = jax.tree.unflatten(jax.tree.structure(empty), leaves)
-    names = tuple(json.loads(header["class_names"]))
-    return SavedMemory(state, static, names, header["backbone"])
+    return SavedMemory(state, static, names, backbone)
 
 
 def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None:
@@ -108,6 +105,23 @@ def _read_header(path: Path) -> dict[str, str]:
         if not 0 < length <= 1 << 26:
             raise OSError("it is not a safetensors file")
         return json.loads(file.read(length)).get("__metadata__", {})
+
+
+def _read_description(header: dict[str, str], path: Path) -> tuple[Static, tuple[str, ...], str]:
+    """Static, class names and backbone that the memory was made with."""
+    try:
+        values: Any = json.loads(header["static"])
+        values = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+        static = Static(**values)
+        names, backbone = tuple(json.loads(header["class_names"])), header["backbone"]
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        raise OutputError(f"{path} is damaged: its description cannot be read ({error})") from error
+    if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
+        raise OutputError(
+            f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "
+            "environment variable JAX_ENABLE_X64=1"
+        )
+    return static, names, backbone
 
 
 def _named_leaves(state: TrackerState) -> list[tuple[str, jax.Array]]:
