@@ -25,7 +25,8 @@ from remind_jax.mask_reduction import pad_masks, reduce_masks
 from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.state import TrackerState, grow, init
-from remind_jax.tracker import step
+from remind_jax.trace import Trace
+from remind_jax.tracker import step, step_traced
 from remind_jax.tracks import Tracks, encode_masks
 
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
@@ -43,12 +44,25 @@ def _step_once(
     return _settle_types(stepped)
 
 
+def _step_traced_once(
+    state: TrackerState,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: Thresholds,
+) -> tuple[TrackerState, Trace]:
+    stepped, trace = step_traced(state, frame_feats, masks, static=static, thresholds=thresholds)
+    return _settle_types(stepped), trace
+
+
 def _settle_types(state: TrackerState) -> TrackerState:
     """Strong types throughout: a weak one that comes or goes costs a second compilation."""
     return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, leaf.dtype), state)
 
 
 _step = jax.jit(_step_once, static_argnames="static", donate_argnames="state")
+_step_traced = jax.jit(_step_traced_once, static_argnames="static", donate_argnames="state")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +97,8 @@ class Tracker:
         self,
         config: str | Path | Config | Mapping[str, Any] = "default",
         backbone: str | Backbone = "patch-statistics",
+        *,
+        trace: bool = False,
         **backbone_options: Any,
     ) -> None:
         """Makes an empty memory.
@@ -90,6 +106,7 @@ class Tracker:
         Args:
           config: Name of a shipped configuration, a YAML file, nested values, or a `Config`.
           backbone: Name of a registered backbone, or one that was made already.
+          trace: Keep what the decisions of the last frame were made of, as `trace`.
           **backbone_options: Options of a backbone given by name.
 
         Raises:
@@ -109,6 +126,8 @@ class Tracker:
         self._class_ids: dict[str, int] = {}
         self._state: TrackerState | None = None
         self._features_given = False
+        self._is_tracing = trace
+        self.trace: Trace | None = None  # of the last frame, on the host
         self.notices: list[Notice] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
 
@@ -136,6 +155,7 @@ class Tracker:
         """Forgets everything."""
         self._state = None
         self._class_ids = {}
+        self.trace = None
 
     def update(self, frame: Any, detections: Any = None) -> Tracks:
         """Takes the next frame and says who is who in it.
@@ -294,13 +314,19 @@ class Tracker:
         elif static != self._static:
             self._grow(static)
         padded = pad_masks(masks, static.num_detections)
-        thresholds = self.config.thresholds
+        thresholds, trace = self.config.thresholds, None
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
-            self._state = stepped = _step(
-                self._state, frame_feats, padded, static=self._static, thresholds=thresholds
-            )
+            if self._is_tracing:
+                self._state, trace = _step_traced(
+                    self._state, frame_feats, padded, static=self._static, thresholds=thresholds
+                )
+                stepped = self._state
+            else:
+                self._state = stepped = _step(
+                    self._state, frame_feats, padded, static=self._static, thresholds=thresholds
+                )
             overflow = jax.device_get(stepped.overflow)
             if not overflow.objects and not overflow.pending:
                 break
@@ -310,6 +336,7 @@ class Tracker:
                 self._note_growth("objects", objects, self._static.num_objects)
             if pending:
                 self._note_growth("undecided tracks", pending, self._static.num_pending)
+        self.trace = jax.device_get(trace)
 
     def _grow(self, static: Static) -> None:
         assert self._state is not None

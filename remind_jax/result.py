@@ -6,6 +6,7 @@ Letters: `T` processed frames.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -23,6 +24,10 @@ from remind_jax.tracks import Tracks
 if TYPE_CHECKING:
     import pandas as pd
     import supervision as sv
+
+    from remind_jax.explanation.account import Explanation
+    from remind_jax.explanation.archive import TraceArchive
+    from remind_jax.explanation.explain import Explainer
 
 # Shorter gaps are flicker of detector or decision, not an absence worth a mark.
 MIN_ABSENCE_FRAMES = 5
@@ -104,6 +109,7 @@ class Result:
     skipped: tuple[SkippedFrame, ...] = ()
     events: tuple[Event, ...] = ()
     complete: bool = True  # False if the run was interrupted
+    trace: TraceArchive | None = None  # what the decisions were made of, if that was kept
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -214,8 +220,31 @@ class Result:
             },
         )
 
+    def explain(self, frame: int, detection: int) -> Explanation:
+        """Why a detection became what it became; the run must have been made with `trace=True`.
+
+        Args:
+          frame: Number of the processed frame (`Tracks.frame_index`).
+          detection: Row of the detection in its frame, from 0.
+
+        Raises:
+          OutputError: If the run holds no trace, or no such frame or detection.
+        """
+        if self.explainer is None:
+            raise OutputError("the run holds no trace; run again with trace=True (or --trace)")
+        return self.explainer.explain(frame, detection)
+
+    @functools.cached_property
+    def explainer(self) -> Explainer | None:
+        """Explains any number of decisions; None if the run holds no trace."""
+        from remind_jax.explanation.explain import Explainer
+
+        if self.trace is None:
+            return None
+        return Explainer(self.trace, self.tracks, self.info.config)
+
     def save(self, run_dir: str | Path) -> None:
-        """Writes `detections.jsonl` and `run.json`, which are all that `load` reads.
+        """Writes what `load` reads: `detections.jsonl`, `run.json` and, with a trace, `trace.npz`.
 
         Raises:
           OutputError: If the folder cannot be made or written.
@@ -225,7 +254,15 @@ class Result:
         with store.DetectionsWriter(run_dir / store.DETECTIONS_NAME, self.info.to_json()) as file:
             for tracks in self.tracks:
                 file.add(tracks)
+        self.save_trace(run_dir)
         self.save_run_json(run_dir)
+
+    def save_trace(self, run_dir: str | Path) -> None:
+        """Writes `trace.npz`, if there is a trace."""
+        if self.trace is not None:
+            from remind_jax.explanation.archive import TRACE_NAME
+
+            self.trace.save(Path(run_dir) / TRACE_NAME)
 
     def save_run_json(self, run_dir: str | Path) -> None:
         """Writes `run.json`: configuration, versions, counts, times, what went wrong."""
@@ -253,11 +290,14 @@ class Result:
         Raises:
           OutputError: If the folder holds no run or the run is damaged.
         """
+        from remind_jax.explanation.archive import open_archive
+
         run_dir = Path(run_dir)
+        trace = open_archive(run_dir)
         info, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
         run = store.read_run_json(run_dir / store.RUN_NAME)
         if run is None:
-            return cls(tracks, RunInfo.from_json(info), complete=False)
+            return cls(tracks, RunInfo.from_json(info), complete=False, trace=trace)
         return cls(
             tracks=tracks,
             info=RunInfo.from_json(run.get("info", info)),
@@ -267,6 +307,7 @@ class Result:
             skipped=tuple(SkippedFrame(**frame) for frame in run.get("skipped", ())),
             events=tuple(Event(**event) for event in run.get("events", ())),
             complete=bool(run.get("complete", False)),
+            trace=trace,
         )
 
 

@@ -21,6 +21,7 @@ from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import RemindError, SourceError
+from remind_jax.explanation.archive import TraceArchive
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
 from remind_jax.outputs.writer import RunWriter
@@ -56,6 +57,7 @@ def run(
     memory: str | Path | None = None,
     out: str | Path | None = None,
     overlay: bool = True,
+    trace: bool = False,
     overwrite: bool = False,
     progress: Callable[[Progress], None] | None = None,
     **source_options: Any,
@@ -76,6 +78,7 @@ def run(
       memory: Memory file of an earlier run to go on from.
       out: Folder for everything the run leaves behind; nothing is written if left out.
       overlay: False leaves out the overlay video.
+      trace: Keep what every decision was made of, for `Result.explain`.
       overwrite: Allow an output folder with files in it.
       progress: Called after every frame.
       **source_options: Further options of `open_source`.
@@ -88,7 +91,7 @@ def run(
         written until then is kept and finished.
     """
     finder = as_detector(detector, detector_options)
-    tracker = Tracker(config, backbone)
+    tracker = Tracker(config, backbone, trace=trace)
     if memory is not None:
         tracker.load(memory)
     frames = open_source(
@@ -139,6 +142,7 @@ class _Session:
         self._events: list[Event] = []
         self._timings: dict[str, list[float]] = {}
         self._first_frame_ms: float | None = None
+        self._archive: TraceArchive | None = None
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
@@ -163,6 +167,7 @@ class _Session:
             skipped=tuple(self._source.skipped),
             events=tuple(self._events),
             complete=complete,
+            trace=self._archive,
         )
 
     def _take(self, prepared: Prepared, writer: RunWriter | None) -> None:
@@ -178,11 +183,24 @@ class _Session:
         for stage, milliseconds in spent.items():
             self._timings.setdefault(stage, []).append(milliseconds)
         self._tracks.append(tracks)
+        self._record(tracks)
         self._events += [
             Event(tracks.frame_index, notice.kind, notice.message)
             for notice in self._tracker.notices
         ]
         self._report(tracks)
+
+    def _record(self, tracks: Tracks) -> None:
+        """Keeps the account of the frame, if the tracker gives one."""
+        tracker = self._tracker
+        if tracker.trace is None or tracker.state is None:
+            return
+        if self._archive is None:
+            self._archive = TraceArchive()
+        decisions = jax.device_get(tracker.state.decisions)
+        self._archive.add(
+            tracks.frame_index, len(tracks), decisions, tracker.trace, tracker.class_names
+        )
 
     def _report(self, tracks: Tracks) -> None:
         self._identities.update(int(i) for i in tracks.object_id if i != NO_ID)

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.association.assignment import Assignment, dummy_scores
-from remind_jax.association.diagnosis import Evidence
+from remind_jax.association.diagnosis import Evidence, top_two
 from remind_jax.association.quality import Quality
 from remind_jax.association.settlement import Settlement
 from remind_jax.association.similarity import term_weights
@@ -112,6 +112,9 @@ class DetectionTrace:
     patch_sum: Float[Array, "N"]  # summed coverage in patches
     source: Int[Array, "N T"]  # banks compared with: similarity.AUTO, WORK, STABLE
     num_candidates: Int[Array, "N"]  # all objects of its class
+    num_backed: Int[Array, "N"]  # of these, plausible and clearly backed by context
+    backed_id: Int[Array, "N"]  # the best of these on common evidence, -1 none
+    backed_score: Float[Array, "N"]  # its comparable score
     anchor_id: Int[Array, "N"]  # object that it is an anchor for, -1 none
     dummy: Float[Array, "N"]  # score of staying without an object in the joint assignment
     rival: Int[Array, "N"]  # other detection most like the same object, -1 none
@@ -213,12 +216,19 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
     member = jnp.argmax(comparison.candidate, axis=1)  # any object of the class
     some = jnp.any(comparison.candidate, axis=1)
     in_class = lambda leaf: jnp.where(some, leaf[member], 0)  # noqa: E731
+    comparable = temporal_score(d.account, d.account.plausible)
+    backed = d.account.plausible & d.account.context.supported[None]
+    num_backed = jnp.sum(backed, axis=1, dtype=jnp.int32)
+    first, backed_score, _ = top_two(comparable, backed)
     return DetectionTrace(
         quality=jnp.stack([q.object, q.background, q.parts], axis=1),
         density=jnp.stack([q.object_density, q.parts_density], axis=1),
         patch_sum=d.descriptors.patch_sum,
         source=comparison.source.T,
         num_candidates=jnp.sum(comparison.candidate, axis=1, dtype=jnp.int32),
+        num_backed=num_backed,
+        backed_id=jnp.where(num_backed > 0, objects.id[first], NO_ID),
+        backed_score=backed_score,
         anchor_id=jnp.where(is_anchor, anchor, NO_ID),
         dummy=dummy_scores(d.evidence, t.matching),
         rival=rival,
@@ -230,7 +240,7 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
         pruning=in_class(felt.pruning),
         strength=in_class(felt.strength),
         num_in_view=jnp.sum(seen, axis=1, dtype=jnp.int32),
-        candidates=_trace_candidates(d, rows, seen, static, t),
+        candidates=_trace_candidates(d, rows, seen, comparable, static, t),
         passes=_trace_passes(d, t),
     )
 
@@ -260,6 +270,7 @@ def _trace_candidates(
     d: Deliberation,
     rows: Int[Array, "N C"],
     seen: Bool[Array, "N O"],
+    comparable: Float[Array, "N O"],
     static: Static,
     t: Thresholds,
 ) -> CandidateTrace:
@@ -290,7 +301,7 @@ def _trace_candidates(
         ),
         authority=take(terms.authority),
         visual=take(comparison.score),
-        comparable=take(temporal_score(d.account, d.account.plausible)),
+        comparable=take(comparable),
         bonus_raw=take(felt.bonus_raw),
         bonus=take(pairs.bonus),
         assign=take(pairs.score_assign),

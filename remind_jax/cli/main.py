@@ -16,6 +16,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.config import ConfigVerb
 from remind_jax.cli.demo import Demo
 from remind_jax.cli.eval import Eval
+from remind_jax.cli.explain import Explain
 from remind_jax.cli.run import Run
 from remind_jax.cli.view import View
 from remind_jax.errors import RemindError, nearest_names
@@ -31,12 +32,13 @@ First steps:
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
 
-Verb = Run | Demo | View | Eval | ConfigVerb
+Verb = Run | Demo | View | Explain | Eval | ConfigVerb
 
 VERBS: dict[str, type[Verb]] = {
     "run": Run,
     "demo": Demo,
     "view": View,
+    "explain": Explain,
     "eval": Eval,
     "config": ConfigVerb,
 }

@@ -70,6 +70,7 @@ class Run:
     out: Path | None = None  # output folder; runs/NAME if left out
     overwrite: bool = False  # allow an output folder with files in it
     no_overlay: bool = False  # leave out the overlay video
+    trace: bool = False  # keep what every decision was made of, for 'remind explain'
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
     sampling: Sampling = dataclasses.field(default_factory=Sampling)
@@ -98,6 +99,7 @@ class Run:
             config=config,
             memory=self.memory,
             overlay=not self.no_overlay,
+            trace=self.trace,
             overwrite=self.overwrite,
         )
         if self.json:

@@ -34,6 +34,7 @@ FILE_NAMES = (
     report.REPORT_NAME,
     store.RUN_NAME,
 )
+TRACE_NAME = "trace.npz"  # written by a run with a trace only
 # Image folders have no clock of their own.
 _DEFAULT_FPS = 10.0
 
@@ -111,6 +112,7 @@ class RunWriter:
         )
         try:
             self._open_files.close()
+            result.save_trace(self.folder)
             _write_products(self.folder, result, self._sightings.sightings)
         except BaseException:
             with contextlib.suppress(OutputError):
@@ -225,7 +227,7 @@ def _prepare_folder(folder: Path, overwrite: bool) -> None:
             f"the output folder '{folder}' is not empty (it holds '{present[0]}'); choose another "
             "one or allow overwriting (--overwrite)"
         )
-    for name in FILE_NAMES:
+    for name in (*FILE_NAMES, TRACE_NAME):
         with store.writing(folder / name):
             (folder / name).unlink(missing_ok=True)
 

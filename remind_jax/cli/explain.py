@@ -1,0 +1,71 @@
+"""`remind explain`: why one detection became what it became."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.process_settings import silence_libraries
+from remind_jax.errors import OutputError
+
+if TYPE_CHECKING:
+    from remind_jax.result import Result
+
+
+@dataclasses.dataclass(frozen=True)
+class Explain:
+    """Say why a detection became what it became: candidates, context, thresholds, in words.
+
+    The run must have been made with --trace. Without --detection, the detections of the frame are
+    listed.
+
+    Examples:
+      remind run rooms.mp4 --detector yolo11n-seg.onnx --trace
+      remind explain runs/rooms --frame 42
+      remind explain runs/rooms --frame 42 --detection 3
+      remind explain runs/rooms --frame 42 --detection 3 --json
+    """
+
+    run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
+    frame: Annotated[int, arg(metavar="T")]  # number of the frame, as in overlay and report
+    detection: Annotated[int | None, arg(metavar="I")] = None  # row in the frame, from 0
+    json: bool = False  # print JSON; its keys are described in docs/explain.md
+
+    def execute(self) -> int:
+        """Prints the explanation; returns the exit code.
+
+        Raises:
+          RemindError: If the folder holds no run or no trace, or there is no such detection.
+        """
+        from remind_jax.result import Result
+
+        silence_libraries()
+        result = Result.load(self.run)
+        if result.trace is None:
+            raise OutputError(f"'{self.run}' holds no trace; run again with --trace")
+        if self.detection is None:
+            self._list(result)
+            return exit_codes.FINE
+        explanation = result.explain(self.frame, self.detection)
+        if self.json:
+            print(json.dumps(explanation.to_json(), indent=1, ensure_ascii=False))
+        else:
+            print(explanation.to_text())
+        return exit_codes.FINE
+
+    def _list(self, result: Result) -> None:
+        """Prints the detections of the frame."""
+        from remind_jax.explanation.explain import find_frame
+        from remind_jax.explanation.text import render_frame
+        from remind_jax.outputs.store import tracks_to_json
+
+        tracks = find_frame(result.tracks, self.frame)
+        if self.json:
+            print(json.dumps(tracks_to_json(tracks), indent=1, ensure_ascii=False))
+        else:
+            print(render_frame(tracks))

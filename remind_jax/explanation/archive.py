@@ -1,0 +1,262 @@
+"""The account of a run on the host and in `trace.npz`: what each frame was decided on.
+
+In the file every array holds all frames one after another: rows of `decisions.*` and `detections.*`
+are detections, of `sets.*` sets of objects, of `context.*` and `frame.*` frames; `frame.detections`
+and `frame.sets` tell how many rows belong to each frame.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from remind_jax.decision import NO_ID, Decisions
+from remind_jax.errors import OutputError
+from remind_jax.outputs import store
+from remind_jax.trace import (
+    CandidateTrace,
+    ContextTrace,
+    DetectionTrace,
+    PassTrace,
+    SetTrace,
+    Trace,
+)
+
+TRACE_NAME = "trace.npz"
+VERSION = 1
+
+Columns = dict[str, np.ndarray]
+
+_NESTED: dict[str, type] = {"candidates": CandidateTrace, "passes": PassTrace}
+_PER_FRAME = ("num_bad_patches",)  # the one field of `Decisions` that is not about a detection
+
+
+@dataclasses.dataclass(frozen=True)
+class FrameRecord:
+    """Everything known about the decisions of one frame; NumPy arrays without padding rows."""
+
+    frame_index: int
+    decisions: Decisions
+    detections: DetectionTrace
+    sets: SetTrace
+    context: ContextTrace
+
+    def __len__(self) -> int:
+        return len(self.decisions.outcome)
+
+
+class TraceArchive:
+    """The records of a run by frame; those of a file are read when they are first asked for."""
+
+    def __init__(self) -> None:
+        self._frames: dict[int, FrameRecord] = {}
+        self._labels: dict[int, str] = {}
+        self._path: Path | None = None
+
+    @classmethod
+    def open(cls, path: Path) -> TraceArchive:
+        """The archive of a file, not read yet."""
+        archive = cls()
+        archive._path = path
+        return archive
+
+    @property
+    def labels(self) -> Mapping[int, str]:
+        """Class name of every object that was known before some frame."""
+        self._read()
+        return self._labels
+
+    def frame(self, frame_index: int) -> FrameRecord | None:
+        """The record of a frame; None if the run has no such frame.
+
+        Raises:
+          OutputError: If the file is damaged.
+        """
+        self._read()
+        return self._frames.get(frame_index)
+
+    def add(
+        self,
+        frame_index: int,
+        num: int,
+        decisions: Decisions,
+        trace: Trace,
+        class_names: Sequence[str],
+    ) -> None:
+        """Keeps one frame.
+
+        Args:
+          frame_index: Number of the processed frame.
+          num: Detections of the frame; further rows are padding.
+          decisions: Host arrays.
+          trace: Host arrays.
+          class_names: By class id.
+        """
+        for object_id, number in zip(trace.object_id, trace.object_class, strict=True):
+            if object_id != NO_ID:
+                self._labels.setdefault(int(object_id), class_names[int(number)])
+        columns = {
+            **_cut(_flatten(decisions, "decisions"), num),
+            **_cut(_flatten(trace.detections, "detections"), num),
+            **_trim_sets(_flatten(trace.sets, "sets"), num),
+            **_flatten(trace.context, "context"),
+        }
+        self._frames[frame_index] = _as_record(frame_index, columns)
+
+    def save(self, path: Path) -> None:
+        """Writes `trace.npz` at once or not at all.
+
+        Raises:
+          OutputError: If it cannot be written.
+        """
+        frames = [self._frames[index] for index in sorted(self._frames)]
+        columns = {
+            "version": np.array(VERSION),
+            "frame.index": np.array([frame.frame_index for frame in frames], np.int32),
+            "frame.detections": np.array([len(frame) for frame in frames], np.int32),
+            "frame.sets": np.array([len(frame.sets.score) for frame in frames], np.int32),
+            "label.id": np.array(list(self._labels), np.int32),
+            "label.name": np.array(list(self._labels.values()), dtype=np.str_),
+            **_join([_columns_of(frame) for frame in frames]),
+        }
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **columns)
+        store.replace_file(path, buffer.getvalue())
+
+    def _read(self) -> None:
+        if self._path is None:
+            return
+        path, self._path = self._path, None
+        try:
+            with np.load(path) as file:
+                if file["version"] > VERSION:
+                    raise OutputError(
+                        f"'{path}' has version {file['version']}, this remind-jax reads up to "
+                        f"{VERSION}; upgrade remind-jax"
+                    )
+                columns = {name: file[name] for name in file.files}
+            self._labels = dict(
+                zip(columns["label.id"].tolist(), columns["label.name"].tolist(), strict=True)
+            )
+            self._frames = {record.frame_index: record for record in _split(columns)}
+        except OutputError:
+            raise
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise OutputError(
+                f"'{path}' is damaged ({type(error).__name__}: {error}); run the tracker again "
+                "with --trace"
+            ) from error
+
+
+def open_archive(run_dir: Path) -> TraceArchive | None:
+    """The archive in the folder of a run; None if it has none."""
+    path = run_dir / TRACE_NAME
+    return TraceArchive.open(path) if path.exists() else None
+
+
+def _flatten(node: Any, path: str) -> Columns:
+    """The arrays of nested dataclasses by dotted path."""
+    if not dataclasses.is_dataclass(node):
+        return {path: np.asarray(node)}
+    columns: Columns = {}
+    for field in dataclasses.fields(node):
+        if field.name not in _PER_FRAME:
+            columns |= _flatten(getattr(node, field.name), f"{path}.{field.name}")
+    return columns
+
+
+def _rebuild(kind: type, columns: Mapping[str, np.ndarray], path: str) -> Any:
+    """Nested dataclasses from arrays by dotted path."""
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        below = f"{path}.{field.name}"
+        if field.name in _PER_FRAME:
+            values[field.name] = np.int32(0)
+        elif field.name in _NESTED:
+            values[field.name] = _rebuild(_NESTED[field.name], columns, below)
+        else:
+            values[field.name] = columns[below]
+    return kind(**values)
+
+
+def _as_record(frame_index: int, columns: Mapping[str, np.ndarray]) -> FrameRecord:
+    return FrameRecord(
+        frame_index,
+        _rebuild(Decisions, columns, "decisions"),
+        _rebuild(DetectionTrace, columns, "detections"),
+        _rebuild(SetTrace, columns, "sets"),
+        _rebuild(ContextTrace, columns, "context"),
+    )
+
+
+def _columns_of(frame: FrameRecord) -> Columns:
+    names = [field.name for field in dataclasses.fields(frame) if field.name != "frame_index"]
+    return {
+        path: column
+        for name in names
+        for path, column in _flatten(getattr(frame, name), name).items()
+    }
+
+
+def _cut(columns: Columns, num: int) -> Columns:
+    return {path: column[:num] for path, column in columns.items()}
+
+
+def _trim_sets(columns: Columns, num: int) -> Columns:
+    """Without padding sets and padding detections."""
+    rows = columns["sets.valid"]
+    kept = {path: column[rows] for path, column in columns.items()}
+    return kept | {
+        "sets.detections": kept["sets.detections"][:, :num],
+        "sets.member_id": kept["sets.member_id"][:, :num],
+    }
+
+
+def _join(frames: Sequence[Columns]) -> Columns:
+    """Columns of all frames one after another."""
+    if not frames:
+        return {}
+    joined = {}
+    for path in frames[0]:
+        parts = [frame[path] for frame in frames]
+        if path.startswith("context."):
+            joined[path] = np.stack(parts)
+            continue
+        if path.startswith("sets.") and parts[0].ndim == 2:
+            width = max(part.shape[1] for part in parts)
+            absent = NO_ID if path == "sets.member_id" else False
+            parts = [
+                np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=absent)
+                for part in parts
+            ]
+        joined[path] = np.concatenate(parts)
+    return joined
+
+
+def _split(columns: Columns) -> Iterator[FrameRecord]:
+    """The records of all frames."""
+    counts = columns["frame.detections"], columns["frame.sets"]
+    ends = [np.cumsum(count) for count in counts]
+    by_rows = {"decisions": 0, "detections": 0, "sets": 1}
+    for place, frame_index in enumerate(columns["frame.index"].tolist()):
+        spans = [
+            slice(int(end[place] - count[place]), int(end[place]))
+            for end, count in zip(ends, counts, strict=True)
+        ]
+        num = int(counts[0][place])
+        own: Columns = {}
+        for path, column in columns.items():
+            top = path.partition(".")[0]
+            if top in by_rows:
+                own[path] = column[spans[by_rows[top]]]
+            elif top == "context":
+                own[path] = column[place]
+        own["sets.detections"] = own["sets.detections"][:, :num]
+        own["sets.member_id"] = own["sets.member_id"][:, :num]
+        yield _as_record(frame_index, own)

@@ -1,0 +1,110 @@
+"""From a recorded run to the explanation of one of its decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from remind_jax.config import Thresholds, load_config
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.errors import OutputError
+from remind_jax.explanation.account import Circumstances, Explanation, account_for, pending_kind
+from remind_jax.explanation.archive import TraceArchive
+from remind_jax.explanation.case import Case
+from remind_jax.explanation.reasons import tell_reasons
+from remind_jax.tracks import Tracks
+
+
+class Explainer:
+    """Explains decisions of one run."""
+
+    def __init__(
+        self, archive: TraceArchive, tracks: Sequence[Tracks], config: Mapping[str, Any]
+    ) -> None:
+        """Takes what a run left behind.
+
+        Args:
+          archive: Its trace.
+          tracks: Its frames.
+          config: Its configuration, nested.
+
+        Raises:
+          ConfigError: If this version does not know the configuration.
+        """
+        self._archive = archive
+        self._tracks = tracks
+        self._thresholds: Thresholds = load_config(config).thresholds
+        self._pending = _follow_pending(tracks)
+
+    def explain(self, frame: int, detection: int) -> Explanation:
+        """Why a detection became what it became.
+
+        Args:
+          frame: Number of the processed frame (`Tracks.frame_index`).
+          detection: Row of the detection in its frame, from 0.
+
+        Raises:
+          OutputError: If the run has no such frame or detection, or its trace is damaged.
+        """
+        tracks = find_frame(self._tracks, frame)
+        if not 0 <= detection < len(tracks):
+            raise OutputError(
+                f"frame {frame} has no detection {detection}; {_say_detections(len(tracks))}"
+            )
+        record = self._archive.frame(frame)
+        if record is None or len(record) != len(tracks):
+            raise OutputError(
+                f"the trace does not fit frame {frame} of the run; run again with --trace"
+            )
+        case = Case(
+            record, detection, tracks.labels[detection], self._archive.labels, self._thresholds
+        )
+        since = self._pending.get((frame, detection))
+        around = Circumstances(
+            time_s=float(tracks.time_s),
+            frame_name=tracks.name,
+            name=tracks.display_name(detection),
+            first_frame=None if since is None else since[0],
+            num_detections=0 if since is None else since[1],
+        )
+        return account_for(case, around, tell_reasons(case, since))
+
+
+def find_frame(tracks: Sequence[Tracks], frame: int) -> Tracks:
+    """The frame of that number.
+
+    Raises:
+      OutputError: If the run has no such frame.
+    """
+    for candidate in tracks:
+        if candidate.frame_index == frame:
+            return candidate
+    known = [candidate.frame_index for candidate in tracks]
+    raise OutputError(f"the run has no frame {frame}; {_say_frames(known)}")
+
+
+def _follow_pending(tracks: Sequence[Tracks]) -> dict[tuple[int, int], tuple[int, int]]:
+    """First frame and count so far of the pending track of each undecided detection."""
+    seen: dict[tuple[str, int], tuple[int, int]] = {}
+    followed = {}
+    for frame in tracks:
+        for row, track in enumerate(frame.pending_id.tolist()):
+            if track == NO_ID:
+                continue
+            key = (pending_kind(Outcome(int(frame.outcome[row]))), track)
+            first, count = seen.get(key, (frame.frame_index, 0))
+            seen[key] = followed[frame.frame_index, row] = (first, count + 1)
+    return followed
+
+
+def _say_frames(known: list[int]) -> str:
+    if not known:
+        return "it has none"
+    gaps = "" if len(known) == known[-1] - known[0] + 1 else ", some of which were skipped"
+    return f"it has frames {known[0]} to {known[-1]}{gaps}"
+
+
+def _say_detections(num: int) -> str:
+    if num == 0:
+        return "nothing was detected in it"
+    return "it has detection 0 only" if num == 1 else f"it has detections 0 to {num - 1}"

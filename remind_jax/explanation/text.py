@@ -1,0 +1,234 @@
+"""An explanation as a page of plain text for a terminal."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+from remind_jax.association.gating import Gate
+from remind_jax.context.veto import Veto
+from remind_jax.decision import Outcome
+from remind_jax.explanation.account import TERMS, Candidate, Explanation, KnownSet, Term
+from remind_jax.explanation.words import change, listing, number, plural
+from remind_jax.state import Lifecycle
+from remind_jax.tracks import Tracks
+
+WIDTH = 100  # columns of running text; tables may be wider
+SHOWN_SETS = 5
+
+GATES = {
+    Gate.NONE: "no",
+    Gate.BLOCK_MIN_MATCH: "no: too unlike",
+    Gate.BLOCK_MATCH_THR: "no: below match",
+    Gate.BLOCK_USED_OBJECT: "no: locked by another",
+    Gate.PASS_MATCH_THR: "open",
+    Gate.SETS_RESCUE: "open: rescued",
+}
+VETOES = {
+    Veto.NONE: "",
+    Veto.OUTSIDE_CTX: "no: ruled out, class",
+    Veto.LOCAL_CTX_CONTRADICTION: "no: ruled out, neighbours",
+}
+
+_CANDIDATE_COLUMNS = (
+    "candidate", "state", *(f"{term} x w" for term in TERMS), "visual", "context", "assign",
+    "final", "common", "open to assignment",
+)  # fmt: skip
+_LEFT = (0, 1, len(_CANDIDATE_COLUMNS) - 1)
+
+
+def render_text(explanation: Explanation) -> str:
+    """The whole page; without a line end at its end."""
+    e = explanation
+    sections = (
+        [_head(e)],
+        ["", "why", *_why(e)],
+        ["", _candidates_title(e), *_candidates(e)] if e.candidates else [],
+        ["", *_surroundings(e)],
+        *(["", *_known_set(e, known)] for known in e.known_sets),
+        ["", *_pending(e)] if e.pending else [],
+    )
+    return "\n".join(line for section in sections for line in section)
+
+
+def _head(e: Explanation) -> str:
+    outcome = e.outcome.name.lower().replace("_", " ")
+    reason = e.reason.name.lower().replace("_", " ")
+    return (
+        f"frame {e.frame} ({e.time_s:.2f} s, {e.frame_name}), detection {e.detection}: {e.name}\n"
+        f"{outcome} ({reason}), score {number(e.score)}, confidence {number(e.confidence)}"
+    )
+
+
+def _why(e: Explanation) -> list[str]:
+    lines = []
+    for place, text in enumerate(e.why, start=1):
+        mark = f"{place:3d}. "
+        lines += textwrap.wrap(text, WIDTH, initial_indent=mark, subsequent_indent=" " * len(mark))
+    return lines
+
+
+def _candidates_title(e: Explanation) -> str:
+    q = e.quality
+    shown = f"{len(e.candidates)} of {e.num_candidates}" if e.num_candidates else "none"
+    return (
+        f"candidates ({shown}); seen well: object {number(q.object)}, background "
+        f"{number(q.background)}, parts {number(q.parts)}; density {number(q.object_density)}, "
+        f"{q.effective_patches:.1f} patches"
+    )
+
+
+def _candidates(e: Explanation) -> list[str]:
+    rows = [
+        (
+            f"{'*' if c.object_id == e.object_id else ' '} {c.name}",
+            _state(c),
+            *(_term(c.terms[term]) for term in TERMS),
+            number(c.visual_score),
+            _context(c),
+            number(c.assignment_score),
+            number(c.final_score),
+            number(c.comparable_score) if c.plausible else "",
+            _openness(c),
+        )
+        for c in e.candidates
+    ]
+    return align((_CANDIDATE_COLUMNS, *rows), _LEFT)
+
+
+def _state(c: Candidate) -> str:
+    if c.lifecycle == Lifecycle.INACTIVE or c.unseen_frames:
+        return f"{c.lifecycle.name.lower()}, unseen {c.unseen_frames}"
+    return c.lifecycle.name.lower()
+
+
+def _term(term: Term) -> str:
+    return "-" if term.score is None else f"{number(term.score)} x {number(term.weight)}"
+
+
+def _context(c: Candidate) -> str:
+    backed = "backed " if c.backed else ""
+    if c.bonus != c.bonus_raw:
+        return f"{backed}({change(c.bonus_raw)})"
+    return f"{backed}{change(c.bonus)}" if c.bonus or backed else "-"
+
+
+def _openness(c: Candidate) -> str:
+    told = VETOES[c.veto] or GATES[c.gate]
+    return told if c.held_by is None else f"{told}; detection {c.held_by} got it"
+
+
+def _surroundings(e: Explanation) -> list[str]:
+    """Anchors and sets of objects of the frame."""
+    state = "off" if not e.context.enabled else "usable" if e.context.usable else "not usable"
+    lines = [f"context of the frame: {state}, quality {number(e.context.quality)}"]
+    anchors = [f"{anchor.name} (detection {anchor.detection})" for anchor in e.anchors]
+    lines += textwrap.wrap(
+        f"anchors: {', '.join(anchors) or 'none'}", WIDTH, subsequent_indent="  "
+    )
+    if e.sets:
+        shown = min(len(e.sets), SHOWN_SETS)
+        agree = sum(bool(found.agrees) for found in e.sets)
+        voted = "" if e.sets[0].agrees is None else f"; {agree} of {len(e.sets)} agree"
+        lines.append(f"sets of objects that explain it best ({shown} of {len(e.sets)}{voted})")
+        rows = [
+            (
+                number(found.score),
+                number(found.coverage),
+                "" if found.agrees is None else "yes" if found.agrees else "no",
+                ", ".join(
+                    f"[{name}]" if i in found.candidates else name
+                    for i, name in zip(found.object_ids, found.names, strict=True)
+                ),
+            )
+            for found in e.sets[:SHOWN_SETS]
+        ]
+        head = ("score", "covers", "agrees", "members [candidates of this detection]")
+        lines += align((head, *rows), (2, 3))
+    return lines
+
+
+def _known_set(e: Explanation, known: KnownSet) -> list[str]:
+    names = {c.object_id: c.name for c in e.candidates}
+
+    def name(object_id: int) -> str:
+        return names.get(object_id, f"{e.label} {object_id}")
+
+    status = known.status.name.lower().replace("_", " ")
+    lines = [
+        f"layout, pass {known.turn + 1}: {status}; detections "
+        f"{listing([str(row) for row in known.detections])}; in question "
+        f"{listing([f'{name(i)} ({number(s)})' for i, s in known.options.items()], 'or')}"
+    ]
+    if known.proposed_id is not None:
+        second = "none" if known.second is None else number(known.second)
+        lines.append(
+            f"  proposed {name(known.proposed_id)}: score {number(known.score)} (second {second}), "
+            f"layout alone {number(known.core)} (ahead by {number(known.core_gap)}), evidence "
+            f"{number(known.evidence)}"
+        )
+    if known.voters:
+        head = ("voter", "separates", "away now", *(f"{name(i)} usually" for i in known.options))
+        rows = [
+            (
+                f"{voter.name} (detection {voter.detection})",
+                number(voter.quality),
+                number(voter.distance),
+                *(
+                    number(voter.remembered[i]) if i in voter.remembered else "-"
+                    for i in known.options
+                ),
+            )
+            for voter in known.voters
+        ]
+        lines += align((head, *rows), (0,))
+    return lines
+
+
+def _pending(e: Explanation) -> list[str]:
+    assert e.pending is not None
+    p = e.pending
+    options = [
+        f"{option.name} ({number(option.score)}{', held by another' if option.blocked else ''})"
+        for option in p.options
+    ]
+    return [
+        f"{p.kind} track {p.track_id}: {plural(p.num_detections, 'detection')} since frame "
+        f"{p.first_frame}; could be {listing(options, 'or') or 'nothing known'}"
+    ]
+
+
+def render_frame(tracks: Tracks) -> str:
+    """The detections of a frame, to choose one from."""
+    rows = [
+        (
+            str(row),
+            tracks.display_name(row),
+            _outcome(tracks, row),
+            number(float(tracks.score[row])),
+            number(float(tracks.confidence[row])),
+        )
+        for row in range(len(tracks))
+    ]
+    title = f"frame {tracks.frame_index} ({tracks.time_s:.2f} s, {tracks.name})"
+    if not rows:
+        return f"{title}: nothing was detected"
+    head = ("detection", "name", "outcome", "score", "confidence")
+    return "\n".join((title, *align((head, *rows), (1, 2))))
+
+
+def _outcome(tracks: Tracks, row: int) -> str:
+    return Outcome(int(tracks.outcome[row])).name.lower().replace("_", " ")
+
+
+def align(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
+    """Lines of a table; columns `left` are flush left, the others right."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return [
+        "  "
+        + "  ".join(
+            cell.ljust(width) if column in left else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]

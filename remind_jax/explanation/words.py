@@ -1,0 +1,56 @@
+"""Numbers, comparisons and lists as people write them."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+
+_DIGITS = (2, 3, 4, 6, 9)  # tried in turn until a comparison can be read off
+_HOLDS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
+
+
+def number(value: float) -> str:
+    """Two decimals."""
+    return f"{value:.2f}"
+
+
+def compare(value: float, sign: str, limit: float) -> str:
+    """`0.71 >= 0.65`, with as many decimals as it takes to see that it holds."""
+    shown = ""
+    for digits in _DIGITS:
+        shown = f"{value:.{digits}f}"
+        if _HOLDS[sign](float(shown), limit):
+            break
+    return f"{shown} {sign} {threshold(limit)}"
+
+
+def threshold(limit: float) -> str:
+    """A threshold with the decimals that it was given in, two at least."""
+    return max(f"{limit:.2f}", f"{limit:.9f}".rstrip("0"), key=len)
+
+
+def change(value: float) -> str:
+    """With its sign."""
+    return f"{value:+.2f}"
+
+
+def percent(share: float) -> str:
+    """A share in percent."""
+    return f"{100 * share:.3g} %"
+
+
+def plural(count: int, one: str, many: str | None = None) -> str:
+    """`1 mug`, `3 mugs`."""
+    return f"{count} {one if count == 1 else many or one + 's'}"
+
+
+def listing(items: Sequence[str], word: str = "and") -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {word} {items[-1]}"
+
+
+def sentence(text: str) -> str:
+    """With a capital and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}."
