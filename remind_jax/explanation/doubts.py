@@ -77,6 +77,34 @@ def _tell_closeness(case: Case, reason: Reason, options: list[tuple[int, float]]
     return f"common evidence does not part them: {told}, {near}"
 
 
+def tell_firmness(case: Case) -> Iterator[str]:
+    """Why a match with rivals was not left open (14.5)."""
+    own, t = case.decision("guarded_id"), case.thresholds.ambiguous
+    asked = any(case.passes("undecided", turn) for turn in range(case.num_passes))
+    rivals = [i for i in case.candidate_ids() if i != own and case.candidate(i, "plausible")]
+    if case.outcome != Outcome.MATCH or asked or not rivals or not t.enabled:
+        return
+    common = {i: case.candidate(i, "comparable") for i in (own, *rivals)}
+    best, second, *_ = sorted(common, key=lambda i: common[i], reverse=True)
+    near = [
+        i
+        for i in common
+        if common[i] >= t.min_candidate
+        and _is_close(common[best], common[i], t.gap, t.relative_gap, t.gap_slack)
+    ]
+    limits = f"{threshold(t.gap)} or {percent(t.relative_gap)}"
+    if len(near) < 2 and common[best] >= t.min_top:
+        behind = number(common[best] - common[second])
+        yield (
+            f"on common evidence {case.name(second)} is {behind} behind {case.name(best)}, more "
+            f"than {limits}: nothing is left open"
+        )
+    elif all(case.holder(i) is not None for i in near if i != own):
+        yield "other detections hold all that comes close to it, so nothing is left open"
+    else:
+        yield f"the rivals that are free do not come close enough ({limits}) to leave it open"
+
+
 def _is_close(top: float, other: float, gap: float, relative: float, slack: float) -> bool:
     lack = abs(top - other)
     return lack <= gap + slack or lack / max(abs(top), abs(other), 1e-12) <= relative + slack
@@ -141,9 +169,9 @@ def tell_layout(case: Case, turn: int) -> Iterator[str]:
         f"{plural(num_objects, 'object')} in question"
     )
     if status == GroupStatus.TOO_LARGE_OR_SMALL:
-        yield f"distances are not asked: {group} are too many or too few for one group"
+        yield f"distances are not asked: {group} make no group of a size that can be solved"
     elif status == GroupStatus.NOT_CLOSED:
-        yield f"distances are not asked: {group} are no closed group"
+        yield f"distances are not asked: {group} make no closed group, one known object for each"
     elif status == GroupStatus.NO_ASSIGNMENT:
         yield f"{group} allow no joint assignment"
     else:

@@ -63,11 +63,21 @@ class Explainer:
         around = Circumstances(
             time_s=float(tracks.time_s),
             frame_name=tracks.name,
-            name=tracks.display_name(detection),
+            name=_name(case),
             first_frame=None if since is None else since[0],
             num_detections=0 if since is None else since[1],
         )
         return account_for(case, around, tell_reasons(case, since))
+
+
+def _name(case: Case) -> str:
+    """As `Tracks.display_name`, but with the objects that are really in question."""
+    options = [str(i) for i, _ in case.options()]
+    if case.outcome in (Outcome.MATCH, Outcome.NEW):
+        return case.name(case.decision("object_id"))
+    if options and case.outcome in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
+        return f"{case.label} {' or '.join(options)}?"
+    return f"{case.label} new?"
 
 
 def find_frame(tracks: Sequence[Tracks], frame: int) -> Tracks:

@@ -14,7 +14,7 @@ from remind_jax.association.gating import Gate
 from remind_jax.context.veto import Veto
 from remind_jax.decision import NO_ID, Lock, Outcome, Reason, Source, Status
 from remind_jax.explanation.case import Case
-from remind_jax.explanation.doubts import tell_birth, tell_doubt, tell_layout
+from remind_jax.explanation.doubts import tell_birth, tell_doubt, tell_firmness, tell_layout
 from remind_jax.explanation.words import (
     change,
     compare,
@@ -44,6 +44,7 @@ def tell_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str,
         told += tell_layout(case, turn)
         if turn + 1 < case.num_passes and not case.passes("undecided", turn):
             told += tell_doubt(case, turn + 1)
+    told += tell_firmness(case)
     told += tell_birth(case)
     return tuple(sentence(text) for text in (*dict.fromkeys(told), _tell_verdict(case, since)))
 
@@ -213,7 +214,7 @@ def _tell_lock(case: Case, assigned: int, lock: Lock) -> str:
 def _tell_joint(case: Case, assigned: int) -> str:
     t, name = case.thresholds.matching, case.name(assigned)
     visual, final = case.candidate(assigned, "visual"), case.candidate(assigned, "final")
-    given = f"the joint assignment of the frame gives it {name}"
+    given = "the joint assignment of the frame gives it to this detection"
     if case.candidate(assigned, "gate") == Gate.SETS_RESCUE:
         bonus = case.candidate(assigned, "bonus")
         return (

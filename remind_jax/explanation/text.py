@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections import Counter
 from collections.abc import Sequence
 
 from remind_jax.association.gating import Gate
@@ -45,7 +46,7 @@ def render_text(explanation: Explanation) -> str:
         ["", "why", *_why(e)],
         ["", _candidates_title(e), *_candidates(e)] if e.candidates else [],
         ["", *_surroundings(e)],
-        *(["", *_known_set(e, known)] for known in e.known_sets),
+        *(["", *_known_set(e, known)] for known in e.known_sets if known.proposed_id is not None),
         ["", *_pending(e)] if e.pending else [],
     )
     return "\n".join(line for section in sections for line in section)
@@ -126,25 +127,29 @@ def _surroundings(e: Explanation) -> list[str]:
     lines += textwrap.wrap(
         f"anchors: {', '.join(anchors) or 'none'}", WIDTH, subsequent_indent="  "
     )
-    if e.sets:
-        shown = min(len(e.sets), SHOWN_SETS)
-        agree = sum(bool(found.agrees) for found in e.sets)
-        voted = "" if e.sets[0].agrees is None else f"; {agree} of {len(e.sets)} agree"
-        lines.append(f"sets of objects that explain it best ({shown} of {len(e.sets)}{voted})")
-        rows = [
-            (
-                number(found.score),
-                number(found.coverage),
-                "" if found.agrees is None else "yes" if found.agrees else "no",
-                ", ".join(
-                    f"[{name}]" if i in found.candidates else name
-                    for i, name in zip(found.object_ids, found.names, strict=True)
-                ),
-            )
-            for found in e.sets[:SHOWN_SETS]
-        ]
-        head = ("score", "covers", "agrees", "members [candidates of this detection]")
-        lines += align((head, *rows), (2, 3))
+    return lines + (_sets(e) if e.sets else [])
+
+
+def _sets(e: Explanation) -> list[str]:
+    """The best sets; those of the same objects that explain other detections are one line."""
+    times = Counter(found.object_ids for found in e.sets)
+    distinct = list({found.object_ids: found for found in reversed(e.sets)}.values())[::-1]
+    agree = sum(bool(found.agrees) for found in e.sets)
+    voted = "" if e.sets[0].agrees is None else f"; {agree} of {len(e.sets)} agree"
+    shown = min(len(distinct), SHOWN_SETS)
+    lines = [
+        f"sets of objects that explain the frame best ({shown} of {len(distinct)}{voted}), "
+        "candidates of this detection in brackets"
+    ]
+    for found in distinct[:SHOWN_SETS]:
+        members = ", ".join(
+            f"[{name}]" if i in found.candidates else name
+            for i, name in zip(found.object_ids, found.names, strict=True)
+        )
+        agrees = "" if found.agrees is None else ", agrees" if found.agrees else ", disagrees"
+        count = f", {times[found.object_ids]} ways" if times[found.object_ids] > 1 else ""
+        head = f"  {number(found.score)} (covers {number(found.coverage)}{count}{agrees}): "
+        lines += textwrap.wrap(head + members, WIDTH, subsequent_indent=" " * 8)
     return lines
 
 

@@ -5,22 +5,22 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 
-_DIGITS = (2, 3, 4, 6, 9)  # tried in turn until a comparison can be read off
+_DIGITS = (3, 4, 6, 9)  # tried in turn until a comparison can be read off
 _HOLDS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
 
 
 def number(value: float) -> str:
-    """Two decimals."""
-    return f"{value:.2f}"
+    """Two decimals, three for what would look like nothing."""
+    return f"{value:.3f}" if 0 < abs(value) < 0.01 else f"{value:.2f}"
 
 
 def compare(value: float, sign: str, limit: float) -> str:
     """`0.71 >= 0.65`, with as many decimals as it takes to see that it holds."""
-    shown = ""
+    shown = number(value)
     for digits in _DIGITS:
-        shown = f"{value:.{digits}f}"
         if _HOLDS[sign](float(shown), limit):
             break
+        shown = f"{value:.{digits}f}"
     return f"{shown} {sign} {threshold(limit)}"
 
 
