@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.context_thresholds import Sets
 from remind_jax.context.evidence import Links
-from remind_jax.context.summation import sum_in_order
+from remind_jax.rounding import divide, sum_in_order
 
 NOBODY = -1  # instead of an object slot
 _OWN = 2.0  # strength of the path to oneself, above every link
@@ -143,7 +143,7 @@ def rate_trust(
     power = jnp.where(geometric, jnp.log(floored), floored**exponent)
     both = jnp.stack([maturity, power], axis=1).reshape(-1, 2, *[1] * size.ndim)
     total = sum_in_order(both, members[:, None])
-    mean, mean_power = total / jnp.maximum(size, 1).astype(maturity.dtype)
+    mean, mean_power = divide(total, jnp.maximum(size, 1).astype(maturity.dtype))
     coherence = jnp.maximum(0.0, mean_power) ** (1.0 / exponent)
     coherence = jnp.where(geometric, jnp.exp(mean_power), coherence)
     coherence = jnp.where(size == 1, mean, jnp.clip(coherence, 0.0, 1.0))

@@ -21,7 +21,7 @@ from remind_jax.config.context_thresholds import Sets
 from remind_jax.config.static import Static
 from remind_jax.context.evidence import NeighbourEvidence
 from remind_jax.context.member_sets import NOBODY
-from remind_jax.context.summation import sum_in_order
+from remind_jax.rounding import divide, sum_in_order
 
 VARIANTS = 2  # the best choice and the one with its last element replaced
 _SLACK = 1e-12
@@ -141,10 +141,10 @@ def list_options(
 
     columns = itertools.accumulate(value.T[:most], initial=jnp.zeros_like(value[:, 0]))
     sums = jnp.stack(list(columns), axis=1)  # added one by one, as in the original
-    counts = jnp.arange(1, most + 1)
+    counts = jnp.arange(1, most + 1).astype(scalar)
     chosen = jnp.stack([sums[:, 1:], sums[:, :-1] + value[:, 1:]], axis=-1)
-    fill = jnp.minimum(1.0, counts.astype(scalar) / target[:, None]) ** t.fill_power
-    rated = chosen / counts.astype(scalar)[:, None] * fill[..., None]
+    fill = jnp.minimum(1.0, divide(counts[None], target[:, None])) ** t.fill_power
+    rated = divide(chosen, counts[:, None]) * fill[..., None]
     rated = jnp.pad(rated, ((0, 0), (1, 0), (0, 0)))
 
     exclusivity, exclusive = _exclusivity(rated, menu.allowed, t)
@@ -190,7 +190,7 @@ def _stability(
     support, included = support.T[::-1], included.T[::-1]  # early objects first
     total = sum_in_order(support, included)
     some = total > t.stability_eps
-    share = jnp.where(some & included, support / jnp.where(some, total, 1.0), 0.0)
+    share = jnp.where(some & included, divide(support, jnp.where(some, total, 1.0)), 0.0)
     entropy = sum_in_order(-share * jnp.log(jnp.maximum(t.stability_eps, share)), included)
     positive = jnp.sum(share > 0.0, axis=0, dtype=jnp.int32).astype(support.dtype)
     spread = jnp.clip(entropy / jnp.log(jnp.maximum(2.0, positive)), 0.0, 1.0)
@@ -204,6 +204,6 @@ def _exclusivity(
     best, other = rated[..., 0], jnp.where(allowed[:, 0, 1], rated[..., 1], 0.0)
     second = jnp.where(other < best - _DISTINCT, other, 0.0)
     counts = (best > t.exclusivity_eps) & t.exclusivity
-    lead = (best - second) / jnp.maximum(t.exclusivity_eps, best)
+    lead = divide(best - second, jnp.maximum(t.exclusivity_eps, best))
     says = counts & ((second > 0.0) | (best - second > _SLACK))
     return jnp.where(counts, jnp.clip(lead, 0.0, 1.0), 0.0), says

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.config.context_thresholds import Sets
 from remind_jax.context.member_sets import Cohesion, Trust
 from remind_jax.context.options import Menu, Options
+from remind_jax.rounding import divide, multiply
 
 
 @jax.tree_util.register_dataclass
@@ -53,11 +54,11 @@ def tally_choices(tally: Tally, options: Options, menu: Menu) -> Tally:
     row = lambda leaf: leaf[:, None, None]  # noqa: E731
     count = jnp.arange(menu.info.shape[0])
     some = (count > 0)[:, None]
-    lead = count.astype(menu.info.dtype) * options.exclusivity
+    lead = multiply(count.astype(menu.info.dtype), options.exclusivity)
     support = jnp.clip(options.support, 0.0, 1.0)
     grown = Tally(
         info=row(tally.info) * menu.info[:, None],
-        support_sum=row(tally.support_sum) + row(options.target) * support,
+        support_sum=row(tally.support_sum) + multiply(row(options.target), support),
         support_weight=row(tally.support_weight + options.target),
         stability_sum=row(tally.stability_sum) + jnp.where(some, row(options.stability), 0.0),
         exclusivity_sum=row(tally.exclusivity_sum) + lead[..., None],
@@ -92,11 +93,11 @@ def score_sets(
     rated = rated & (trust.maturity >= t.exclusivity_min_maturity)
     terms = (  # summed in this order, as in the original
         (t.coverage_weight, rate_coverage(size, scale.num_detections, t), True),
-        (t.size_weight, 1.0 - jnp.exp(-excess / t.size_scale), True),
+        (t.size_weight, 1.0 - jnp.exp(divide(-excess, t.size_scale)), True),
         (t.info_weight * _decline(once, "info", t), tally.info, True),
         (t.density_weight, cohesion.density, size >= 2),
         (t.support_weight, tally.support_sum / jnp.maximum(tally.support_weight, 1.0), True),
-        (t.stability_weight, tally.stability_sum / classes, True),
+        (t.stability_weight, divide(tally.stability_sum, classes), True),
         (
             t.exclusivity_weight * _decline(once, "exclusivity", t),
             tally.exclusivity_sum / once,
@@ -106,7 +107,7 @@ def score_sets(
     total, weights = jnp.zeros_like(tally.info), jnp.zeros_like(tally.info)
     for weight, value, present in terms:
         weight = jnp.where(present, jnp.maximum(weight, 0.0), 0.0)
-        total = total + weight * jnp.clip(value, 0.0, 1.0)
+        total = total + multiply(weight, jnp.clip(value, 0.0, 1.0))
         weights = weights + weight
     counts = weights > 1e-12
     mean = jnp.where(counts, total / jnp.where(counts, weights, 1.0), 0.0)
@@ -119,11 +120,13 @@ def rate_coverage(
     """Share of the detections that a set explains; more counts for more, [0, 1]."""
     scalar = t.coverage_gain.dtype
     explained, number = size.astype(scalar), num_detections.astype(scalar)
-    share = jnp.clip(explained / jnp.maximum(number, 1.0), 0.0, 1.0) ** t.coverage_power
+    share = jnp.clip(divide(explained, jnp.maximum(number, 1.0)), 0.0, 1.0) ** t.coverage_power
     gain = 1.0 - jnp.exp(-(number - 1.0) / t.coverage_gain_scale)
-    share = share * jnp.where(number > 1.0, 1.0 + jnp.maximum(t.coverage_gain, 0.0) * gain, 1.0)
+    share = share * jnp.where(
+        number > 1.0, 1.0 + multiply(jnp.maximum(t.coverage_gain, 0.0), gain), 1.0
+    )
     damped = t.explained_scale > 1e-12
-    damping = 1.0 - jnp.exp(-explained / jnp.where(damped, t.explained_scale, 1.0))
+    damping = 1.0 - jnp.exp(divide(-explained, jnp.where(damped, t.explained_scale, 1.0)))
     return jnp.clip(share * jnp.where(damped, damping, 1.0), 0.0, 1.0)
 
 

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.config.relation_thresholds import Cooccurrence as Rules
 from remind_jax.config.static import Static
 from remind_jax.memory.bank import NEVER
+from remind_jax.rounding import divide
 
 _TINY = 1e-12
 
@@ -239,7 +240,7 @@ def conditional(
     """
     scalar = graph.weight.dtype
     total = graph.episodes.astype(scalar) + t.smoothing * jnp.maximum(1, num_objects).astype(scalar)
-    share = (graph.count.astype(scalar) + t.smoothing) / jnp.maximum(total, _TINY)[:, None]
+    share = divide(graph.count.astype(scalar) + t.smoothing, jnp.maximum(total, _TINY)[:, None])
     return jnp.where(total[:, None] > _TINY, jnp.clip(share, 0.0, 1.0), 0.0)
 
 
