@@ -309,7 +309,7 @@ def _anchors(case: Case) -> tuple[Anchor, ...]:
 
 def _object_set(case: Case, place: int) -> ObjectSet:
     sets = case.record.sets
-    ids = tuple(int(i) for i in sets.member_id[place] if i != NO_ID)
+    ids, explained = case.record.set_members[place]
     mine, decided = case.candidate_ids(), case.decision("object_id")
     is_known = case.outcome == Outcome.MATCH
     return ObjectSet(
@@ -319,7 +319,7 @@ def _object_set(case: Case, place: int) -> ObjectSet:
         maturity=float(sets.maturity[place]),
         object_ids=ids,
         names=tuple(case.name(i) for i in ids),
-        detections=tuple(int(row) for row in np.flatnonzero(sets.detections[place])),
+        detections=explained,
         candidates=tuple(i for i in ids if i in mine),
         agrees=decided in ids if is_known else None,
     )

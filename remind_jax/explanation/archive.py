@@ -8,6 +8,7 @@ and `frame.sets` tell how many rows belong to each frame.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import io
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -49,6 +50,22 @@ class FrameRecord:
 
     def __len__(self) -> int:
         return len(self.decisions.outcome)
+
+    @functools.cached_property
+    def candidate_places(self) -> list[dict[int, int]]:
+        """Column of each candidate shown, per detection, in the order shown."""
+        return [
+            {object_id: place for place, object_id in enumerate(row) if object_id != NO_ID}
+            for row in np.asarray(self.detections.candidates.id).tolist()
+        ]
+
+    @functools.cached_property
+    def set_members(self) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """Objects of each set and the detections that they explain."""
+        explained = [tuple(np.flatnonzero(row).tolist()) for row in self.sets.detections]
+        members = np.asarray(self.sets.member_id).tolist()
+        ids = [tuple(i for i in row if i != NO_ID) for row in members]
+        return list(zip(ids, explained, strict=True))
 
 
 class TraceArchive:

@@ -50,19 +50,21 @@ class Case:
         """Passes of the reconciliation."""
         return self.record.detections.passes.undecided.shape[1]
 
-    def candidate_ids(self, row: int | None = None) -> list[int]:
+    def candidate_ids(self) -> list[int]:
         """Candidates shown, by falling visual score."""
-        ids = self.record.detections.candidates.id[self.row if row is None else row]
-        return [int(i) for i in ids if i != NO_ID]
+        return list(self._places[self.row])
 
     def candidate(self, object_id: int, field: str, row: int | None = None) -> Any:
         """A field of `CandidateTrace` for a candidate; None if it is not among those shown."""
         row = self.row if row is None else row
-        candidates = self.record.detections.candidates
-        (places,) = np.nonzero(candidates.id[row] == object_id)
-        if object_id == NO_ID or not len(places):
+        place = self._places[row].get(object_id)
+        if place is None:
             return None
-        return _plain(getattr(candidates, field)[row, places[0]])
+        return _plain(getattr(self.record.detections.candidates, field)[row, place])
+
+    @property
+    def _places(self) -> list[dict[int, int]]:
+        return self.record.candidate_places
 
     def name(self, object_id: int) -> str:
         """`mug 4`."""

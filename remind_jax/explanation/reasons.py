@@ -260,7 +260,11 @@ def _tell_closed(case: Case, object_id: int) -> str:
     if gate == Gate.BLOCK_MIN_MATCH:
         return f"looks too unlike ({compare(visual, '<', t.min_visual)})"
     if gate == Gate.BLOCK_MATCH_THR:
-        lifted = f", and {change(bonus)} from context does not lift it there" if bonus > 0 else ""
+        lifted = ""
+        if bonus > 0:
+            lifted = f", and {change(bonus)} from context does not lift it there"
+            if visual < (least := case.thresholds.influence.rescue_visual):
+                lifted = f", and context lifts none below {threshold(least)}"
         return f"misses the threshold ({compare(visual, '<', t.match)}{lifted})"
     holder = case.holder(object_id, "assigned_id")
     if holder is None:

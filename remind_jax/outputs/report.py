@@ -1,8 +1,8 @@
 """`report.html`: one page that shows a run and needs nothing else, neither files nor network.
 
 The page is `report_template.html` with `report_page.js` and the run as JSON inside it. All text
-of the run reaches the page as JSON and is set as text, never as HTML. A panel that explains
-decisions belongs into `report_page.js` as one more `onFrame` follower.
+of the run reaches the page as JSON and is set as text, never as HTML. With a trace, a click on a
+detection opens a panel that explains it.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.outputs import store
+from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.palette import identity_colour, to_hex
 from remind_jax.outputs.timeline import build_timeline, nice_step
@@ -78,6 +79,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         "footer": f"Made by remind-jax {info.versions.get('remind_jax', '')} from a run started "
         f"at {info.started_at}.",
         "video": video,
+        "explanations": pack_explanations(result),
         "fps": info.fps,
         "tick": nice_step(timeline.num_frames),
         "frames": [_frame_data(tracks) for tracks in result.tracks],

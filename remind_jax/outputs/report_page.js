@@ -9,7 +9,7 @@ const colourOf = new Map(run.identities.map((who) => [who.id, who.colour]));
 function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
-    if (name === "onclick") element.addEventListener("click", value);
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
     else if (name === "style") Object.assign(element.style, value);
     else element.setAttribute(name, value);
   }
@@ -75,11 +75,11 @@ function drawStage() {
 
 function drawDetections(position) {
   const rows = run.frames[position].detections.map(
-    ([id, name, outcome, reason, score, confidence, candidates]) => {
+    ([id, name, outcome, reason, score, confidence, candidates], row) => {
       const told = candidates.map(([other, value]) => `${other}: ${number(value)}`).join(", ");
       const why = [words(run.reasons[reason]), told && `candidates ${told}`].filter(Boolean);
-      return make("tr", { title: why.join("; ") },
-        make("td", {}, swatch(colourOf.get(id)), name),
+      return make("tr", { title: why.join("; "), ...rowToExplain(position, row) },
+        make("td", {}, swatch(colourOf.get(id)), nameToExplain(position, row, name)),
         make("td", {}, words(run.outcomes[outcome])),
         make("td", { class: "number" }, number(score)),
         make("td", { class: "number" }, number(confidence)));
@@ -92,6 +92,184 @@ function drawDetections(position) {
 }
 
 const number = (value) => (value === null ? "" : value.toFixed(2));
+
+// --- why: the decision about one detection ---------------------------------------------------
+
+const canExplain = Boolean(run.explanations) && "DecompressionStream" in window;
+const unpacked = new Map(); // block of frames -> promise of its content
+let asked = null; // position and row of the detection explained
+
+/** What makes a row of the list of detections open the panel. */
+function rowToExplain(position, row) {
+  return canExplain ? { class: "open", onclick: () => explain(position, row, true) } : {};
+}
+
+/** Its name, as a button for the keyboard; a click reaches the row as well. */
+function nameToExplain(position, row, name) {
+  if (!canExplain) return name;
+  const isAsked = asked !== null && asked.position === position && asked.row === row;
+  return make("button", { type: "button", "aria-expanded": isAsked, "aria-controls": "why" }, name);
+}
+
+async function explanationsOf(position) {
+  const { blocks, frames_per_block: size } = run.explanations;
+  const block = Math.floor(position / size);
+  if (block >= blocks.length) return null;
+  if (!unpacked.has(block)) unpacked.set(block, unpack(blocks[block]));
+  return (await unpacked.get(block))[position % size];
+}
+
+async function unpack(text) {
+  const bytes = Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return JSON.parse(await new Response(stream).text());
+}
+
+async function explain(position, row, takesFocus = false) {
+  asked = { position, row };
+  drawDetections(position);
+  const frame = await explanationsOf(position);
+  if (!asked || asked.position !== position || asked.row !== row) return; // asked for another since
+  drawWhy(frame, position, row);
+  byId("why").hidden = false;
+  if (!takesFocus) return;
+  byId("why").focus({ preventScroll: true });
+  byId("why").scrollIntoView({ block: "nearest" });
+}
+
+function closeWhy() {
+  asked = null;
+  byId("why").hidden = true;
+  drawDetections(shown);
+}
+
+/** Follows the identity explained to another frame; closes where it is not seen. */
+function followWhy(position) {
+  if (!asked || asked.position === position) return;
+  const [id] = run.frames[asked.position].detections[asked.row];
+  const row = run.frames[position].detections.findIndex(([other]) => other === id);
+  if (id >= 0 && row >= 0) explain(position, row);
+  else closeWhy();
+}
+
+function drawWhy(frame, position, row) {
+  const [, name, outcome, reason, score] = run.frames[position].detections[row];
+  const title = `frame ${frameLabel(position)}, detection ${row}`;
+  if (!frame) {
+    byId("why-title").textContent = `Why ${name.replace("?", "")}? (${title})`;
+    byId("why-body").replaceChildren(make("p", {},
+      "The run is too long to be explained whole in this page. In a terminal: ",
+      make("code", {}, `remind explain RUN --frame ${frameLabel(position)} --detection ${row}`)));
+    return;
+  }
+  const told = frame.detections[row];
+  byId("why-title").textContent = `Why ${told.name.replace("?", "")}? (${title})`;
+  const sum = `${words(run.outcomes[outcome])} (${words(run.reasons[reason])}), score ` +
+    `${number(score)}, confidence ${number(told.confidence)}`;
+  byId("why-body").replaceChildren(make("p", { class: "faint" }, sum),
+    make("ol", {}, ...told.why.map((text) => make("li", {}, text))),
+    ...drawCandidates(told), ...drawLayout(told), ...drawPending(told), ...drawContext(frame, told));
+}
+
+const gates = { none: "no", block_min_match: "no: too unlike", block_match_thr: "no: below match",
+  block_used_object: "no: locked by another", pass_match_thr: "open",
+  sets_rescue: "open: rescued by context" };
+const signed = (value) => (value > 0 ? "+" : "") + value.toFixed(2);
+
+function drawCandidates(told) {
+  if (!told.candidates.length) return [];
+  const cell = (text) => make("td", { class: "number" }, text);
+  const term = ({ score, weight }) => (score === null ? cell("\u2013")
+    : make("td", { class: "number" }, number(score), make("small", {}, ` \u00d7 ${number(weight)}`)));
+  const bonus = (who) => {
+    if (!who.bonus_raw && !who.backed) return cell("\u2013");
+    const added = who.bonus === who.bonus_raw ? signed(who.bonus) : `(${signed(who.bonus_raw)})`;
+    return cell(`${who.backed ? "backed " : ""}${added}`);
+  };
+  const opened = (who) => (who.veto === "none" ? gates[who.gate] : "no: ruled out by context") +
+    (who.held_by === null ? "" : `; detection ${who.held_by} got it`);
+  const rows = told.candidates.map((who) => make("tr",
+    { class: who.object_id === told.object_id ? "decided" : "" },
+    make("td", {}, swatch(colourOf.get(who.object_id)), who.name),
+    make("td", {}, who.lifecycle + (who.unseen_frames ? `, unseen ${who.unseen_frames}` : "")),
+    ...["object", "background", "parts"].map((name) => term(who.terms[name])),
+    cell(number(who.visual_score)), bonus(who), cell(number(who.assignment_score)),
+    cell(number(who.final_score)), cell(who.plausible ? number(who.comparable_score) : ""),
+    make("td", {}, opened(who))));
+  const heads = ["Candidate", "State", "Object", "Background", "Parts", "Visual", "Context",
+    "Assign", "Final", "Common", "Open to assignment"].map((text, column) =>
+    make("th", column > 1 && column < 10 ? { class: "number" } : {}, text));
+  const { quality } = told;
+  return [make("h3", {}, `Candidates (${told.candidates.length} of ${told.num_candidates})`),
+    make("div", { class: "scroll" }, make("table", {},
+      make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
+    make("p", { class: "faint" }, `Score \u00d7 weight per channel. Quality of what was seen: object ` +
+      `${number(quality.object)}, background ${number(quality.background)}, parts ` +
+      `${number(quality.parts)}; ${quality.effective_patches.toFixed(1)} patches. In parentheses: ` +
+      `what context would add if it were allowed. Common: on the evidence that all candidates have.`)];
+}
+
+function drawLayout(told) {
+  return told.known_sets.filter((known) => known.proposed_id !== null).flatMap((known) => {
+    const options = Object.keys(known.options).map(Number);
+    const name = (id) => `${told.label} ${id}`;
+    const rows = known.voters.map((voter) => make("tr", {},
+      make("td", {}, swatch(colourOf.get(voter.object_id)), voter.name),
+      make("td", { class: "number" }, number(voter.distance)),
+      ...options.map((id) => make("td", { class: "number" },
+        id in voter.remembered ? number(voter.remembered[id]) : "\u2013"))));
+    const heads = ["Distance to", "Now", ...options.map((id) => `${name(id)} usually`)];
+    return [make("h3", {}, `Layout, pass ${known.turn + 1}: ${words(known.status)}`),
+      make("p", { class: "faint" }, `Proposes ${name(known.proposed_id)}: score ` +
+        `${number(known.score)}, ahead by ${number(known.core_gap)}, evidence ${number(known.evidence)}`),
+      make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((text, column) =>
+        make("th", column ? { class: "number" } : {}, text)))), make("tbody", {}, ...rows))];
+  });
+}
+
+function drawPending(told) {
+  if (!told.pending) return [];
+  const { kind, track_id: track, first_frame: first, num_detections: count } = told.pending;
+  const options = told.pending.options.map((option) =>
+    `${option.name} (${number(option.score)}${option.blocked ? ", held by another" : ""})`);
+  return [make("h3", {}, "Track of undecided detections"), make("p", {},
+    `${kind} track ${track}: ${plural(count, "detection")} since frame ${first}` +
+    (options.length ? `; could be ${options.join(" or ")}` : ""))];
+}
+
+function drawContext(frame, told) {
+  const mine = new Set(told.candidates.map((who) => who.object_id));
+  const isMatch = told.outcome === "match";
+  const { context } = frame;
+  const state = !context.enabled ? "off" : context.usable ? "usable" : "not usable";
+  const parts = [make("h3", {}, `Context of the frame: ${state}, quality ${number(context.quality)}`),
+    make("p", {}, "Anchors: ", frame.anchors.map((who) => `${who.name} (detection ${who.detection})`)
+      .join(", ") || "none")];
+  if (!frame.sets.length) return parts;
+  const rows = frame.sets.map((found) => make("tr", {},
+    make("td", { class: "number" }, number(found.score)),
+    make("td", { class: "number" }, number(found.coverage)),
+    make("td", {}, isMatch ? (found.object_ids.includes(told.object_id) ? "agrees" : "disagrees") : ""),
+    make("td", { class: "members" }, ...found.names.flatMap((name, place) => [
+      mine.has(found.object_ids[place]) ? make("mark", {}, name) : name,
+      place + 1 < found.names.length ? ", " : ""]))));
+  const heads = ["Score", "Covers", "", "Objects that may be in view together; candidates marked"];
+  return [...parts, make("table", {}, make("thead", {}, make("tr", {}, ...heads.map((text, column) =>
+    make("th", column < 2 ? { class: "number" } : {}, text)))), make("tbody", {}, ...rows))];
+}
+
+/** The detection that a lane of the timeline shows in a frame, -1 for none. */
+function rowOfLane(lane, position) {
+  const isUndecided = (outcome) => run.outcomes[outcome].startsWith(lane.name);
+  return run.frames[position].detections.findIndex(([id, , outcome]) =>
+    (lane.marks ? isUndecided(outcome) : id === lane.id));
+}
+
+function prepareWhy() {
+  byId("why-close").addEventListener("click", closeWhy);
+  byId("why").addEventListener("keydown", (event) => { if (event.key === "Escape") closeWhy(); });
+  onFrame.push(followWhy);
+}
 
 // --- header ---------------------------------------------------------------------------------
 
@@ -183,6 +361,9 @@ function drawTimeline() {
     if (event.button !== 0) return;
     track.setPointerCapture(event.pointerId);
     seek(at(event));
+    const lane = lanes[Math.floor(event.offsetY / laneHeight)];
+    const row = lane && canExplain ? rowOfLane(lane, shown) : -1;
+    if (row >= 0) explain(shown, row);
   });
   track.addEventListener("pointermove", (event) => {
     if (track.hasPointerCapture(event.pointerId)) seek(at(event));
@@ -322,6 +503,7 @@ function drawSettings() {
 
 drawHeader();
 drawStage();
+prepareWhy();
 drawTimeline();
 drawGallery();
 drawIdentities();

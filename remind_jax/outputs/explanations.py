@@ -1,0 +1,76 @@
+"""The explanations of a run as the report page holds them: packed by blocks of frames.
+
+A block is a JSON list of frames, compressed and base64-encoded; the page unpacks the block that it
+needs. A frame holds what its detections share once: `anchors`, `context`, `sets`, `detections`.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import gzip
+import json
+from typing import Any
+
+from remind_jax.explanation.account import ObjectSet
+from remind_jax.explanation.explain import Explainer
+from remind_jax.result import Result
+from remind_jax.tracks import Tracks
+
+FRAMES_PER_BLOCK = 32
+# Later frames are left to `remind explain`: browsers get slow with bigger pages.
+MAX_EMBEDDED_BYTES = 10_000_000
+
+_SHOWN_SETS = 5
+_SHARED = ("format", "version", "frame", "time_s", "frame_name", "anchors", "context", "sets")
+
+
+def pack_explanations(result: Result) -> dict[str, Any] | None:
+    """Blocks for the page, as many as fit; None if the run holds no trace."""
+    if result.explainer is None:
+        return None
+    blocks, num_bytes = [], 0
+    for start in range(0, len(result.tracks), FRAMES_PER_BLOCK):
+        frames = result.tracks[start : start + FRAMES_PER_BLOCK]
+        block = _pack([_explain_frame(result.explainer, tracks) for tracks in frames])
+        num_bytes += len(block)
+        if num_bytes > MAX_EMBEDDED_BYTES:
+            break
+        blocks.append(block)
+    return {"frames_per_block": FRAMES_PER_BLOCK, "blocks": blocks}
+
+
+def _explain_frame(explainer: Explainer, tracks: Tracks) -> dict[str, Any] | None:
+    """What the page tells about the detections of a frame; None without any."""
+    told = [explainer.explain(tracks.frame_index, row) for row in range(len(tracks))]
+    if not told:
+        return None
+    first = dataclasses.replace(told[0], sets=_distinct(told[0].sets)).to_json()
+    shared = {name: first[name] for name in ("anchors", "context", "sets")}
+    bare = [dataclasses.replace(one, anchors=(), sets=()).to_json() for one in told]
+    own = [{name: one[name] for name in one if name not in _SHARED} for one in bare]
+    return {**shared, "detections": own}
+
+
+def _distinct(sets: tuple[ObjectSet, ...]) -> tuple[ObjectSet, ...]:
+    """The best sets of different objects."""
+    best: dict[tuple[int, ...], ObjectSet] = {}
+    for found in sets:
+        best.setdefault(found.object_ids, found)
+    return tuple(best.values())[:_SHOWN_SETS]
+
+
+def _pack(content: Any) -> str:
+    text = json.dumps(_shorten(content), ensure_ascii=False, separators=(",", ":"))
+    return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
+
+
+def _shorten(content: Any) -> Any:
+    """Numbers with the three decimals that the page shows."""
+    if isinstance(content, float):
+        return round(content, 3)
+    if isinstance(content, dict):
+        return {name: _shorten(value) for name, value in content.items()}
+    if isinstance(content, list):
+        return [_shorten(value) for value in content]
+    return content
