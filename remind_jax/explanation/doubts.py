@@ -205,21 +205,26 @@ def _tell_solution(case: Case, turn: int, status: GroupStatus, group: str) -> st
 
 
 def _tell_anchors(case: Case, turn: int) -> Iterator[str]:
-    """How far the anchors are and used to be."""
-    distances = case.passes("distance", turn)
+    """How far the anchors are from the members of the group, and used to be from the objects."""
+    passes, root = case.record.detections.passes, case.passes("root", turn)
+    members = np.flatnonzero(passes.root[:, turn] == root)
+    others = [int(row) for row in members if row != case.row]
     remembered, episodes = case.passes("remembered", turn), case.passes("num_remembered", turn)
     options = case.passes("option_id", turn)
     for place, anchor in enumerate(case.passes("anchor_id", turn)):
         usual = [
-            f"{case.name(int(i))} used to be {number(remembered[k, place])} away"
+            f"{number(remembered[k, place])} from {case.name(int(i))}"
             for k, i in enumerate(options)
             if i != NO_ID and episodes[k, place] > 0
         ]
-        if anchor != NO_ID and usual:
-            yield (
-                f"{case.name(int(anchor))} is {number(distances[place])} object sizes away; "
-                f"{listing(usual)}"
-            )
+        if anchor == NO_ID or not usual:
+            continue
+        now = [
+            f"{number(float(passes.distance[row, turn, place]))} from detection {row}"
+            for row in others
+        ]
+        here = f"{number(float(passes.distance[case.row, turn, place]))} object sizes from here"
+        yield f"{case.name(int(anchor))} is {listing([here, *now])}; it used to be {listing(usual)}"
 
 
 def tell_birth(case: Case) -> Iterator[str]:

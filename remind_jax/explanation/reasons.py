@@ -46,6 +46,7 @@ def tell_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str,
             told += tell_doubt(case, turn + 1)
     told += tell_firmness(case)
     told += tell_birth(case)
+    told += _tell_double(case)
     return tuple(sentence(text) for text in (*dict.fromkeys(told), _tell_verdict(case, since)))
 
 
@@ -151,7 +152,7 @@ def _tell_vetoes(case: Case) -> Iterator[str]:
         yield (
             f"context rules out {listing([case.name(i) for i in outside])}: it backs "
             f"{case.trace('kept_count')} of {plural(case.trace('num_candidates'), 'object')} of "
-            f"class {case.label} and hardly these (relative support "
+            f"class {case.label} and not these (relative support "
             f"{compare(worst, '<=', t.max_support)})"
         )
     for i in ids:
@@ -233,11 +234,9 @@ def _tell_unassigned(case: Case) -> str:
     for i in opened:
         holder = case.holder(i, "assigned_id")
         if holder is not None:
-            theirs = case.candidate(i, "visual", holder)
-            scores = "" if theirs is None else f", which scores {number(theirs)} there,"
             return (
-                f"the joint assignment gives {case.name(i)} to detection {holder}{scores} and "
-                "leaves this one without an object: so the sum is highest"
+                f"the joint assignment gives {case.name(i)} to detection {holder} and leaves this "
+                f"one without an object, for the highest sum{_tell_trade(case, i, holder)}"
             )
     for i in opened:
         final = case.candidate(i, "final")
@@ -248,6 +247,21 @@ def _tell_unassigned(case: Case) -> str:
             )
     best = case.candidate_ids()[0]
     return f"no candidate is open for assignment: {case.name(best)} {_tell_closed(case, best)}"
+
+
+def _tell_trade(case: Case, object_id: int, holder: int) -> str:
+    """The two sums behind a lost object, where nobody else was involved (13.2)."""
+    mine, theirs = (case.candidate(object_id, "assign", row) for row in (case.row, holder))
+    if mine is None or theirs is None:
+        return ""
+    dummies = case.record.detections.dummy
+    so, else_ = theirs + float(dummies[case.row]), mine + float(dummies[holder])
+    if so < else_:
+        return ""
+    return (
+        f": {number(theirs)} there and {number(float(dummies[case.row]))} for none here, against "
+        f"{number(mine)} here and {number(float(dummies[holder]))} for none there"
+    )
 
 
 def _tell_closed(case: Case, object_id: int) -> str:
@@ -302,6 +316,13 @@ def _tell_guard(case: Case) -> Iterator[str]:
         )
     else:
         yield f"{together}; solved again by falling score, it gets {case.name(after)}"
+
+
+def _tell_double(case: Case) -> Iterator[str]:
+    """An identity given twice, which no later rule repairs (22.3)."""
+    twin = case.holder(case.decision("object_id"), "object_id")
+    if case.outcome == Outcome.MATCH and twin is not None:
+        yield f"detection {twin} is matched with the same object: the frame holds it twice"
 
 
 def _tell_verdict(case: Case, since: tuple[int, int] | None) -> str:

@@ -1,0 +1,162 @@
+"""Frames given as tables of visual scores, decided by the real rules, with their trace.
+
+One class `mug`; only the object channel is seen and its weight is 1, so a score is the visual one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from remind_jax.association.assignment import associate
+from remind_jax.association.diagnosis import diagnose, find_anchors
+from remind_jax.association.gating import read_context
+from remind_jax.association.outcome import decide
+from remind_jax.association.quality import Quality
+from remind_jax.association.settlement import settle
+from remind_jax.association.similarity import Comparison, Terms
+from remind_jax.association.temporal import Account
+from remind_jax.config import Config, Static, Thresholds
+from remind_jax.context.evidence import neighbour_evidence
+from remind_jax.context.hypotheses import no_hypotheses
+from remind_jax.context.influence import no_influence
+from remind_jax.context.reasoning import Reasoning
+from remind_jax.decision import Outcome
+from remind_jax.explanation.archive import FrameRecord, TraceArchive
+from remind_jax.explanation.case import Case
+from remind_jax.explanation.reasons import tell_reasons
+from remind_jax.perception.relations import Relations
+from remind_jax.state import Lifecycle, init
+from remind_jax.trace import Deliberation, collect_trace
+
+NUM, SLOTS = 3, 4
+STATIC = Static(num_detections=NUM, num_objects=SLOTS, num_pending=1, feature_dim=2)
+CONTEXT = ("bonus_raw", "support", "score_sets", "compat_rel", "kernel_raw", "compat_band")
+OTHER = 0.30  # score of pairs that are not given
+FRAME = 7
+
+Known = Mapping[int, float]
+
+
+def backed(bonus: float) -> dict[str, Any]:
+    """What context says of an object that it clearly supports."""
+    values = dict.fromkeys(CONTEXT, 0.5)
+    return {**values, "bonus_raw": bonus, "compat_band": True}
+
+
+def decide_frame(
+    rows: Sequence[Known],
+    *,
+    context: Mapping[int, Mapping[str, Any]] | None = None,
+    lifecycle: Lifecycle = Lifecycle.CONFIRMED,
+    vetoes: Mapping[tuple[int, int], int] | None = None,
+) -> FrameRecord:
+    """Decides a frame in which each detection has the given scores for known objects."""
+    score = np.full((NUM, SLOTS), OTHER, np.float32)
+    for row, known in enumerate(rows):
+        for slot, value in known.items():
+            score[row, slot] = value
+    num_objects = 1 + max((slot for known in rows for slot in known), default=-1)
+    said = {name: np.zeros(SLOTS, bool if "band" in name else np.float32) for name in CONTEXT}
+    for slot, values in (context or {}).items():
+        for name, value in values.items():
+            said[name][slot] = value
+    veto = np.zeros((NUM, SLOTS), np.int32)
+    for pair, code in (vetoes or {}).items():
+        veto[pair] = code
+    numbers = len(rows), num_objects, int(lifecycle), context is not None
+    decisions, trace = jax.device_get(_decide(score, said, veto, *map(jnp.int32, numbers)))
+    archive = TraceArchive()
+    archive.add(FRAME, len(rows), decisions, trace, ("mug",))
+    record = archive.frame(FRAME)
+    assert record is not None
+    return record
+
+
+def case_of(record: FrameRecord, row: int, thresholds: Thresholds | None = None) -> Case:
+    known = {int(i): "mug" for i in record.detections.candidates.id.ravel()}
+    return Case(record, row, "mug", known, thresholds or Config().thresholds)
+
+
+def chain(record: FrameRecord, row: int) -> list[str]:
+    """The reasons of a detection; new objects and tracks have no number without a memory."""
+    return list(tell_reasons(case_of(record, row)))
+
+
+@functools.partial(jax.jit)
+def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
+    t = Thresholds().as_arrays(STATIC.scalar)
+    state = init(STATIC)
+    exists = jnp.arange(SLOTS) < num_objects
+    objects = dataclasses.replace(
+        state.objects,
+        id=jnp.where(exists, jnp.arange(SLOTS), -1),
+        class_id=jnp.where(exists, 0, -1),
+        lifecycle=jnp.full(SLOTS, lifecycle),
+        age=jnp.full(SLOTS, 50),
+    )
+    state = dataclasses.replace(state, objects=objects, next_id=num_objects)
+    valid = jnp.arange(NUM) < num
+    candidate = valid[:, None] & exists[None]
+    value = jnp.zeros((3, NUM, SLOTS)).at[0].set(jnp.where(candidate, score, 0.0))
+    present = jnp.zeros((3, NUM, SLOTS), bool).at[0].set(True)
+    terms = Terms(value, present, jnp.ones((NUM, SLOTS)))
+    comparison = Comparison(
+        candidate=candidate,
+        score=value[0],
+        source=jnp.ones((3, NUM), jnp.int32),
+        terms=terms,
+        auto=terms,
+        neutral=terms,
+        neutral_weights=jnp.ones((3, NUM, 1)),
+        pending_score=jnp.zeros((NUM, 1)),
+    )
+    descriptors: Any = SimpleNamespace(
+        valid=valid,
+        class_id=jnp.where(valid, 0, -1),
+        num_bad_patches=jnp.int32(0),
+        patch_sum=jnp.full(NUM, 40.0),
+    )
+    masks: Any = SimpleNamespace(valid=valid)
+    num_terms = jnp.ones(NUM, jnp.int32)
+    evidence = diagnose(comparison.score, candidate, num_terms, STATIC.margin, t.diagnosis)
+    anchors = find_anchors(comparison.score, candidate, t.diagnosis)
+    on = has_context > 0
+    felt = dataclasses.replace(
+        no_influence(SLOTS, STATIC.scalar), **said, enabled=on, global_ok=on, quality=0.7 * on
+    )
+    reasoning = Reasoning(felt, candidate & (veto == 0), veto, no_hypotheses(NUM, SLOTS, STATIC))
+    verdict = read_context(reasoning, t.influence, t.ambiguous)
+    assignment = associate(comparison, evidence, verdict, descriptors.class_id, STATIC, t.matching)
+    account = Account(
+        comparison, assignment.pairs, verdict, t.similarity, t.ambiguous.known_set_score
+    )
+    apart, never = jnp.zeros((NUM, NUM)), jnp.zeros((NUM, NUM), bool)
+    relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
+    settlement = settle(account, assignment, state, descriptors, relations, STATIC, t)
+    final = diagnose(
+        assignment.pairs.score_final, assignment.pairs.eligible, num_terms, STATIC.margin,
+        t.diagnosis,
+    )  # fmt: skip
+    decisions = decide(
+        objects, masks, descriptors, account, anchors, evidence, final, assignment, settlement,
+        STATIC,
+    )  # fmt: skip
+    new = decisions.outcome == Outcome.NEW
+    decisions = dataclasses.replace(
+        decisions, object_id=jnp.where(new, num_objects, decisions.object_id)
+    )
+    ones = jnp.ones(NUM)
+    deliberation = Deliberation(
+        state, descriptors, Quality(ones, ones, ones, ones, ones), relations, evidence, anchors,
+        neighbour_evidence(state.cooccurrence, exists, t.cooccurrence), reasoning, account,
+        assignment, settlement, jnp.float32(0.75),
+    )  # fmt: skip
+    return decisions, collect_trace(deliberation, STATIC, t)
