@@ -60,6 +60,7 @@ class Reason(enum.IntEnum):
     UNCERTAIN_NEW_VISUAL_FALLBACK = 15
     UNCERTAIN_NEW = 16
     INVALID_INPUT = 17
+    KNOWN_BUT_HELD_BY_BETTER_MATCH = 18
 
 
 class Lock(enum.IntEnum):

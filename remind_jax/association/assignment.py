@@ -15,6 +15,7 @@ from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Matching
 from remind_jax.decision import Lock, Status
 from remind_jax.solvers.assignment import UNASSIGNED, assign
+from remind_jax.solvers.greedy import assign_greedily
 
 
 @jax.tree_util.register_dataclass
@@ -58,14 +59,13 @@ def associate(
     locked_score = jnp.sum(jnp.where(locked, pairs.score_final, 0.0), axis=1)
 
     pairs = gate_pairs(pairs, candidate, score, context, unclear, free, used, t)
-    column = assign(
-        pairs.score_assign,
-        pairs.eligible & free[:, None],
-        class_id,
-        dummy_scores(evidence, t),
-        t.dummies,
-        solver=static.solver,
-    )
+    allowed, dummy = pairs.eligible & free[:, None], dummy_scores(evidence, t)
+    if static.assignment == "greedy":
+        column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)
+    else:
+        column = assign(
+            pairs.score_assign, allowed, class_id, dummy, t.dummies, solver=static.solver
+        )
     at = jnp.maximum(column, 0)
     final = jnp.take_along_axis(pairs.score_final, at[:, None], axis=1)[:, 0]
     visual = jnp.take_along_axis(score, at[:, None], axis=1)[:, 0]

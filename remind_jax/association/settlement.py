@@ -14,6 +14,7 @@ from remind_jax.association.competition import find_competitions
 from remind_jax.association.provisional import Doubts, no_doubts, question_births
 from remind_jax.association.stability import Stabilised, doubt_entries, stabilise
 from remind_jax.association.temporal import NO_SLOT, Account, Entries, prefer
+from remind_jax.association.uniqueness import withdraw_second_claims
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.decision import Source
@@ -102,13 +103,19 @@ def settle(
     turns = jnp.arange(static.max_passes, dtype=jnp.int32)
     open_, (groups, rounds) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
+    second = withdraw_second_claims(
+        account, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
+        t.matching.one_detection_each, t.ambiguous.max_candidates,
+    )  # fmt: skip
+    entries = prefer(open_.entries, second)
+    undecided = undecided | second.present
     return Settlement(
         slot=jnp.where(undecided, NO_SLOT, open_.slot),
         score=open_.score,
         source=open_.source,
         guarded=stable.slot,
         creates=open_.creates & ~undecided & (open_.slot < 0),
-        ambiguous=open_.entries,
+        ambiguous=entries,
         doubts=open_.doubts,
         reserved_id=rivalry.reserved_id,
         groups=groups,

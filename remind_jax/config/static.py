@@ -76,6 +76,7 @@ class Static:
     soft_anchors: int = 4  # undecided but likely objects that may vote as well
     max_passes: int = 2  # rounds of settling undecided detections
 
+    assignment: Literal["joint", "greedy"] = "joint"  # all pairs at once, or the best pair first
     banks_read: Literal["both", "work"] = "both"  # banks that the similarity reads
     object_channel: Literal["best", "global", "trimmed"] = "best"
     ring_channel: Literal["combined", "inner", "outer"] = "combined"

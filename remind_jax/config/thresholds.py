@@ -209,6 +209,7 @@ class Matching:
     dummy_by_confidence: Gate = True  # uncertain detections give way more easily
     dummy_confidence_gain: Real = 0.20
     dummy_cap: Real = 0.72
+    one_detection_each: Gate = False  # an object goes to one detection of a frame at most
 
 
 @jax.tree_util.register_dataclass

@@ -40,6 +40,8 @@ def tell_doubt(case: Case, turn: int) -> Iterator[str]:
     told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
     if reason == Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION:
         yield _tell_competition(case, options)
+    elif reason == Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
+        yield f"another detection claims {case.name(options[0][0])} with a better score"
     elif reason in _BY_POLICY:
         yield _tell_closeness(case, reason, options)
     elif reason in _FALLBACKS:

@@ -13,9 +13,31 @@ def test_published_is_the_plain_config():
     assert load_config("published") == Config()
 
 
-def test_default_differs_in_the_ignored_classes_only():
+def test_default_differs_where_users_need_it():
     changed = load_config("default").difference(load_config("published"))
-    assert [key for key, _, _ in changed] == ["input.ignored_classes"]
+    keys = ["input.ignored_classes", "thresholds.matching.one_detection_each"]
+    assert [key for key, _, _ in changed] == keys
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("greedy", {"static.assignment"}),
+        (
+            "no_background",
+            {"thresholds.perception.rings_enabled", "thresholds.similarity.background_weight"},
+        ),
+        ("no_neighbours", {"thresholds.cooccurrence.enabled", "thresholds.relations.enabled"}),
+        (
+            "no_parts",
+            {"thresholds.perception.parts_enabled", "thresholds.similarity.parts_weight"},
+        ),
+        ("no_disambiguation", {"thresholds.known_sets.enabled"}),
+    ],
+)
+def test_an_ablation_takes_one_thing_away(name, keys):
+    changed = load_config(f"ablation_{name}").difference(load_config("default"))
+    assert {key for key, _, _ in changed} == keys
 
 
 @pytest.mark.parametrize("name", list_configs())
