@@ -149,7 +149,7 @@ class TraceArchive:
     def _read(self) -> None:
         if self._path is None:
             return
-        path, self._path = self._path, None
+        path = self._path
         try:
             with np.load(path) as file:
                 if file["version"] > VERSION:
@@ -169,6 +169,7 @@ class TraceArchive:
                 f"'{path}' is damaged ({type(error).__name__}: {error}); run the tracker again "
                 "with --trace"
             ) from error
+        self._path = None
 
 
 def open_archive(run_dir: Path) -> TraceArchive | None:

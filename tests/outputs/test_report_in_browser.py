@@ -14,6 +14,7 @@ import pytest
 from remind_jax.outputs import report
 from remind_jax.outputs.writer import RunWriter
 from tests.outputs.fake_run import make_run
+from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
@@ -210,6 +211,17 @@ def test_the_page_is_quiet_and_asks_for_nothing(browser, folder):
     assert all(url.startswith(("file://", "data:")) for url in asked)
 
 
+def is_closed(browser) -> bool:
+    return browser.execute_script("return document.getElementById('why').hidden")
+
+
+def test_a_run_without_trace_has_nothing_to_open(page):
+    page.execute_script("seek(3)")
+    assert page.find_elements("css selector", "#seen tbody button") == []
+    page.find_elements("css selector", "#seen tbody tr")[0].click()
+    assert is_closed(page)
+
+
 def test_a_large_video_is_played_from_beside_the_page(browser, folder, monkeypatch):
     monkeypatch.setattr(report, "MAX_EMBEDDED_VIDEO_BYTES", 1)
     from remind_jax.outputs.writer import render_again
@@ -222,3 +234,90 @@ def test_a_large_video_is_played_from_beside_the_page(browser, folder, monkeypat
     (folder / "overlay.mp4").rename(folder / "elsewhere.mp4")
     browser.get(f"file://{folder / report.REPORT_NAME}")
     wait_for(browser, "!document.getElementById('video-missing').hidden")
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("traced")
+    frames, result = make_traced_run()
+    with RunWriter(folder, result.info, overwrite=True) as writer:
+        for frame, tracks in zip(frames, result.tracks, strict=True):
+            writer.add(frame, tracks)
+        writer.finish(result)
+    return folder, result
+
+
+@pytest.fixture
+def traced_page(browser, traced):
+    browser.get(f"file://{traced[0] / report.REPORT_NAME}")
+    wait_for(browser, "video.readyState >= 2")
+    return browser
+
+
+def open_row(browser, position: int, row: int) -> None:
+    browser.execute_script(f"seek({position})")
+    browser.find_elements("css selector", "#seen tbody tr")[row].click()
+    wait_for(browser, "!document.getElementById('why').hidden")
+
+
+def told(browser) -> list[str]:
+    return [item.text for item in browser.find_elements("css selector", "#why ol li")]
+
+
+def test_a_click_on_a_detection_explains_it(traced_page, traced):
+    traced_page.get_log("browser")  # what earlier pages said
+    open_row(traced_page, UNDECIDED, 0)
+    explanation = traced[1].explain(UNDECIDED, 0)
+    assert find(traced_page, "#why-title").text == (
+        f"Why mug 0 or 1? (frame {UNDECIDED}, detection 0)"
+    )
+    assert told(traced_page) == list(explanation.why)
+    rows = traced_page.find_elements("css selector", "#why table")[0].text.splitlines()
+    assert rows[1].startswith("mug 0 confirmed 0.80 × 0.60")
+    assert rows[2].startswith("mug 1 confirmed 0.79 × 0.60")
+    assert "ambiguous track 0: 1 detection since frame 17" in find(traced_page, "#why-body").text
+    assert traced_page.execute_script("return document.activeElement.id") == "why"
+    find(traced_page, "#why-close").click()
+    assert is_closed(traced_page)
+    assert [entry["message"] for entry in traced_page.get_log("browser")] == []
+
+
+def test_the_explanation_follows_the_identity(traced_page, traced):
+    open_row(traced_page, UNDECIDED - 1, 1)
+    assert "locked to mug 1" in " ".join(told(traced_page))
+    traced_page.execute_script(f"seek({UNDECIDED - 2})")
+    wait_for(
+        traced_page,
+        f"document.getElementById('why-title').textContent.includes('frame {UNDECIDED - 2},')",
+    )
+    assert find(traced_page, "#why-title").text.startswith("Why mug 1?")
+    traced_page.execute_script(f"seek({EMPTY})")  # nothing is seen there
+    assert is_closed(traced_page)
+
+
+def test_the_timeline_explains_what_is_clicked(traced_page, traced):
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    track = find(traced_page, "#track")
+    traced_page.execute_script("arguments[0].scrollIntoView({block: 'center'})", track)
+    size = track.size
+    num_lanes = traced_page.execute_script("return lanes.length")
+    x = round((20 + 0.5) / 40 * size["width"] - size["width"] / 2)
+    y = round(1.5 / num_lanes * size["height"] - size["height"] / 2)  # the second lane: mug 1
+    ActionChains(traced_page).move_to_element_with_offset(track, x, y).click().perform()
+    wait_for(traced_page, "!document.getElementById('why').hidden")
+    assert find(traced_page, "#why-title").text == "Why mug 1? (frame 20, detection 1)"
+
+
+def test_the_explanation_works_by_keyboard(traced_page):
+    from selenium.webdriver.common.keys import Keys
+
+    traced_page.execute_script("seek(3)")
+    button = traced_page.find_elements("css selector", "#seen tbody button")[0]
+    assert button.get_attribute("aria-expanded") == "false"
+    button.send_keys(Keys.ENTER)
+    wait_for(traced_page, "!document.getElementById('why').hidden")
+    opened = traced_page.find_elements("css selector", "#seen tbody button")[0]
+    assert opened.get_attribute("aria-expanded") == "true"
+    traced_page.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert is_closed(traced_page)

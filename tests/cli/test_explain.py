@@ -1,0 +1,105 @@
+"""`remind run --trace` and `remind explain`, from files to sentences."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from remind_jax.outputs.writer import FILE_NAMES
+from remind_jax.result import Result
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Where the traced run of this module is kept."""
+    return tmp_path_factory.mktemp("kept") / "run"
+
+
+@pytest.fixture
+def traced(command, scene, kept):
+    """A run of four frames with a trace, made once."""
+    if not kept.exists():
+        words = ("run", scene[0], "--masks", scene[1], "--trace", "--quiet", "--no-overlay")
+        outcome = command(*words, "--out", kept)
+        assert (outcome.code, outcome.stderr) == (0, "")
+    return kept
+
+
+def test_a_traced_run_keeps_its_trace(traced):
+    written = {path.name for path in traced.iterdir()}
+    assert written == {*FILE_NAMES, "memory.safetensors", "trace.npz"} - {"overlay.mp4"}
+
+
+def test_a_decision_is_explained(command, traced):
+    outcome = command("explain", traced, "--frame", 3, "--detection", 0)
+    assert (outcome.code, outcome.stderr) == (0, "")
+    tracks = Result.load(traced).tracks[3]
+    name = tracks.display_name(0)
+    assert outcome.stdout.startswith(f"frame 3 (0.10 s, 0003.png), detection 0: {name}\nmatch ")
+    assert f"Matched as {name}" in outcome.stdout
+    assert f"* {name}" in outcome.stdout
+    assert f"{tracks.candidate_score[0, 0]:.2f}" in outcome.stdout
+
+
+def test_the_first_frame_is_new(command, traced):
+    outcome = command("explain", traced, "--frame", 0, "--detection", 2)
+    assert "1. No book is known yet" in outcome.stdout
+    assert "A new object: book 2." in outcome.stdout
+
+
+def test_machines_read_the_same(command, traced):
+    outcome = command("explain", traced, "--frame", 3, "--detection", 1, "--json")
+    content = json.loads(outcome.stdout)
+    assert (content["frame"], content["detection"], content["outcome"]) == (3, 1, "match")
+    assert content["candidates"][0]["object_id"] == content["object_id"]
+    total = sum(term["weight"] for term in content["candidates"][0]["terms"].values())
+    mean = sum(
+        term["weight"] * term["score"] for term in content["candidates"][0]["terms"].values()
+    )
+    assert content["candidates"][0]["visual_score"] == pytest.approx(mean / total, abs=1e-5)
+
+
+def test_without_a_detection_the_frame_is_listed(command, traced):
+    outcome = command("explain", traced, "--frame", 3)
+    assert [line.split()[0] for line in outcome.stdout.splitlines()[2:]] == ["0", "1", "2"]
+    listed = json.loads(command("explain", traced, "--frame", 3, "--json").stdout)
+    assert len(listed["detections"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--frame", 4), "the run has no frame 4; it has frames 0 to 3"),
+        (("--frame", 4, "--detection", 0), "the run has no frame 4; it has frames 0 to 3"),
+        (("--frame", 3, "--detection", 3), "frame 3 has no detection 3; it has detections 0 to 2"),
+    ],
+)
+def test_what_is_not_there_is_named(command, traced, words, message):
+    outcome = command("explain", traced, *words)
+    assert (outcome.code, outcome.stdout) == (1, "")
+    assert outcome.stderr == f"remind: {message}\n"
+
+
+def test_a_run_without_trace_says_what_to_do(command, traced, tmp_path):
+    bare = tmp_path / "bare"
+    shutil.copytree(traced, bare, ignore=shutil.ignore_patterns("trace.npz"))
+    outcome = command("explain", "bare", "--frame", 0, "--detection", 0)
+    assert outcome.code == 1
+    assert outcome.stderr == "remind: 'bare' holds no trace; run again with --trace\n"
+
+
+def test_no_run_is_one_sentence(command, tmp_path):
+    outcome = command("explain", "nowhere", "--frame", 0, "--detection", 0)
+    assert outcome.code == 1
+    assert outcome.stderr.startswith("remind: 'nowhere' is not the output folder of a run")
+    assert len(outcome.stderr.splitlines()) == 1
+
+
+def test_a_later_run_without_trace_leaves_no_old_one(command, scene, traced, tmp_path):
+    """`overwrite` removes what belongs to the earlier run."""
+    shutil.copytree(traced, tmp_path / "again")
+    words = ("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay", "--max-frames", 1)
+    assert command(*words, "--out", "again", "--overwrite").code == 0
+    assert not (tmp_path / "again" / "trace.npz").exists()

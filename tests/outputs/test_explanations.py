@@ -1,0 +1,65 @@
+"""What the report page holds of the explanations."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from typing import Any
+
+from remind_jax.outputs import explanations, report
+from remind_jax.outputs.explanations import pack_explanations
+from remind_jax.result import Result
+from tests.outputs.fake_run import make_run
+from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
+
+
+def pack(result: Result) -> dict[str, Any]:
+    packed = pack_explanations(result)
+    assert packed is not None
+    return packed
+
+
+def unpack(packed: dict[str, Any]) -> list[Any]:
+    blocks = [json.loads(gzip.decompress(base64.b64decode(text))) for text in packed["blocks"]]
+    assert all(len(block) == packed["frames_per_block"] for block in blocks[:-1])
+    return [frame for block in blocks for frame in block]
+
+
+def test_every_detection_is_explained_as_in_python():
+    _, result = make_traced_run()
+    frames = unpack(pack(result))
+    assert len(frames) == len(result)
+    for tracks, frame in zip(result.tracks, frames, strict=True):
+        if not len(tracks):
+            assert frame is None
+            continue
+        told = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
+        assert [one["why"] for one in frame["detections"]] == [list(one.why) for one in told]
+        assert [one["name"] for one in frame["detections"]] == [one.name for one in told]
+        assert len(frame["anchors"]) == len(told[0].anchors)
+        best = told[0].candidates[0]
+        shown = frame["detections"][0]["candidates"][0]
+        assert (shown["object_id"], shown["gate"]) == (best.object_id, best.gate.name.lower())
+        assert abs(shown["visual_score"] - best.visual_score) <= 5e-4
+    assert not len(result.tracks[EMPTY])
+    assert frames[UNDECIDED]["detections"][0]["pending"]["kind"] == "ambiguous"
+
+
+def test_a_long_run_is_explained_as_far_as_the_page_can_hold(monkeypatch):
+    _, result = make_traced_run()
+    monkeypatch.setattr(explanations, "FRAMES_PER_BLOCK", 8)
+    whole = pack(result)
+    room = sum(len(block) for block in whole["blocks"][:2])
+    monkeypatch.setattr(explanations, "MAX_EMBEDDED_BYTES", room)
+    assert pack(result)["blocks"] == whole["blocks"][:2]
+
+
+def test_same_run_same_bytes():
+    _, result = make_traced_run(8)
+    assert pack_explanations(result) == pack_explanations(result)
+
+
+def test_a_run_without_trace_has_no_explanations():
+    _, result = make_run(4)
+    assert report.report_data(result, [], None)["explanations"] is None
