@@ -1,7 +1,7 @@
 """Agreement with the original tracker on golden sequences.
 
     python tests/parity.py FOLDER [--names a,b] [--variants core,default]
-        [--precision float64|float32] [--json OUT] [--min 1.0]
+        [--precision float64|float32] [--only FIELD] [--json OUT] [--min 1.0]
 
 Runs our tracker on every golden sequence of a folder (format: `tests/golden/README.md`) and
 prints, per trace, how many decisions agree, the first difference, and how far the state of the
@@ -60,7 +60,8 @@ class Report:
     precision: str
     compared: int = 0  # detections
     agreeing: int = 0  # detections with the original's outcome and identity
-    first: str = ""  # first difference of any compared field
+    only: str | None = None  # field whose first difference is wanted; any if left out
+    first: str = ""  # first difference of that field
     outcomes: dict[str, int] = dataclasses.field(default_factory=dict)
     fields: dict[str, list[int]] = dataclasses.field(default_factory=dict)  # agreeing, compared
 
@@ -71,7 +72,7 @@ class Report:
     def note(self, frame: int, what: str, field: str, ours: Any, theirs: Any, same: bool) -> bool:
         agreeing, compared = self.fields.setdefault(field, [0, 0])
         self.fields[field] = [agreeing + bool(same), compared + 1]
-        if not same and not self.first:
+        if not same and not self.first and self.only in (None, field):
             self.first = f"frame {frame}, {what}: {field} is {ours}, the original has {theirs}"
         return bool(same)
 
@@ -114,10 +115,12 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         yield frame, kept, feats, reduced, state, static, config
 
 
-def compare_trace(name: str, variant: str, precision: str, root: Path) -> Report:
+def compare_trace(
+    name: str, variant: str, precision: str, root: Path, only: str | None = None
+) -> Report:
     """Runs one sequence under one variant and compares it with the recorded trace."""
     trace = load.load_trace(name, variant, root)
-    report = Report(name, variant, precision)
+    report = Report(name, variant, precision, only=only)
     for frame, kept, feats, reduced, state, static, config in run_sequence(
         name, trace, precision, root
     ):
@@ -169,7 +172,9 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
         exact("status", Status(d.status[i]).name, code("status", "status"))
         exact("status_final", Status(d.status_final[i]).name, code("status", "status_final"))
         exact("n_close", int(d.num_close[i]), int(row["n_close"]))
-        exact("best", int(d.candidate_id[i, 0]), int(row["best"]))
+        # Among exact ties the original names the first in the order of a set of ids.
+        tied = d.candidate_id[i][d.candidate_score[i] == d.candidate_score[i, 0]].tolist()
+        report.note(frame, what, "best", tied, int(row["best"]), int(row["best"]) in tied)
         close("score", d.score[i], row["score"], score_tolerance)
         close("s1", d.best_score[i], row["s1"], score_tolerance)
         close("s2", d.second_score[i], row["s2"], score_tolerance)
@@ -308,6 +313,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--variants", help="comma-separated variants; all if left out")
     parser.add_argument("--precision", choices=("float64", "float32"), default="float64")
     parser.add_argument("--json", type=Path, help="write the reports to this file")
+    parser.add_argument("--only", help="say the first difference of this field instead of any")
     parser.add_argument("--min", type=float, default=1.0, help="least agreement per trace")
     options = parser.parse_args(arguments)
     jax.config.update("jax_enable_x64", options.precision == "float64")
@@ -318,7 +324,7 @@ def main(arguments: list[str] | None = None) -> int:
     for name, variant in load.list_traces(options.folder):
         if (names and name not in names) or (variants and variant not in variants):
             continue
-        report = compare_trace(name, variant, options.precision, options.folder)
+        report = compare_trace(name, variant, options.precision, options.folder, options.only)
         reports.append(report)
         state = {
             field: f"{agreeing}/{compared}"

@@ -34,7 +34,7 @@ class Static:
     num_candidates: int = 5  # candidates shown per detection in the decisions
 
     precision: Literal["float32", "float64"] = "float32"  # of scores and qualities
-    solver: Literal["host", "jax"] = "host"  # callbacks or in-graph twins
+    solver: Literal["host", "jax"] = "jax"  # in-graph twins, or SciPy and NumPy by callbacks
 
     part_clusters: int = 4  # K of the part clustering
     part_iterations: int = 5  # k-means iterations

@@ -62,7 +62,7 @@ class Items:
 def no_pending(slots: int, scalar: jnp.dtype) -> PendingTracks:
     """A pool without tracks."""
     return PendingTracks(
-        kind=jnp.full(slots, Kind.FREE, jnp.int32),
+        kind=jnp.full(slots, int(Kind.FREE), jnp.int32),
         id=jnp.full(slots, NO_ID, jnp.int32),
         class_id=jnp.full(slots, NO_ID, jnp.int32),
         hits=jnp.zeros(slots, jnp.int32),
