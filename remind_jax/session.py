@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config
 from remind_jax.decision import NO_ID
@@ -51,6 +52,8 @@ def run(
     detector: Any = None,
     detector_options: DetectorOptions | None = None,
     backbone: str | Backbone = "patch-statistics",
+    weights: str | Path | None = None,
+    feature_cache: str | Path | None = None,
     config: str | Path | Config | Mapping[str, Any] = "default",
     sampling: Sampling | Mapping[str, Any] | None = None,
     metadata: str | Path | None = None,
@@ -71,7 +74,11 @@ def run(
       detector: ONNX segmentation model, or a function from an RGB frame to instances; used
         instead of the source's masks.
       detector_options: Thresholds and class lists of the detector.
-      backbone: What patch features come from.
+      backbone: What patch features come from, for instance `"dinov3-vits16"` or
+        `"onnx:encoder.onnx"`.
+      weights: Converted weight file of the backbone; looked for where the environment variable
+        `REMIND_WEIGHTS` says and in the user's cache folder if left out.
+      feature_cache: Folder of features that are kept and reused; none if left out.
       config: Configuration by name, by file, or as values.
       sampling: Which frames are processed.
       metadata: JSON with the classes of instance ids.
@@ -91,7 +98,8 @@ def run(
         written until then is kept and finished.
     """
     finder = as_detector(detector, detector_options)
-    tracker = Tracker(config, backbone, trace=trace)
+    eyes = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
+    tracker = Tracker(config, eyes, trace=trace)
     if memory is not None:
         tracker.load(memory)
     frames = open_source(

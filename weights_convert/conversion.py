@@ -18,7 +18,13 @@ import numpy as np
 
 import remind_jax
 from remind_jax.backbone.vit_variants import TERMS, Variant
-from remind_jax.backbone.vit_weights import DTYPES, FORMAT, SCHEMA_VERSION, leaf_shapes
+from remind_jax.backbone.vit_weights import (
+    DTYPES,
+    FORMAT,
+    SCHEMA_VERSION,
+    default_folder,
+    leaf_shapes,
+)
 from remind_jax.errors import OutputError, WeightsError
 from weights_convert.key_layouts import NamedTensors, name_tensors
 from weights_convert.leaf_recipes import Recipe, check_complete, make_leaf, recipes
@@ -45,10 +51,16 @@ class Conversion:
     num_bytes: int  # of the file written
     dropped: tuple[str, ...]  # keys of the source that only training needs
 
+    @property
+    def licence(self) -> str:
+        """What the weights may be used for, and where to read it."""
+        terms = TERMS[self.variant.family]
+        return f"{terms.licence}, {terms.licence_url}"
+
 
 def convert(
     source: str | Path,
-    out: str | Path,
+    out: str | Path | None,
     *,
     wishes: Wishes | None = None,
     dtype: Dtype = "float32",
@@ -59,7 +71,8 @@ def convert(
 
     Args:
       source: Official `.pth`, or Hugging Face's safetensors (file, index of shards, or folder).
-      out: File to write; appears only when it is complete.
+      out: File to write; appears only when it is complete. `NAME.safetensors` in the folder where
+        backbones look for it if None.
       wishes: What is known or decided about the network.
       dtype: Type that numbers are stored in.
       overwrite: Replace an existing file.
@@ -69,17 +82,18 @@ def convert(
       WeightsError: If the source is not exactly one of the known networks.
       OutputError: If the file exists or cannot be written.
     """
-    out = Path(out)
-    if out.suffix != ".safetensors":
-        raise OutputError(f"'{out}' must end in .safetensors")
-    if out.exists() and not overwrite:
-        raise OutputError(f"'{out}' exists; choose another name or allow overwriting")
+    if out is not None:
+        _check_free(Path(out), overwrite)
     opened = open_source(source)
     file = str(opened.path)
     named = name_tensors(opened.tensors, file)
     variant = detect_variant(named, opened.config, wishes or Wishes(), file)
     wanted = recipes(variant, named.tensors)
     check_complete(wanted, named.tensors, named.source_keys, named.unexpected, file, variant.name)
+    if out is None:
+        out = default_folder() / f"{variant.name}.safetensors"
+        _check_free(out, overwrite)
+    out = Path(out)
     metadata = _metadata(opened, named, variant, dtype)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -96,6 +110,13 @@ def convert(
     return Conversion(
         out, variant, named.layout.name, opened.sha256, digest, num_bytes, named.dropped
     )
+
+
+def _check_free(out: Path, overwrite: bool) -> None:
+    if out.suffix != ".safetensors":
+        raise OutputError(f"'{out}' must end in .safetensors")
+    if out.exists() and not overwrite:
+        raise OutputError(f"'{out}' exists; choose another name or allow overwriting")
 
 
 def _metadata(

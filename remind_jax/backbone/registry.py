@@ -6,17 +6,21 @@ Letters: `B` images, `H W` their size in pixels, `Hp Wp` the patch grid, `D` fea
 from __future__ import annotations
 
 import dataclasses
+import functools
 import importlib
 import inspect
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.errors import ConfigError, SourceError, nearest_names
 
 if TYPE_CHECKING:
     import jax
     import numpy as np
-    from jaxtyping import Float, UInt8
+    from jaxtyping import Float, Int, UInt8
+
+    from remind_jax.backbone.vit_attention import ObjectAttention
 
 DEFAULT_BACKBONE = "patch-statistics"
 
@@ -26,13 +30,16 @@ class Backbone:
     """A frozen feature extractor; make one with `get_backbone`.
 
     `apply` maps uint8 RGB `[B, H, W, 3]` to float32 `[B, Hp, Wp, D]` and compiles once per image
-    size; call `extract`, which checks the images first.
+    size; call `extract`, which checks the images first. Backbones with attention also map images
+    and patch numbers `[B, K]` to these features and `vit_attention.ObjectAttention`.
     """
 
     name: str
     patch_px: int
     dim: int
     apply: Callable[[Any], Any]
+    apply_with_attention: Callable[..., Any] | None = None
+    fingerprint: str = ""  # changes whenever features may: weights, precision, options
 
     def extract(
         self, images: UInt8[np.ndarray, "B H W 3"] | UInt8[jax.Array, "B H W 3"]
@@ -48,6 +55,36 @@ class Backbone:
         Raises:
           SourceError: If the images are not such an array, or smaller than one patch.
         """
+        self._check_images(images)
+        return self.apply(images)
+
+    def extract_with_attention(
+        self,
+        images: UInt8[np.ndarray, "B H W 3"] | UInt8[jax.Array, "B H W 3"],
+        patches: Int[np.ndarray, "B K"] | Int[jax.Array, "B K"],
+        heads: tuple[int, ...] | None = None,
+    ) -> tuple[Float[jax.Array, "B Hp Wp D"], ObjectAttention]:
+        """`extract`, and how patches of objects attend to each other; features are the same.
+
+        Args:
+          images: As for `extract`.
+          patches: Raster numbers of patches of objects, -1 in unused slots. Memory grows with
+            their number squared, and one program is compiled per number of slots.
+          heads: Heads that attention is averaged over; all if left out.
+
+        Raises:
+          SourceError: As `extract`.
+          ConfigError: If the backbone has no attention, or no such head.
+        """
+        self._check_images(images)
+        if self.apply_with_attention is None:
+            raise ConfigError(
+                f"backbone '{self.name}' has no attention; parts by attention need a vision "
+                "transformer such as 'dinov3-vits16'"
+            )
+        return self.apply_with_attention(images, patches, heads=heads)
+
+    def _check_images(self, images: Any) -> None:
         shape = tuple(images.shape)
         if len(shape) != 4 or shape[-1] != 3 or images.dtype != "uint8":
             raise SourceError(
@@ -66,14 +103,17 @@ class Backbone:
                 f"{self.patch_px} pixels; crop it to "
                 f"{width - width % self.patch_px}x{height - height % self.patch_px} first"
             )
-        return self.apply(images)
 
 
 BackboneFactory = Callable[..., Backbone]
 
-# A string is "module:function" and is imported when the backbone is first asked for.
+# A string is "module:function", imported when the backbone is first asked for, or
+# "module:function:argument" where one function makes several.
 _factories: dict[str, BackboneFactory | str] = {
     DEFAULT_BACKBONE: "remind_jax.backbone.patch_statistics:patch_statistics",
+    **{name: f"remind_jax.backbone.vit_backbone:vit:{name}" for name in VARIANTS},
+    "vit": "remind_jax.backbone.vit_backbone:vit_from_file",
+    "onnx": "remind_jax.backbone.onnx_encoder:onnx_encoder",
 }
 
 
@@ -82,7 +122,8 @@ def register(name: str, factory: BackboneFactory | str | None = None) -> Any:
 
     Args:
       name: What `get_backbone` is asked for; no colon (what follows one is handed to the factory).
-      factory: `factory(**options) -> Backbone`, or `"module:function"` to import it when needed.
+      factory: `factory(**options) -> Backbone`, or `"module:function"` to import it when needed
+        (`"module:function:argument"`: with a first argument).
 
     Raises:
       ConfigError: If the name is taken by another backbone or holds a colon.
@@ -126,8 +167,8 @@ def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
         )
     factory = _factories[family]
     if isinstance(factory, str):
-        module, _, function = factory.partition(":")
-        factory = getattr(importlib.import_module(module), function)
+        module, function, *arguments = factory.split(":")
+        factory = functools.partial(getattr(importlib.import_module(module), function), *arguments)
     targets = (target,) if colon else ()
     _check_call(family, factory, targets, options)
     return factory(*targets, **options)

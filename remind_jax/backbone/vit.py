@@ -16,6 +16,7 @@ from typing import Any
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from remind_jax.backbone.vit_attention import (
@@ -158,7 +159,7 @@ class FeedForward(nn.Module):
         v, num = self.variant, self.numerics
         if v.mlp == "gelu":
             inner = Linear(v.hidden, num, name="up")(x).astype(jnp.float32)
-            inner = jax.nn.gelu(inner, approximate=False)
+            inner = _gelu(inner)
         else:
             fused = Linear(2 * v.hidden, num, name="gate_and_up")(x).astype(jnp.float32)
             gate, up = jnp.split(fused, 2, axis=-1)
@@ -302,6 +303,11 @@ class VisionTransformer(nn.Module):
             intermediates=kept,
             object_attention=seen,
         )
+
+
+def _gelu(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Exact GELU as published; JAX's own goes by `erfc`, which takes longer."""
+    return 0.5 * x * (1 + jax.lax.erf(x * np.float32(0.5**0.5)))
 
 
 def _norm(variant: Variant, name: str) -> nn.LayerNorm:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import jax
@@ -21,7 +22,10 @@ from jaxtyping import Array, Float, Int
 Method = Literal["plain", "chunked", "cudnn"]
 METHODS: tuple[Method, ...] = ("plain", "chunked", "cudnn")
 
-CHUNK_ROWS = 256
+# As measured on CPUs with 256-bit vectors: fewer queries starve the matrix product, more of them
+# push their scores out of the cache.
+_QUERIES_AT_ONCE = 64
+_OBJECT_ROWS_AT_ONCE = 256
 NO_PATCH = -1
 
 
@@ -58,8 +62,8 @@ def attend(
 
     def attend_head(head: tuple[Array, Array, Array]) -> Array:
         q, k, v = head
-        weigh = functools.partial(_weigh, keys=k, values=v, precision=precision)
-        return _map_rows(weigh, q)
+        weigh = functools.partial(_weigh_upright, keys=k, values_t=v.T, precision=precision)
+        return _map_rows(weigh, q, _QUERIES_AT_ONCE)
 
     merged = [t.reshape(-1, *t.shape[2:]) for t in (queries, keys, values)]
     return jax.lax.map(attend_head, tuple(merged)).reshape(values.shape)
@@ -79,16 +83,30 @@ def _weigh(queries: Array, keys: Array, values: Array, precision: jax.lax.Precis
     return (mixed / total).astype(values.dtype)
 
 
+def _weigh_upright(
+    queries: Float[Array, "C E"],
+    keys: Float[Array, "N E"],
+    values_t: Float[Array, "E N"],
+    precision: jax.lax.Precision,
+) -> Float[Array, "C E"]:
+    """`_weigh` with scores `[N, C]`: a CPU's vectors then run across queries in every reduction."""
+    product = functools.partial(jnp.matmul, precision=precision, preferred_element_type=jnp.float32)
+    scores = product(keys, queries.T)
+    weights = jnp.exp(scores - jnp.max(scores, axis=0))
+    mixed = product(values_t, weights.astype(values_t.dtype)) / jnp.sum(weights, axis=0)
+    return mixed.T.astype(values_t.dtype)
+
+
 def _exponentials(queries: Array, keys: Array, precision: jax.lax.Precision) -> Array:
     """Unscaled softmax weights; the largest of each row is one."""
     scores = jnp.einsum("...ne,...me->...nm", queries, keys, precision=precision)
     return jnp.exp(scores - jnp.max(scores, axis=-1, keepdims=True))
 
 
-def _map_rows(function, rows: Float[Array, "N ..."]) -> Float[Array, "N ..."]:
+def _map_rows(function: Callable[[Array], Array], rows: Array, at_once: int) -> Array:
     """Applies a function of rows to equal chunks of them, one after another."""
     num = len(rows)
-    count = math.ceil(num / CHUNK_ROWS)
+    count = math.ceil(num / at_once)
     size = math.ceil(num / count)
     padded = jnp.pad(rows, [(0, count * size - num)] + [(0, 0)] * (rows.ndim - 1))
     results = jax.lax.map(function, padded.reshape(count, size, *rows.shape[1:]))
@@ -149,7 +167,7 @@ def attention_among(
             start = jnp.zeros((len(chunk), 1 + len(tokens)), q.dtype)
             return jax.lax.scan(add_head, start, (q, k))[0] / num_heads
 
-        sums = _map_rows(some_rows, tokens)
+        sums = _map_rows(some_rows, tokens, _OBJECT_ROWS_AT_ONCE)
         exists = (places != NO_PATCH).astype(q.dtype)
         return sums[:, 0] * exists, sums[:, 1:] * exists[:, None] * exists
 

@@ -53,14 +53,6 @@ class Variant:
         """Tokens before the patches: cls and registers."""
         return 1 + self.registers
 
-    @property
-    def num_parameters(self) -> int:
-        """Numbers in all weights that are kept."""
-        per_block = 4 * self.width**2 + self.width * self.hidden * (
-            3 if self.mlp == "swiglu" else 2
-        )
-        return self.depth * per_block + 3 * self.patch_px**2 * self.width
-
     def check(self) -> None:
         """Raises a `ConfigError` if the numbers contradict each other."""
         if self.width % self.heads:

@@ -14,9 +14,11 @@ from tyro.conf import subcommand
 import remind_jax
 from remind_jax.cli import exit_codes
 from remind_jax.cli.config import ConfigVerb
+from remind_jax.cli.convert import Convert
 from remind_jax.cli.demo import Demo
 from remind_jax.cli.eval import Eval
 from remind_jax.cli.explain import Explain
+from remind_jax.cli.features import Features
 from remind_jax.cli.run import Run
 from remind_jax.cli.view import View
 from remind_jax.errors import RemindError, nearest_names
@@ -32,7 +34,7 @@ First steps:
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
 
-Verb = Run | Demo | View | Explain | Eval | ConfigVerb
+Verb = Run | Demo | View | Explain | Eval | Convert | Features | ConfigVerb
 
 VERBS: dict[str, type[Verb]] = {
     "run": Run,
@@ -40,6 +42,8 @@ VERBS: dict[str, type[Verb]] = {
     "view": View,
     "explain": Explain,
     "eval": Eval,
+    "convert": Convert,
+    "features": Features,
     "config": ConfigVerb,
 }
 

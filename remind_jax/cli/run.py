@@ -61,8 +61,10 @@ class Run:
     masks: Path | None = None
     detector: Path | None = None  # ONNX segmentation export (YOLO-seg, RF-DETR-seg)
     backbone: Annotated[str, arg(metavar="NAME")] = (
-        "patch-statistics"  # what patch features come from
+        "patch-statistics"  # what patch features come from, e.g. dinov3-vits16, onnx:encoder.onnx
     )
+    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
     changes: Assignments = ()
@@ -96,6 +98,8 @@ class Run:
             detector=self.detector,
             detector_options=self.detection,
             backbone=self.backbone,
+            weights=self.weights,
+            feature_cache=self.feature_cache,
             config=config,
             memory=self.memory,
             overlay=not self.no_overlay,

@@ -1,0 +1,108 @@
+"""Patch features on disk, so that a scene is looked at once and tracked often.
+
+One file per image, named by a hash of the image as the backbone gets it (its size included), the
+backbone's name and its fingerprint (weights and precision): whatever changes features changes the
+name. Files appear complete or not at all, so an interruption costs the image in work.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from remind_jax.backbone.registry import Backbone
+from remind_jax.errors import OutputError
+from remind_jax.user_folders import user_cache_folder
+
+
+def default_folder() -> Path:
+    """Where features are kept if nothing else is said."""
+    return user_cache_folder() / "features"
+
+
+@dataclasses.dataclass
+class Tally:
+    """What a cache was asked for so far."""
+
+    num_found: int = 0  # images
+    num_computed: int = 0
+
+
+def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None = None) -> Backbone:
+    """The same backbone, which computes only what is not in a folder yet.
+
+    It cannot be traced, and attention is not kept.
+
+    Args:
+      backbone: What computes features.
+      folder: Where files are kept; made if needed, shared by all backbones and scenes.
+      tally: Counts what was found and computed.
+
+    Raises:
+      OutputError: If the folder cannot be made.
+    """
+    folder, tally = Path(folder), tally or Tally()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make feature folder '{folder}': {error.strerror}") from error
+
+    def apply(images: UInt8[np.ndarray, "B H W 3"]) -> Float[jax.Array, "B Hp Wp D"]:
+        images = np.asarray(images)
+        files = [folder / place_of(image, backbone) for image in images]
+        rows, columns = (side // backbone.patch_px for side in images.shape[1:3])
+        features = [_load(file, (rows, columns, backbone.dim)) for file in files]
+        missing = [i for i, found in enumerate(features) if found is None]
+        if missing:
+            computed = np.asarray(backbone.apply(images[missing]))
+            for i, new in zip(missing, computed, strict=True):
+                _save(files[i], new)
+                features[i] = new
+        tally.num_computed += len(missing)
+        tally.num_found += len(images) - len(missing)
+        return jnp.stack([jnp.asarray(one) for one in features])
+
+    return dataclasses.replace(backbone, apply=apply)
+
+
+def place_of(image: UInt8[np.ndarray, "H W 3"], backbone: Backbone) -> Path:
+    """File of one image, below the folder."""
+    digest = hashlib.sha256()
+    for part in (backbone.name, backbone.fingerprint, str(image.shape)):
+        digest.update(part.encode() + b"\0")
+    digest.update(np.ascontiguousarray(image).data)
+    name = digest.hexdigest()
+    return Path(name[:2]) / f"{name[2:]}.npy"
+
+
+def _load(file: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "Hp Wp D"] | None:
+    """Features of a file; None if it is missing or damaged, for then it can be made again."""
+    with contextlib.suppress(OSError, ValueError, EOFError):
+        features = np.load(file, allow_pickle=False)
+        if features.shape == shape and features.dtype == np.float32:
+            return features
+    return None
+
+
+def _save(file: Path, features: Float[np.ndarray, "Hp Wp D"]) -> None:
+    try:
+        file.parent.mkdir(exist_ok=True)
+        # Several processes may fill one folder: each writes to a file of its own.
+        handle, unfinished = tempfile.mkstemp(dir=file.parent, prefix=".unfinished-")
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                np.save(stream, features)
+            os.replace(unfinished, file)
+        finally:
+            Path(unfinished).unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write features to '{file}': {error.strerror}") from error

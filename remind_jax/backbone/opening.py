@@ -1,0 +1,41 @@
+"""From what a user says about features to a backbone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from remind_jax.backbone.registry import Backbone, get_backbone
+from remind_jax.errors import ConfigError
+
+
+def open_backbone(
+    backbone: str | Backbone,
+    *,
+    weights: str | Path | None = None,
+    feature_cache: str | Path | None = None,
+) -> Backbone:
+    """A backbone by name with its weights, which keeps features if asked to.
+
+    Args:
+      backbone: Registered name, or one that was made already.
+      weights: Converted weight file or folder, for a name that needs one.
+      feature_cache: Folder of features that are kept; none if left out.
+
+    Raises:
+      ConfigError: If the name is unknown, or weights are given to what takes none.
+      WeightsError: If there are no weights, or they do not fit.
+      OutputError: If the folder cannot be made.
+    """
+    if isinstance(backbone, str):
+        options = {} if weights is None else {"weights": weights}
+        backbone = get_backbone(backbone, **options)
+    elif weights is not None:
+        raise ConfigError(
+            f"weights '{weights}' were given beside the finished backbone '{backbone.name}'; give "
+            "the backbone by name"
+        )
+    if feature_cache is None:
+        return backbone
+    from remind_jax.backbone.feature_cache import cache_features
+
+    return cache_features(backbone, feature_cache)

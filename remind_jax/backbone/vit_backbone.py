@@ -1,0 +1,128 @@
+"""Vision transformers as backbones: weights found and placed, compiled once per image size."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Any, Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, UInt8
+
+from remind_jax.backbone.preprocessing import normalise
+from remind_jax.backbone.registry import Backbone
+from remind_jax.backbone.vit import Numerics, Tokens, VisionTransformer
+from remind_jax.backbone.vit_attention import METHODS, Method
+from remind_jax.backbone.vit_variants import CUSTOM, Variant
+from remind_jax.backbone.vit_weights import DTYPES, Weights, find_weights, load_weights
+from remind_jax.errors import ConfigError
+
+Precision = Literal["float32", "bfloat16"]
+
+# Scores of all heads together, above which attention on a CPU is worked on in chunks.
+_PLAIN_SCORES_MAX = 2_000_000
+
+
+def vit(
+    name: str,
+    weights: str | Path | None = None,
+    *,
+    precision: Precision = "float32",
+    attention: Method | Literal["auto"] = "auto",
+) -> Backbone:
+    """A published network.
+
+    Args:
+      name: Of the variant.
+      weights: Converted file, or folder with `NAME.safetensors`; looked for as
+        `vit_weights.find_weights` says if left out.
+      precision: Of matrix products: `"float32"` is exact, `"bfloat16"` fast on GPUs and TPUs.
+      attention: How attention is computed; see `vit_attention.Method`.
+
+    Raises:
+      WeightsError: If there are no weights, or they are of another network or damaged.
+      ConfigError: If an option is not one of those above.
+    """
+    _check_options(precision, attention)
+    return _make(load_weights(find_weights(name, weights), name), precision, attention)
+
+
+def vit_from_file(
+    weights: str,
+    *,
+    precision: Precision = "float32",
+    attention: Method | Literal["auto"] = "auto",
+) -> Backbone:
+    """Whatever network a converted file holds, published or not; options as for `vit`."""
+    _check_options(precision, attention)
+    return _make(load_weights(weights), precision, attention)
+
+
+def choose_attention(variant: Variant, num_tokens: int, platform: str) -> Method:
+    """The quickest way to attend, as measured by `benchmarks/vit.py`."""
+    is_small = variant.heads * num_tokens**2 <= _PLAIN_SCORES_MAX
+    return "plain" if platform != "cpu" or is_small else "chunked"
+
+
+def _check_options(precision: str, attention: str) -> None:
+    if precision not in DTYPES:
+        raise ConfigError(f"precision is '{precision}'; allowed: {', '.join(DTYPES)}")
+    if attention not in ("auto", *METHODS):
+        raise ConfigError(f"attention is '{attention}'; allowed: auto, {', '.join(METHODS)}")
+
+
+def _make(weights: Weights, precision: Precision, attention: Method | Literal["auto"]) -> Backbone:
+    variant = weights.variant
+    name = variant.name if variant.name != CUSTOM else f"vit-{weights.sha256[:12]}"
+    run = functools.partial(_run, variant, precision, attention)
+    params = jax.device_put(_cast_matrices(weights.params, precision))
+
+    def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
+        return jitted(params, images)
+
+    jitted = jax.jit(lambda params, images: run(params, images).patches)
+
+    @functools.partial(jax.jit, static_argnames="heads")
+    def attending(params, images, patches, heads):
+        tokens = run(params, images, objects=patches, heads=heads)
+        return tokens.patches, tokens.object_attention
+
+    return Backbone(
+        name=name,
+        patch_px=variant.patch_px,
+        dim=variant.width,
+        apply=apply,
+        apply_with_attention=functools.partial(attending, params),
+        fingerprint=f"{weights.sha256}-{variant.position}-{precision}",
+    )
+
+
+def _run(
+    variant: Variant,
+    precision: Precision,
+    attention: Method | Literal["auto"],
+    params: Any,
+    images: UInt8[Array, "B H W 3"],
+    objects: Int[Array, "B K"] | None = None,
+    heads: tuple[int, ...] | None = None,
+) -> Tokens:
+    """One forward pass; the way to attend is chosen by the image size, which is known here."""
+    rows, columns = (side // variant.patch_px for side in images.shape[1:3])
+    if attention == "auto":
+        num_tokens = variant.num_prefix + rows * columns
+        attention = choose_attention(variant, num_tokens, jax.default_backend())
+    network = VisionTransformer(variant, Numerics(DTYPES[precision], attention))
+    tokens = network.apply({"params": params}, normalise(images), objects=objects, heads=heads)
+    assert isinstance(tokens, Tokens)
+    return tokens
+
+
+def _cast_matrices(params: dict[str, Any], precision: Precision) -> dict[str, Any]:
+    """Matrices in the type that they are multiplied in, everything else in float32."""
+
+    def cast(path: Any, leaf: Any) -> Any:
+        is_matrix = path[-1].key == "kernel"
+        return leaf.astype(DTYPES[precision] if is_matrix else jnp.float32, copy=False)
+
+    return jax.tree_util.tree_map_with_path(cast, params)

@@ -1,0 +1,145 @@
+"""`remind convert`: published weights of vision transformers, once, without PyTorch."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.process_settings import silence_libraries
+from remind_jax.errors import ConfigError, SourceError
+
+if TYPE_CHECKING:
+    from weights_convert.conversion import Conversion
+    from weights_convert.reference_values import Check
+
+
+@dataclasses.dataclass(frozen=True)
+class Convert:
+    """Convert published weights of DINOv3, DINOv2 or DINO for 'remind run --weights'.
+
+    The network is recognised by its tensors; every one is used, or reported.
+
+    Examples:
+      remind convert dinov3_vits16_pretrain_lvd1689m-08c60483.pth -o dinov3-vits16.safetensors
+      remind convert dinov3-vits16-pretrain-lvd1689m/ -o dinov3-vits16.safetensors
+      remind convert --list
+    """
+
+    # official .pth, or Hugging Face's .safetensors, index of shards, or folder
+    source: Annotated[Positional[Path | None], arg(metavar="SOURCE")] = None
+    # converted file; NAME.safetensors where 'remind run' looks for it if left out
+    out: Annotated[Path | None, arg(aliases=["-o"])] = None
+    list: bool = False  # print the known networks instead
+    variant: Annotated[str | None, arg(metavar="NAME")] = None  # refuse any other network
+    dtype: Literal["float32", "bfloat16"] = "float32"  # type that numbers are stored in
+    # how position tables of DINO and DINOv2 without registers are resampled: offset, as the
+    # official code, or size, as Hugging Face; that of the source if left out
+    position: Literal["offset", "size"] | None = None
+    heads: int | None = None  # attention heads, of networks that were never published
+    custom: bool = False  # allow networks that were never published
+    verify: Path | None = None  # compare with published values; COCO image 000000039769.jpg
+    overwrite: bool = False  # replace an existing file
+    json: bool = False  # print what was done as JSON
+    quiet: bool = False  # say nothing but errors
+
+    def execute(self) -> int:
+        """Converts, checks and reports; returns the exit code.
+
+        Raises:
+          RemindError: If the source is not exactly one of the known networks, or the result cannot
+            be written.
+        """
+        if self.list:
+            _print_variants()
+            return exit_codes.FINE
+        if self.source is None:
+            raise ConfigError("name the weight file to convert, or use --list")
+        if self.verify is not None and not self.verify.is_file():
+            raise SourceError(f"image '{self.verify}' does not exist")
+        silence_libraries()
+        from weights_convert.conversion import convert
+        from weights_convert.variant_detection import Wishes
+
+        wishes = Wishes(self.variant, self.heads, self.position, self.custom)
+        done = convert(
+            self.source, self.out, wishes=wishes, dtype=self.dtype, overwrite=self.overwrite
+        )
+        check = None
+        if self.verify is not None:
+            from weights_convert.reference_values import check_values
+
+            check = check_values(done.path, self.verify)
+        if self.json:
+            print(json.dumps(_facts(done, check), indent=1))
+        elif not self.quiet:
+            _print_facts(done, check)
+        is_refuted = check is not None and check.nearest is not None and not check.agrees
+        return exit_codes.ERROR if is_refuted else exit_codes.FINE
+
+
+def _facts(done: Conversion, check: Check | None) -> dict[str, object]:
+    facts: dict[str, object] = {
+        "path": str(done.path),
+        "variant": done.variant.name,
+        "layout": done.layout,
+        "bytes": done.num_bytes,
+        "source_sha256": done.source_sha256,
+        "data_sha256": done.data_sha256,
+        "licence": done.licence,
+        "dropped": list(done.dropped),
+    }
+    if check is not None:
+        facts["verified"] = dataclasses.asdict(check) | {"agrees": check.agrees}
+    return facts
+
+
+def _print_facts(done: Conversion, check: Check | None) -> None:
+    print(f"{done.path}: {done.variant.name}, {done.num_bytes / 2**20:.1f} MiB")
+    print(f"  source   {done.layout}, sha256 {done.source_sha256}")
+    print(f"  tensors  sha256 {done.data_sha256}")
+    print(f"  licence  {done.licence}")
+    if done.dropped:
+        print(f"  left out, needed in training only: {', '.join(done.dropped)}")
+    if check is not None:
+        _print_check(check)
+
+
+def _print_check(check: Check) -> None:
+    from weights_convert.reference_values import IMAGE_NAME, TOLERANCE
+
+    rows = [("cls", check.cls), ("patch 0", check.patch)]
+    if check.nearest is None:
+        print("  no values are known for this network; its first ones are:")
+    else:
+        known = check.nearest
+        rows += [(f"{known.weights} cls", known.cls), (f"{known.weights} patch 0", known.patch)]
+        verdict = "agrees with" if check.agrees else "DIFFERS from"
+        print(
+            f"  {verdict} the values published for {IMAGE_NAME}: largest difference "
+            f"{check.difference:.1e}, {TOLERANCE:.0e} is allowed"
+        )
+    for name, values in rows:
+        print(f"    {name:18}" + " ".join(f"{value:9.5f}" for value in values))
+
+
+def _print_variants() -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from remind_jax.backbone.vit_variants import TERMS, VARIANTS
+    from remind_jax.backbone.vit_weights import leaf_shapes
+
+    table = Table()
+    for heading in ("name", "patch", "width", "depth", "heads", "MiB", "licence of the weights"):
+        table.add_column(heading, justify="left" if heading[0] in "nl" else "right")
+    for v in VARIANTS.values():
+        mib = 4 * sum(math.prod(shape) for shape in leaf_shapes(v).values()) / 2**20
+        sizes = (v.patch_px, v.width, v.depth, v.heads, round(mib))
+        table.add_row(v.name, *map(str, sizes), TERMS[v.family].licence)
+    Console().print(table)

@@ -1,0 +1,98 @@
+"""`remind features`: looks at a scene once, so that it can be tracked often."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.errors import SourceError
+from remind_jax.sources.sampling import Sampling
+
+
+@dataclasses.dataclass(frozen=True)
+class Features:
+    """Compute the patch features of every frame and keep them for 'remind run --feature-cache'.
+
+    What is there already is not computed again, so an interrupted run goes on where it stopped.
+    Features are found again by frame, backbone, weights and size.
+
+    Examples:
+      remind features rooms.mp4 --backbone dinov3-vits16 --cache features/
+      remind run rooms.mp4 --backbone dinov3-vits16 --feature-cache features/ --masks masks/
+    """
+
+    # video, folder or tar of images, DAVIS or ScanNet++ folder or tar
+    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    backbone: Annotated[str, arg(metavar="NAME")] = "dinov3-vits16"  # what features come from
+    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    cache: Path | None = None  # folder of features; in the user's cache folder if left out
+    # configuration by name or YAML file: frames are scaled and cropped as it says
+    config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
+    changes: Assignments = ()
+    sequence: str | None = None  # which one, where a DAVIS folder holds several
+    images: str | None = None  # which images of a ScanNet++ scene, e.g. iphone/rgb
+    quiet: bool = False  # say nothing but errors
+    json: bool = False  # print the summary as JSON
+    sampling: Sampling = dataclasses.field(default_factory=Sampling)
+
+    def execute(self) -> int:
+        """Computes what is missing and reports; returns the exit code.
+
+        Raises:
+          RemindError: If the source, the backbone or the folder cannot be used.
+        """
+        silence_libraries()
+        from rich.console import Console
+        from rich.progress import track
+
+        from remind_jax.alignment import Alignment
+        from remind_jax.backbone.feature_cache import Tally, cache_features, default_folder
+        from remind_jax.backbone.opening import open_backbone
+        from remind_jax.sources import open_source
+
+        frames = open_source(
+            self.source,
+            masks="none",
+            sampling=self.sampling,
+            sequence=self.sequence,
+            images=self.images,
+        )
+        options = load_config_with(self.config, self.changes).input
+        keep_compiled_programs()
+        folder, tally = self.cache or default_folder(), Tally()
+        backbone = cache_features(open_backbone(self.backbone, weights=self.weights), folder, tally)
+        console = Console(stderr=True)
+        for frame in track(
+            frames,
+            description=f"{frames.name}: {backbone.name}",
+            total=frames.num_frames,
+            console=console,
+            disable=self.quiet or not console.is_terminal,
+            transient=True,
+        ):
+            if frame.image is None:
+                raise SourceError(f"frame '{frame.name}' has no image to compute features of")
+            alignment = Alignment.fit(frame.size, backbone.patch_px, options)
+            backbone.extract(alignment.align_image(frame.image)[None])
+        facts = {
+            "folder": str(folder),
+            "backbone": backbone.name,
+            "fingerprint": backbone.fingerprint,
+            "computed": tally.num_computed,
+            "found": tally.num_found,
+        }
+        if self.json:
+            print(json.dumps(facts, indent=1))
+        elif not self.quiet:
+            print(
+                f"{folder}: features of {tally.num_computed} frames computed, of "
+                f"{tally.num_found} found, backbone {backbone.name}"
+            )
+        return exit_codes.FINE
