@@ -8,20 +8,30 @@ from typing import Any
 
 import numpy as np
 
-from remind_jax.config import Thresholds
+from remind_jax.config import Config, Thresholds
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.explanation.archive import FrameRecord
 
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A detection in its frame, with the thresholds that it was judged by."""
+    """A detection in its frame, with the configuration that it was judged by."""
 
     record: FrameRecord
     row: int  # detection
     label: str  # its class
     labels: Mapping[int, str]  # of known objects
-    thresholds: Thresholds
+    config: Config
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """What it was judged by."""
+        return self.config.thresholds
+
+    @property
+    def assignment(self) -> str:
+        """How detections and objects were assigned, `joint` or `greedy`."""
+        return self.config.static.assignment
 
     @property
     def outcome(self) -> Outcome:
@@ -49,6 +59,12 @@ class Case:
     def num_passes(self) -> int:
         """Passes of the reconciliation."""
         return self.record.detections.passes.undecided.shape[1]
+
+    def undecided_reason(self, turn: int) -> Reason | None:
+        """Why it was undecided when a pass began, or after the last pass; None if it was not."""
+        if turn >= self.num_passes:
+            return self.reason if self.outcome == Outcome.AMBIGUOUS else None
+        return Reason(self.passes("reason", turn)) if self.passes("undecided", turn) else None
 
     def candidate_ids(self) -> list[int]:
         """Candidates shown, by falling visual score."""

@@ -29,19 +29,15 @@ _FALLBACKS = (
 
 def tell_doubt(case: Case, turn: int) -> Iterator[str]:
     """Why a detection was undecided when a pass began (14.3 to 14.5, 16a)."""
-    if turn >= case.num_passes:
-        reason, options = case.reason, case.options()
-        undecided = case.outcome == Outcome.AMBIGUOUS
-    else:
-        reason, options = Reason(case.passes("reason", turn)), case.options(turn)
-        undecided = case.passes("undecided", turn)
-    if not undecided:
+    reason = case.undecided_reason(turn)
+    options = case.options(turn if turn < case.num_passes else None)
+    if reason is None:
         return
     told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
     if reason == Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION:
         yield _tell_competition(case, options)
     elif reason == Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
-        yield f"another detection claims {case.name(options[0][0])} with a better score"
+        yield _tell_second_claim(case, *options[0])
     elif reason in _BY_POLICY:
         yield _tell_closeness(case, reason, options)
     elif reason in _FALLBACKS:
@@ -148,6 +144,16 @@ def _tell_competition(case: Case, options: list[tuple[int, float]]) -> str:
         f"{told}: {number(theirs)} and {number(mine)}, both at least {threshold(least)} and "
         f"{compare(abs(theirs - mine), '<=', widest)} apart"
     )
+
+
+def _tell_second_claim(case: Case, object_id: int, score: float) -> str:
+    """A match given up, as nothing can be in two places (uniqueness.py)."""
+    keeper = case.holder(object_id, "object_id")
+    told = f"it was matched with {case.name(object_id)} ({number(score)})"
+    if keeper is None:
+        return f"{told}, but another detection claims it with a better score"
+    better = number(float(case.record.decisions.score[keeper]))
+    return f"{told}, but detection {keeper} keeps it with the better score ({better})"
 
 
 def _tell_fallback(case: Case, options: list[tuple[int, float]]) -> str:

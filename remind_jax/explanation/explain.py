@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from remind_jax.config import Thresholds, load_config
+from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
 from remind_jax.explanation.account import Circumstances, Explanation, account_for, pending_kind
@@ -33,7 +33,7 @@ class Explainer:
         """
         self._archive = archive
         self._tracks = tracks
-        self._thresholds: Thresholds = load_config(config).thresholds
+        self._config = load_config(config)
         self._pending = _follow_pending(tracks)
 
     def explain(self, frame: int, detection: int) -> Explanation:
@@ -56,9 +56,7 @@ class Explainer:
             raise OutputError(
                 f"the trace does not fit frame {frame} of the run; run again with --trace"
             )
-        case = Case(
-            record, detection, tracks.labels[detection], self._archive.labels, self._thresholds
-        )
+        case = Case(record, detection, tracks.labels[detection], self._archive.labels, self._config)
         since = self._pending.get((frame, detection))
         around = Circumstances(
             time_s=float(tracks.time_s),

@@ -39,11 +39,14 @@ def tell_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str,
         return ("Its mask is empty or has no finite feature, so it was left out.",)
     stages = (_tell_looks, _tell_context, _tell_vetoes, _tell_assignment, _tell_guard)
     told = [text for stage in stages for text in stage(case)]
-    told += tell_doubt(case, 0)
-    for turn in range(case.num_passes):
-        told += tell_layout(case, turn)
-        if turn + 1 < case.num_passes and not case.passes("undecided", turn):
-            told += tell_doubt(case, turn + 1)
+    before = None
+    for turn in range(case.num_passes + 1):
+        reason = case.undecided_reason(turn)
+        if reason != before:
+            told += tell_doubt(case, turn)
+        if turn < case.num_passes:
+            told += tell_layout(case, turn)
+        before = reason
     told += tell_firmness(case)
     told += tell_birth(case)
     told += _tell_double(case)
@@ -194,20 +197,20 @@ def _tell_lock(case: Case, assigned: int, lock: Lock) -> str:
         ]
         if not free:
             return (
-                f"it is locked to {name} before the joint assignment: "
+                f"it is locked to {name} before the assignment: "
                 f"{compare(visual, '>=', t.lock_score)} and no other candidate is open and free"
             )
         score, whom = case.candidate(free[0], "visual"), f"{case.name(free[0])}, its next one"
     elif rival == NO_ID:
         return (
-            f"it is locked to {name} before the joint assignment: "
+            f"it is locked to {name} before the assignment: "
             f"{compare(visual, '>=', t.lock_score)} and no other detection competes for it"
         )
     else:
         whom = f"detection {rival}, the next one for it"
     lead = compare(visual - score, ">=", t.lock_gap)
     return (
-        f"it is locked to {name} before the joint assignment: "
+        f"it is locked to {name} before the assignment: "
         f"{compare(visual, '>=', t.lock_score)}, ahead of {whom}, by {lead}"
     )
 
@@ -215,7 +218,7 @@ def _tell_lock(case: Case, assigned: int, lock: Lock) -> str:
 def _tell_joint(case: Case, assigned: int) -> str:
     t, name = case.thresholds.matching, case.name(assigned)
     visual, final = case.candidate(assigned, "visual"), case.candidate(assigned, "final")
-    given = "the joint assignment of the frame gives it to this detection"
+    given = f"the {case.assignment} assignment of the frame gives it to this detection"
     if case.candidate(assigned, "gate") == Gate.SETS_RESCUE:
         bonus = case.candidate(assigned, "bonus")
         return (
@@ -235,15 +238,16 @@ def _tell_unassigned(case: Case) -> str:
         holder = case.holder(i, "assigned_id")
         if holder is not None:
             return (
-                f"the joint assignment gives {case.name(i)} to detection {holder} and leaves this "
-                f"one without an object, for the highest sum{_tell_trade(case, i, holder)}"
+                f"the {case.assignment} assignment gives {case.name(i)} to detection {holder} and "
+                f"leaves this one without an object{_tell_trade(case, i, holder)}"
             )
     for i in opened:
         final = case.candidate(i, "final")
         if final < t.match:
             return (
-                f"the joint assignment gives it {case.name(i)}, but after the penalty of "
-                f"{change(case.candidate(i, 'bonus'))} the score is {compare(final, '<', t.match)}"
+                f"the {case.assignment} assignment gives it {case.name(i)}, but after the penalty "
+                f"of {change(case.candidate(i, 'bonus'))} the score is "
+                f"{compare(final, '<', t.match)}"
             )
     best = case.candidate_ids()[0]
     return f"no candidate is open for assignment: {case.name(best)} {_tell_closed(case, best)}"
@@ -254,13 +258,16 @@ def _tell_trade(case: Case, object_id: int, holder: int) -> str:
     mine, theirs = (case.candidate(object_id, "assign", row) for row in (case.row, holder))
     if mine is None or theirs is None:
         return ""
+    if case.assignment == "greedy":
+        return f", as the better score goes first: {number(theirs)} there, {number(mine)} here"
     dummies = case.record.detections.dummy
     so, else_ = theirs + float(dummies[case.row]), mine + float(dummies[holder])
     if so < else_:
-        return ""
+        return ", for the highest sum of all"
     return (
-        f": {number(theirs)} there and {number(float(dummies[case.row]))} for none here, against "
-        f"{number(mine)} here and {number(float(dummies[holder]))} for none there"
+        f", for the highest sum: {number(theirs)} there and {number(float(dummies[case.row]))} "
+        f"for none here, against {number(mine)} here and {number(float(dummies[holder]))} for none "
+        "there"
     )
 
 

@@ -95,11 +95,3 @@ def test_no_run_is_one_sentence(command, tmp_path):
     assert outcome.code == 1
     assert outcome.stderr.startswith("remind: 'nowhere' is not the output folder of a run")
     assert len(outcome.stderr.splitlines()) == 1
-
-
-def test_a_later_run_without_trace_leaves_no_old_one(command, scene, traced, tmp_path):
-    """`overwrite` removes what belongs to the earlier run."""
-    shutil.copytree(traced, tmp_path / "again")
-    words = ("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay", "--max-frames", 1)
-    assert command(*words, "--out", "again", "--overwrite").code == 0
-    assert not (tmp_path / "again" / "trace.npz").exists()

@@ -80,9 +80,9 @@ def decide_frame(
     return record
 
 
-def case_of(record: FrameRecord, row: int, thresholds: Thresholds | None = None) -> Case:
+def case_of(record: FrameRecord, row: int, config: Config | None = None) -> Case:
     known = {int(i): "mug" for i in record.detections.candidates.id.ravel()}
-    return Case(record, row, "mug", known, thresholds or Config().thresholds)
+    return Case(record, row, "mug", known, config or Config())
 
 
 def chain(record: FrameRecord, row: int) -> list[str]:

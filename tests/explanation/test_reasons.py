@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import operator
 import re
+from typing import Any
 
 import numpy as np
 import pytest
 
+from remind_jax.config import Config
 from remind_jax.context.veto import Veto
-from remind_jax.decision import Outcome
+from remind_jax.decision import Outcome, Reason
+from remind_jax.explanation.reasons import tell_reasons
 from remind_jax.state import Lifecycle
 from tests.explanation.scenes import backed, case_of, chain, decide_frame
 
@@ -155,6 +159,41 @@ def test_nothing_known_is_a_short_story():
         "No mug is known yet, so it can be none of those seen before.",
         "A new object: mug 0.",
     ]
+
+
+def test_a_second_claim_is_given_up_in_words():
+    """What layout gave, the rule of one detection per identity takes again."""
+    record = decide_frame([{0: 0.93, 1: 0.62}, {0: 0.60, 1: 0.92}])
+    d = record.decisions
+    changes: dict[str, Any] = {
+        "outcome": np.array([Outcome.MATCH, Outcome.AMBIGUOUS]),
+        "reason": np.array([Reason.ASSIGNED, Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH]),
+        "object_id": np.array([0, -1]),
+        "option_id": np.array([[-1, -1, -1], [0, 1, -1]]),
+        "option_score": np.array([[0, 0, 0], [0.60, 0.92, 0]]),
+    }
+    record = dataclasses.replace(record, decisions=dataclasses.replace(d, **changes))
+    told = chain(record, 1)
+    assert told[-2:] == [
+        "It was matched with mug 0 (0.60), but detection 0 keeps it with the better score (0.93).",
+        "Open between mug 0 and mug 1 (ambiguous track -1).",
+    ]
+    assert "keeps it" not in " ".join(chain(record, 0))
+
+
+def test_an_identity_given_twice_is_pointed_out():
+    record = decide_frame([{0: 0.93, 1: 0.62}, {0: 0.60, 1: 0.92}])
+    twice = dataclasses.replace(record.decisions, object_id=np.array([0, 0]))
+    told = chain(dataclasses.replace(record, decisions=twice), 1)
+    assert "Detection 0 is matched with the same object: the frame holds it twice." in told
+
+
+def test_greedy_assignment_is_called_so():
+    record = decide_frame([{0: 0.89}, {0: 0.85}])
+    config = Config().updated({"static": {"assignment": "greedy"}})
+    told = " ".join(tell_reasons(case_of(record, 1, config)))
+    assert "the better score goes first: 0.89 there, 0.85 here" in told
+    assert "joint" not in told
 
 
 def drawn_frames(num: int):

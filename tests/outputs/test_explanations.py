@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import gzip
 import json
 from typing import Any
 
 from remind_jax.outputs import explanations, report
 from remind_jax.outputs.explanations import pack_explanations
+from remind_jax.outputs.writer import TRACE_NAME, RunWriter
 from remind_jax.result import Result
 from tests.outputs.fake_run import make_run
 from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
@@ -63,3 +65,14 @@ def test_same_run_same_bytes():
 def test_a_run_without_trace_has_no_explanations():
     _, result = make_run(4)
     assert report.report_data(result, [], None)["explanations"] is None
+
+
+def test_a_folder_keeps_the_trace_of_its_own_run_only(tmp_path):
+    frames, result = make_traced_run(4)
+    for made, has_trace in ((result, True), (dataclasses.replace(result, trace=None), False)):
+        with RunWriter(tmp_path, made.info, overlay=False, overwrite=True) as writer:
+            for frame, tracks in zip(frames, made.tracks, strict=True):
+                writer.add(frame, tracks)
+            writer.finish(made)
+        assert (tmp_path / TRACE_NAME).exists() == has_trace
+        assert (Result.load(tmp_path).explainer is not None) == has_trace
