@@ -11,9 +11,9 @@ from __future__ import annotations
 import collections
 import dataclasses
 import functools
+import io
 import pickle
 import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,7 @@ class Archive:
         self.path = path
         try:
             self._zip = zipfile.ZipFile(path)
-        except (zipfile.BadZipFile, OSError) as error:
+        except Exception as error:  # a damaged directory can fail in any way
             raise _damaged(path, error) from error
         pickles = [name for name in self._zip.namelist() if name.endswith("/data.pkl")]
         if len(pickles) != 1:
@@ -120,12 +120,8 @@ class Archive:
             return self._zip.read(entry)
         except KeyError as error:
             raise WeightsError(f"'{self.path}' is damaged: it lacks '{entry}'") from error
-        except (zipfile.BadZipFile, zlib.error, EOFError, OSError) as error:
+        except Exception as error:
             raise _damaged(self.path, error) from error
-
-    def file(self, entry: str) -> Any:
-        """An entry as a file."""
-        return self._zip.open(entry)
 
 
 def read_pickled(path: Path) -> Mapping[str, Any]:
@@ -140,8 +136,8 @@ def read_pickled(path: Path) -> Mapping[str, Any]:
         return _read_with_torch(path, start)
     archive = Archive(path)
     try:
-        with archive.file(archive.root + "data.pkl") as file:
-            content = _TensorUnpickler(file, archive).load()
+        pickled = io.BytesIO(archive.read(archive.root + "data.pkl"))
+        content = _TensorUnpickler(pickled, archive).load()
     except WeightsError:
         raise
     except Exception as error:

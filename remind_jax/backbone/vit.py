@@ -2,7 +2,8 @@
 
 Written from a description of the networks (vision transformer notes 2 to 7). Float32 mode follows
 the published models operation by operation: exact GELU, two-pass variance, rotations and softmax in
-float32. Bfloat16 mode rounds only what enters matrix products, never queries and keys.
+float32. Bfloat16 mode rounds what enters matrix products, but neither queries and keys nor what
+they are made from: errors in scores are the ones that matter.
 
 Letters: `B` images, `N` tokens (cls, registers, patches in raster order), `D` features, `H` heads,
 `E` features per head, `Hp Wp` patch grid.
@@ -76,13 +77,14 @@ class Linear(nn.Module):
     features: int
     numerics: Numerics
     use_bias: bool = True
-    out_dtype: Any = None  # the type of the numerics if left out
+    dtype: Any = None  # of what is multiplied; that of the numerics if left out
+    out_dtype: Any = None  # that of the numerics if left out
 
     @nn.compact
     def __call__(self, x: Float[Array, "... I"]) -> Float[Array, "... O"]:
         """Applies the layer to the last axis."""
         kernel = self.param("kernel", nn.initializers.lecun_normal(), (x.shape[-1], self.features))
-        dtype = self.numerics.dtype
+        dtype = self.dtype or self.numerics.dtype
         y = jax.lax.dot_general(
             x.astype(dtype),
             kernel.astype(dtype),
@@ -92,7 +94,7 @@ class Linear(nn.Module):
         )
         if self.use_bias:
             y = y + self.param("bias", nn.initializers.zeros, (self.features,))
-        return y.astype(self.out_dtype or dtype)
+        return y.astype(self.out_dtype or self.numerics.dtype)
 
 
 class Attention(nn.Module):
@@ -107,7 +109,8 @@ class Attention(nn.Module):
     ) -> tuple[Array, ObjectAttention | None, Array | None]:
         """Returns mixed tokens, and what is wanted of the attention."""
         v, num = self.variant, self.numerics
-        fused = Linear(3 * v.width, num, use_bias=False, out_dtype=jnp.float32, name="qkv")(x)
+        exact = {"dtype": jnp.float32, "out_dtype": jnp.float32}
+        fused = Linear(3 * v.width, num, use_bias=False, **exact, name="qkv")(x)
         heads = (*x.shape[:2], v.heads, v.head_width)
         q, k, values = (
             jnp.swapaxes(part.reshape(heads), 1, 2)

@@ -119,10 +119,10 @@ def _run(
 
 
 def _cast_matrices(params: dict[str, Any], precision: Precision) -> dict[str, Any]:
-    """Matrices in the type that they are multiplied in, everything else in float32."""
+    """Matrices in the type that they are multiplied in (see `vit`), all else in float32."""
 
     def cast(path: Any, leaf: Any) -> Any:
-        is_matrix = path[-1].key == "kernel"
+        is_matrix = path[-1].key == "kernel" and path[-2].key != "qkv"
         return leaf.astype(DTYPES[precision] if is_matrix else jnp.float32, copy=False)
 
     return jax.tree_util.tree_map_with_path(cast, params)

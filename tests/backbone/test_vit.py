@@ -1,0 +1,201 @@
+"""The transformers against what the official code computes."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.backbone.vit import Numerics, Tokens, VisionTransformer
+from remind_jax.backbone.vit_attention import METHODS, NO_PATCH
+from remind_jax.backbone.vit_variants import VARIANTS
+from remind_jax.backbone.vit_weights import Weights, leaf_shapes
+from remind_jax.errors import ConfigError
+from tests.backbone.networks import converted
+from tests.golden.vit import load as golden
+from tests.golden.vit import weights as formulas
+
+# Outputs have a root mean square of one; PyTorch's float32 is up to 5e-5 from its own float64.
+OUTPUTS = 1e-4
+# Softmax rows, in which the same rounding appears undiluted.
+ATTENTION = 3e-5
+# Means over a whole stream, in which rounding averages out.
+STAGES = 5e-6
+
+
+def run(
+    weights: Weights, images: np.ndarray, numerics: Numerics | None = None, **options
+) -> Tokens:
+    network = VisionTransformer(weights.variant, numerics or Numerics())
+    apply = jax.jit(lambda params, x: network.apply({"params": params}, x, **options))
+    return apply(weights.params, images)
+
+
+def difference(tokens: Tokens, network: golden.Network, size: str, kind: str = "") -> float:
+    """Largest over all recorded tokens."""
+    patches = np.asarray(tokens.patches).reshape(-1, network.config["width"])
+    index = network.arrays[f"{size}/patch_index"]
+    pairs = {"cls": tokens.cls[0], "registers": tokens.registers[0], "patches": patches[index]}
+    stored = {name: network.arrays.get(f"{size}/{kind}{name}") for name in pairs}
+    return max(
+        float(np.abs(np.asarray(pairs[name]) - truth).max())
+        for name, truth in stored.items()
+        if truth is not None and truth.size
+    )
+
+
+CASES = [(stem, size) for stem in (*golden.TINY, "dinov3_s16") for size in golden.load(stem).sizes]
+
+
+@pytest.mark.parametrize(("stem", "size"), CASES)
+def test_outputs_are_those_of_the_official_code(stem, size):
+    network, weights = golden.load(stem), converted(stem)
+    last = weights.variant.depth - 1
+    names = ["embedding", *(f"block_{i}" for i in range(last + 1))]
+    capture = (*names, f"cls_attention_{last}")
+    tokens = run(weights, network.image(size), capture=capture)
+    assert difference(tokens, network, size) < OUTPUTS
+    row = tokens.intermediates[f"cls_attention_{last}"][0]
+    assert np.abs(row - network.arrays[f"{size}/attention_cls"]).max() < ATTENTION
+    for name, expected in zip(names, network.arrays[f"{size}/stages"], strict=True):
+        stream = np.asarray(tokens.intermediates[name][0], np.float64)
+        check = formulas.uniform("check", stream.size).reshape(stream.shape)
+        found = stream.mean(), np.sqrt((stream**2).mean()), (stream * check).mean()
+        np.testing.assert_allclose(found, expected, rtol=0, atol=STAGES)
+
+
+@pytest.mark.parametrize("stem", [s for s in golden.TINY if s.startswith("dinov3")])
+def test_periods_of_a_file_are_used(stem):
+    network, weights = golden.load(stem), converted(stem, rounded_periods=True)
+    for size in network.sizes:
+        tokens = run(weights, network.image(size))
+        assert difference(tokens, network, size, "bf16periods_") < OUTPUTS
+        assert difference(tokens, network, size) > 100 * OUTPUTS
+
+
+@pytest.mark.parametrize("stem", ["dinov2_tiny", "dinov2_tiny_swiglu", "dino_tiny", "dino_tiny_p8"])
+def test_the_other_rule_of_resampling_is_that_of_hugging_face(stem):
+    network, weights = golden.load(stem), converted(stem)
+    variant = dataclasses.replace(weights.variant, position="size")
+    weights = dataclasses.replace(weights, variant=variant)
+    sizes = [size for size in network.sizes if f"{size}/hf_cls" in network.arrays]
+    assert sizes
+    for size in sizes:
+        tokens = run(weights, network.image(size))
+        assert difference(tokens, network, size, "hf_") < OUTPUTS
+        assert difference(tokens, network, size) > 1000 * OUTPUTS
+
+
+def test_chunked_attention_is_plain_attention():
+    weights = converted("dinov3_tiny_swiglu")
+    images = golden.load("dinov3_tiny_swiglu").image("112x48")
+    plain, chunked = (
+        run(weights, images, Numerics(attention=method)).patches for method in ("plain", "chunked")
+    )
+    # The same sums in another order, through three blocks.
+    np.testing.assert_allclose(plain, chunked, rtol=0, atol=3e-5)
+
+
+def test_many_queries_are_worked_on_in_several_chunks():
+    weights = converted("dino_tiny_p8")
+    images = np.random.default_rng(0).normal(size=(1, 80, 136, 3)).astype(np.float32)
+    plain, chunked = (
+        run(weights, images, Numerics(attention=method)).patches for method in ("plain", "chunked")
+    )
+    np.testing.assert_allclose(plain, chunked, rtol=0, atol=3e-5)
+
+
+def test_images_of_a_batch_do_not_see_each_other():
+    network, weights = golden.load("dinov2_tiny_reg"), converted("dinov2_tiny_reg")
+    first = network.image("42x84")
+    both = np.concatenate([first, first[:, ::-1]])
+    for method in ("plain", "chunked"):
+        tokens = run(weights, both, Numerics(attention=method))
+        assert difference(tokens, network, "42x84") < OUTPUTS
+        assert np.abs(tokens.patches[0] - tokens.patches[1]).max() > 0.1
+
+
+def test_what_does_not_fill_a_patch_is_left_out():
+    network, weights = golden.load("dinov3_tiny_mlp"), converted("dinov3_tiny_mlp")
+    image = np.pad(network.image("64x112"), [(0, 0), (0, 15), (0, 9), (0, 0)])
+    assert difference(run(weights, image), network, "64x112") < OUTPUTS
+
+
+@pytest.mark.parametrize("stem", ["dinov3_tiny_mlp", "dinov3_tiny_swiglu", "dinov3_s16"])
+def test_attention_of_objects_is_the_block_of_the_whole_map(stem):
+    network, weights = golden.load(stem), converted(stem)
+    size = network.sizes[0]
+    whole = network.arrays[f"{size}/attention_mean"]
+    chosen = np.array([[3, NO_PATCH, 0, len(whole) - 1, 7, NO_PATCH]])
+    tokens = run(weights, network.image(size), objects=chosen)
+    assert difference(tokens, network, size) < OUTPUTS
+    among = tokens.object_attention
+    assert among is not None
+    slots, patches = np.array([0, 2, 3, 4]), chosen[0, [0, 2, 3, 4]]
+    block = np.asarray(among.block[0])
+    assert np.abs(block[np.ix_(slots, slots)] - whole[np.ix_(patches, patches)]).max() < ATTENTION
+    assert np.abs(among.row_sums[0, slots] - whole.sum(1)[patches]).max() < ATTENTION
+    assert not block[[1, 5]].any()
+    assert not block[:, [1, 5]].any()
+    assert not np.asarray(among.row_sums)[0, [1, 5]].any()
+
+
+def test_attention_of_chosen_heads():
+    network, weights = golden.load("dinov3_tiny_swiglu"), converted("dinov3_tiny_swiglu")
+    per_head = network.arrays["80x80/attention_heads"]
+    everything = np.arange(per_head.shape[1])[None]
+    tokens = run(weights, network.image("80x80"), objects=everything, heads=(2, 0))
+    assert tokens.object_attention is not None
+    expected = per_head[[2, 0]].mean(0)
+    assert np.abs(tokens.object_attention.block[0] - expected).max() < ATTENTION
+
+
+def test_bfloat16_rounds_little():
+    """With weights far sharper than trained ones; each token points where it did."""
+    network, weights = golden.load("dinov3_s16"), converted("dinov3_s16")
+    image = network.image("160x240")
+    exact = np.asarray(run(weights, image).patches, np.float64).reshape(-1, 384)
+    rounded = run(weights, image, Numerics(jnp.bfloat16)).patches
+    rounded = np.asarray(rounded, np.float64).reshape(-1, 384)
+    lengths = np.linalg.norm(exact, axis=1) * np.linalg.norm(rounded, axis=1)
+    assert ((exact * rounded).sum(1) / lengths).min() > 0.9995
+    assert np.abs(exact - rounded).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    "name", ["block_3", "embeddings", "cls_attention_x", "block_-1", "attention_0"]
+)
+def test_unknown_intermediate(name):
+    weights = converted("dino_tiny")
+    with pytest.raises(ConfigError, match=r"no intermediate .*block_0 to block_2, cls_attention_0"):
+        run(weights, np.zeros((1, 64, 64, 3), np.float32), capture=(name,))
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_files_hold_what_the_network_asks_for(name):
+    """The list of leaves and the modules are written apart; they must agree for every variant."""
+    variant = VARIANTS[name]
+    side = 2 * variant.patch_px
+    network = VisionTransformer(variant)
+    image = jax.ShapeDtypeStruct((1, side, side, 3), jnp.float32)
+    asked = jax.eval_shape(functools.partial(network.init, jax.random.key(0)), image)["params"]
+    given: dict[str, tuple[int, ...]] = {}
+    for leaf, shape in leaf_shapes(variant).items():
+        head, _, rest = leaf.partition(".")
+        if head == "blocks":
+            given["blocks." + rest.partition(".")[2]] = (variant.depth, *shape)
+        else:
+            given[leaf] = shape
+    found = {
+        jax.tree_util.keystr(path, simple=True, separator="."): leaf.shape
+        for path, leaf in jax.tree_util.tree_flatten_with_path(asked)[0]
+    }
+    assert found == given
+
+
+def test_methods_are_listed():
+    assert set(METHODS) == {"plain", "chunked", "cudnn"}

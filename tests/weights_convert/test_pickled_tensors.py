@@ -1,0 +1,168 @@
+"""`.pth` files without PyTorch: sound ones are read, all others are refused in one sentence."""
+
+from __future__ import annotations
+
+import builtins
+import os
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from remind_jax.errors import WeightsError
+from tests.weights_convert.pth_files import call_of, write_pth
+from weights_convert.pickled_tensors import read_pickled
+
+ARRAYS = {
+    "matrix": np.arange(12, dtype=np.float32).reshape(3, 4),
+    "half": np.array([1.5, -2.0], np.float16),
+    "scalar": np.array(7, np.int64),
+    "empty": np.zeros((0, 3), np.float32),
+}
+
+
+def read_everything(path) -> dict:
+    content = read_pickled(path)
+    return {key: value.read() for key, value in content.items() if hasattr(value, "read")}
+
+
+def refusal(path) -> str:
+    with pytest.raises(WeightsError) as caught:
+        read_everything(path)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_tensors_come_back(tmp_path):
+    path = write_pth(tmp_path / "a.pth", {"model": ARRAYS, "epoch": 3, "note": "text"})
+    content = read_pickled(path)
+    assert content["epoch"] == 3
+    for name, array in ARRAYS.items():
+        tensor = content["model"][name]
+        assert tensor.shape == array.shape
+        np.testing.assert_array_equal(tensor.read(), array)
+
+
+def test_transposed_tensors_are_read_by_their_strides(tmp_path):
+    path = write_pth(tmp_path / "a.pth", {"x": np.arange(9.0, dtype=np.float32).reshape(3, 3)})
+    path = write_pth(path, {"x": ARRAYS["matrix"][:3, :3]}, strides=(1, 3))
+    found = read_pickled(path)["x"].read()
+    np.testing.assert_array_equal(found, ARRAYS["matrix"][:3, :3].T)
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "arguments"),
+    [
+        ("os", "system", ("touch ran",)),
+        ("builtins", "exec", ("open('ran', 'w')",)),
+        ("builtins", "getattr", ("x", "y")),
+        ("torch._utils", "_rebuild_wrapper_subclass", ()),
+        ("collections", "namedtuple", ("a", "b")),
+        ("argparse", "Namespace", ()),
+    ],
+)
+def test_a_pickle_that_calls_anything_is_refused_and_runs_nothing(
+    tmp_path, monkeypatch, module, name, arguments
+):
+    monkeypatch.chdir(tmp_path)
+    bomb = call_of(module, name, *arguments)
+    path = write_pth(tmp_path / "evil.pth", {**ARRAYS, "bomb": bomb})
+    told = refusal(path)
+    assert f"asks for '{module}.{name}' to be run" in told
+    assert "nothing was run" in told
+    assert os.listdir(tmp_path) == ["evil.pth"]
+
+
+def test_the_bomb_of_this_test_does_go_off_without_care(tmp_path, monkeypatch):
+    """Else the test above would prove nothing."""
+    monkeypatch.chdir(tmp_path)
+    path = write_pth(tmp_path / "evil.pth", {"bomb": call_of("os", "mkdir", "ran")})
+    with zipfile.ZipFile(path) as archive:
+        pickle.loads(archive.read("archive/data.pkl"))
+    assert (tmp_path / "ran").is_dir()
+
+
+def test_truncated_file(tmp_path):
+    path = write_pth(tmp_path / "a.pth", ARRAYS)
+    path.write_bytes(path.read_bytes()[:-100])
+    assert "damaged or cut short" in refusal(path)
+
+
+def test_a_changed_byte_in_a_tensor_is_noticed(tmp_path):
+    path = write_pth(tmp_path / "a.pth", ARRAYS)
+    data = bytearray(path.read_bytes())
+    data[data.index(ARRAYS["matrix"].tobytes()) + 5] ^= 1
+    path.write_bytes(data)
+    assert "damaged or cut short (Bad CRC-32" in refusal(path)
+
+
+def test_tensor_that_reaches_beyond_its_storage(tmp_path):
+    for strides in ((4, 100), (-1, 1)):
+        path = write_pth(tmp_path / "a.pth", {"x": ARRAYS["matrix"]}, strides=strides)
+        assert "reaches beyond" in refusal(path)
+
+
+def test_other_byte_order(tmp_path):
+    path = write_pth(tmp_path / "a.pth", ARRAYS, byteorder="big")
+    assert "byte order" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "no PyTorch file"),
+        (b"<html>404</html>", "no PyTorch file: it begins with b'<htm'"),
+        (b"PK\x03\x04" + bytes(50), "damaged or cut short"),
+    ],
+)
+def test_no_weight_file_at_all(tmp_path, content, told):
+    path = tmp_path / "a.pth"
+    path.write_bytes(content)
+    assert told in refusal(path)
+
+
+def test_zip_of_something_else(tmp_path):
+    np.savez(tmp_path / "a.npz", x=np.ones(3))
+    assert "zip archive without tensors" in refusal(tmp_path / "a.npz")
+
+
+def test_no_dictionary(tmp_path):
+    path = write_pth(tmp_path / "a.pth", ARRAYS["matrix"])
+    assert "instead of a dictionary of tensors" in refusal(path)
+
+
+def test_old_file_without_pytorch_says_what_to_install(tmp_path, monkeypatch):
+    path = tmp_path / "a.pth"
+    path.write_bytes(pickle.dumps({"a": 1}, protocol=2))
+    real = builtins.__import__
+
+    def without_torch(name, *args, **kwargs):
+        if name == "torch":
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without_torch)
+    assert "pip install 'remind-jax[convert]'" in refusal(path)
+
+
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(position=st.integers(0, 10_000), value=st.integers(0, 255))
+def test_any_changed_byte_is_harmless(tmp_path, position, value):
+    """It is refused in one sentence, or changes nothing that is read."""
+    path = write_pth(tmp_path / "a.pth", {"matrix": ARRAYS["matrix"]})
+    data = bytearray(path.read_bytes())
+    data[position % len(data)] = value
+    path.write_bytes(data)
+    told = "one sentence"
+    try:
+        arrays = read_everything(path)
+    except WeightsError as error:
+        told, arrays = str(error), {}
+    assert "\n" not in told
+    for array in arrays.values():
+        np.testing.assert_array_equal(array, ARRAYS["matrix"])
