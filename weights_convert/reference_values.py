@@ -115,16 +115,14 @@ def check_values(weights: str | Path, image: str | Path) -> Check:
     import jax
 
     from remind_jax.backbone.preprocessing import MEAN, STD
-    from remind_jax.backbone.vit import Tokens, VisionTransformer
+    from remind_jax.backbone.vit import encode
 
     loaded = load_weights(weights)
     side = SIDE_PX - SIDE_PX % loaded.variant.patch_px
     pixels = _read_image(image).astype(np.float32) / 255
     resized = jax.image.resize(pixels, (side, side, 3), "linear", antialias=True)
-    network = VisionTransformer(loaded.variant)
     params = jax.tree.map(lambda leaf: leaf.astype(np.float32), loaded.params)
-    tokens = network.apply({"params": params}, ((resized - MEAN) / STD)[None])
-    assert isinstance(tokens, Tokens)
+    tokens = encode(params, ((resized - MEAN) / STD)[None], loaded.variant)
     cls, patch = (tuple(map(float, t[:5])) for t in (tokens.cls[0], tokens.patches[0, 0, 0]))
     candidates = PUBLISHED.get(loaded.variant.name, ())
     distances = [

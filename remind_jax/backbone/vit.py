@@ -308,6 +308,28 @@ class VisionTransformer(nn.Module):
         )
 
 
+def encode(
+    params: Any,
+    images: Float[Array, "B H W 3"],
+    variant: Variant,
+    numerics: Numerics | None = None,
+    **wanted: Any,
+) -> Tokens:
+    """Describes normalised images: a pure function of weights and images.
+
+    Args:
+      params: As `vit_weights.load_weights` gives them.
+      images: RGB, normalised.
+      variant: The network.
+      numerics: How it is computed; exact and plain if left out.
+      **wanted: `capture`, `objects` and `heads` of `VisionTransformer`.
+    """
+    network = VisionTransformer(variant, numerics or Numerics())
+    tokens = network.apply({"params": params}, images, **wanted)
+    assert isinstance(tokens, Tokens)
+    return tokens
+
+
 def _gelu(x: Float[Array, "..."]) -> Float[Array, "..."]:
     """Exact GELU as published; JAX's own goes by `erfc`, which takes longer."""
     return 0.5 * x * (1 + jax.lax.erf(x * np.float32(0.5**0.5)))

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, Int, UInt8
 
 from remind_jax.backbone.preprocessing import normalise
 from remind_jax.backbone.registry import Backbone
-from remind_jax.backbone.vit import Numerics, Tokens, VisionTransformer
-from remind_jax.backbone.vit_attention import METHODS, Method
+from remind_jax.backbone.vit import Numerics, Tokens, encode
+from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, find_weights, load_weights
 from remind_jax.errors import ConfigError
@@ -84,16 +84,28 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     jitted = jax.jit(lambda params, images: run(params, images).patches)
 
     @functools.partial(jax.jit, static_argnames="heads")
-    def attending(params, images, patches, heads):
+    def attending(params: Any, images: Array, patches: Array, heads: tuple[int, ...] | None) -> Any:
         tokens = run(params, images, objects=patches, heads=heads)
         return tokens.patches, tokens.object_attention
+
+    def apply_with_attention(
+        images: UInt8[Array, "B H W 3"],
+        patches: Int[Array, "B K"],
+        heads: tuple[int, ...] | None = None,
+    ) -> tuple[Float[Array, "B Hp Wp D"], ObjectAttention]:
+        if heads is not None and (not heads or min(heads) < 0 or max(heads) >= variant.heads):
+            raise ConfigError(
+                f"attention heads {heads} were asked for; '{name}' has heads from 0 to "
+                f"{variant.heads - 1}"
+            )
+        return attending(params, images, patches, heads)
 
     return Backbone(
         name=name,
         patch_px=variant.patch_px,
         dim=variant.width,
         apply=apply,
-        apply_with_attention=functools.partial(attending, params),
+        apply_with_attention=apply_with_attention,
         fingerprint=f"{weights.sha256}-{variant.position}-{precision}",
     )
 
@@ -112,10 +124,8 @@ def _run(
     if attention == "auto":
         num_tokens = variant.num_prefix + rows * columns
         attention = choose_attention(variant, num_tokens, jax.default_backend())
-    network = VisionTransformer(variant, Numerics(DTYPES[precision], attention))
-    tokens = network.apply({"params": params}, normalise(images), objects=objects, heads=heads)
-    assert isinstance(tokens, Tokens)
-    return tokens
+    numerics = Numerics(DTYPES[precision], attention)
+    return encode(params, normalise(images), variant, numerics, objects=objects, heads=heads)
 
 
 def _cast_matrices(params: dict[str, Any], precision: Precision) -> dict[str, Any]:

@@ -16,15 +16,16 @@ from weights_convert.variant_detection import Wishes
 _FOLDER = tempfile.TemporaryDirectory(prefix="remind-jax-networks-")
 
 
-@functools.cache
 def converted_file(stem: str, rounded_periods: bool = False) -> Path:
     """A golden network from its official tensors."""
     network = golden.load(stem)
     folder = Path(_FOLDER.name) / f"{stem}-{rounded_periods}"
+    out = folder / "converted.safetensors"
+    if out.exists():
+        return out
     folder.mkdir()
     save_file(network.official(rounded_periods), folder / "official.safetensors")
     wishes = Wishes(heads=network.config["heads"], custom=True)
-    out = folder / "converted.safetensors"
     convert(folder / "official.safetensors", out, wishes=wishes)
     return out
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.backbone.vit import Numerics, Tokens, VisionTransformer
+from remind_jax.backbone.vit import Numerics, Tokens, VisionTransformer, encode
 from remind_jax.backbone.vit_attention import METHODS, NO_PATCH
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.backbone.vit_weights import Weights, leaf_shapes
@@ -30,9 +30,8 @@ STAGES = 5e-6
 def run(
     weights: Weights, images: np.ndarray, numerics: Numerics | None = None, **options
 ) -> Tokens:
-    network = VisionTransformer(weights.variant, numerics or Numerics())
-    apply = jax.jit(lambda params, x: network.apply({"params": params}, x, **options))
-    return apply(weights.params, images)
+    run_once = jax.jit(lambda params, x: encode(params, x, weights.variant, numerics, **options))
+    return run_once(weights.params, images)
 
 
 def difference(tokens: Tokens, network: golden.Network, size: str, kind: str = "") -> float:

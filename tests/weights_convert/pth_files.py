@@ -47,8 +47,11 @@ _ORDERED = _OrderedDict()
 _STORAGES = {"float32": "FloatStorage", "float16": "HalfStorage", "int64": "LongStorage"}
 
 
-class _Pickler(pickle._Pickler):  # the one written in Python can be taught new types
-    dispatch: ClassVar[Any] = dict(pickle._Pickler.dispatch)
+_PurePickler: Any = pickle._Pickler  # the one written in Python can be taught new types
+
+
+class _Pickler(_PurePickler):
+    dispatch: ClassVar[Any] = dict(_PurePickler.dispatch)
 
     def save_global_reference(self, obj: _Global) -> None:
         self.write(pickle.GLOBAL + f"{obj.module}\n{obj.name}\n".encode())

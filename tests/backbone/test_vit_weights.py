@@ -1,0 +1,183 @@
+"""Converted files: found where they should be, and refused if anything about them is wrong."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from remind_jax.backbone import vit_weights
+from remind_jax.backbone.vit_variants import VARIANTS
+from remind_jax.backbone.vit_weights import WEIGHTS_VARIABLE, find_weights, load_weights
+from remind_jax.errors import WeightsError
+from tests.backbone.networks import converted_file
+
+
+def read(path) -> tuple[dict, bytes]:
+    data = path.read_bytes()
+    length = struct.unpack("<Q", data[:8])[0]
+    return json.loads(data[8 : 8 + length]), data[8 + length :]
+
+
+def write(path, header: dict, data: bytes):
+    text = json.dumps(header).encode()
+    path.write_bytes(struct.pack("<Q", len(text)) + text + data)
+    return path
+
+
+@pytest.fixture
+def spoilt(tmp_path):
+    """Changes header or bytes of a sound file; returns what the loader says."""
+
+    def spoil(change=lambda header: None, data=lambda data: data, expected=None) -> str:
+        header, content = read(converted_file("dino_tiny"))
+        change(header)
+        path = write(tmp_path / "spoilt.safetensors", header, data(content))
+        with pytest.raises(WeightsError) as caught:
+            load_weights(path, expected)
+        assert "\n" not in str(caught.value)
+        return str(caught.value)
+
+    return spoil
+
+
+def test_a_sound_file():
+    weights = load_weights(converted_file("dino_tiny"))
+    assert weights.variant.width == 64
+    assert weights.params["blocks"]["attention"]["qkv"]["kernel"].shape == (3, 64, 192)
+    assert weights.header["licence"] == "Apache-2.0"
+
+
+def test_leaf_missing_or_left_over_or_of_another_shape(spoilt):
+    def rename(header):
+        header["norm.extra"] = header.pop("norm.bias")
+        header["cls_token"]["shape"] = [64, 1]
+
+    told = spoilt(rename)
+    assert "missing: norm.bias" in told
+    assert "left over: norm.extra" in told
+    assert "of another shape: cls_token" in told
+
+
+def test_a_changed_byte(spoilt):
+    def flip(data):
+        return data[:999] + bytes([data[999] ^ 1]) + data[1000:]
+
+    assert "are not those that were written: the sha256" in spoilt(data=flip)
+
+
+def test_cut_short(spoilt):
+    assert "damaged, cut short or no converted weight file" in spoilt(data=lambda d: d[:-4])
+
+
+def describe(**values):
+    def change(header):
+        meta = header["__metadata__"]
+        meta["architecture"] = json.dumps(json.loads(meta["architecture"]) | values)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda h: h.pop("__metadata__"), "was not written by remind-jax"),
+        (lambda h: h["__metadata__"].update(schema="2"), "has schema 2, this version reads 1"),
+        (lambda h: h["__metadata__"].update(dtype="int4"), "header of .* is damaged"),
+        (lambda h: h["__metadata__"].pop("dtype"), "header of .* is damaged"),
+        (lambda h: h["__metadata__"].update(architecture="{"), "header of .* is damaged"),
+        (lambda h: h["__metadata__"].update(architecture="[]"), "header of .* is damaged"),
+        (describe(heads=0), "header of .* is damaged"),
+        (describe(heads="two"), "header of .* is damaged"),
+        (describe(heads=3), "header of .* is damaged"),
+        (describe(family="clip"), "header of .* is damaged"),
+        (describe(surprise=1), "header of .* is damaged"),
+        (describe(depth=4), "missing: blocks.3"),
+        (describe(name="dinov3-vits16"), "calls itself 'dinov3-vits16' but describes 'custom'"),
+    ],
+)
+def test_headers_are_not_believed(spoilt, change, told):
+    import re
+
+    assert re.search(told, spoilt(change))
+
+
+def test_another_network_than_asked_for(spoilt):
+    told = spoilt(expected="dinov3-vits16")
+    assert "holds 'custom', not 'dinov3-vits16'" in told
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(WeightsError, match="does not exist"):
+        load_weights(tmp_path / "a.safetensors")
+
+
+@settings(
+    max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(position=st.integers(0, 8000), value=st.integers(0, 255))
+def test_any_changed_byte_of_the_header_is_refused_or_harmless(tmp_path, position, value):
+    data = bytearray(converted_file("dino_tiny").read_bytes())
+    data[position] = value
+    path = tmp_path / "changed.safetensors"
+    path.write_bytes(data)
+    try:
+        found = load_weights(path)
+    except WeightsError:
+        return
+    expected = load_weights(converted_file("dino_tiny"))
+    assert found.sha256 == expected.sha256
+    assert found.params.keys() == expected.params.keys()
+
+
+class TestFinding:
+    @pytest.fixture(autouse=True)
+    def cache(self, monkeypatch, tmp_path):
+        monkeypatch.delenv(WEIGHTS_VARIABLE, raising=False)
+        monkeypatch.setattr(vit_weights, "user_cache_folder", lambda: tmp_path / "cache")
+        (tmp_path / "cache" / "weights").mkdir(parents=True)
+        return tmp_path / "cache" / "weights"
+
+    def test_given_file_and_folder(self, tmp_path):
+        file = tmp_path / "dinov3-vits16.safetensors"
+        file.write_text("")
+        assert find_weights("dinov3-vits16", file) == file
+        assert find_weights("dinov3-vits16", tmp_path) == file
+
+    def test_environment_variable_then_cache(self, tmp_path, cache, monkeypatch):
+        in_cache = cache / "dino-vits8.safetensors"
+        in_cache.write_text("")
+        assert find_weights("dino-vits8", None) == in_cache
+        named = tmp_path / "mine.safetensors"
+        named.write_text("")
+        monkeypatch.setenv(WEIGHTS_VARIABLE, str(named))
+        assert find_weights("dino-vits8", None) == named
+        monkeypatch.setenv(WEIGHTS_VARIABLE, str(tmp_path / "nowhere"))
+        assert find_weights("dino-vits8", None) == in_cache
+
+    def test_a_wrong_path_is_not_replaced_by_another_file(self, tmp_path, cache):
+        (cache / "dino-vits8.safetensors").write_text("")
+        with pytest.raises(WeightsError, match="mistyped"):
+            find_weights("dino-vits8", tmp_path / "mistyped.safetensors")
+
+    @pytest.mark.parametrize("name", VARIANTS)
+    def test_absent_weights_say_where_to_get_them_and_under_which_licence(self, name):
+        with pytest.raises(WeightsError) as caught:
+            find_weights(name, None)
+        told = str(caught.value)
+        assert "\n" not in told
+        assert ("DINOv3 License" if name.startswith("dinov3") else "Apache-2.0") in told
+        assert "https://" in told
+        assert "remind convert" in told
+        assert WEIGHTS_VARIABLE in told
+
+
+def test_leaves_of_every_variant_are_consistent():
+    for name, variant in VARIANTS.items():
+        shapes = vit_weights.leaf_shapes(variant)
+        assert all(min(shape) > 0 for shape in shapes.values()), name
+        assert np.prod(shapes["patch_embed.kernel"]) == 3 * variant.patch_px**2 * variant.width
