@@ -66,17 +66,23 @@ def reduce_masks(
             continue
         valid[slot] = True
         inside = pixels[top : top + height, left : left + width]
-        rows, columns = np.nonzero(inside)
-        area[slot] = len(rows)
+        per_column = cv2.reduce(inside, 0, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[0]
+        per_row = cv2.reduce(inside, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[:, 0]
+        area[slot] = num_pixels = int(per_row.sum())
         box[slot] = left, top, left + width, top + height
-        center[slot] = left + columns.sum() / len(rows), top + rows.sum() / len(rows)
+        center[slot] = (
+            left + per_column.dot(np.arange(width)) / num_pixels,
+            top + per_row.dot(np.arange(height)) / num_pixels,
+        )
         filled = _sanitize(pixels, inside, (left, top), sanitize, close_px, open_px)
         filled_area = int(cv2.countNonZero(filled))
-        hole = max(0, filled_area - len(rows))
+        hole = max(0, filled_area - num_pixels)
         quality[slot] = min(1.0, max(0.0, 1.0 - hole / max(1, filled_area)))
-        coverage[slot] = patch_coverage(pixels, patch_px)
+        coverage[slot] = patch_coverage(pixels, patch_px, (left, top, width, height))
         filled_coverage[slot] = (
-            coverage[slot] if filled is pixels else patch_coverage(filled, patch_px)
+            coverage[slot]
+            if filled is pixels
+            else patch_coverage(filled, patch_px, cv2.boundingRect(filled))
         )
     pad = lambda values: np.concatenate([values, np.zeros(num_slots - num, values.dtype)])  # noqa: E731
     return Masks(
@@ -121,13 +127,30 @@ def pad_masks(masks: Masks, num_slots: int) -> Masks:
     return Masks(relations=relations, **rest)
 
 
-def patch_coverage(pixels: np.ndarray, patch_px: int) -> Float[np.ndarray, "Hp Wp"]:
-    """Share of each patch that is inside a 0/1 pixel mask; exact multiples of 1/patch area."""
-    hp, wp = pixels.shape[0] // patch_px, pixels.shape[1] // patch_px
-    cropped = pixels[: hp * patch_px, : wp * patch_px]
-    blocks = cropped.reshape(hp, patch_px, wp * patch_px).sum(axis=1, dtype=np.uint16)
-    counts = blocks.reshape(hp, wp, patch_px).sum(axis=2, dtype=np.uint32)
-    return counts.astype(np.float32) * np.float32(1.0 / patch_px**2)
+def patch_coverage(
+    pixels: np.ndarray, patch_px: int, region: tuple[int, int, int, int] | None = None
+) -> Float[np.ndarray, "Hp Wp"]:
+    """Share of each patch that is inside a 0/1 pixel mask; exact multiples of 1/patch area.
+
+    Args:
+      pixels: The mask, `[H, W]` of uint8.
+      patch_px: Side of a patch in pixels.
+      region: Left, top, width and height of a box that holds all of the mask.
+    """
+    grid = (pixels.shape[0] // patch_px, pixels.shape[1] // patch_px)
+    left, top, width, height = region or (0, 0, pixels.shape[1], pixels.shape[0])
+    first_row, first_column = top // patch_px, left // patch_px
+    last_row = min(grid[0], -(-(top + height) // patch_px))
+    last_column = min(grid[1], -(-(left + width) // patch_px))
+    rows, columns = max(0, last_row - first_row), max(0, last_column - first_column)
+    part = pixels[
+        first_row * patch_px : last_row * patch_px, first_column * patch_px : last_column * patch_px
+    ]
+    blocks = part.reshape(rows, patch_px, columns * patch_px).sum(axis=1, dtype=np.uint16)
+    counts = blocks.reshape(rows, columns, patch_px).sum(axis=2, dtype=np.uint32)
+    coverage = np.zeros(grid, np.float32)
+    coverage[first_row:last_row, first_column:last_column] = counts * np.float32(1.0 / patch_px**2)
+    return coverage
 
 
 def _sanitize(
@@ -142,9 +165,8 @@ def _sanitize(
     if mode == "none":
         return pixels
     if mode == "convex_hull":
-        points = cv2.findNonZero(inside) + np.array(corner, np.int32)
         filled = np.zeros_like(pixels)
-        cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
+        cv2.fillConvexPoly(filled, cv2.convexHull(_row_ends(inside) + np.int32(corner)), 1)
         return filled
     padded = np.pad(pixels, 1)
     flooded = padded.copy()
@@ -154,3 +176,12 @@ def _sanitize(
         if side > 0:
             filled = cv2.morphologyEx(filled, operation, np.ones((side, side), np.uint8))
     return np.ascontiguousarray(filled)
+
+
+def _row_ends(inside: np.ndarray) -> np.ndarray:
+    """First and last pixel of every row of a mask, as x and y: they have the hull of all pixels."""
+    y = np.flatnonzero(inside.any(axis=1))
+    first = inside[y].argmax(axis=1)
+    last = inside.shape[1] - 1 - inside[y, ::-1].argmax(axis=1)
+    ends = [np.concatenate([first, last]), np.concatenate([y, y])]
+    return np.stack(ends, axis=1).astype(np.int32)
