@@ -319,10 +319,10 @@ class Tracker:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
             if self._is_tracing:
-                self._state, trace = _step_traced(
+                self._state, trace = both = _step_traced(
                     self._state, frame_feats, padded, static=self._static, thresholds=thresholds
                 )
-                stepped = self._state
+                stepped = both[0]
             else:
                 self._state = stepped = _step(
                     self._state, frame_feats, padded, static=self._static, thresholds=thresholds

@@ -32,6 +32,7 @@ CORE = (
     "observation",
     "decision",
     "trace",
+    "rounding",
     "errors",
 )
 ALLOWED = {"jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
