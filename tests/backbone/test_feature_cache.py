@@ -1,0 +1,121 @@
+"""Features on disk: found again by exactly what they depend on, whole or not at all."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+
+from remind_jax.backbone.feature_cache import Tally, cache_features, place_of
+from remind_jax.backbone.registry import Backbone
+from remind_jax.errors import OutputError
+
+IMAGES = np.random.default_rng(0).integers(0, 256, (3, 8, 12, 3), np.uint8)
+
+
+class Counting:
+    """Mean colours of 4x4 patches, and how many images they were computed for."""
+
+    def __init__(self) -> None:
+        self.num_images = 0
+        self.backbone = Backbone("mean-colour", 4, 3, self.apply, fingerprint="1")
+
+    def apply(self, images):
+        self.num_images += len(images)
+        cells = np.asarray(images, np.float32).reshape(len(images), 2, 4, -1, 4, 3)
+        return cells.mean(axis=(2, 4))
+
+
+@pytest.fixture
+def counting():
+    return Counting()
+
+
+def test_features_are_computed_once(counting, tmp_path):
+    tally = Tally()
+    cached = cache_features(counting.backbone, tmp_path, tally)
+    expected = counting.backbone.extract(IMAGES)
+    counting.num_images = 0
+    for _ in range(2):
+        np.testing.assert_array_equal(cached.extract(IMAGES), expected)
+    again = cache_features(counting.backbone, tmp_path, tally)
+    np.testing.assert_array_equal(again.extract(IMAGES[1:]), expected[1:])
+    assert counting.num_images == tally.num_computed == 3
+    assert tally.num_found == 5
+
+
+def test_only_missing_images_are_computed(counting, tmp_path):
+    cached = cache_features(counting.backbone, tmp_path)
+    cached.extract(IMAGES[1:2])
+    np.testing.assert_array_equal(cached.extract(IMAGES), Counting().apply(IMAGES))
+    assert counting.num_images == 3
+
+
+def test_everything_that_changes_features_changes_the_place(counting):
+    backbone = counting.backbone
+    image = IMAGES[0]
+    changed = image.copy()
+    changed[3, 3, 1] ^= 1
+    places = {
+        place_of(image, backbone),
+        place_of(changed, backbone),
+        place_of(image.reshape(12, 8, 3), backbone),  # the same bytes at another size
+        place_of(image, dataclasses.replace(backbone, fingerprint="2")),
+        place_of(image, dataclasses.replace(backbone, name="mean-colours")),
+    }
+    assert len(places) == 5
+
+
+@pytest.mark.parametrize("content", [b"", b"\x93NUMPY", b"rubbish", None])
+def test_damaged_files_are_made_again(counting, tmp_path, content):
+    cached = cache_features(counting.backbone, tmp_path)
+    expected = np.asarray(cached.extract(IMAGES[:1]))
+    file = tmp_path / place_of(IMAGES[0], counting.backbone)
+    file.write_bytes(file.read_bytes()[:-5] if content is None else content)
+    np.testing.assert_array_equal(cached.extract(IMAGES[:1]), expected)
+    assert counting.num_images == 2
+    np.testing.assert_array_equal(np.load(file), expected[0])
+
+
+def test_features_of_another_shape_are_not_taken(counting, tmp_path):
+    cached = cache_features(counting.backbone, tmp_path)
+    file = tmp_path / place_of(IMAGES[0], counting.backbone)
+    file.parent.mkdir()
+    np.save(file, np.zeros((2, 3, 4), np.float32))
+    assert cached.extract(IMAGES[:1]).shape == (1, 2, 3, 3)
+
+
+@pytest.mark.parametrize("when", ["np.save", "os.replace"])
+def test_an_interruption_leaves_no_half_file(counting, tmp_path, monkeypatch, when):
+    cached = cache_features(counting.backbone, tmp_path)
+    cached.extract(IMAGES[:1])
+
+    def interrupt(*args):
+        if when == "np.save":
+            args[0].write(b"\x93NUMPY half")
+        raise KeyboardInterrupt
+
+    module, name = (np, "save") if when == "np.save" else (os, "replace")
+    monkeypatch.setattr(module, name, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        cached.extract(IMAGES)
+    monkeypatch.undo()
+    files = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert files == [tmp_path / place_of(IMAGES[0], counting.backbone)]
+    np.testing.assert_array_equal(cached.extract(IMAGES), Counting().apply(IMAGES))
+
+
+def test_a_folder_that_cannot_be_made(counting, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot make feature folder"):
+        cache_features(counting.backbone, tmp_path / "file" / "folder")
+
+
+def test_a_folder_that_cannot_be_written_to(counting, tmp_path):
+    cached = cache_features(counting.backbone, tmp_path)
+    place = tmp_path / place_of(IMAGES[0], counting.backbone)
+    place.parent.write_text("in the way")
+    with pytest.raises(OutputError, match="cannot write features to"):
+        cached.extract(IMAGES[:1])

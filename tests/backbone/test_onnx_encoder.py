@@ -1,0 +1,144 @@
+"""Exported encoders: the patch output is recognised by its shape, on real runs of tiny networks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from remind_jax.backbone import get_backbone
+from remind_jax.backbone.onnx_encoder import PatchOutput, recognise
+from remind_jax.errors import ConfigError, SourceError, WeightsError
+from tests.detectors.onnx_bytes import model, node, text, varint, write_fixed_answer
+
+pytest.importorskip("onnxruntime")
+
+RNG = np.random.default_rng(0)
+KERNEL = RNG.normal(size=(5, 3, 16, 16)).astype(np.float32)
+IMAGES = RNG.integers(0, 256, (2, 48, 80, 3), np.uint8)
+OPEN = ("b", 3, "h", "w")
+MEAN, STD = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])
+
+
+def ints(name: str, values: list[int]) -> bytes:
+    """An attribute of a node."""
+    packed = b"".join(varint(value) for value in values)
+    return text(5, text(1, name) + text(8, packed) + bytes([0xA0, 0x01, 7]))
+
+
+def write_encoder(path, kind: str, inputs=OPEN):
+    """A convolution over patches, as a grid or as tokens behind two others."""
+    nodes = [node("Conv", ["image", "kernel"], "grid") + ints("strides", [16, 16])]
+    constants = {"kernel": KERNEL}
+    outputs = {"grid": ("b", 5, "y", "x")}
+    if kind != "grid":
+        constants |= {"shape": np.array([0, 5, -1]), "prefix": np.zeros((1, 2, 5), np.float32)}
+        nodes += [
+            node("Reshape", ["grid", "shape"], "flat"),
+            node("Transpose", ["flat"], "patches") + ints("perm", [0, 2, 1]),
+            node("Concat", ["prefix", "patches"], "tokens") + axis(1),
+            node("ReduceMean", ["tokens"], "pooled") + ints("axes", [1]),
+        ]
+        outputs = {"pooled": ("b", 1, 5), "tokens": ("b", "t", 5)}
+    if kind == "both":
+        outputs |= {"grid": ("b", 5, "y", "x")}
+    path.write_bytes(model(nodes, {"image": inputs}, outputs, constants))
+    return path
+
+
+def axis(value: int) -> bytes:
+    return text(5, text(1, "axis") + bytes([0x18, value]) + bytes([0xA0, 0x01, 2]))
+
+
+def expected(mean=MEAN, std=STD) -> np.ndarray:
+    pixels = (IMAGES / 255 - mean) / std
+    cells = pixels.reshape(2, 3, 16, 5, 16, 3)
+    return np.einsum("nyixjc,dcij->nyxd", cells, KERNEL)
+
+
+@pytest.mark.parametrize("kind", ["grid", "tokens"])
+def test_grids_and_tokens_are_recognised_and_read(tmp_path, kind):
+    backbone = get_backbone(f"onnx:{write_encoder(tmp_path / 'tiny.onnx', kind)}")
+    assert (backbone.patch_px, backbone.dim) == (16, 5)
+    assert backbone.name.startswith("onnx-tiny-")
+    # Sums of 768 products in float32.
+    np.testing.assert_allclose(backbone.extract(IMAGES), expected(), rtol=0, atol=1e-3)
+
+
+def test_other_statistics(tmp_path):
+    path = write_encoder(tmp_path / "tiny.onnx", "grid")
+    half = get_backbone(f"onnx:{path}", mean=(0.5,) * 3, std=(0.5,) * 3)
+    np.testing.assert_allclose(half.extract(IMAGES), expected(0.5, 0.5), rtol=0, atol=1e-3)
+    assert half.fingerprint != get_backbone(f"onnx:{path}").fingerprint
+
+
+def test_of_several_outputs_one_has_to_be_named(tmp_path):
+    path = write_encoder(tmp_path / "tiny.onnx", "both")
+    with pytest.raises(ConfigError, match=r"several outputs of patches \('tokens', 'grid'\)"):
+        get_backbone(f"onnx:{path}")
+    named = get_backbone(f"onnx:{path}", output="tokens")
+    np.testing.assert_allclose(named.extract(IMAGES), expected(), rtol=0, atol=1e-3)
+    with pytest.raises(ConfigError, match="has no output 'patches'; its outputs are pooled"):
+        get_backbone(f"onnx:{path}", output="patches")
+
+
+def test_encoder_of_one_size_takes_only_that(tmp_path):
+    path = write_encoder(tmp_path / "tiny.onnx", "grid", (1, 3, 48, 80))
+    backbone = get_backbone(f"onnx:{path}")
+    np.testing.assert_allclose(backbone.extract(IMAGES), expected(), rtol=0, atol=1e-3)
+    with pytest.raises(SourceError, match=r"takes images of 80x48 pixels only, .* has 64x48"):
+        backbone.extract(IMAGES[:, :, :64])
+
+
+def test_network_without_patches(tmp_path):
+    path = write_fixed_answer(tmp_path / "a.onnx", {"logits": np.zeros((1, 1000))}, OPEN)
+    with pytest.raises(WeightsError, match=r"no output .* its outputs are logits \[1, 1000\]"):
+        get_backbone(f"onnx:{path}")
+
+
+def test_output_that_does_not_follow_the_image(tmp_path):
+    path = write_fixed_answer(tmp_path / "a.onnx", {"out": np.zeros((1, 8, 14, 28))}, OPEN)
+    backbone = get_backbone(f"onnx:{path}")
+    with pytest.raises(WeightsError, match=r"shape \[1, 8, 14, 28\] instead of \[1, 8, 3, 5\]"):
+        backbone.extract(IMAGES)
+
+
+@pytest.mark.parametrize("shape", [(1, 4, "h", "w"), (8, 3, "h", "w"), (1, 3, "n")])
+def test_input_that_is_no_image(tmp_path, shape):
+    path = write_fixed_answer(tmp_path / "a.onnx", {"out": np.zeros((1, 8))}, shape)
+    with pytest.raises(WeightsError, match="is no image encoder: its inputs are images"):
+        get_backbone(f"onnx:{path}")
+
+
+def test_damaged_and_missing_files(tmp_path):
+    (tmp_path / "a.onnx").write_bytes(b"rubbish")
+    with pytest.raises(WeightsError, match="is not a complete ONNX file"):
+        get_backbone(f"onnx:{tmp_path / 'a.onnx'}")
+    with pytest.raises(WeightsError, match="does not exist"):
+        get_backbone(f"onnx:{tmp_path / 'b.onnx'}")
+
+
+@given(
+    st.sampled_from([7, 8, 14, 16, 28, 32]),
+    st.integers(1, 2000),
+    st.integers(0, 9),
+    st.sampled_from(["channels first", "channels last", "tokens"]),
+)
+def test_every_common_layout_is_recognised(side, dim, num_prefix, kind):
+    rows, columns = 224 // side, 448 // side
+    shape = {
+        "channels first": (1, dim, rows, columns),
+        "channels last": (1, rows, columns, dim),
+        "tokens": (1, num_prefix + rows * columns, dim),
+    }[kind]
+    found = recognise("out", shape, (224, 448))
+    prefix = num_prefix if kind == "tokens" else 0
+    if kind == "channels last" and dim == 2 * columns:
+        return  # its last two axes are a grid as well
+    assert found == PatchOutput("out", kind, side, dim, prefix)
+
+
+@pytest.mark.parametrize("shape", [(1, 768), (2, 3, 14, 28), (1, 90, 384), (1, 3, 5, 7)])
+def test_what_is_no_patch_output(shape):
+    assert recognise("out", shape, (224, 448)) is None

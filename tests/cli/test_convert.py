@@ -1,0 +1,118 @@
+"""`remind convert`: published files become ours, all others are answered in one sentence."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+import weights_convert.reference_values as reference_values
+from remind_jax.backbone import vit_weights
+from remind_jax.backbone.vit_variants import VARIANTS
+from remind_jax.backbone.vit_weights import load_weights
+from remind_jax.cli import exit_codes
+from tests.golden.vit import load as golden
+from tests.weights_convert.pth_files import call_of, write_pth
+from weights_convert.reference_values import Published, check_values
+
+TINY = ("--heads", 2, "--custom")
+
+
+@pytest.fixture
+def source(tmp_path):
+    return write_pth(tmp_path / "tiny.pth", golden.load("dinov3_tiny_mlp").official())
+
+
+def test_conversion_says_what_it_did(command, source):
+    outcome = command("convert", source, "-o", "out.safetensors", *TINY)
+    assert (outcome.code, outcome.stderr) == (0, "")
+    for said in ("custom", "official .pth", "sha256", "DINOv3 License"):
+        assert said in outcome.stdout
+    assert load_weights("out.safetensors").variant.width == 64
+
+
+def test_facts_for_machines(command, source):
+    facts = json.loads(command("convert", source, "-o", "a.safetensors", *TINY, "--json").stdout)
+    assert facts["data_sha256"] == load_weights("a.safetensors").sha256
+    assert facts["layout"] == "official .pth"
+
+
+def test_left_out_the_result_lies_where_backbones_look(command, source, tmp_path, monkeypatch):
+    monkeypatch.setattr(vit_weights, "user_cache_folder", lambda: tmp_path / "cache")
+    outcome = command("convert", source, *TINY, "--quiet")
+    assert (outcome.code, outcome.stdout) == (0, "")
+    assert load_weights(tmp_path / "cache" / "weights" / "custom.safetensors").path.is_file()
+
+
+def test_list_shows_every_network(command):
+    outcome = command("convert", "--list")
+    assert outcome.code == 0
+    assert all(name in outcome.stdout for name in VARIANTS)
+
+
+def test_wrong_files_are_answered_in_one_sentence(command, source, tmp_path):
+    truncated = tmp_path / "truncated.pth"
+    truncated.write_bytes(source.read_bytes()[:-1000])
+    corrupted = tmp_path / "corrupted.pth"
+    data = bytearray(source.read_bytes())
+    data[len(data) // 2] ^= 255
+    corrupted.write_bytes(data)
+    evil = write_pth(tmp_path / "evil.pth", {"bomb": call_of("os", "mkdir", "ran")})
+    for words, told in (
+        ((truncated,), "is damaged or cut short"),
+        ((corrupted, *TINY), "is damaged or cut short (Bad CRC-32"),
+        ((evil,), "asks for 'os.mkdir' to be run"),
+        ((source, "--variant", "dinov3-vits16"), "does not hold 'dinov3-vits16'"),
+        ((source,), "none of the published networks"),
+        ((source, "--heads", 3, "--custom"), "64 features cannot be split among 3 attention heads"),
+        ((tmp_path / "missing.pth",), "does not exist"),
+        ((), "name the weight file to convert"),
+        ((source, "--verify", "missing.jpg"), "image 'missing.jpg' does not exist"),
+    ):
+        outcome = command("convert", *words, "-o", "out.safetensors")
+        assert outcome.code == exit_codes.ERROR
+        assert outcome.stderr.startswith("remind: ")
+        assert outcome.stderr.count("\n") == 1
+        assert told in outcome.stderr
+    assert not (tmp_path / "out.safetensors").exists()
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.fixture
+def picture(tmp_path):
+    image = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "cats.png"), image)
+    return tmp_path / "cats.png"
+
+
+def test_verification_compares_with_published_values(command, source, picture, monkeypatch):
+    words = ("convert", source, "-o", "out.safetensors", *TINY, "--verify", picture, "--overwrite")
+    outcome = command(*words)
+    assert outcome.code == exit_codes.FINE
+    assert "no values are known for this network" in outcome.stdout
+    found = check_values("out.safetensors", picture)
+
+    right = Published("made up", found.cls, found.patch)
+    wrong = Published("other", tuple(2 + v for v in found.cls), found.patch)
+    monkeypatch.setitem(reference_values.PUBLISHED, "custom", (wrong, right))
+    outcome = command(*words)
+    assert outcome.code == exit_codes.FINE
+    assert "agrees with the values published" in outcome.stdout
+
+    monkeypatch.setitem(reference_values.PUBLISHED, "custom", (wrong,))
+    outcome = command(*words)
+    assert outcome.code == exit_codes.ERROR
+    assert "DIFFERS from the values published" in outcome.stdout
+
+
+def test_published_values_belong_to_known_networks():
+    assert set(reference_values.PUBLISHED) <= set(VARIANTS)
+
+
+def test_safetensors_of_something_else(command, tmp_path):
+    save_file({"weight": np.ones(3, np.float32)}, tmp_path / "other.safetensors")
+    outcome = command("convert", "other.safetensors", "-o", "out.safetensors")
+    assert "has no known key layout" in outcome.stderr

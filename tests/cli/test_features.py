@@ -1,0 +1,69 @@
+"""`remind features`, and runs that find what it kept."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from remind_jax.cli import exit_codes
+from tests.backbone.networks import converted_file
+
+
+def facts(outcome) -> dict:
+    assert (outcome.code, outcome.stderr) == (0, "")
+    return json.loads(outcome.stdout)
+
+
+def test_features_are_kept_and_found_again(command, scene):
+    backbone = f"vit:{converted_file('dinov3_tiny_mlp')}"
+    words = ("features", scene[0], "--backbone", backbone, "--cache", "kept", "--json")
+    first = facts(command(*words, "--max-frames", 3))
+    assert (first["computed"], first["found"]) == (3, 0)
+    second = facts(command(*words))
+    assert (second["computed"], second["found"]) == (1, 3)
+    assert first["fingerprint"] == second["fingerprint"]
+    other = facts(command(*words, "--set", "input.max_width_px=128"))
+    assert (other["computed"], other["found"]) == (4, 0)
+
+
+def test_a_run_takes_what_was_kept(command, scene, tmp_path):
+    words = (scene[0], "--backbone", "patch-statistics")
+    command("features", *words, "--cache", "kept", "--quiet")
+    files = {path: path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.npy")}
+    assert len(files) == 4
+    run = ("run", *words, "--masks", scene[1], "--no-overlay", "--json")
+    plain = json.loads(command(*run, "--out", "plain").stdout)
+    cached = json.loads(command(*run, "--feature-cache", "kept", "--out", "cached").stdout)
+    assert cached["identities"] == plain["identities"] == 3
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "kept").rglob("*.npy")} == files
+    assert (tmp_path / "plain" / "tracks.csv").read_bytes() == (
+        tmp_path / "cached" / "tracks.csv"
+    ).read_bytes()
+
+
+@pytest.mark.slow
+def test_a_run_with_a_transformer(command, scene):
+    weights = converted_file("dinov3_s16")
+    words = ("run", scene[0], "--masks", scene[1], "--no-overlay", "--json")
+    outcome = command(*words, "--backbone", "dinov3-vits16", "--weights", weights)
+    summary = json.loads(outcome.stdout)
+    assert (summary["frames"], summary["complete"]) == (4, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--weights", "missing.safetensors"), "no weights for 'dinov3-vits16' at 'missing"),
+        (("--backbone", "dinov3-vit16"), "did you mean 'dinov3-vit"),
+        (("--backbone", "onnx:missing.onnx"), "'missing.onnx' does not exist"),
+        (("--backbone", "vit"), "cannot be made from no target"),
+    ],
+)
+def test_wrong_backbones_are_answered_in_one_sentence(command, scene, words, told):
+    for verb in (("features", scene[0], "--cache", "kept"), ("run", scene[0])):
+        given = words if "--backbone" in words else (*words, "--backbone", "dinov3-vits16")
+        outcome = command(*verb, *given)
+        assert outcome.code == exit_codes.ERROR
+        assert told in outcome.stderr
+        assert outcome.stderr.count("\n") == 1
