@@ -313,7 +313,7 @@ def test_thresholds_alone_can_be_swept(frames):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("change", [{"solver": "jax"}, {"num_candidates": 8}])
+@pytest.mark.parametrize("change", [{"solver": "host"}, {"num_candidates": 8}])
 def test_decisions_do_not_depend_on(frames, states, change):
     other = world.run(frames, dataclasses.replace(world.STATIC, **change))
     shown = min(world.STATIC.num_candidates, other[0].decisions.candidate_id.shape[1])
