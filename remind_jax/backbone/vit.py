@@ -127,7 +127,8 @@ class Attention(nn.Module):
             among = attention_among(q, k, wanted.objects, v.num_prefix, wanted.heads, num.precision)
         if wanted.cls_attention:
             cls_row = attention_of_token(q[:, :, 0], k, num.precision)
-        return Linear(v.width, num, name="proj")(mixed), among, cls_row
+        project = Linear(v.width, num, out_dtype=jnp.float32, name="proj")
+        return project(mixed), among, cls_row
 
     def _with_bias(self, fused: Float[Array, "B N 3D"]) -> Float[Array, "B N 3D"]:
         """Keys of DINOv3 have no bias: a common shift of rotated keys would not cancel."""
@@ -167,7 +168,7 @@ class FeedForward(nn.Module):
             fused = Linear(2 * v.hidden, num, name="gate_and_up")(x).astype(jnp.float32)
             gate, up = jnp.split(fused, 2, axis=-1)
             inner = jax.nn.silu(gate) * up
-        return Linear(v.width, num, name="down")(inner)
+        return Linear(v.width, num, out_dtype=jnp.float32, name="down")(inner)
 
 
 class Block(nn.Module):
@@ -199,7 +200,6 @@ class Block(nn.Module):
         return (stream, seen), kept
 
     def _scaled(self, name: str, x: Array) -> Array:
-        x = x.astype(jnp.float32)
         if not self.variant.layer_scale:
             return x
         return x * self.param(name, nn.initializers.ones, (self.variant.width,))

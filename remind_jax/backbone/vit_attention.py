@@ -26,6 +26,8 @@ METHODS: tuple[Method, ...] = ("plain", "chunked", "cudnn")
 # push their scores out of the cache.
 _QUERIES_AT_ONCE = 64
 _OBJECT_ROWS_AT_ONCE = 256
+# Sums of millions of exponentials of scores up to this (by size) stay well inside float32.
+_SAFE_SCORE = 60.0
 NO_PATCH = -1
 
 
@@ -63,7 +65,13 @@ def attend(
     def attend_head(head: tuple[Array, Array, Array]) -> Array:
         q, k, v = head
         weigh = functools.partial(_weigh_upright, keys=k, values_t=v.T, precision=precision)
-        return _map_rows(weigh, q, _QUERIES_AT_ONCE)
+        largest = jnp.sqrt(jnp.max(jnp.sum(q * q, axis=-1)) * jnp.max(jnp.sum(k * k, axis=-1)))
+        return jax.lax.cond(
+            largest < _SAFE_SCORE,
+            lambda rows: _map_rows(functools.partial(weigh, shifted=False), rows, _QUERIES_AT_ONCE),
+            lambda rows: _map_rows(functools.partial(weigh, shifted=True), rows, _QUERIES_AT_ONCE),
+            q,
+        )
 
     merged = [t.reshape(-1, *t.shape[2:]) for t in (queries, keys, values)]
     return jax.lax.map(attend_head, tuple(merged)).reshape(values.shape)
@@ -88,11 +96,16 @@ def _weigh_upright(
     keys: Float[Array, "N E"],
     values_t: Float[Array, "E N"],
     precision: jax.lax.Precision,
+    shifted: bool,
 ) -> Float[Array, "C E"]:
-    """`_weigh` with scores `[N, C]`: a CPU's vectors then run across queries in every reduction."""
+    """`_weigh` with scores `[N, C]`: a CPU's vectors then run across queries in every reduction.
+
+    Softmax does not change if all scores of a query are shifted; `shifted` makes the largest zero,
+    which costs two passes and is needed only where exponentials could overflow.
+    """
     product = functools.partial(jnp.matmul, precision=precision, preferred_element_type=jnp.float32)
     scores = product(keys, queries.T)
-    weights = jnp.exp(scores - jnp.max(scores, axis=0))
+    weights = jnp.exp(scores - jnp.max(scores, axis=0) if shifted else scores)
     mixed = product(values_t, weights.astype(values_t.dtype)) / jnp.sum(weights, axis=0)
     return mixed.T.astype(values_t.dtype)
 

@@ -1,0 +1,111 @@
+"""Largest difference of every published network from Hugging Face's, with random weights.
+
+    python benchmarks/vit_agreement.py --torch-python PYTHON [NAMES ...] [--json OUT]
+
+The weights go through the converter. Bars: 1e-4 in float32; cosine 0.9995 in bfloat16 (least over
+patches, beside our float32). S is compared at 640x368 and 1280x720 too, all others at a small size
+that is not square.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from remind_jax.backbone.vit import Numerics, encode
+from remind_jax.backbone.vit_backbone import choose_attention
+from remind_jax.backbone.vit_variants import VARIANTS, Variant
+from remind_jax.backbone.vit_weights import load_weights
+from weights_convert.conversion import convert
+
+SMALL_PATCHES = (6, 9)  # rows, columns
+LARGE = {"dinov3-vits16": ("640x368", "1280x720")}
+
+
+def compare(variant: Variant, torch_python: str) -> list[dict[str, Any]]:
+    """One row per size."""
+    rows, columns = (count * variant.patch_px for count in SMALL_PATCHES)
+    sizes = (f"{columns}x{rows}", *LARGE.get(variant.name, ()))
+    numbers = (variant.width, variant.depth, variant.heads, variant.patch_px, variant.hidden)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        words = [variant.name, variant.family, *map(str, numbers), variant.mlp]
+        words += [str(variant.registers), str(variant.table_side), *sizes]
+        script = Path(__file__).with_name("vit_reference.py")
+        quiet = {**os.environ, "TRANSFORMERS_VERBOSITY": "error"}
+        subprocess.run([torch_python, script, folder, *words], check=True, env=quiet)
+        out = folder / "converted" / "ours.safetensors"
+        start = time.perf_counter()
+        done = convert(folder, out)
+        converted_s = time.perf_counter() - start
+        assert done.variant.name == variant.name
+        start = time.perf_counter()
+        weights = load_weights(out)
+        loaded_s = time.perf_counter() - start
+        times = {"convert_s": converted_s, "load_s": loaded_s}
+        return [difference(weights.params, weights.variant, folder, size) | times for size in sizes]
+
+
+def difference(params: Any, variant: Variant, folder: Path, size: str) -> dict[str, Any]:
+    """Ours and the reference on one image."""
+    stored = np.load(folder / f"{size}.npz")
+    image, expected = stored["image"].transpose(0, 2, 3, 1), stored["tokens"]
+    num_patches = math.prod(s // variant.patch_px for s in image.shape[1:3])
+    method = choose_attention(variant, variant.num_prefix + num_patches, "cpu")
+
+    def patches(dtype: Any) -> np.ndarray:
+        numerics = Numerics(dtype, method)
+        tokens = jax.jit(lambda p, x: encode(p, x, variant, numerics))(params, image)
+        return np.asarray(tokens.patches, np.float64).reshape(-1, variant.width)
+
+    exact, truth = patches(jnp.float32), expected[0, -num_patches:].astype(np.float64)
+    rounded = patches(jnp.bfloat16)
+    lengths = np.linalg.norm(exact, axis=1) * np.linalg.norm(rounded, axis=1)
+    return {
+        "name": f"{variant.name} {size}",
+        "max_abs_difference": float(np.abs(exact - truth).max()),
+        "bfloat16_min_cosine": float(((exact * rounded).sum(1) / lengths).min()),
+        "rms": float(np.sqrt((truth**2).mean())),
+    }
+
+
+def main() -> None:
+    """Compares all networks that were asked for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("names", nargs="*", help="all but the 7B one if left out")
+    parser.add_argument("--torch-python", default=os.environ.get("TORCH_PYTHON"), required=False)
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    if not args.torch_python:
+        raise SystemExit("name a Python with torch and transformers: --torch-python")
+    found = []
+    for name in args.names or [name for name in VARIANTS if "7b" not in name]:
+        for row in compare(VARIANTS[name], args.torch_python):
+            found.append(row)
+            print(
+                f"{row['name']:32} difference {row['max_abs_difference']:.1e}"
+                f" (rms {row['rms']:.2f})"
+                f"  bfloat16 cosine {row['bfloat16_min_cosine']:.5f}"
+                f"  convert {row['convert_s']:.1f} s  load {row['load_s']:.2f} s",
+                flush=True,
+            )
+    if args.json:
+        args.json.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
