@@ -18,13 +18,14 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.association.quality import Quality
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Similarity
-from remind_jax.memory.bank import Bank, DualBank, confidence, live, mean_quality
+from remind_jax.memory.bank import Bank, DualBank, confidence, mean_quality
 from remind_jax.observation import Descriptors
 from remind_jax.perception.pooling import dot
 from remind_jax.state import TrackerState
 
 OBJECT, BACKGROUND, PARTS = 0, 1, 2
 NUM_TERMS = 3
+_SLOTS_AT_ONCE = 4
 Rule = Literal["work", "stable", "prefer_stable", "max"]
 
 
@@ -200,15 +201,6 @@ def compare_channels(
     )
 
 
-def _cosines(bank: Bank, vectors: Float[Array, "C V D"]) -> Float[Array, "C V O S"]:
-    """Cosine of vectors with all prototypes of their channel, -inf in free slots."""
-    channels, objects, slots, dim = bank.embedding.shape
-    flat = bank.embedding.reshape(channels, objects * slots, dim)
-    cosine = dot(vectors, flat).reshape(channels, -1, objects, slots)
-    cosine = cosine.astype(bank.quality_sum.dtype)
-    return jnp.where(live(bank)[:, None], cosine, -jnp.inf)
-
-
 def _best_of_bank(
     bank: Bank,
     vectors: Float[Array, "C N D"],
@@ -216,9 +208,7 @@ def _best_of_bank(
     promote_hits: Int[Array, ""],
 ) -> tuple[Score, Float[Array, "C N O"]]:
     """Best cosine per object, clamped at 0, and the authority of the winner (notes 5.1, 5.3)."""
-    cosine = _cosines(bank, vectors)
-    winner = jnp.argmax(cosine, axis=-1)
-    best = jnp.take_along_axis(cosine, winner[..., None], axis=-1)[..., 0]
+    best, winner = _find_nearest(bank, vectors)
     present = seen[..., None] & (best > -1.0)
     quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
     authority = jnp.clip(jnp.sqrt(quality * confidence(bank, promote_hits)), 0.0, 1.0)
@@ -231,15 +221,56 @@ def _best_parts(
 ) -> Score:
     """Mean over the `top` best matching parts of a detection (notes 5.1)."""
     channels, num, clusters, dim = parts.shape
-    cosine = _cosines(bank, parts.reshape(channels, num * clusters, dim))
-    best = jnp.max(cosine, axis=-1).reshape(channels, num, clusters, -1)
+    best, _ = _find_nearest(bank, parts.reshape(channels, num * clusters, dim))
+    best = best.reshape(channels, num, clusters, -1)
     best = jnp.where(seen[..., None], jnp.maximum(best, 0.0), -1.0)
-    best = -jnp.sort(-best, axis=2)[:, :, :top]
+    best = jnp.stack(_sort_falling([best[:, :, part] for part in range(clusters)])[:top], axis=2)
     counted = best >= 0.0
     count = jnp.sum(counted, axis=2)
     present = (count > 0) & (bank.size > 0)[:, None]
     mean = jnp.sum(jnp.where(counted, best, 0.0), axis=2) / jnp.maximum(count, 1)
     return Score(jnp.where(present, mean, 0.0), present)
+
+
+def _find_nearest(
+    bank: Bank, vectors: Float[Array, "C V D"]
+) -> tuple[Float[Array, "C V O"], Int[Array, "C V O"]]:
+    """Cosine and slot of each object's prototype that is nearest to each vector of its channel.
+
+    The first among equals; -inf for an empty bank. Reading prototypes takes most of a step, and
+    most slots are free: they are read a few at a time, as far as the fullest bank reaches.
+    """
+    channels, objects, slots, dim = bank.embedding.shape
+    width = min(_SLOTS_AT_ONCE, slots)
+    shape = (channels, vectors.shape[1], objects)
+
+    def read_some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
+        best, winner = found
+        # The last turn may reach back to slots that are done; they do not win a second time.
+        first = jnp.minimum(turn * width, slots - width)
+        some = jax.lax.dynamic_slice_in_dim(bank.embedding, first, width, axis=2)
+        cosine = dot(vectors, some.reshape(channels, objects * width, dim))
+        cosine = cosine.reshape(*shape, width)
+        for offset in range(width):
+            slot = first + offset
+            wins = (slot < bank.size)[:, None] & (cosine[..., offset] > best)
+            best = jnp.where(wins, cosine[..., offset], best)
+            winner = jnp.where(wins, slot, winner)
+        return best, winner
+
+    nothing = (jnp.full(shape, -jnp.inf, jnp.float32), jnp.zeros(shape, jnp.int32))
+    turns = (jnp.max(bank.size) + width - 1) // width
+    best, winner = jax.lax.fori_loop(0, turns, read_some, nothing)
+    return best.astype(bank.quality_sum.dtype), winner
+
+
+def _sort_falling(values: list[Array]) -> list[Array]:
+    """Sorts a few arrays elementwise, far faster than `jnp.sort` along a short axis."""
+    for end in range(len(values) - 1, 0, -1):
+        for at in range(end):
+            pair = values[at], values[at + 1]
+            values[at], values[at + 1] = jnp.maximum(*pair), jnp.minimum(*pair)
+    return values
 
 
 def collapse(
