@@ -19,6 +19,7 @@ import numpy as np
 from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.config import Config, Static, Thresholds, load_config
+from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import pad_masks, reduce_masks
@@ -365,6 +366,7 @@ class Tracker:
         empty = [i for i in range(num) if not prepared.masks.valid[i]]
         if empty:
             self.notices.append(Notice("dropped", f"{len(empty)} empty masks were dropped"))
+        candidate_id, candidate_score = _name_candidates(d)
         frame, take = prepared.frame, functools.partial(lambda values: np.asarray(values)[:num])
         return Tracks(
             frame_index=frame.index,
@@ -379,8 +381,8 @@ class Tracker:
             status=take(d.status),
             score=take(d.score),
             confidence=take(d.confidence),
-            candidate_id=take(d.candidate_id),
-            candidate_score=take(d.candidate_score),
+            candidate_id=take(candidate_id),
+            candidate_score=take(candidate_score),
             labels=prepared.detections.labels,
             boxes=_boxes_of(prepared.detections.masks),
             areas=prepared.detections.masks.sum(axis=(1, 2), dtype=np.int64),
@@ -388,6 +390,20 @@ class Tracker:
             instance_ids=prepared.detections.instance_ids,
             rles=prepared.rles,
         )
+
+
+def _name_candidates(d: Decisions) -> tuple[np.ndarray, np.ndarray]:
+    """Ids and scores `[N, C]`: what an undecided detection could be, else the visually nearest."""
+    width = max(d.candidate_id.shape[1], d.option_id.shape[1])
+
+    def widen(values: Any, blank: float) -> np.ndarray:
+        lacking = width - values.shape[1]
+        return np.pad(values, ((0, 0), (0, lacking)), constant_values=blank)
+
+    undecided = np.asarray(d.option_id)[:, :1] != NO_ID
+    named = np.where(undecided, widen(d.option_id, NO_ID), widen(d.candidate_id, NO_ID))
+    scores = np.where(undecided, widen(d.option_score, 0.0), widen(d.candidate_score, 0.0))
+    return named, scores
 
 
 def _boxes_of(masks: np.ndarray) -> np.ndarray:

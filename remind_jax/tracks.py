@@ -39,7 +39,7 @@ class Tracks:
     status: Int[np.ndarray, "N"]  # decision.Status
     score: Float[np.ndarray, "N"]
     confidence: Float[np.ndarray, "N"]
-    candidate_id: Int[np.ndarray, "N C"]  # -1 padding
+    candidate_id: Int[np.ndarray, "N C"]  # what an undecided detection could be; -1 padding
     candidate_score: Float[np.ndarray, "N C"]
     labels: tuple[str, ...]  # class names
     boxes: Float[np.ndarray, "N 4"]  # left, top, right, bottom in pixels; right and bottom excluded
