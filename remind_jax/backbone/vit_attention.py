@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 
 # plain     all scores of a layer at once
 # chunked   head by head, some rows of queries at a time: scores stay in the cache of a CPU
-# cudnn     the fused kernel of cuDNN (GPU, bfloat16): rounds queries and keys to bfloat16
+# cudnn     the fused kernel of cuDNN (GPU, bfloat16), on request only: rounds queries and keys
 Method = Literal["plain", "chunked", "cudnn"]
 METHODS: tuple[Method, ...] = ("plain", "chunked", "cudnn")
 
