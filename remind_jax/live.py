@@ -127,6 +127,7 @@ class Tracker:
         self._class_ids: dict[str, int] = {}
         self._state: TrackerState | None = None
         self._features_given = False
+        self._has_profile = False
         self._is_tracing = trace
         self.trace: Trace | None = None  # of the last frame, on the host
         self.notices: list[Notice] = []  # of the last frame
@@ -230,6 +231,7 @@ class Tracker:
         if prepared.features is not None:
             patches, self._features_given = prepared.features, True
         elif prepared.image is not None:
+            self._follow_profile()
             patches = jax.block_until_ready(self.backbone.extract(prepared.image[None])[0])
         else:
             raise SourceError(
@@ -276,6 +278,12 @@ class Tracker:
         self._features_given = memory.backbone == FEATURES_GIVEN
         self._state, self._static = memory.state, memory.static
         self._class_ids = {name: number for number, name in enumerate(memory.class_names)}
+
+    def _follow_profile(self) -> None:
+        """Takes the thresholds made for the backbone, now that it is known to be used."""
+        if not self._has_profile:
+            self.config = self.config.for_backbone(self.backbone.name)
+            self._has_profile = True
 
     def _ignores(self, label: str) -> bool:
         return label.lower() in self._ignored

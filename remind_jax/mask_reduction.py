@@ -6,6 +6,7 @@ Letters: `N` detections, `S` slots (at least N), `H W` pixels, `Hp Wp` patches.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Literal
 
 import cv2
@@ -128,7 +129,7 @@ def pad_masks(masks: Masks, num_slots: int) -> Masks:
 
 
 def patch_coverage(
-    pixels: np.ndarray, patch_px: int, region: tuple[int, int, int, int] | None = None
+    pixels: np.ndarray, patch_px: int, region: Sequence[int] | None = None
 ) -> Float[np.ndarray, "Hp Wp"]:
     """Share of each patch that is inside a 0/1 pixel mask; exact multiples of 1/patch area.
 
@@ -166,7 +167,9 @@ def _sanitize(
         return pixels
     if mode == "convex_hull":
         filled = np.zeros_like(pixels)
-        cv2.fillConvexPoly(filled, cv2.convexHull(_row_ends(inside) + np.int32(corner)), 1)
+        cv2.fillConvexPoly(
+            filled, cv2.convexHull(_row_ends(inside) + np.array(corner, np.int32)), 1
+        )
         return filled
     padded = np.pad(pixels, 1)
     flooded = padded.copy()

@@ -41,6 +41,7 @@ class Config:
     input: Input = dataclasses.field(default_factory=Input)
     static: Static = dataclasses.field(default_factory=Static)
     thresholds: Thresholds = dataclasses.field(default_factory=Thresholds)
+    backbone_profile: bool = False  # what nobody changed follows configs/backbones/NAME.yaml
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested values, fit for YAML and JSON."""
@@ -58,6 +59,20 @@ class Config:
         """Keys whose values differ, with this value and the other's."""
         mine, theirs = dict(flatten(self.to_dict())), dict(flatten(other.to_dict()))
         return [(key, mine[key], theirs[key]) for key in mine if mine[key] != theirs[key]]
+
+    def for_backbone(self, name: str) -> Config:
+        """The configuration with the profile of a backbone, where one is shipped and wanted.
+
+        Published thresholds belong to the features that they were tuned on. A profile replaces
+        those that still have their published value.
+        """
+        path = _shipped_folder() / "backbones" / f"{name.replace('-', '_')}.yaml"
+        if not self.backbone_profile or not path.is_file():
+            return self
+        mine, published = dict(flatten(self.to_dict())), dict(flatten(Config().to_dict()))
+        profile = dict(flatten(read_yaml(path)))
+        changes = {key: profile[key] for key in profile if mine.get(key) == published.get(key)}
+        return self.updated(nest(changes), str(path))
 
     @classmethod
     def from_reference(cls, settings: Mapping[str, Any] | str | Path) -> Config:
@@ -141,6 +156,18 @@ def flatten(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]
             yield from flatten(value, dotted)
         else:
             yield dotted, value
+
+
+def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted keys as nested values; undoes `flatten`."""
+    nested: dict[str, Any] = {}
+    for path, value in flat.items():
+        *sections, name = path.split(".")
+        node = nested
+        for section in sections:
+            node = node.setdefault(section, {})
+        node[name] = value
+    return nested
 
 
 @functools.cache

@@ -320,7 +320,7 @@ def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
       ConfigError: For a key that the original does not have, or a value that is not supported.
     """
-    from remind_jax.config.config import Config, flatten
+    from remind_jax.config.config import Config, flatten, nest
 
     flat = dict(flatten(settings))
     defaults = dict(flatten(Config().to_dict()))
@@ -353,7 +353,7 @@ def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
     if defers or not 0 < every <= defaults["static.pending_relations"]:
         # Episodes may be far apart then, and relations wait for them without limit.
         changes["static.pending_relations"] = _MANY_RELATIONS
-    return _nest(changes)
+    return nest(changes)
 
 
 def _within(key: Path, sections: tuple[Path, ...]) -> bool:
@@ -372,14 +372,3 @@ def _like(value: Any, default: Any) -> Any:
     if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     return value
-
-
-def _nest(flat: Mapping[Path, Any]) -> dict[str, Any]:
-    nested: dict[str, Any] = {}
-    for path, value in flat.items():
-        *sections, name = path.split(".")
-        node = nested
-        for section in sections:
-            node = node.setdefault(section, {})
-        node[name] = value
-    return nested

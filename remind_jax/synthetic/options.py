@@ -115,6 +115,7 @@ def demo_options(seed: int = 8) -> SceneOptions:
     return SceneOptions(
         name="demo",
         seed=seed,
+        min_mask_px=400,  # a patch and a half; few detectors find less
         num_rooms=2,
         objects_per_room=13,
         lookalikes=(

@@ -15,8 +15,25 @@ def test_published_is_the_plain_config():
 
 def test_default_differs_where_users_need_it():
     changed = load_config("default").difference(load_config("published"))
-    keys = ["input.ignored_classes", "thresholds.matching.one_detection_each"]
+    keys = [
+        "input.ignored_classes",
+        "thresholds.matching.one_detection_each",
+        "backbone_profile",
+    ]
     assert [key for key, _, _ in changed] == keys
+
+
+def test_a_profile_fills_in_what_nobody_changed():
+    mine = load_config({"thresholds": {"matching": {"match": 0.8}}})
+    config = mine.for_backbone("patch-statistics")
+    assert config.thresholds.matching.match == 0.8
+    assert config.thresholds.appearance.patches_min == 4.0
+    assert config.for_backbone("patch-statistics") == config
+    assert mine.for_backbone("dinov3-vits16") == mine
+
+
+def test_published_thresholds_follow_no_profile():
+    assert load_config("published").for_backbone("patch-statistics") == Config()
 
 
 @pytest.mark.parametrize(
