@@ -9,10 +9,11 @@ from __future__ import annotations
 import dataclasses
 import functools
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.config.validation import check_fields
@@ -89,7 +90,8 @@ class Config:
 
         if not isinstance(settings, Mapping):
             settings = read_yaml(Path(settings))
-        return cls().updated(translate(settings), "settings of the original")
+        changes = translate(settings, cls().to_dict())
+        return cls().updated(changes, "settings of the original")
 
 
 def load_config(name: str | Path | Config | Mapping[str, Any] = "default") -> Config:
@@ -146,28 +148,6 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise ConfigError(f"{path} must hold keys and values, not a {type(values).__name__}")
     return values
-
-
-def flatten(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    """Walks nested values as dotted keys."""
-    for key, value in tree.items():
-        dotted = f"{path}.{key}" if path else str(key)
-        if isinstance(value, Mapping):
-            yield from flatten(value, dotted)
-        else:
-            yield dotted, value
-
-
-def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
-    """Dotted keys as nested values; undoes `flatten`."""
-    nested: dict[str, Any] = {}
-    for path, value in flat.items():
-        *sections, name = path.split(".")
-        node = nested
-        for section in sections:
-            node = node.setdefault(section, {})
-        node[name] = value
-    return nested
 
 
 @functools.cache

@@ -14,6 +14,7 @@ from remind_jax.config import (
     outcome_thresholds,
     relation_thresholds,
 )
+from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.errors import ConfigError, nearest_names
 
 Path = str
@@ -314,16 +315,14 @@ _RADII = tuple(
 )
 
 
-def translate(settings: Mapping[str, Any]) -> dict[str, Any]:
+def translate(settings: Mapping[str, Any], published: Mapping[str, Any]) -> dict[str, Any]:
     """Turns nested settings of the original into nested settings of this package.
 
     Raises:
       ConfigError: For a key that the original does not have, or a value that is not supported.
     """
-    from remind_jax.config.config import Config, flatten, nest
-
     flat = dict(flatten(settings))
-    defaults = dict(flatten(Config().to_dict()))
+    defaults = dict(flatten(published))
     changes: dict[Path, Any] = {}
     for key, value in flat.items():
         if key in RENAMED:

@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from remind_jax.config import Config, Input, Static, Thresholds, list_configs, load_config
-from remind_jax.config.config import flatten
+from remind_jax.config.dotted_keys import flatten
 from remind_jax.errors import ConfigError
 
 

@@ -1,7 +1,7 @@
 import pytest
 
 from remind_jax.config import Config
-from remind_jax.config.config import flatten
+from remind_jax.config.dotted_keys import flatten
 from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS
 from remind_jax.errors import ConfigError
 
