@@ -170,8 +170,12 @@ def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path)
         "4 objects do not fit; the capacity is 6 now",
     ]
     assert summary_of(ample)["identities"] == 4
-    tables = [(tmp_path / name / "tracks.csv").read_text() for name in ("ample", "tight")]
-    assert tables[0] == tables[1]
+    runs = (Result.load(tmp_path / name).tracks for name in ("ample", "tight"))
+    for wide, narrow in zip(*runs, strict=True):
+        for column in ("outcome", "reason", "object_id", "pending_id", "status", "candidate_id"):
+            np.testing.assert_array_equal(getattr(wide, column), getattr(narrow, column))
+        # Sums of single precision over other shapes differ in their last bits.
+        np.testing.assert_allclose(wide.score, narrow.score, atol=1e-5)
 
 
 def test_full_disk(command, scene):
