@@ -5,6 +5,8 @@ brought into a `TrackingSequence`; `pool_evaluations` joins sequences.
 """
 
 from remind_jax.metrics.combine import average_classes, bootstrap_intervals, stack_counts
+from remind_jax.metrics.columns import Column
+from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
 from remind_jax.metrics.evaluate import (
     Evaluation,
     evaluate_files,
@@ -17,7 +19,11 @@ from remind_jax.metrics.sequence import TrackingSequence
 
 __all__ = [
     "Answers",
+    "Chart",
+    "Column",
+    "ComparisonTable",
     "Evaluation",
+    "Row",
     "TrackingSequence",
     "average_classes",
     "bootstrap_intervals",

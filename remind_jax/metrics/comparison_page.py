@@ -1,0 +1,196 @@
+"""The page of a comparison: table, plots with intervals and legend in one HTML file."""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import io
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from remind_jax.errors import OutputError
+from remind_jax.metrics.columns import Column, column_of
+from remind_jax.outputs.palette import identity_colour, to_hex
+
+if TYPE_CHECKING:
+    from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
+
+# Scores of which a plot tells more than the table does.
+_PLOTTED = ("HOTA", "DetA", "AssA", "IDF1", "Recovery", "HardRecovery", "MOTA", "IDSW")
+
+_STYLE = """
+:root { color-scheme: light; font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; }
+body { max-width: 76rem; margin: 2rem auto; padding: 0 1.25rem; background: #fff; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { padding: .35rem .75rem; border-bottom: 1px solid #d8dee4; text-align: right;
+  vertical-align: top; }
+th { border-bottom: 2px solid #1b1f24; white-space: nowrap; }
+th:first-child, td:first-child, td.note, th.note { text-align: left; }
+td small { display: block; color: #59636e; white-space: nowrap; }
+td.best { font-weight: 700; } td.best small { font-weight: 400; }
+.swatch { display: inline-block; width: .7em; height: .7em; border-radius: 50%;
+  margin-right: .5em; }
+.plots { display: flex; flex-wrap: wrap; gap: 1rem; }
+.plots svg { max-width: 100%; height: auto; }
+dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1rem; }
+dt { font-weight: 600; } dd { margin: 0; }
+"""
+
+
+def render_page(table: ComparisonTable) -> str:
+    """The whole page as text; it loads nothing.
+
+    Raises:
+      OutputError: If matplotlib is not installed.
+    """
+    title = html.escape(table.title or "Comparison")
+    meanings = "".join(
+        f"<dt>{html.escape(column.heading)}</dt><dd>{html.escape(column.meaning)}</dd>"
+        for column in table.resolved_columns
+        if column.meaning
+    )
+    legend = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in table.legend)
+    plots = "".join(_draw_scores(table, column) for column in _plotted_columns(table))
+    charts = "".join(_draw_chart(table, chart) for chart in table.charts)
+    parts = [
+        f"<h1>{title}</h1>",
+        f'<div class="scroll">{_render_table(table)}</div>',
+        f"<ul>{legend}</ul>" if legend else "",
+        f'<h2>Scores</h2><div class="plots">{plots}</div>' if plots else "",
+        f'<h2>Breakdowns</h2><div class="plots">{charts}</div>' if charts else "",
+        f"<h2>Columns</h2><dl>{meanings}</dl>" if meanings else "",
+    ]
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{title}</title><style>{_STYLE}</style></head>\n<body>\n"
+        + "\n".join(part for part in parts if part)
+        + "\n</body></html>\n"
+    )
+
+
+def _render_table(table: ComparisonTable) -> str:
+    has_notes = any(row.note for row in table.rows)
+    head = "".join(
+        f'<th title="{html.escape(column.meaning)}">{html.escape(column.heading)}</th>'
+        for column in table.resolved_columns
+    )
+    body = "".join(
+        _render_row(table, place, row, has_notes) for place, row in enumerate(table.rows)
+    )
+    note = '<th class="note">note</th>' if has_notes else ""
+    return f"<table><thead><tr><th></th>{head}{note}</tr></thead>\n<tbody>\n{body}</tbody></table>"
+
+
+def _render_row(table: ComparisonTable, place: int, row: Row, has_notes: bool) -> str:
+    cells = []
+    for column in table.resolved_columns:
+        score, interval = row.format(column)
+        mark = ' class="best"' if table.is_best(row, column) else ""
+        small = f"<small>{interval}</small>" if interval else ""
+        cells.append(f"<td{mark}>{score}{small}</td>")
+    note = f'<td class="note">{html.escape(row.note)}</td>' if has_notes else ""
+    swatch = f'<span class="swatch" style="background:{_colour(place)}"></span>'
+    return f"<tr><td>{swatch}{html.escape(row.name)}</td>{''.join(cells)}{note}</tr>\n"
+
+
+def _plotted_columns(table: ComparisonTable) -> list[Column]:
+    def has_values(column: Column) -> bool:
+        return any(not math.isnan(row.scores.get(column.name, math.nan)) for row in table.rows)
+
+    return [c for c in table.resolved_columns if c.name in _PLOTTED and has_values(c)]
+
+
+def _draw_scores(table: ComparisonTable, column: Column) -> str:
+    """One score of all rows: a dot each, with its interval."""
+    scale = 100.0 if column.kind == "percent" else 1.0
+    with _figure(4.6, 0.9 + 0.34 * len(table.rows)) as (axes, finish):
+        for place, row in enumerate(table.rows):
+            value = scale * row.scores.get(column.name, math.nan)
+            low, high = row.intervals.get(column.name, (math.nan, math.nan))
+            if not math.isnan(low):
+                axes.plot([scale * low, scale * high], [place] * 2, color=_colour(place), lw=2)
+            axes.plot(value, place, "o", color=_colour(place), ms=7)
+        axes.set_yticks(range(len(table.rows)), [_plain(row.name) for row in table.rows])
+        axes.set_ylim(len(table.rows) - 0.5, -0.5)
+        axes.set_title(column.heading + (" (%)" if column.kind == "percent" else ""), loc="left")
+        if axes.get_xlim()[0] >= -5:
+            axes.set_xlim(0, 102 if column.kind == "percent" else None)
+        axes.xaxis.get_major_locator().set_params(integer=column.kind == "count")
+        axes.grid(axis="x", color="#e6e9ec")
+        return finish(f"{column.heading} of every row")
+
+
+def _draw_chart(table: ComparisonTable, chart: Chart) -> str:
+    """A score by bins: one line per row, supports under the bins."""
+    column = column_of(chart.column)
+    scale = 100.0 if column.kind == "percent" else 1.0
+    order = [row.name for row in table.rows]
+    with _figure(6.2, 3.6) as (axes, finish):
+        for name, values in chart.series.items():
+            place = order.index(name) if name in order else len(order)
+            axes.plot(
+                range(len(values)),
+                [scale * value for value in values],
+                "o-",
+                color=_colour(place),
+                label=_plain(name),
+            )
+        supports: Sequence[Any] = chart.supports or [None] * len(chart.bins)
+        labels = [
+            name if support is None else f"{name}\n{support:,}"
+            for name, support in zip(chart.bins, supports, strict=True)
+        ]
+        axes.set_xticks(range(len(labels)), labels, fontsize=9)
+        if column.kind == "percent":
+            axes.set_ylim(0, 102)
+        axes.set_title(_plain(chart.title), loc="left")
+        axes.set_ylabel(column.heading + (" (%)" if column.kind == "percent" else ""))
+        axes.grid(axis="y", color="#e6e9ec")
+        axes.legend(frameon=False, fontsize=9)
+        return finish(chart.title)
+
+
+@contextlib.contextmanager
+def _figure(width: float, height: float) -> Any:
+    """Axes in a style of our own, and a function that turns them into inline SVG."""
+    try:
+        import matplotlib as mpl
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise OutputError(
+            "a page with plots needs matplotlib, which is not installed: "
+            'pip install "remind-jax[viz]"'
+        ) from error
+    settings: dict[Any, Any] = {
+        "svg.fonttype": "none",
+        "svg.hashsalt": "remind-jax",
+        "font.family": "sans-serif",
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.axisbelow": True,
+    }
+    with mpl.rc_context(settings):
+        figure = Figure((width, height), layout="constrained")
+        axes = figure.add_subplot()
+
+        def finish(label: str) -> str:
+            text = io.StringIO()
+            figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+            svg = text.getvalue()
+            name = f'<svg role="img" aria-label="{html.escape(label)}" '
+            return svg[svg.index("<svg") :].replace("<svg ", name, 1)
+
+        yield axes, finish
+
+
+def _plain(text: str) -> str:
+    """Text in which matplotlib finds no formula."""
+    return text.replace("$", r"\$")
+
+
+def _colour(place: int) -> str:
+    return to_hex(identity_colour(place))

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import pytest
+
+from remind_jax.errors import OutputError
+from remind_jax.metrics.columns import Column
+from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
+
+TABLE = ComparisonTable(
+    rows=[
+        Row("ours & co", {"IDF1": 0.9, "IDSW": 5, "Recovery": math.nan}, {"IDF1": (0.85, 0.93)}),
+        Row("[peer]", {"IDF1": 0.5, "IDSW": 2, "own": 1.5}, note="1 of 3 scenes | failed"),
+    ],
+    columns=["IDF1", "IDSW", "Recovery", Column("own", "ms", "lower", "Time.", "t & $x$")],
+    legend=["Scores in percent"],
+    title="Rooms <1>",
+    charts=[Chart("by size", ["tiny", "huge"], {"[peer]": [0.4, math.nan]}, [1200, 3])],
+)
+
+
+def test_text_has_every_cell():
+    text = TABLE.to_text()
+    assert "90.00" in text
+    assert "85.0 to 93.0" in text
+    assert "[peer]" in text
+    assert text.rstrip().endswith("Scores in percent")
+
+
+def test_markdown_marks_the_best_and_keeps_its_columns():
+    lines = TABLE.to_markdown().splitlines()
+    assert "| ours & co | **90.00** (85.0 to 93.0) | 5 | - | - |  |" in lines
+    assert "| [peer] | 50.00 | **2** | - | 1.5 | 1 of 3 scenes \\| failed |" in lines
+
+
+def test_csv_keeps_full_precision():
+    rows = list(csv.DictReader(io.StringIO(TABLE.to_csv())))
+    assert float(rows[0]["IDF1_high"]) == 0.93
+    assert float(rows[1]["IDF1"]) == 0.5
+    assert (rows[1]["IDF1_low"], rows[0]["Recovery"]) == ("", "")
+    assert "IDSW_low" not in rows[0]
+
+
+def test_latex_escapes_and_closes():
+    latex = TABLE.to_latex()
+    assert r"ours \& co & \textbf{90.00} {\scriptsize (85.0 to 93.0)} & 5 & - & - &  \\" in latex
+    assert r"t \& \$x\$" in latex
+    assert latex.count(r"\begin{") == latex.count(r"\end{") == 2
+
+
+def test_page_is_complete_and_loads_nothing(tmp_path: Path):
+    path = tmp_path / "page.html"
+    page = TABLE.to_html(path)
+    assert path.read_text(encoding="utf-8") == page
+    assert "Rooms &lt;1&gt;" in page
+    assert page.count("<svg") == 3  # IDF1, IDSW and the chart; no row has a Recovery
+    assert "src=" not in page
+    assert "<link" not in page
+    assert TABLE.to_html() == page
+
+
+def test_nothing_is_best_without_a_rival():
+    assert "**" not in ComparisonTable([Row("a", {"IDF1": 1.0})], ["IDF1"]).to_markdown()
+    tied = ComparisonTable([Row("a", {"IDF1": 1.0}), Row("b", {"IDF1": 1.0})], ["IDF1"])
+    assert tied.to_markdown().count("**1") == 2
+
+
+@pytest.mark.parametrize("ending", [".md", ".csv", ".tex", ".html", ".txt"])
+def test_saved_by_ending(tmp_path: Path, ending: str):
+    path = tmp_path / f"table{ending}"
+    TABLE.save(path)
+    assert "peer" in path.read_text(encoding="utf-8")
+
+
+def test_bad_paths_are_refused(tmp_path: Path):
+    with pytest.raises(OutputError, match=r"ends in '\.xlsx'; a table can be written as \.md"):
+        TABLE.save(tmp_path / "table.xlsx")
+    with pytest.raises(OutputError, match=r"cannot write '.*absent.*': No such file"):
+        TABLE.save(tmp_path / "absent" / "table.md")
