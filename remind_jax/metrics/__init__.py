@@ -4,8 +4,8 @@
 brought into a `TrackingSequence`; `pool_evaluations` joins sequences.
 """
 
-from remind_jax.metrics.combine import average_classes, bootstrap_intervals, stack_counts
 from remind_jax.metrics.columns import Column
+from remind_jax.metrics.combine import average_classes, bootstrap_intervals, stack_counts
 from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
 from remind_jax.metrics.evaluate import (
     Evaluation,
