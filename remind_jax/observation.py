@@ -64,7 +64,8 @@ class Descriptors:
     """What each detection of a frame looks like (perception notes 7).
 
     Letters: `A` appearance channels (global, trimmed), `C` part channels (clusters, attention),
-    `K` parts, `R` rings (inner, outer). Vectors have unit length where valid, else are zero.
+    `K` parts, `R` rings (inner, outer), `M` prototypes of a ring. Vectors have unit length where
+    valid, else are zero.
     """
 
     appearance: Float[Array, "N A D"]
@@ -82,3 +83,5 @@ class Descriptors:
     class_id: Int[AnyArray, "N"]
     valid: Bool[AnyArray, "N"]  # a detection with a mask and finite features
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+    ring_prototypes: Float[Array, "N R M D"] | None = None  # None: static.ring_prototypes is off
+    ring_prototypes_valid: Bool[Array, "N R M"] | None = None

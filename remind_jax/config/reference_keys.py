@@ -13,6 +13,7 @@ from remind_jax.config import (
     known_set_thresholds,
     outcome_thresholds,
     relation_thresholds,
+    ring_prototype_thresholds,
 )
 from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.errors import ConfigError, nearest_names
@@ -31,6 +32,7 @@ RENAMED: dict[Path, Path] = {
     **relation_thresholds.RENAMED,
     **context_thresholds.RENAMED,
     **known_set_thresholds.RENAMED,
+    **ring_prototype_thresholds.RENAMED,
     "system.input_width_size": "input.max_width_px",
     "perception.full_center_crop": "input.center_crop",
     "detector.ignored_classes": "input.ignored_classes",
@@ -178,6 +180,7 @@ _WEIGHT = {"equal": "equal", "count_capped": "capped"}
 CHOICES: dict[Path, tuple[Path, dict[Any, Any]]] = {
     **outcome_thresholds.CHOICES,
     **relation_thresholds.CHOICES,
+    **ring_prototype_thresholds.CHOICES,
     "bg_local.ring_mode": (
         "thresholds.perception.ring_nested",
         {"disjoint": False, "nested": True},
@@ -218,8 +221,9 @@ CHOICES: dict[Path, tuple[Path, dict[Any, Any]]] = {
     f"{_P}.merge.merge_weight": ("static.part_merge", _WEIGHT),
 }
 
-# Capacities of the work and the stable bank.
+# Places in pairs: capacities of the work and the stable bank, bounds.
 SLOTS: dict[Path, tuple[tuple[Path, int], ...]] = {
+    **ring_prototype_thresholds.SLOTS,
     "memory.appearance.max_prototypes_per_channel": (("static.appearance_slots", 0),),
     "memory.appearance.max_stable_prototypes_per_channel": (("static.appearance_slots", 1),),
     "memory.parts.max_prototypes_per_channel": (("static.part_slots", 0), ("static.part_slots", 1)),
@@ -255,7 +259,6 @@ FIXED: dict[Path, Any] = {
     "memory.appearance.channels.patch.enabled": False,
     "memory.parts.enabled": True,
     "memory.parts.channels.kmeans.enabled": True,
-    "association.similarity.background_partials.enabled": False,
     f"{_M}.parts_mode": "max",
     "association.confidence.eps": 1e-6,
     f"{_A}.enabled": True,
@@ -288,28 +291,24 @@ INERT: tuple[Path, ...] = (
     "part_descriptors.kmeans.return_masks",
     "part_descriptors.attention",
     "bg_local.combine_weights",
-    "bg_local.prototypes",
     "memory.parts.channels.attention.enabled",
-    "memory.background.max_inner_partials",
-    "memory.background.max_outer_partials",
-    "memory.background.max_inner_partials_stable",
-    "memory.background.max_outer_partials_stable",
-    "association.similarity.background_partials.topk",
-    f"{_M}.weights.background_partials",
     "association.confidence.min_temperature",
     "association.confidence.min_gap_k",
     "update.max_misses",
     "update.temporary_tracks",
     "update.neighbor_graphs",
     f"{_B}.promote_hits",
-    f"{_B}.promote_hits_partials",
-    f"{_B}.stable_merge_thr",
     "testing",
     "debug",
 )
 
 _MANY_RELATIONS = 64
 _SELECTION, _SELECTION_THRESHOLD = "dino.patch_selection", "dino.patch_threshold"
+# What is on where all of its keys are true; shipped values.
+SWITCHES: dict[Path, dict[Path, bool]] = {
+    "static.ring_prototypes": ring_prototype_thresholds.SWITCHES
+}
+_SWITCHED = tuple(key for switch in SWITCHES.values() for key in switch)
 _RADII = tuple(
     f"thresholds.perception.ring_{edge}" for edge in ("border", "inner", "outer", "limit")
 )
@@ -337,11 +336,15 @@ def translate(settings: Mapping[str, Any], published: Mapping[str, Any]) -> dict
                 changes[name] = tuple(pair)
         elif key in FIXED:
             _allowed(key, value, (FIXED[key],))
+        elif key in _SWITCHED:
+            _allowed(key, value, (False, True))
         elif key not in (_SELECTION, _SELECTION_THRESHOLD) and not _within(key, INERT):
-            known = [*RENAMED, *CHOICES, *SLOTS, *FIXED]
+            known = [*RENAMED, *CHOICES, *SLOTS, *FIXED, *_SWITCHED]
             raise ConfigError(
                 f"the original has no configuration key {key!r}; {nearest_names(key, known)}"
             )
+    for name, keys in SWITCHES.items():
+        changes[name] = all(flat.get(key, shipped) for key, shipped in keys.items())
     selection = _allowed(_SELECTION, flat.get(_SELECTION, "any"), ("any", "threshold"))
     if selection == "threshold":
         changes["thresholds.perception.patch_coverage"] = flat.get(_SELECTION_THRESHOLD, 0.0)

@@ -14,6 +14,8 @@ _MAY_BE_ZERO = (
     "feature_dim",
     "max_neighbours",
     "part_seed",
+    "ring_seed",
+    "ring_prototypes_kept",
     "group_anchors",
     "soft_anchors",
     "max_passes",
@@ -43,10 +45,22 @@ class Static:
     part_top: int = 3  # best parts that are averaged into the part score
     ring_max_radius: int = 10  # patches; rings grow up to this distance
 
+    ring_prototypes: bool = False  # describe rings by typical patches as well
+    ring_clusters: tuple[int, int] = (4, 24)  # fewest and most clusters of a ring
+    ring_cluster_rule: Literal["root", "patches"] = "root"  # how their number grows with the ring
+    ring_iterations: int = 10  # k-means iterations
+    ring_restarts: int = 1  # k-means restarts
+    ring_seed: int = 0  # k-means seed of the inner ring; the outer ring has the next
+    ring_prototypes_kept: int = 3  # prototypes of a ring, 0: all
+    ring_prototype_kind: Literal["medoid", "centroid"] = "medoid"  # what stands for a cluster
+    ring_prototype_top: int = 2  # best prototypes of a ring that are averaged into its score
+
     appearance_slots: tuple[int, int] = (20, 20)  # prototypes, work and stable bank
     part_slots: tuple[int, int] = (80, 80)
     inner_ring_slots: tuple[int, int] = (20, 20)
     outer_ring_slots: tuple[int, int] = (30, 30)
+    inner_prototype_slots: tuple[int, int] = (60, 60)
+    outer_prototype_slots: tuple[int, int] = (80, 80)
 
     appearance_insert: Literal["always", "novel"] = "always"
     appearance_evict: Literal["redundant", "oldest"] = "redundant"  # from a full work bank

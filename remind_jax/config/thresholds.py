@@ -24,6 +24,7 @@ from remind_jax.config.outcome_thresholds import (
     Stability,
 )
 from remind_jax.config.relation_thresholds import Cooccurrence, Relations
+from remind_jax.config.ring_prototype_thresholds import RingPrototypes
 
 
 @jax.tree_util.register_dataclass
@@ -230,6 +231,7 @@ class Thresholds:
     appearance: Appearance = dataclasses.field(default_factory=Appearance)
     background: Background = dataclasses.field(default_factory=Background)
     parts: Parts = dataclasses.field(default_factory=Parts)
+    ring_prototypes: RingPrototypes = dataclasses.field(default_factory=RingPrototypes)
     lifecycle: Lifecycle = dataclasses.field(default_factory=Lifecycle)
     similarity: Similarity = dataclasses.field(default_factory=Similarity)
     diagnosis: Diagnosis = dataclasses.field(default_factory=Diagnosis)

@@ -9,6 +9,7 @@ from remind_jax.config.thresholds import Thresholds
 from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.perception.parts import cluster_parts
 from remind_jax.perception.pooling import keep_typical, pool, to_unit
+from remind_jax.perception.ring_prototypes import find_ring_prototypes
 from remind_jax.perception.rings import find_rings, ring_weights
 
 
@@ -47,7 +48,14 @@ def describe(
         filled > t.ring_object_coverage.astype(filled.dtype),
     )
     rings = find_rings(blocked, static.ring_max_radius, t) & finite
-    ring_mean, ring_present = pool(ring_weights(rings, filled), features)
+    background = ring_weights(rings, filled)
+    ring_mean, ring_present = pool(background, features)
+    prototypes = prototypes_valid = None
+    if static.ring_prototypes:
+        inside = rings.reshape(background.shape)
+        prototypes, prototypes_valid = find_ring_prototypes(
+            features, inside, background, static, thresholds.ring_prototypes
+        )
 
     covered, lost = jnp.any(given > 0, axis=(1, 2)), ~jnp.any(coverage > 0, axis=(1, 2))
     return Descriptors(
@@ -66,4 +74,6 @@ def describe(
         class_id=masks.class_id,
         valid=masks.valid & ~(covered & lost),
         num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
+        ring_prototypes=prototypes,
+        ring_prototypes_valid=prototypes_valid,
     )

@@ -1,8 +1,8 @@
 import pytest
 
-from remind_jax.config import Config
+from remind_jax.config import Config, dotted_keys
 from remind_jax.config.dotted_keys import flatten
-from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS
+from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS, SWITCHES
 from remind_jax.errors import ConfigError
 
 
@@ -29,7 +29,8 @@ def test_every_name_here_exists_and_is_set_once():
 
 
 def test_no_key_has_two_meanings():
-    tables = [key for table in (RENAMED, CHOICES, SLOTS, FIXED) for key in table]
+    tables = [RENAMED, CHOICES, SLOTS, FIXED, *SWITCHES.values()]
+    tables = [key for table in tables for key in table]
     assert len(tables) == len(set(tables))
     assert not set(tables) & set(INERT)
 
@@ -65,6 +66,16 @@ def test_capacities_of_work_and_stable_banks():
     assert config.static.appearance_slots == (3, 20)
     assert config.static.part_slots == (7, 7)
     assert config.static.outer_ring_slots == (30, 5)
+
+
+@pytest.mark.parametrize("path", SWITCHES)
+def test_what_needs_several_keys_is_on_where_all_are_true(path):
+    keys = SWITCHES[path]
+    for off in (None, *keys):
+        settings = dotted_keys.nest({key: key != off for key in keys})
+        assert value_at(Config.from_reference(settings), path) is (off is None)
+    with pytest.raises(ConfigError, match="supported here"):
+        Config.from_reference(nested(next(iter(keys)), "nonsense"))
 
 
 @pytest.mark.parametrize("key", FIXED)
