@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,12 @@ from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.decision import NO_ID, Decisions
-from remind_jax.errors import ConfigError, SourceError
+from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import pad_masks, reduce_masks
 from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
+from remind_jax.methods import get_method
 from remind_jax.observation import FrameFeats, Masks
-from remind_jax.state import TrackerState, grow, init
 from remind_jax.trace import Trace
 from remind_jax.tracker import step, step_traced
 from remind_jax.tracks import Tracks, encode_masks
@@ -34,36 +35,43 @@ FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their 
 
 
 def _step_once(
-    state: TrackerState,
+    state: Any,
     frame_feats: FrameFeats,
     masks: Masks,
+    observed: Any = None,
     *,
     static: Static,
-    thresholds: Thresholds,
-) -> TrackerState:
-    stepped = step(state, frame_feats, masks, static=static, thresholds=thresholds)
+    thresholds: Any,
+    step: Callable[..., Any] = step,
+) -> Any:
+    more = {} if observed is None else {"observed": observed}
+    stepped = step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
     return _settle_types(stepped)
 
 
 def _step_traced_once(
-    state: TrackerState,
+    state: Any,
     frame_feats: FrameFeats,
     masks: Masks,
+    observed: Any = None,
     *,
     static: Static,
-    thresholds: Thresholds,
-) -> tuple[TrackerState, Trace]:
-    stepped, trace = step_traced(state, frame_feats, masks, static=static, thresholds=thresholds)
+    thresholds: Any,
+    step: Callable[..., tuple[Any, Trace]] = step_traced,
+) -> tuple[Any, Trace]:
+    more = {} if observed is None else {"observed": observed}
+    stepped, trace = step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
     return _settle_types(stepped), trace
 
 
-def _settle_types(state: TrackerState) -> TrackerState:
+def _settle_types(state: Any) -> Any:
     """Strong types throughout: a weak one that comes or goes costs a second compilation."""
     return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, leaf.dtype), state)
 
 
-_step = jax.jit(_step_once, static_argnames="static", donate_argnames="state")
-_step_traced = jax.jit(_step_traced_once, static_argnames="static", donate_argnames="state")
+_STATIC = ("static", "step")
+_step = jax.jit(_step_once, static_argnames=_STATIC, donate_argnames="state")
+_step_traced = jax.jit(_step_traced_once, static_argnames=_STATIC, donate_argnames="state")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,6 +86,7 @@ class Prepared:
     rles: tuple[dict[str, Any], ...]
     num_ignored: int  # detections of ignored classes
     stage_ms: dict[str, float]
+    observed: Any = None  # what the method observed between the last frame and this one
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,6 +108,7 @@ class Tracker:
         config: str | Path | Config | Mapping[str, Any] = "default",
         backbone: str | Backbone = "patch-statistics",
         *,
+        tracker: str | None = None,
         trace: bool = False,
         **backbone_options: Any,
     ) -> None:
@@ -107,6 +117,8 @@ class Tracker:
         Args:
           config: Name of a shipped configuration, a YAML file, nested values, or a `Config`.
           backbone: Name of a registered backbone, or one that was made already.
+          tracker: Name of the method (`remind_jax.methods.list_methods`) with its own published
+            thresholds; that of the configuration if left out.
           trace: Keep what the decisions of the last frame were made of, as `trace`.
           **backbone_options: Options of a backbone given by name.
 
@@ -114,6 +126,13 @@ class Tracker:
           ConfigError: If one of them is unknown or does not fit.
         """
         self.config = load_config(config)
+        if tracker is not None:
+            self.config = self.config.with_tracker(tracker)
+        self.method = get_method(self.config.tracker)
+        if trace and self.method.step_traced is None:
+            raise ConfigError(
+                f"tracker '{self.method.name}' keeps no account of its decisions; leave out trace"
+            )
         if isinstance(backbone, str):
             backbone = get_backbone(backbone, **backbone_options)
         self.backbone = backbone
@@ -125,7 +144,8 @@ class Tracker:
             )
         self._ignored = {name.lower() for name in self.config.input.ignored_classes}
         self._class_ids: dict[str, int] = {}
-        self._state: TrackerState | None = None
+        self._state: Any = None
+        self._last_image: np.ndarray | None = None  # of the last frame prepared
         self._features_given = False
         self._has_profile = False
         self._is_tracing = trace
@@ -139,7 +159,7 @@ class Tracker:
         return 0 if self._state is None else int(np.sum(np.asarray(self._state.objects.id) >= 0))
 
     @property
-    def state(self) -> TrackerState | None:
+    def state(self) -> Any:
         """The memory as a pytree; None before the first frame."""
         return self._state
 
@@ -156,6 +176,7 @@ class Tracker:
     def reset(self) -> None:
         """Forgets everything."""
         self._state = None
+        self._last_image = None
         self._class_ids = {}
         self.trace = None
 
@@ -216,14 +237,21 @@ class Tracker:
             sanitize=options.sanitize,
             close_px=options.close_px,
             open_px=options.open_px,
-            scale_min_px=float(self.config.thresholds.relations.scale_min_px),
-            exact_gap_max=float(self.config.thresholds.relations.exact_gap_max),
+            **self._gap_options(),
         )
         image = None if frame.image is None else alignment.align_image(frame.image)
         rles = encode_masks(detections.masks)
-        spent = {"masks": 1000 * (time.perf_counter() - start)}
+        reduced_at = time.perf_counter()
+        spent = {"masks": 1000 * (reduced_at - start)}
+        observed = None
+        if self.method.observe is not None:
+            observed = self.method.observe(self._last_image, image)
+            self._last_image = image
+            spent["observe"] = 1000 * (time.perf_counter() - reduced_at)
         num_ignored = len(frame.detections) - len(kept)
-        return Prepared(frame, detections, image, frame.features, reduced, rles, num_ignored, spent)
+        return Prepared(
+            frame, detections, image, frame.features, reduced, rles, num_ignored, spent, observed
+        )
 
     def advance(self, prepared: Prepared) -> Tracks:
         """The part of `update` that reads and writes memory."""
@@ -240,7 +268,7 @@ class Tracker:
         described = time.perf_counter()
         size = np.array(prepared.frame.size, np.int32)
         self.notices = self._say_ignored(prepared)
-        self._step(FrameFeats(patches, size), prepared.masks)
+        self._step(FrameFeats(patches, size), prepared.masks, prepared.observed)
         tracks = self._read(prepared)
         done = time.perf_counter()
         self.stage_ms = {
@@ -260,7 +288,8 @@ class Tracker:
         if self._state is None:
             raise SourceError("there is no memory to save before the first frame")
         name = FEATURES_GIVEN if self._features_given else self.backbone.name
-        save_memory(path, SavedMemory(self._state, self._static, self.class_names, name))
+        saved = SavedMemory(self._state, self._static, self.class_names, name, self.method.name)
+        save_memory(path, saved)
 
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.
@@ -270,9 +299,14 @@ class Tracker:
 
         Raises:
           OutputError: If the file is missing, damaged or of another schema.
-          RemindError: If it was made with another backbone.
+          RemindError: If it was made with another backbone or by another tracker.
         """
         memory = load_memory(path)
+        if memory.tracker != self.method.name:
+            raise RemindError(
+                f"{path} is the memory of tracker '{memory.tracker}', not '{self.method.name}'; "
+                "go on with the tracker that it was made by"
+            )
         if memory.backbone != FEATURES_GIVEN:
             check_backbone(memory, self.backbone.name, path)
         self._features_given = memory.backbone == FEATURES_GIVEN
@@ -291,6 +325,16 @@ class Tracker:
     def _class_id(self, label: str) -> int:
         return self._class_ids.setdefault(label, len(self._class_ids))
 
+    def _gap_options(self) -> dict[str, float]:
+        """How gaps between masks are measured; of no interest to methods without relations."""
+        if not isinstance(self.config.thresholds, Thresholds):
+            return {"exact_gap_max": -math.inf}
+        relations = self.config.thresholds.relations
+        return {
+            "scale_min_px": float(relations.scale_min_px),
+            "exact_gap_max": float(relations.exact_gap_max),
+        }
+
     def _patch_px(self, frame: Frame) -> int:
         """Side of a patch in pixels of the frame."""
         if frame.features is None:
@@ -304,7 +348,7 @@ class Tracker:
             )
         return patch_px
 
-    def _step(self, frame_feats: FrameFeats, masks: Masks) -> None:
+    def _step(self, frame_feats: FrameFeats, masks: Masks, observed: Any) -> None:
         """Steps, growing capacities until the frame fits."""
         static = self._static
         dim = frame_feats.patches.shape[-1]
@@ -319,23 +363,23 @@ class Tracker:
             static = static.grow(num_detections=num)
             self._note_growth("detections", num, static.num_detections)
         if self._state is None:
-            self._state, self._static = _settle_types(init(static)), static
+            self._state, self._static = _settle_types(self.method.init(static)), static
         elif static != self._static:
             self._grow(static)
         padded = pad_masks(masks, static.num_detections)
-        thresholds, trace = self.config.thresholds, None
+        given, trace = (frame_feats, padded, observed), None
+        options: Any = {"thresholds": self.config.thresholds}
+        options["step"] = self.method.step_traced if self._is_tracing else self.method.step
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
             if self._is_tracing:
                 self._state, trace = both = _step_traced(
-                    self._state, frame_feats, padded, static=self._static, thresholds=thresholds
+                    self._state, *given, static=self._static, **options
                 )
                 stepped = both[0]
             else:
-                self._state = stepped = _step(
-                    self._state, frame_feats, padded, static=self._static, thresholds=thresholds
-                )
+                self._state = stepped = _step(self._state, *given, static=self._static, **options)
             overflow = jax.device_get(stepped.overflow)
             if not overflow.objects and not overflow.pending:
                 break
@@ -349,7 +393,8 @@ class Tracker:
 
     def _grow(self, static: Static) -> None:
         assert self._state is not None
-        self._state, self._static = _settle_types(grow(self._state, static)), static
+        self._state = _settle_types(self.method.enlarge(self._state, static))
+        self._static = static
 
     def _note_growth(self, what: str, needed: int, capacity: int) -> None:
         message = f"{needed} {what} do not fit; the capacity is {capacity} now"

@@ -15,7 +15,7 @@ from safetensors.numpy import load_file, save_file
 
 from remind_jax.config import Static
 from remind_jax.errors import OutputError, RemindError
-from remind_jax.state import TrackerState, init
+from remind_jax.methods import DEFAULT_METHOD, get_method
 
 SCHEMA_VERSION = 1
 _FORMAT = "remind-jax memory"
@@ -25,10 +25,11 @@ _FORMAT = "remind-jax memory"
 class SavedMemory:
     """What a memory file holds."""
 
-    state: TrackerState
+    state: Any  # the memory of the method, `TrackerState` for REMIND
     static: Static
     class_names: tuple[str, ...]  # class id -> name
     backbone: str
+    tracker: str = DEFAULT_METHOD  # name of the method
 
 
 def save_memory(path: str | Path, memory: SavedMemory) -> None:
@@ -45,6 +46,7 @@ def save_memory(path: str | Path, memory: SavedMemory) -> None:
         "static": json.dumps(dataclasses.asdict(memory.static)),
         "class_names": json.dumps(memory.class_names),
         "backbone": memory.backbone,
+        "tracker": memory.tracker,
     }
     unfinished = path.with_name(path.name + ".part")
     try:
@@ -60,6 +62,7 @@ def load_memory(path: str | Path) -> SavedMemory:
 
     Raises:
       OutputError: If the file is missing, damaged, no memory, or of another schema version.
+      ConfigError: If it was made by a tracker that there is not.
     """
     path = Path(path)
     try:
@@ -75,14 +78,16 @@ def load_memory(path: str | Path) -> SavedMemory:
             f"{SCHEMA_VERSION}"
         )
     static, names, backbone = _read_description(header, path)
-    empty = init(static)
+    # Files of version 0.1.0 name no tracker: there was one.
+    tracker = header.get("tracker", DEFAULT_METHOD)
+    empty = get_method(tracker).init(static)
     leaves = []
     for name, leaf in _named_leaves(empty):
         if name not in tensors or tensors[name].shape != leaf.shape:
             raise OutputError(f"{path} is damaged: '{name}' is missing or of another shape")
         leaves.append(jax.numpy.asarray(tensors[name], leaf.dtype))
     state = jax.tree.unflatten(jax.tree.structure(empty), leaves)
-    return SavedMemory(state, static, names, backbone)
+    return SavedMemory(state, static, names, backbone, tracker)
 
 
 def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None:
@@ -124,6 +129,6 @@ def _read_description(header: dict[str, str], path: Path) -> tuple[Static, tuple
     return static, names, backbone
 
 
-def _named_leaves(state: TrackerState) -> list[tuple[str, jax.Array]]:
+def _named_leaves(state: Any) -> list[tuple[str, jax.Array]]:
     paths, _ = jax.tree_util.tree_flatten_with_path(state)
     return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in paths]

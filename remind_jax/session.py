@@ -55,6 +55,7 @@ def run(
     weights: str | Path | None = None,
     feature_cache: str | Path | None = None,
     config: str | Path | Config | Mapping[str, Any] = "default",
+    tracker: str | None = None,
     sampling: Sampling | Mapping[str, Any] | None = None,
     metadata: str | Path | None = None,
     memory: str | Path | None = None,
@@ -80,6 +81,8 @@ def run(
         `REMIND_WEIGHTS` says and in the user's cache folder if left out.
       feature_cache: Folder of features that are kept and reused; none if left out.
       config: Configuration by name, by file, or as values.
+      tracker: Method by name (`remind_jax.methods.list_methods`) with its own published thresholds;
+        that of the configuration, REMIND if it names none, if left out.
       sampling: Which frames are processed.
       metadata: JSON with the classes of instance ids.
       memory: Memory file of an earlier run to go on from.
@@ -99,20 +102,20 @@ def run(
     """
     finder = as_detector(detector, detector_options)
     eyes = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
-    tracker = Tracker(config, eyes, trace=trace)
+    live = Tracker(config, eyes, tracker=tracker, trace=trace)
     if memory is not None:
-        tracker.load(memory)
+        live.load(memory)
     frames = open_source(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
-    session = _Session(tracker, frames, finder, progress)
+    session = _Session(live, frames, finder, progress)
     with contextlib.closing(
-        prefetch(_decode(frames, finder), lambda timed: _prepare(tracker, timed), depth=_AHEAD)
+        prefetch(_decode(frames, finder), lambda timed: _prepare(live, timed), depth=_AHEAD)
     ) as ahead:
         first = next(ahead, None)
         if first is None:
             raise SourceError(f"'{frames.name}' has no frames")
-        info = describe_run(frames, tracker, first)
+        info = describe_run(frames, live, first)
         if out is None:
             return session.conclude(info, session.consume(first, ahead, None))
         with RunWriter(out, info, overlay=overlay, overwrite=overwrite) as writer:
@@ -121,9 +124,9 @@ def run(
             except Exception:
                 # What was done is finished; what went wrong first is what is told.
                 with contextlib.suppress(RemindError):
-                    _finish(session.conclude(info, complete=False), tracker, writer)
+                    _finish(session.conclude(info, complete=False), live, writer)
                 raise
-            return _finish(session.conclude(info, complete), tracker, writer)
+            return _finish(session.conclude(info, complete), live, writer)
 
 
 def _finish(result: Result, tracker: Tracker, writer: RunWriter) -> Result:

@@ -28,6 +28,7 @@ CORE = (
     "disambiguation",
     "solvers",
     "config",
+    "methods",
     "state",
     "observation",
     "decision",

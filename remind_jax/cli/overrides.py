@@ -25,20 +25,27 @@ Assignments = Annotated[
 ]
 
 
-def load_config_with(name: str, assignments: Assignments = ()) -> Config:
+def load_config_with(
+    name: str, assignments: Assignments = (), tracker: str | None = None
+) -> Config:
     """A configuration by name or file, with single values changed.
 
     Args:
       name: Name of a shipped configuration, or a YAML file.
       assignments: Changes as `dotted.key=value`, values in YAML.
+      tracker: Name of the method that the changes are for; that of the configuration if left out.
 
     Raises:
-      ConfigError: If the configuration or a key is unknown, or a value of the wrong kind.
+      ConfigError: If the configuration, the tracker or a key is unknown, or a value of the wrong
+        kind.
     """
     from remind_jax.config import load_config
 
     changes = parse_assignments(itertools.chain(*assignments))
-    return load_config(name).updated(changes, "--set")
+    config = load_config(name)
+    if tracker is not None:
+        config = config.with_tracker(tracker)
+    return config.updated(changes, "--set")
 
 
 def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:

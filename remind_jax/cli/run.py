@@ -67,6 +67,8 @@ class Run:
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
+    # remind, momentum, running-mean, bank or iou; that of the configuration if left out
+    tracker: Annotated[str | None, arg(metavar="NAME")] = None
     changes: Assignments = ()
     memory: Path | None = None  # go on from the memory of an earlier run
     out: Path | None = None  # output folder; runs/NAME if left out
@@ -88,7 +90,7 @@ class Run:
         silence_libraries()
         source = self._open()
         out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
-        config = load_config_with(self.config, self.changes)
+        config = load_config_with(self.config, self.changes, tracker=self.tracker)
         keep_compiled_programs()
         display = RunDisplay(source.name, source.num_frames, is_shown=not self.quiet)
         result = track(

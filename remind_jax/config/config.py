@@ -1,7 +1,8 @@
 """`Config`: static structure, thresholds and input options, read from strict YAML.
 
 A file holds any part of the tree `input`, `static`, `thresholds`; what it leaves out keeps the
-published value. `base: NAME` starts from another configuration.
+published value. `base: NAME` starts from another configuration, `tracker: NAME` chooses the method
+whose thresholds these are.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.config.validation import check_fields
 from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.methods import DEFAULT_METHOD, get_method
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,9 +41,11 @@ class Input:
 class Config:
     """Everything that a run can be told, apart from its input and its backbone."""
 
+    tracker: str = DEFAULT_METHOD  # name of the method, see `remind_jax.methods`
     input: Input = dataclasses.field(default_factory=Input)
     static: Static = dataclasses.field(default_factory=Static)
-    thresholds: Thresholds = dataclasses.field(default_factory=Thresholds)
+    # Those of REMIND; other trackers have their own.
+    thresholds: Thresholds | Any = dataclasses.field(default_factory=Thresholds)
     backbone_profile: bool = False  # what nobody changed follows configs/backbones/NAME.yaml
 
     def to_dict(self) -> dict[str, Any]:
@@ -54,12 +58,24 @@ class Config:
         Raises:
           ConfigError: For an unknown key or a value of the wrong kind.
         """
-        return _update(self, changes, (), origin)
+        changes = dict(changes)
+        start = self.with_tracker(changes.pop("tracker", self.tracker))
+        return _update(start, changes, (), origin)
+
+    def with_tracker(self, name: str) -> Config:
+        """The configuration for another tracker, with the published thresholds of that one.
+
+        Raises:
+          ConfigError: If there is no such tracker.
+        """
+        if name == self.tracker:
+            return self
+        return dataclasses.replace(self, tracker=name, thresholds=get_method(name).thresholds())
 
     def difference(self, other: Config) -> list[tuple[str, Any, Any]]:
-        """Keys whose values differ, with this value and the other's."""
+        """Keys whose values differ, with this value and the other's (None: it has no such key)."""
         mine, theirs = dict(flatten(self.to_dict())), dict(flatten(other.to_dict()))
-        return [(key, mine[key], theirs[key]) for key in mine if mine[key] != theirs[key]]
+        return [(key, mine[key], theirs.get(key)) for key in mine if mine[key] != theirs.get(key)]
 
     def for_backbone(self, name: str) -> Config:
         """The configuration with the profile of a backbone, where one is shipped and wanted.
@@ -67,10 +83,14 @@ class Config:
         Published thresholds belong to the features that they were tuned on. A profile replaces
         those that still have their published value.
         """
-        path = _shipped_folder() / "backbones" / f"{name.replace('-', '_')}.yaml"
+        folder = _shipped_folder() / "backbones"
+        if self.tracker != DEFAULT_METHOD:
+            folder /= self.tracker.replace("-", "_")
+        path = folder / f"{name.replace('-', '_')}.yaml"
         if not self.backbone_profile or not path.is_file():
             return self
-        mine, published = dict(flatten(self.to_dict())), dict(flatten(Config().to_dict()))
+        mine = dict(flatten(self.to_dict()))
+        published = dict(flatten(Config().with_tracker(self.tracker).to_dict()))
         profile = dict(flatten(read_yaml(path)))
         changes = {key: profile[key] for key in profile if mine.get(key) == published.get(key)}
         return self.updated(nest(changes), str(path))

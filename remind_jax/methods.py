@@ -1,0 +1,113 @@
+"""Trackers by name: what turns features and masks into identities, found without importing any.
+
+Every method has the contract of `remind_jax.tracker`: `init(static)` makes an empty memory, the
+pure `step` takes it from one frame to the next. All run with the same outputs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import jax
+from jaxtyping import Array
+
+from remind_jax.errors import ConfigError, nearest_names
+
+if TYPE_CHECKING:
+    from remind_jax.config.static import Static
+
+DEFAULT_METHOD = "remind"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Method:
+    """A tracker as pure functions.
+
+    `step(state, frame_feats, masks, *, static, thresholds) -> state`, and with `observe` one more
+    argument: `observed`, a pytree of arrays whose shapes never change.
+
+    The memory is a pytree of arrays in which a run reads `objects.id` `[O]` (-1 in free slots),
+    `frame` (frames processed so far, the number of the next one), `decisions`
+    (`decision.Decisions` about the last frame) and `overflow` (`objects`, `pending`: slots that the
+    frame needs, 0 if they sufficed; a frame that overflows changes nothing else).
+    """
+
+    name: str
+    thresholds: Callable[[], Any]  # published values of its numbers: a dataclass that is a pytree
+    init: Callable[[Static], Any]
+    step: Callable[..., Any]
+    # The same memory with larger capacities; left out, arrays are extended at their ends.
+    grow: Callable[[Any, Static], Any] | None = None
+    # As `step`, giving `(state, trace)`; left out, the method keeps no account.
+    step_traced: Callable[..., tuple[Any, Any]] | None = None
+    # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
+    # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
+    # previous one is None in the first frame, both are None where frames come as features.
+    observe: Callable[[Any, Any], Any] | None = None
+
+    def enlarge(self, state: Any, static: Static) -> Any:
+        """The memory with the larger capacities of `static`; results do not change."""
+        if self.grow is not None:
+            return self.grow(state, static)
+        return extend(state, self.init(static))
+
+
+def extend(state: Any, empty: Any) -> Any:
+    """A memory in the first slots of an empty one; what did not fit is forgiven."""
+
+    def place(small: Array, large: Array) -> Array:
+        if small.shape == large.shape:
+            return small
+        return large.at[tuple(slice(0, length) for length in small.shape)].set(small)
+
+    return dataclasses.replace(jax.tree.map(place, state, empty), overflow=empty.overflow)
+
+
+# "module:attribute" is imported when the method is first asked for.
+_methods: dict[str, Method | str] = {
+    DEFAULT_METHOD: "remind_jax.methods:_remind",
+}
+
+
+def get_method(name: str) -> Method:
+    """Gives a method by name.
+
+    Raises:
+      ConfigError: If there is no such method.
+    """
+    if name not in _methods:
+        raise ConfigError(f"there is no tracker {name!r}; {nearest_names(name, _methods)}")
+    method = _methods[name]
+    if isinstance(method, str):
+        module, _, attribute = method.partition(":")
+        found = getattr(importlib.import_module(module), attribute)
+        method = _methods[name] = found if isinstance(found, Method) else found()
+    return method
+
+
+def register_method(method: Method) -> None:
+    """Adds a method under its name.
+
+    Raises:
+      ConfigError: If another method has that name.
+    """
+    taken = _methods.get(method.name)
+    if taken is not None and taken is not method:
+        raise ConfigError(f"a tracker {method.name!r} is registered already; choose another name")
+    _methods[method.name] = method
+
+
+def list_methods() -> list[str]:
+    """Names of all methods, the default first."""
+    return list(_methods)
+
+
+def _remind() -> Method:
+    from remind_jax.config.thresholds import Thresholds
+    from remind_jax.state import grow, init
+    from remind_jax.tracker import step, step_traced
+
+    return Method(DEFAULT_METHOD, Thresholds, init, step, grow, step_traced)
