@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from remind_jax.errors import SourceError
 from remind_jax.metrics.decimal_text import parse_decimal_table
 from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.run_lengths import find_malformed
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.similarity import (
     covered_share,
@@ -38,8 +39,14 @@ MOTS_IGNORE_CLASS = 10
 MOT17_DISTRACTORS = frozenset({2, 7, 8, 12})
 MOT20_DISTRACTORS = MOT17_DISTRACTORS | {6}
 
+# A larger number is a time stamp or a damaged row; memory is taken by the number of frames.
+MAX_FRAMES = 10_000_000
+
 # Of frame,id,left,top,width,height,flag,class,...
 _MOT_COLUMNS = 8
+
+# Whole numbers up to here are exact as floats.
+_MAX_WHOLE = 2.0**53
 
 _MATCH_THRESHOLD = 0.5
 _IGNORED_SHARE = 0.5
@@ -132,6 +139,14 @@ def read_mots_rows(path: str | Path) -> MaskRows:
                 f"{path}, line {line_number}: '{line[:60]}' is not a MOTS row; "
                 "it needs frame id class height width rle, separated by spaces"
             ) from None
+    wrong = find_malformed(rles)
+    if wrong is not None:
+        frame, track_id, _ = numbers[wrong]
+        height, width = rles[wrong]["size"]
+        raise SourceError(
+            f"{path}, frame {frame}, id {track_id}: the run lengths are damaged or do not add up "
+            f"to a mask of {height} x {width} pixels (height x width)"
+        )
     rows = np.asarray([(*row, at) for at, row in enumerate(numbers)], np.int64).reshape(-1, 4)
     frame, track_id, class_id, place = _order_by_frame(rows).T
     return MaskRows(frame, track_id, class_id, tuple(rles[at] for at in place))
@@ -167,6 +182,7 @@ def load_mot_sequence(
         (pred.frame - 1, pred.track_id),
         pairs,
         name=str(pred_path),
+        first_frame=1,
     )
     keep_pred = np.ones(len(pred.frame), bool)
     if distractors:
@@ -219,6 +235,7 @@ def load_mots_sequence(
         _pair_rles(gt, pred),
         class_names=(MOTS_CLASSES.get(class_id, f"class {class_id}"),),
         name=str(pred_path),
+        first_frame=first_frame,
     )
     ignored = all_gt.select(all_gt.class_id == MOTS_IGNORE_CLASS)
     if not len(ignored.frame):
@@ -280,6 +297,7 @@ def _check_overlaps(path: str | Path, rows: MaskRows) -> None:
 def _sequence_length(
     first_frame: int, num_frames: int | None, frames: dict[str | Path, np.ndarray]
 ) -> int:
+    _check_frames(frames)
     last = max((int(frame[-1]) for frame in frames.values() if len(frame)), default=first_frame - 1)
     length = last - first_frame + 1 if num_frames is None else num_frames
     for path, frame in frames.items():
@@ -290,6 +308,14 @@ def _sequence_length(
                 f"{first_frame} to {first_frame + length - 1}"
             )
     return length
+
+
+def _check_frames(frames: dict[str | Path, np.ndarray]) -> None:
+    for path, frame in frames.items():
+        if len(frame) and frame[-1] > MAX_FRAMES:
+            raise SourceError(
+                f"{path} has a row of frame {frame[-1]}; frames are numbered up to {MAX_FRAMES}"
+            )
 
 
 def _order_by_frame(table: np.ndarray) -> np.ndarray:
@@ -307,7 +333,7 @@ def _read_bytes(path: str | Path) -> bytes:
 
 def _read_text(path: str | Path) -> str:
     try:
-        return _read_bytes(path).decode()
+        return _read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SourceError(f"{path} is not a text file; give MOTChallenge or MOTS text") from None
 
@@ -324,6 +350,14 @@ def _parse_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
         raise SourceError(
             f"{path} has rows of {table.shape[1]} columns; MOTChallenge needs frame,id,left,top,"
             "width,height and finite numbers"
+        )
+    whole = table[:, :2]
+    wrong = np.argwhere((whole != np.round(whole)) | (np.abs(whole) > _MAX_WHOLE))
+    if len(wrong):
+        row, column = wrong[0]
+        raise SourceError(
+            f"{path}, row {row + 1}: {('frame', 'id')[column]} is {whole[row, column]}; "
+            "it must be a whole number"
         )
     return table
 

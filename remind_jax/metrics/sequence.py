@@ -56,6 +56,7 @@ class TrackingSequence:
         pred_class: Any = None,
         class_names: Sequence[str] = ("object",),
         name: str = "sequence",
+        first_frame: int = 0,
     ) -> TrackingSequence:
         """Builds a sequence from flat tables and checks it as TrackEval does.
 
@@ -68,6 +69,7 @@ class TrackingSequence:
           pred_class: Class index per predicted row; all 0 if left out.
           class_names: What the class indices mean.
           name: Shown in messages and tables.
+          first_frame: Number of the first frame in messages.
 
         Raises:
           SourceError: If an id occurs twice in one frame, a frame is outside of the sequence, a
@@ -77,8 +79,8 @@ class TrackingSequence:
         pred_frame, pred_id = (np.asarray(column, np.int64) for column in predictions)
         pair_gt, pair_pred = (np.asarray(column, np.int64) for column in pairs[:2])
         similarity = np.asarray(pairs[2], np.float64)
-        _check_rows("ground truth", name, num_frames, gt_frame, gt_id)
-        _check_rows("prediction", name, num_frames, pred_frame, pred_id)
+        _check_rows("ground truth", name, num_frames, gt_frame, gt_id, first_frame)
+        _check_rows("prediction", name, num_frames, pred_frame, pred_id, first_frame)
         _check_pairs(name, gt_frame, pred_frame, pair_gt, pair_pred, similarity)
         overlaps = similarity > 0
         order = np.flatnonzero(overlaps)
@@ -303,7 +305,9 @@ def _classes_or_zero(classes: Any, num: int) -> np.ndarray:
     return classes
 
 
-def _check_rows(side: str, name: str, num_frames: int, frame: np.ndarray, ids: np.ndarray) -> None:
+def _check_rows(
+    side: str, name: str, num_frames: int, frame: np.ndarray, ids: np.ndarray, first_frame: int
+) -> None:
     if frame.shape != ids.shape or frame.ndim != 1:
         raise SourceError(f"{name}: {len(frame)} frames were given for {len(ids)} {side} ids")
     if not len(frame):
@@ -318,8 +322,8 @@ def _check_rows(side: str, name: str, num_frames: int, frame: np.ndarray, ids: n
     if seen.max() > 1:
         row = int(np.flatnonzero(seen[member] > 1)[0])
         raise SourceError(
-            f"{name}, frame {frame[row]}: {side} id {ids[row]} occurs {seen[member[row]]} times; "
-            "an id may occur once in a frame"
+            f"{name}, frame {frame[row] + first_frame}: {side} id {ids[row]} occurs "
+            f"{seen[member[row]]} times; an id may occur once in a frame"
         )
 
 

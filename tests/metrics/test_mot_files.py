@@ -40,7 +40,14 @@ def test_rows_of_boxes(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    "text", ["1 4 0 0 2 2\n", "1,4,0,0,2,2", "1, 4, 0, 0, 2, 2\r\n", "1,4,0,0,2,2e0\n\n"]
+    "text",
+    [
+        "1 4 0 0 2 2\n",
+        "1,4,0,0,2,2",
+        "1, 4, 0, 0, 2, 2\r\n",
+        "1,4,0,0,2,2e0\n\n",
+        "\ufeff1,4,0,0,2,2",
+    ],
 )
 def test_other_spellings_of_a_row(tmp_path: Path, text: str):
     path = tmp_path / "pred.txt"
@@ -145,7 +152,10 @@ def test_formats_are_recognised(tmp_path: Path):
         (["1,1,0,0,1,nan"], "finite numbers"),
         (["0,1,0,0,1,1"], "has a row of frame 0; frames are numbered 1 to"),
         (["9,1,0,0,1,1"], "has a row of frame 9; frames are numbered 1 to 3"),
-        (["1,1,0,0,1,1", "1,1,5,5,1,1"], "frame 0: prediction id 1 occurs 2 times"),
+        (["1,1,0,0,1,1", "1,1,5,5,1,1"], "frame 1: prediction id 1 occurs 2 times"),
+        (["99999999999,1,0,0,1,1"], "row of frame 99999999999; frames are numbered up to"),
+        (["1.5,1,0,0,1,1"], r"row 1: frame is 1.5; it must be a whole number"),
+        (["1,2,0,0,1,1", "1,0.5,0,0,1,1"], r"row 2: id is 0.5; it must be a whole number"),
     ],
 )
 def test_bad_boxes_are_refused(tmp_path: Path, lines: list[str], message: str):
@@ -157,6 +167,7 @@ def test_bad_boxes_are_refused(tmp_path: Path, lines: list[str], message: str):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
+        (["1 1 2 4 10 zz"], "frame 1, id 1: the run lengths are damaged or do not add up"),
         (["1 1 2 4"], r"line 1: '1 1 2 4' is not a MOTS row"),
         ([mots_line(1, 1, 2, slice(0, 3)), mots_line(1, 2, 2, slice(2, 4))], "masks overlap"),
         ([mots_line(1, 1, 5, slice(0, 3))], "no row of class 7; they have 2, 5"),
