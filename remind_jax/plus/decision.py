@@ -1,0 +1,87 @@
+"""Known or new, now or later: the joint decision of all open tracklets (5.6).
+
+Letters: `N` detections, `O` object slots, `C` candidates. Evidence is in log odds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.evidence import Rows, Shortlist
+from remind_jax.plus.state import NOWHERE, Scene, Tracklets
+from remind_jax.solvers.assignment_in_graph import assign_in_graph
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """What was decided about the rows of a frame."""
+
+    slot: Int[Array, "N"]  # object that the row is best taken for, NOWHERE: its own or a new one
+    margin: Float[Array, "N"]  # log odds to its next best answer
+    private: Float[Array, "N"]  # log odds of being no known object
+    cosine: Float[Array, "N"]  # of looks, to the chosen object
+    recognised: Bool[Array, "N"]  # young rows that are a known object from now on
+    born: Bool[Array, "N"]  # young rows that are a new object from now on
+    absorbed: Bool[Array, "N"]  # late rows whose object turned out to be the chosen one
+
+
+def decide(
+    shortlist: Shortlist,
+    odds: Float[Array, "N C"],
+    rows: Rows,
+    here: Tracklets,
+    scene: Scene,
+    num_objects: int,
+    t: th.Decision,
+) -> Choice:
+    """One assignment of all rows to objects, each with a private column for "no known object"."""
+    known = jnp.clip(scene.familiarity, t.familiarity_least, 1.0 - t.familiarity_least)
+    new = t.new + t.familiarity * jnp.log(known / (1.0 - known))
+    private = jnp.where(rows.late, t.new + t.late_margin, new)
+
+    num = len(private)
+    index = jnp.arange(num)[:, None]
+    usable = shortlist.valid & rows.any[:, None]
+    column = jnp.where(usable, shortlist.slot, num_objects)
+    score = jnp.zeros((num, num_objects + 1)).at[index, column].set(jnp.where(usable, odds, 0.0))
+    allowed = jnp.zeros((num, num_objects + 1), bool).at[index, column].set(usable)
+    slot = assign_in_graph(
+        score[:, :num_objects],
+        allowed[:, :num_objects],
+        here.class_id,
+        private,
+        jnp.array(True),
+    )
+    chosen = usable & (shortlist.slot == slot[:, None])
+    is_known = jnp.any(chosen, axis=1)
+    best_other = jnp.max(jnp.where(usable & ~chosen, odds, -jnp.inf), axis=1)
+    own = jnp.where(is_known, jnp.max(jnp.where(chosen, odds, -jnp.inf), axis=1), private)
+    margin = own - jnp.where(is_known, jnp.maximum(best_other, private), best_other)
+
+    early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
+    commits = rows.young & ((here.age >= t.commit_age) | early)
+    return Choice(
+        slot=jnp.where(is_known, slot, NOWHERE),
+        margin=margin,
+        private=private,
+        cosine=jnp.max(jnp.where(chosen, shortlist.cosine, -1.0), axis=1),
+        recognised=commits & is_known,
+        born=commits & ~is_known,
+        absorbed=rows.late & is_known,
+    )
+
+
+def learn_familiarity(scene: Scene, choice: Choice, t: th.Decision) -> Scene:
+    """Follows how often young rows turn out to be new, decision by decision."""
+    commits = choice.recognised | choice.born
+    after = jnp.sum(commits) - jnp.cumsum(commits)
+    fade = 1.0 - t.familiarity_rate
+    news = jnp.sum(jnp.where(choice.born, t.familiarity_rate * fade**after, 0.0))
+    value = scene.familiarity * fade ** jnp.sum(commits) + news
+    return dataclasses.replace(scene, familiarity=value)

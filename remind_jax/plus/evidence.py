@@ -1,0 +1,177 @@
+"""What looks, background and place say about an open tracklet and each object (5.4).
+
+Letters: `N` detections, `O` object slots, `C` candidates. Evidence is in log odds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.perception.pooling import to_unit
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.observation import Sightings
+from remind_jax.plus.scene_map import center_variance
+from remind_jax.plus.state import NOWHERE, Objects, Pairs, Scene, Tracklets
+
+_EXPONENT_MAX = 80.0  # squared distances beyond do not count
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Rows:
+    """Which tracklets of this frame are to be decided."""
+
+    young: Bool[Array, "N"]  # not decided yet
+    late: Bool[Array, "N"]  # decided as new, and may still turn out to be known
+
+    @property
+    def any(self) -> Bool[Array, "N"]:
+        """Both kinds."""
+        return self.young | self.late
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Shortlist:
+    """The best objects for each row, before the others in view are asked."""
+
+    slot: Int[Array, "N C"]  # object slot
+    valid: Bool[Array, "N C"]
+    base: Float[Array, "N C"]  # log odds of looks, background, place and number of rivals
+    cosine: Float[Array, "N C"]  # best cosine of looks
+
+
+def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
+    """Open tracklets among those of this frame."""
+    decided = here.slot != NOWHERE
+    late = valid & decided & here.fresh & (here.age <= t.late_frames)
+    return Rows(young=valid & ~decided, late=late)
+
+
+def held_objects(slot: Int[Array, "M"], holds: Bool[Array, "M"], num: int) -> Bool[Array, "O"]:
+    """Objects that belong to one of the tracklets."""
+    return jnp.any((slot[:, None] == jnp.arange(num)) & holds[:, None], axis=0)
+
+
+def admit(
+    here: Tracklets, rows: Rows, held: Bool[Array, "O"], objects: Objects, pairs: Pairs
+) -> Bool[Array, "N O"]:
+    """Objects that each row may be: of its class, free, never seen beside its own object."""
+    open_to = objects.exists & ~held
+    possible = (here.class_id[:, None] == objects.class_id[None]) & open_to[None]
+    beside = pairs.covisible[jnp.maximum(here.slot, 0)] > 0
+    return jnp.where(rows.late[:, None], possible & ~beside, possible) & rows.any[:, None]
+
+
+def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:
+    """Cosine to the nearest kept look of each object; -1 without any."""
+    num_o, num_k, white = objects.white_bank.shape
+    flat = objects.white_bank.reshape(num_o * num_k, white)
+    cosine = jnp.matmul(white_look, flat.T, precision="highest").reshape(-1, num_o, num_k)
+    return jnp.max(jnp.where(objects.bank_count > 0, cosine, -1.0), axis=-1)
+
+
+def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
+    """Mean cosine of other objects and of the same one, and their common variance."""
+    sums = scene.cosines
+    mean = sums[:, 1] / sums[:, 0]
+    variance = sums[:, 2] / sums[:, 0] - mean**2
+    spread = jnp.mean(jnp.maximum(variance, t.least_variance))
+    on = t.enabled
+    return (
+        jnp.where(on, mean[0], t.other_mean),
+        jnp.where(on, mean[1], t.same_mean),
+        jnp.where(on, spread, t.variance),
+    )
+
+
+def mix(
+    squared: Array, variance: Array, lost: Array, doubt: Array, bonus: Array, area: float
+) -> Array:
+    """Log odds of a displacement: where expected, or anywhere.
+
+    Args:
+      squared: Squared displacement.
+      variance: Of each coordinate, if the object is where it is expected.
+      lost: Standard deviation at which the expectation is believed by half.
+      doubt: Least chance that the object is elsewhere.
+      bonus: Log odds of an object that is elsewhere.
+      area: Where a chance object lies anywhere.
+    """
+    elsewhere = jnp.clip(variance / (variance + lost**2), doubt, 1.0)
+    density = area / (2 * math.pi * variance)
+    density *= jnp.exp(-jnp.minimum(squared / (2 * variance), _EXPONENT_MAX))
+    return jnp.log((1 - elsewhere) * density + elsewhere * jnp.exp(bonus))
+
+
+def shortlist(
+    here: Tracklets,
+    sightings: Sightings,
+    admitted: Bool[Array, "N O"],
+    cosine: Float[Array, "N O"],
+    objects: Objects,
+    pairs: Pairs,
+    scene: Scene,
+    t: th.PlusThresholds,
+    num_candidates: int,
+) -> Shortlist:
+    """Adds up the evidence of each pair and keeps the best objects of each row."""
+    base = (
+        _look_evidence(cosine, sightings.patches, scene, t)
+        + _ring_evidence(here, objects, scene, t.looks)
+        + _place_evidence(sightings, objects, pairs, t.place)
+        + _crowd_evidence(admitted, t.decision)[:, None]
+    )
+    ranked = jnp.where(admitted, base, -jnp.inf)
+    value, slot = jax.lax.top_k(ranked, num_candidates)
+    valid = jnp.isfinite(value)
+    return Shortlist(
+        slot=slot,
+        valid=valid,
+        base=jnp.where(valid, value, 0.0),
+        cosine=jnp.take_along_axis(cosine, slot, axis=1),
+    )
+
+
+def _look_evidence(
+    cosine: Float[Array, "N O"], patches: Float[Array, "N"], scene: Scene, t: th.PlusThresholds
+) -> Float[Array, "N O"]:
+    other, same, variance = calibrate(scene, t.calibration)
+    odds = t.looks.gain * (same - other) / variance * (cosine - (same + other) / 2)
+    # Looks of masks that hardly fill a patch are mostly background.
+    weight = jnp.clip(patches / t.looks.sure_patches, t.looks.least_weight, 1.0)
+    return weight[:, None] * jnp.clip(odds, t.looks.worst, t.looks.best)
+
+
+def _ring_evidence(
+    here: Tracklets, objects: Objects, scene: Scene, t: th.Looks
+) -> Float[Array, "N O"]:
+    seen, kept = to_unit(here.ring - scene.ring_mean), to_unit(objects.ring - scene.ring_mean)
+    cosine = jnp.matmul(seen, kept.T, precision="highest")
+    odds = jnp.clip(t.ring_slope * (cosine - t.ring_middle), -t.ring_best, t.ring_best)
+    known = (here.ring_count[:, None] > 0) & (objects.ring_count[None] > 0)
+    return jnp.where(known, t.ring_weight * odds, 0.0)
+
+
+def _place_evidence(
+    sightings: Sightings, objects: Objects, pairs: Pairs, t: th.Place
+) -> Float[Array, "N O"]:
+    offset = sightings.center[:, None] - objects.position[None]
+    own = jnp.diag(pairs.covariance)[None]
+    measured = center_variance(sightings, t) + (t.size_error * sightings.size) ** 2
+    squared = jnp.sum(offset**2, axis=-1)
+    odds = mix(
+        squared, own + measured[:, None], t.lost, t.least_doubt, t.doubt_bonus, th.FRAME_AREA
+    )
+    return t.weight * odds
+
+
+def _crowd_evidence(admitted: Bool[Array, "N O"], t: th.Decision) -> Float[Array, "N"]:
+    """The more objects it could be, the easier one of them looks right by chance."""
+    num = jnp.sum(admitted, axis=1).astype(jnp.float32)
+    return -t.crowd * jnp.log(jnp.maximum(num, t.crowd_free) / t.crowd_free)

@@ -1,0 +1,151 @@
+"""What the others in view say: how they lie, and who is usually seen with whom (5.5).
+
+All open tracklets of a frame are weighed together by mean field: what one of them may be depends on
+what the others may be.
+
+Letters: `N` detections, `C` candidates, `O` object slots. Evidence is in log odds.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.evidence import Shortlist, mix
+from remind_jax.plus.observation import Sightings
+from remind_jax.plus.state import UNRELATED, Objects, Pairs
+
+NO_RELATION = UNRELATED / 10
+
+
+def weigh_jointly(
+    shortlist: Shortlist,
+    anchor: Int[Array, "N"],
+    is_anchor: Bool[Array, "N"],
+    sightings: Sightings,
+    objects: Objects,
+    pairs: Pairs,
+    t: th.PlusThresholds,
+    num_rounds: int,
+) -> tuple[Float[Array, "N C"], Float[Array, "N C"]]:
+    """Evidence of each candidate with that of all others in view.
+
+    Args:
+      shortlist: Candidates of the rows.
+      anchor: Object of each detection that is decided.
+      is_anchor: Detections that speak for their surroundings with full weight.
+      sightings: Detections.
+      objects: Objects.
+      pairs: What is known of every two of them.
+      t: Weights.
+      num_rounds: Rounds of mean field.
+
+    Returns:
+      Log odds of each candidate, and its probability beside all others and a new object.
+    """
+    num, width = shortlist.slot.shape
+    # A party is what a detection may be: its candidates, or the one object of an anchor.
+    first = jnp.arange(width) == 0
+    party = jnp.where(is_anchor[:, None], anchor[:, None], shortlist.slot)
+    present = jnp.where(is_anchor[:, None], first, shortlist.valid)
+
+    o, p = shortlist.slot.reshape(-1)[:, None], party.reshape(-1)[None, :]
+    row = jnp.repeat(jnp.arange(num), width)
+    usable = shortlist.valid.reshape(-1)[:, None] & present.reshape(-1)[None, :]
+    usable &= (row[:, None] != row[None, :]) & (o != p)
+    geometry = _Geometry(sightings, row)
+    covisible = jnp.where(usable, _covisible_evidence(o, p, geometry, objects, pairs, t.layout), 0)
+    related = usable & (pairs.spread[o, p] < NO_RELATION)
+    layout = jnp.where(related, _layout_evidence(o, p, geometry, pairs, t.layout), 0)
+
+    base = shortlist.base
+
+    def weigh(weight: Float[Array, "N C"]) -> Float[Array, "N C"]:
+        w = weight.reshape(-1)
+        said = t.layout.weight * _pooled(layout, related, w, t.layout.partners, t.layout.best)
+        unbounded = jnp.inf
+        said += t.layout.covisible_weight * _pooled(
+            covisible, usable, w, t.layout.covisible_partners, unbounded
+        )
+        return base + said.reshape(num, width)
+
+    def believe(odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
+        new = jnp.broadcast_to(t.decision.new, (num, 1))
+        all_odds = jnp.concatenate([jnp.where(shortlist.valid, odds, -jnp.inf), new], axis=1)
+        return jax.nn.softmax(all_odds, axis=1)[:, :width]
+
+    odds = base
+    for _ in range(num_rounds):
+        belief = believe(odds)
+        weight = jnp.where(is_anchor[:, None], 1.0 * first, belief)
+        odds = weigh(jnp.where(present, weight, 0.0))
+    return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds)
+
+
+class _Geometry:
+    """Pairwise geometry of detections, spread to hypotheses and parties."""
+
+    def __init__(self, sightings: Sightings, row: Int[Array, "M"]) -> None:
+        center, size, touches = sightings.center, sightings.size, sightings.touches
+
+        def spread(values: Array) -> Array:
+            return values[row[:, None], row[None, :]]
+
+        offset = center[None, :] - center[:, None]
+        self.scale = spread(jnp.sqrt(size[:, None] * size[None, :]))
+        self.offset = offset[row[:, None], row[None, :]]
+        self.log_ratio = spread(jnp.log(size[:, None] / size[None, :]))
+        self.border = spread(touches[:, None] | touches[None, :])
+        self.squared = spread(jnp.sum(offset**2, axis=-1))
+
+
+def _layout_evidence(
+    o: Int[Array, "M 1"], p: Int[Array, "1 M"], geometry: _Geometry, pairs: Pairs, t: th.Layout
+) -> Float[Array, "M M"]:
+    """Does the one lie from the other as these objects do? In sizes, so from afar as well."""
+    relation, border = pairs.relation[o, p], geometry.border
+    error = t.near_error + t.rate_error * jnp.linalg.norm(relation, axis=-1)
+    error = error + pairs.spread[o, p] + t.border_error * border
+    off = geometry.offset / geometry.scale[..., None] - relation
+    squared = jnp.sum(off**2, axis=-1) * geometry.scale**2
+    variance = (error * geometry.scale) ** 2
+    odds = mix(squared, variance, t.lost, t.least_doubt, jnp.float32(0), th.FRAME_AREA)
+    odds = jnp.clip(odds, -t.pair_best, t.pair_best)
+
+    ratio_error = jnp.where(border, t.ratio_error_border, t.ratio_error)
+    off_ratio = (geometry.log_ratio - pairs.log_ratio[o, p]) ** 2
+    ratio_odds = -jnp.log(ratio_error) - off_ratio / (2 * ratio_error**2) + off_ratio / 2
+    return odds + t.ratio_weight * jnp.clip(ratio_odds, -2.0, 1.0)
+
+
+def _covisible_evidence(
+    o: Int[Array, "M 1"],
+    p: Int[Array, "1 M"],
+    geometry: _Geometry,
+    objects: Objects,
+    pairs: Pairs,
+    t: th.Layout,
+) -> Float[Array, "M M"]:
+    """Are these objects seen together more often than by chance?"""
+    together = pairs.covisible[o, p] + 0.5
+    frames = jnp.minimum(objects.seen[o], objects.seen[p]) + 3.0
+    odds = jnp.log(together / frames / t.covisible_typical)
+    odds = jnp.clip(odds, -t.covisible_best, t.covisible_best)
+    # The absence of a companion tells little far away from it.
+    nearness = jnp.exp(-geometry.squared / (2 * t.near**2))
+    return jnp.where(odds < 0, odds * nearness, odds)
+
+
+def _pooled(
+    evidence: Float[Array, "M M"],
+    usable: Bool[Array, "M M"],
+    weight: Float[Array, "M"],
+    partners: Float[Array, ""],
+    limit: Float[Array, ""] | float,
+) -> Float[Array, "M"]:
+    """Sum over parties; more than so many partners share what so many may say."""
+    total = usable.astype(jnp.float32) @ weight
+    said = jnp.matmul(evidence, weight, precision="highest")
+    return jnp.clip(said * jnp.minimum(1.0, partners / jnp.maximum(total, 1e-6)), -limit, limit)

@@ -1,0 +1,150 @@
+"""Which detection goes on with which tracklet (notes of REMIND plus, 5.2, 5.3).
+
+Letters: `N` detections, `T` tracklets, `D` feature dimension. Lengths in frame units.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.state import NOWHERE, Scene, Tracklets
+from remind_jax.plus.static import MISSED_FRAMES
+from remind_jax.plus.whitening import whiten
+from remind_jax.solvers.assignment_in_graph import assign_in_graph
+
+
+def carry(tracklets: Tracklets, motion: Motion) -> Tracklets:
+    """Moves boxes and centres along with the image."""
+    turn, shift = motion.matrix[:, :2], motion.matrix[:, 2]
+    zoom = jnp.sqrt(jnp.maximum(jnp.abs(jnp.linalg.det(turn)), 1e-6))
+    low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
+    middle = (low + high) / 2 @ turn.T + shift
+    half = (high - low) / 2 * zoom
+    return dataclasses.replace(
+        tracklets,
+        box=jnp.concatenate([middle - half, middle + half], axis=1),
+        center=tracklets.center @ turn.T + shift,
+    )
+
+
+def score_links(
+    tracklets: Tracklets,
+    sightings: Sightings,
+    cosine: Float[Array, "N T"],
+    frame: Int[Array, ""],
+    t: th.Linking,
+) -> tuple[Float[Array, "N T"], Bool[Array, "N T"]]:
+    """How well each detection goes on with each tracklet, and where it may at all.
+
+    Args:
+      tracklets: Tracklets, carried to this frame.
+      sightings: Detections.
+      cosine: Of their whitened looks.
+      frame: Number of this frame.
+      t: Weights.
+    """
+    gap = (frame - tracklets.last).astype(jnp.float32)
+    offset = sightings.center[:, None] - tracklets.center[None]
+    distance = jnp.sqrt(jnp.sum(offset**2, axis=-1))
+    scale = jnp.sqrt(sightings.size[:, None] * tracklets.size[None])
+    relative = jnp.minimum(distance / (scale + t.slack * gap), t.distance_max)
+    log_ratio = jnp.abs(jnp.log(sightings.size[:, None] / tracklets.size[None]))
+    score = (
+        t.overlap * _overlap(sightings.box, tracklets.box)
+        - 1.0
+        - t.distance * relative
+        + t.look * (cosine - t.look_middle)
+        - t.size * log_ratio
+    )
+    possible = sightings.valid[:, None] & tracklets.alive[None]
+    possible &= sightings.class_id[:, None] == tracklets.class_id[None]
+    return score, possible & (score > t.least)
+
+
+def link(
+    score: Float[Array, "N T"],
+    possible: Bool[Array, "N T"],
+    class_id: Int[Array, "N"],
+    t: th.Linking,
+) -> Int[Array, "N"]:
+    """The tracklet that each detection goes on with, NOWHERE for the first of a new one."""
+    alone = jnp.full(score.shape[0], t.least)
+    return assign_in_graph(score, possible, class_id, alone, jnp.array(True))
+
+
+def advance_tracklets(
+    tracklets: Tracklets,
+    sightings: Sightings,
+    origin: Int[Array, "N"],
+    frame: Int[Array, ""],
+    next_id: Int[Array, ""],
+    t: th.Linking,
+) -> tuple[Tracklets, Int[Array, ""], Float[Array, "N D"]]:
+    """Continues, starts and drops tracklets.
+
+    Returns:
+      Tracklets: those of the detections, in their order, then those that may still resume; the next
+      free id; and how far each look is from the smoothed look before.
+    """
+    num = len(origin)
+    linked = origin != NOWHERE
+    old = _take(tracklets, jnp.where(linked, origin, 0))
+    starts = sightings.valid & ~linked
+    age = jnp.where(linked, old.age, 0) + sightings.valid
+    step = sightings.look - old.look
+    rate = 1.0 / jnp.minimum(jnp.maximum(age, 1), t.smoothing)
+    ring_count = jnp.where(linked, old.ring_count, 0) + sightings.has_ring
+    ring_rate = 1.0 / jnp.minimum(jnp.maximum(ring_count, 1), t.smoothing)
+    old_ring = jnp.where(linked[:, None], old.ring, 0.0)
+    ring = old_ring + ring_rate[:, None] * (sightings.ring - old_ring)
+    here = Tracklets(
+        alive=sightings.valid,
+        box=sightings.box,
+        center=sightings.center,
+        size=sightings.size,
+        class_id=sightings.class_id,
+        last=jnp.full(num, frame, jnp.int32),
+        age=age,
+        look=jnp.where(linked[:, None], old.look + rate[:, None] * step, sightings.look),
+        ring=jnp.where(sightings.has_ring[:, None], ring, old_ring),
+        ring_count=ring_count,
+        first_look=jnp.where(linked[:, None], old.first_look, sightings.look),
+        slot=jnp.where(linked, old.slot, NOWHERE),
+        fresh=linked & old.fresh,
+        id=jnp.where(linked, old.id, next_id + jnp.cumsum(starts, dtype=jnp.int32) - 1),
+    )
+    total = len(tracklets.alive)
+    taken = jnp.any(origin[:, None] == jnp.arange(total), axis=0)
+    stays = tracklets.alive & ~taken & (frame - tracklets.last <= MISSED_FRAMES)
+    rest = jnp.argsort(~stays, stable=True)[: total - num]
+    missed = _take(dataclasses.replace(tracklets, alive=stays), rest)
+    both = {
+        field.name: jnp.concatenate([getattr(here, field.name), getattr(missed, field.name)])
+        for field in dataclasses.fields(Tracklets)
+    }
+    return Tracklets(**both), next_id + jnp.sum(starts, dtype=jnp.int32), step
+
+
+def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:
+    """Cosines of whitened looks."""
+    seen, kept = whiten(scene, sightings.look), whiten(scene, tracklets.look)
+    return jnp.matmul(seen, kept.T, precision="highest")
+
+
+def _take(tracklets: Tracklets, index: Int[Array, "M"]) -> Tracklets:
+    values = {f.name: getattr(tracklets, f.name)[index] for f in dataclasses.fields(Tracklets)}
+    return Tracklets(**values)
+
+
+def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
+    """Intersection over union of boxes."""
+    low = jnp.maximum(left[:, None, :2], right[None, :, :2])
+    high = jnp.minimum(left[:, None, 2:], right[None, :, 2:])
+    inner = jnp.prod(jnp.maximum(high - low, 0.0), axis=-1)
+    areas = [jnp.prod(box[:, 2:] - box[:, :2], axis=-1) for box in (left, right)]
+    return inner / jnp.maximum(areas[0][:, None] + areas[1][None, :] - inner, 1e-6)

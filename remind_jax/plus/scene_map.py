@@ -1,0 +1,133 @@
+"""Where every object should be in the present frame, seen or not (notes of REMIND plus, 5.1, 5.7).
+
+Positions move along with the image. Their errors are shared, for the same image motion moves all of
+them: one covariance per pair of objects, the same for x and y. Whoever is seen corrects the others.
+
+Letters: `N` detections, `O` object slots. Lengths in frame units.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+from jax.scipy.linalg import cho_factor, cho_solve
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.state import Objects, Pairs
+
+MAX_AGE = 1000  # frames; uncertainty grows no further
+LEAST_VARIANCE = 1e-4
+
+
+def belief(motion: Motion, t: th.Motion) -> Float[Array, ""]:
+    """How far an image motion is believed, [0, 1]."""
+    return jnp.clip(
+        (motion.score - t.doubted_score) / (t.trusted_score - t.doubted_score), 0.0, 1.0
+    )
+
+
+def move_map(
+    objects: Objects,
+    pairs: Pairs,
+    motion: Motion,
+    frame_center: Float[Array, "2"],
+    frame: Int[Array, ""],
+    t: th.Motion,
+) -> tuple[Objects, Pairs]:
+    """Moves all positions along with the image and lets their errors grow.
+
+    Positions turn with the image but do not zoom: out of view they would explode.
+    """
+    turn, shift = motion.matrix[:, :2], motion.matrix[:, 2]
+    zoom = jnp.sqrt(jnp.maximum(jnp.abs(jnp.linalg.det(turn)), 1e-6))
+    new_center = turn @ frame_center + shift
+    moved = jnp.linalg.norm(new_center - frame_center)
+    position = (objects.position - frame_center) @ (turn / zoom).T + new_center
+
+    doubt = 1.0 - belief(motion, t)
+    shift_variance = (t.shift_error + t.shift_error_rate * moved + t.shift_error_lost * doubt) ** 2
+    turn_variance = (t.turn_error * (1.0 + t.turn_error_lost * doubt)) ** 2
+    own_variance = (t.own_error + t.own_error_rate * moved) ** 2
+    age = jnp.clip(frame - 1 - objects.last, 0, MAX_AGE).astype(jnp.float32)
+    arm = jnp.clip(position - frame_center, -t.reach, t.reach)
+    # The lesser age makes shared errors grow like a bias and keeps the covariance positive.
+    shared_age = 1.0 + jnp.minimum(age[:, None], age[None, :])
+    shared = (shift_variance + turn_variance * (arm @ arm.T)) * shared_age
+    own = own_variance * (1.0 + age)
+    covariance = pairs.covariance + shared + jnp.diag(own)
+    covariance = jnp.where(t.coupled, covariance, jnp.diag(jnp.diag(covariance)))
+    both = objects.exists[:, None] & objects.exists[None, :]
+    return (
+        dataclasses.replace(objects, position=position),
+        dataclasses.replace(pairs, covariance=jnp.where(both, covariance, 0.0)),
+    )
+
+
+def center_variance(sightings: Sightings, t: th.Place) -> Float[Array, "N"]:
+    """Variance of measured centres."""
+    error = t.center_error + t.center_error_rate * sightings.size
+    return (error + t.center_error_border * sightings.touches) ** 2
+
+
+def correct_map(
+    objects: Objects,
+    pairs: Pairs,
+    slot: Int[Array, "N"],
+    sure: Bool[Array, "N"],
+    surprising: Bool[Array, "N"],
+    sightings: Sightings,
+    t: th.Place,
+) -> tuple[Objects, Pairs]:
+    """Kalman update of all positions by the objects in view.
+
+    Args:
+      objects: Objects.
+      pairs: Pairs.
+      slot: Object of each detection.
+      sure: Detections whose object is decided.
+      surprising: Those that may say that the map was wrong: objects with a place from before.
+      sightings: Detections.
+      t: Errors.
+    """
+    covariance = pairs.covariance
+    place = jnp.where(sure, slot, 0)
+    measured = jnp.where(sure, center_variance(sightings, t), 1.0)
+    both = sure[:, None] & sure[None, :]
+    error = jnp.where(sure[:, None], sightings.center - objects.position[place], 0.0)
+
+    def innovation_variance(covariance: Array) -> Array:
+        return jnp.where(both, covariance[place[:, None], place[None, :]], 0.0)
+
+    own = jnp.diag(innovation_variance(covariance)) + measured
+    squared = jnp.sum(error**2, axis=-1)
+    # An unexpected step of most objects at once is an error of the image motion, shared by all.
+    excess = _median(squared / own, surprising) > t.surprise
+    added = jnp.where(excess, _median(squared, surprising), 0.0)
+    exists = objects.exists[:, None] & objects.exists[None, :]
+    covariance = covariance + jnp.where(exists, added, 0.0)
+
+    seen = jnp.where(sure[None, :], covariance[:, place], 0.0)
+    total = innovation_variance(covariance) + jnp.diag(measured)
+    gain = cho_solve(cho_factor(total), seen.T).T
+    position = objects.position + gain @ error
+    # Joseph's form stays symmetric and positive in float32.
+    crossed = gain @ seen.T
+    updated = covariance - crossed - crossed.T + gain @ total @ gain.T
+    diagonal = jnp.maximum(jnp.diag(updated), LEAST_VARIANCE)
+    updated = jnp.where(jnp.eye(len(diagonal), dtype=bool), diagonal[:, None], updated)
+    return (
+        dataclasses.replace(objects, position=position),
+        dataclasses.replace(pairs, covariance=jnp.where(exists, updated, 0.0)),
+    )
+
+
+def _median(values: Float[Array, "N"], counted: Bool[Array, "N"]) -> Float[Array, ""]:
+    """Median of some of the values, 0 of none."""
+    ordered = jnp.sort(jnp.where(counted, values, jnp.inf))
+    num = jnp.sum(counted)
+    low, high = jnp.maximum(num - 1, 0) // 2, num // 2
+    middle = (ordered[low] + ordered[jnp.minimum(high, len(values) - 1)]) / 2
+    return jnp.where(num > 0, middle, 0.0)

@@ -1,0 +1,245 @@
+"""The memory of REMIND plus as one fixed-capacity pytree.
+
+Letters: `O` object slots, `K` kept looks per object, `D` feature dimension, `E` directions that
+looks are compared in, `T` tracklets (those of this frame's `N` detections first), `C` candidates.
+Lengths are in frame units. Ids, never slots, are shown outside.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.decision import NO_ID
+from remind_jax.plus.static import PlusStatic
+from remind_jax.plus.thresholds import PlusThresholds
+
+NOWHERE = -1  # no slot
+UNRELATED = 1000.0  # spread of a relation that is not known
+NEVER = -1_000_000
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Objects:
+    """One row per remembered object."""
+
+    id: Int[Array, "O"]  # -1 in free slots
+    class_id: Int[Array, "O"]
+    seen: Int[Array, "O"]  # frames in which it was seen and decided
+    last: Int[Array, "O"]  # the last of them
+    size: Float[Array, "O"]
+    bank: Float[Array, "O K D"]  # kept looks
+    bank_count: Int[Array, "O K"]  # sights in each, 0: free
+    white_bank: Float[Array, "O K E"]  # the same, whitened, of unit length
+    ring: Float[Array, "O D"]  # mean background
+    ring_count: Int[Array, "O"]
+    position: Float[Array, "O 2"]  # in the present frame, visible or not
+
+    @property
+    def exists(self) -> Bool[Array, "O"]:
+        """Slots in use."""
+        return self.id != NO_ID
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Pairs:
+    """What is known of every two objects."""
+
+    covariance: Float[Array, "O O"]  # of the errors of their positions, x and y alike
+    covisible: Float[Array, "O O"]  # frames in which both were seen
+    relation: Float[Array, "O O 2"]  # from the first to the second, in geometric mean sizes
+    spread: Float[Array, "O O"]  # standard deviation of that; UNRELATED: not known
+    log_ratio: Float[Array, "O O"]  # logarithm of size of the first by size of the second
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Tracklets:
+    """Uninterrupted sights of something, carried along with the image."""
+
+    alive: Bool[Array, "T"]
+    box: Float[Array, "T 4"]
+    center: Float[Array, "T 2"]
+    size: Float[Array, "T"]
+    class_id: Int[Array, "T"]
+    last: Int[Array, "T"]  # frame
+    age: Int[Array, "T"]  # detections so far
+    look: Float[Array, "T D"]  # smoothed
+    ring: Float[Array, "T D"]  # smoothed
+    ring_count: Int[Array, "T"]
+    first_look: Float[Array, "T D"]
+    slot: Int[Array, "T"]  # its object once decided, NOWHERE while open
+    fresh: Bool[Array, "T"]  # decided as a new object that may still turn out to be a known one
+    id: Int[Array, "T"]  # what it would be called as a new object
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """What was learned about all objects together."""
+
+    mean: Float[Array, "D"]
+    num_looks: Float[Array, ""]
+    total: Float[Array, "D D"]  # scatter of looks about the mean, and its weight
+    total_weight: Float[Array, ""]
+    within: Float[Array, "D D"]  # scatter of looks within tracklets, and its weight
+    within_weight: Float[Array, ""]
+    basis: Float[Array, "D E"]  # orthonormal, main directions of the total scatter
+    whitener: Float[Array, "E D"]
+    white_mean: Float[Array, "D"]  # subtracted before whitening
+    ring_mean: Float[Array, "D"]
+    num_rings: Float[Array, ""]
+    cosines: Float[Array, "2 3"]  # of other and of the same objects: weight, sum, sum of squares
+    familiarity: Float[Array, ""]  # how often the last decisions were "new", [0, 1]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Verdicts:
+    """What the last frame was decided to show."""
+
+    valid: Bool[Array, "N"]
+    object_id: Int[Array, "N"]  # best answer now, decided or not
+    tracklet_id: Int[Array, "N"]  # names the tracklet; the id of its object if it is new
+    is_decided: Bool[Array, "N"]
+    is_new: Bool[Array, "N"]  # the answer is an object that was not known before
+    margin: Float[Array, "N"]  # log odds to the next best answer
+    probability: Float[Array, "N"]  # of the answer, [0, 1]
+    candidate_id: Int[Array, "N C"]  # by falling probability, -1 padding
+    candidate_probability: Float[Array, "N C"]
+    merged_id: Int[Array, "N"]  # object that turned out to be `object_id` just now, -1 none
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PlusState:
+    """Everything that one frame hands to the next, and the verdicts of the last frame."""
+
+    objects: Objects
+    pairs: Pairs
+    tracklets: Tracklets
+    scene: Scene
+    next_id: Int[Array, ""]
+    frame: Int[Array, ""]  # frames processed so far
+    verdicts: Verdicts
+    num_bad_patches: Int[Array, ""]  # of the last frame
+    overflow: Int[Array, ""]  # object slots that the frame needs, 0 if they sufficed
+
+
+def init(static: PlusStatic, thresholds: PlusThresholds | None = None) -> PlusState:
+    """The empty memory with the capacities of `static`.
+
+    Args:
+      static: Capacities; `feature_dim` must be known.
+      thresholds: What is assumed before anything was seen.
+    """
+    t = (thresholds or PlusThresholds()).as_arrays()
+    num_o, num_k, dim = static.num_objects, static.bank_slots, static.feature_dim
+    white = static.white_dim
+
+    def whole(*shape: int, value: int = 0) -> Array:
+        return jnp.full(shape, value, jnp.int32)
+
+    def real(*shape: int, value: float = 0.0) -> Array:
+        return jnp.full(shape, value, jnp.float32)
+
+    means = jnp.stack([t.calibration.other_mean, t.calibration.same_mean])
+    moments = [jnp.ones(2), means, t.calibration.variance + means**2]
+    return PlusState(
+        objects=Objects(
+            id=whole(num_o, value=NO_ID),
+            class_id=whole(num_o, value=NO_ID),
+            seen=whole(num_o),
+            last=whole(num_o, value=NEVER),
+            size=real(num_o, value=1.0),
+            bank=real(num_o, num_k, dim),
+            bank_count=whole(num_o, num_k),
+            white_bank=real(num_o, num_k, white),
+            ring=real(num_o, dim),
+            ring_count=whole(num_o),
+            position=real(num_o, 2),
+        ),
+        pairs=Pairs(
+            covariance=real(num_o, num_o),
+            covisible=real(num_o, num_o),
+            relation=real(num_o, num_o, 2),
+            spread=real(num_o, num_o, value=UNRELATED),
+            log_ratio=real(num_o, num_o),
+        ),
+        tracklets=no_tracklets(static.num_tracklets, dim),
+        scene=Scene(
+            mean=real(dim),
+            num_looks=real(),
+            total=real(dim, dim),
+            total_weight=real(),
+            within=real(dim, dim),
+            within_weight=real(),
+            basis=jnp.linalg.qr(jax.random.normal(jax.random.key(0), (dim, white)))[0],
+            whitener=jnp.eye(white, dim, dtype=jnp.float32),
+            white_mean=real(dim),
+            ring_mean=real(dim),
+            num_rings=real(),
+            cosines=jnp.stack(moments, axis=1) * t.calibration.samples,
+            familiarity=t.decision.familiarity_start + 0.0,
+        ),
+        next_id=whole(),
+        frame=whole(),
+        verdicts=no_verdicts(static),
+        num_bad_patches=whole(),
+        overflow=whole(),
+    )
+
+
+def no_tracklets(num: int, dim: int) -> Tracklets:
+    """`num` free places."""
+    return Tracklets(
+        alive=jnp.zeros(num, bool),
+        box=jnp.zeros((num, 4)),
+        center=jnp.zeros((num, 2)),
+        size=jnp.ones(num),
+        class_id=jnp.full(num, NO_ID, jnp.int32),
+        last=jnp.full(num, NEVER, jnp.int32),
+        age=jnp.zeros(num, jnp.int32),
+        look=jnp.zeros((num, dim)),
+        ring=jnp.zeros((num, dim)),
+        ring_count=jnp.zeros(num, jnp.int32),
+        first_look=jnp.zeros((num, dim)),
+        slot=jnp.full(num, NOWHERE, jnp.int32),
+        fresh=jnp.zeros(num, bool),
+        id=jnp.full(num, NO_ID, jnp.int32),
+    )
+
+
+def no_verdicts(static: PlusStatic) -> Verdicts:
+    """Verdicts about no detection at all."""
+    num, shown = static.num_detections, static.num_candidates
+    return Verdicts(
+        valid=jnp.zeros(num, bool),
+        object_id=jnp.full(num, NO_ID, jnp.int32),
+        tracklet_id=jnp.full(num, NO_ID, jnp.int32),
+        is_decided=jnp.zeros(num, bool),
+        is_new=jnp.zeros(num, bool),
+        margin=jnp.zeros(num),
+        probability=jnp.zeros(num),
+        candidate_id=jnp.full((num, shown), NO_ID, jnp.int32),
+        candidate_probability=jnp.zeros((num, shown)),
+        merged_id=jnp.full(num, NO_ID, jnp.int32),
+    )
+
+
+def grow(state: PlusState, static: PlusStatic) -> PlusState:
+    """The same memory with the larger capacities of `static`; results do not change."""
+    empty = init(static)
+
+    def widen(small: Array, large: Array) -> Array:
+        if small.shape == large.shape:
+            return small
+        return large.at[tuple(slice(0, length) for length in small.shape)].set(small)
+
+    grown = jax.tree.map(widen, state, empty)
+    return dataclasses.replace(grown, overflow=empty.overflow)
