@@ -69,6 +69,10 @@ def extend(state: Any, empty: Any) -> Any:
 # "module:attribute" is imported when the method is first asked for.
 _methods: dict[str, Method | str] = {
     DEFAULT_METHOD: "remind_jax.methods:_remind",
+    "momentum": "remind_jax.baselines.momentum:METHOD",
+    "running-mean": "remind_jax.baselines.running_mean:METHOD",
+    "bank": "remind_jax.baselines.bank:METHOD",
+    "iou": "remind_jax.baselines.iou:METHOD",
 }
 
 

@@ -1,0 +1,113 @@
+"""A bank of up to twelve views per object, all detections of a frame assigned together.
+
+Letters: `N` detection slots, `O` object slots, `K` views of a bank, `D` feature dimension.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from remind_jax.baselines.masked_mean import look
+from remind_jax.baselines.scene_memory import (
+    Matching,
+    SceneMemory,
+    conclude,
+    empty_memory,
+    same_class,
+)
+from remind_jax.config.kinds import Real
+from remind_jax.config.static import Static
+from remind_jax.methods import Method
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.perception.pooling import dot, to_unit
+from remind_jax.solvers.assignment import assign
+
+NUM_VIEWS = 12
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class BankThresholds:
+    """Numbers of the bank."""
+
+    match: Real = 0.75  # least cosine of a match with the most similar view
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Views:
+    """Views of each object; those in use come first."""
+
+    vector: Float[Array, "O K D"]  # unit length, zero where unused
+    weight: Int[Array, "O K"]  # views merged into it, 0: unused
+
+
+def init(static: Static) -> SceneMemory:
+    """The empty memory."""
+    shape = (static.num_objects, NUM_VIEWS)
+    views = Views(jnp.zeros((*shape, static.feature_dim)), jnp.zeros(shape, jnp.int32))
+    return empty_memory(static, views)
+
+
+def step(
+    state: SceneMemory,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: BankThresholds,
+) -> SceneMemory:
+    """Maximises the summed cosine with the most similar views, class by class; the rest is new."""
+    looks = look(frame_feats, masks)
+    views: Views = state.looks
+    each = dot(looks.vector, views.vector.reshape(-1, views.vector.shape[-1]))
+    each = each.reshape(-1, *views.weight.shape)
+    score = jnp.max(jnp.where(views.weight > 0, each, -1.0), axis=-1)
+    allowed = same_class(state, masks) & looks.valid[:, None] & (score >= thresholds.match)
+    least = jnp.full(len(masks.valid), thresholds.match, jnp.float32)
+    column = assign(score, allowed, masks.class_id, least, jnp.array(True), solver=static.solver)
+
+    def learn(views: Views, slot: Array, starts: Array) -> Views:
+        weight = views.weight.at[slot].get(mode="fill", fill_value=0)
+        weight = jnp.where(starts[:, None], 0, weight)
+        vector = views.vector.at[slot].get(mode="fill", fill_value=0.0)
+        vector, weight = jax.vmap(_add_view)(vector, weight, looks.vector)
+        return Views(
+            views.vector.at[slot].set(vector, mode="drop"),
+            views.weight.at[slot].set(weight, mode="drop"),
+        )
+
+    matching = Matching(score, allowed, column, looks.valid, looks.valid)
+    return conclude(state, masks, matching, learn, static, looks.num_bad_patches)
+
+
+def _add_view(
+    vector: Float[Array, "K D"], weight: Int[Array, "K"], new: Float[Array, "D"]
+) -> tuple[Float[Array, "K D"], Int[Array, "K"]]:
+    """Adds a view; in a full bank the two most similar of all become one, so that variety stays."""
+    vectors = jnp.concatenate([vector, new[None]])
+    weights = jnp.concatenate([weight, jnp.ones(1, weight.dtype)])
+    last = len(weight)
+    apart = jnp.triu(jnp.ones((last + 1, last + 1), bool), 1)
+    likeness = jnp.where(apart, dot(vectors, vectors), -jnp.inf)
+    first, second = jnp.unravel_index(jnp.argmax(likeness), likeness.shape)
+    merged = weights[first] * vectors[first] + weights[second] * vectors[second]
+    merged_weight = weights[first] + weights[second]
+
+    is_full = jnp.all(weight > 0)
+    free = jnp.argmin(weight > 0)
+    # In a full bank the pair goes to the slot of its first view, and the new one, unless it is of
+    # the pair, to the slot of its second.
+    full_vector = vector.at[first].set(to_unit(merged)).at[second].set(new, mode="drop")
+    full_weight = weight.at[first].set(merged_weight).at[second].set(1, mode="drop")
+    return (
+        jnp.where(is_full, full_vector, vector.at[free].set(new)),
+        jnp.where(is_full, full_weight, weight.at[free].set(1)),
+    )
+
+
+METHOD = Method("bank", BankThresholds, init, step)

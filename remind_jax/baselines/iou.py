@@ -1,0 +1,88 @@
+"""Overlap of boxes from frame to frame, after SORT (Bewley et al. 2016) without its Kalman filter.
+
+It never looks at an image, so whoever leaves the view returns as somebody new. Ours, not a
+library's: Roboflow's `trackers` brings a second OpenCV, `norfair` an old NumPy, and both are loops
+over host objects that neither compile nor resume like the other methods.
+
+Letters: `O` object slots.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from remind_jax.baselines.boxes import box_iou
+from remind_jax.baselines.scene_memory import (
+    Matching,
+    SceneMemory,
+    conclude,
+    empty_memory,
+    same_class,
+)
+from remind_jax.config.kinds import Real, Whole
+from remind_jax.config.static import Static
+from remind_jax.decision import NO_ID
+from remind_jax.methods import Method
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.solvers.assignment import assign
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class IouThresholds:
+    """Numbers of the IoU tracker; those of SORT."""
+
+    min_iou: Real = 0.3  # least overlap of a match
+    patience: Whole = 1  # frames after which an object that is not seen again is forgotten
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class LastBoxes:
+    """Where each object was seen last."""
+
+    box: Float[Array, "O 4"]  # left, top, right, bottom in pixels
+
+
+def init(static: Static) -> SceneMemory:
+    """The empty memory."""
+    return empty_memory(static, LastBoxes(jnp.zeros((static.num_objects, 4))))
+
+
+def step(
+    state: SceneMemory,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: IouThresholds,
+) -> SceneMemory:
+    """Maximises the summed overlap with the last boxes, class by class; the rest is new."""
+    state = _forget(state, thresholds)
+    boxes = jnp.asarray(masks.box, jnp.float32)
+    score = box_iou(boxes, state.looks.box)
+    allowed = same_class(state, masks) & (score >= thresholds.min_iou)
+    # Any overlap that is allowed is better than none.
+    nothing = jnp.zeros(len(masks.valid), jnp.float32)
+    column = assign(score, allowed, masks.class_id, nothing, jnp.array(True), solver=static.solver)
+
+    def learn(last: LastBoxes, slot: Array, starts: Array) -> LastBoxes:
+        return LastBoxes(last.box.at[slot].set(boxes, mode="drop"))
+
+    matching = Matching(score, allowed, column, masks.valid, masks.valid)
+    return conclude(state, masks, matching, learn, static)
+
+
+def _forget(state: SceneMemory, thresholds: IouThresholds) -> SceneMemory:
+    """Frees the slots of objects that have not been seen for too long."""
+    objects = state.objects
+    is_old = state.frame - objects.last_seen > thresholds.patience
+    kept = dataclasses.replace(objects, id=jnp.where(is_old, NO_ID, objects.id))
+    return dataclasses.replace(state, objects=kept)
+
+
+METHOD = Method("iou", IouThresholds, init, step)

@@ -1,0 +1,37 @@
+"""One vector per detection: the mean feature of its patches.
+
+Letters: `N` detection slots, `D` feature dimension.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.perception.pooling import pool, to_unit
+
+
+@dataclasses.dataclass(frozen=True)
+class Looks:
+    """What the detections of a frame look like."""
+
+    vector: Float[Array, "N D"]  # unit length, zero where not valid
+    valid: Bool[Array, "N"]
+    num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+
+
+def look(frame_feats: FrameFeats, masks: Masks) -> Looks:
+    """Averages patch features over each mask.
+
+    Patches count by the square of their coverage, which favours those that lie inside. Patches with
+    a feature that is not finite are left out; a detection without any other is not valid.
+    """
+    finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)
+    features = jnp.where(finite[..., None], frame_feats.patches, 0.0)
+    features = features.reshape(-1, features.shape[-1]).astype(jnp.float32)
+    weights = jnp.where(masks.valid[:, None, None] & finite, masks.coverage**2, 0.0)
+    mean, present = pool(weights.reshape(len(masks.valid), -1), features)
+    return Looks(to_unit(mean), present & masks.valid, jnp.sum(~finite, dtype=jnp.int32))

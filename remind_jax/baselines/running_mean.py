@@ -1,0 +1,81 @@
+"""Nearest neighbour: one running mean per object, the most similar pair first.
+
+Letters: `O` object slots, `D` feature dimension.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from remind_jax.baselines.masked_mean import look
+from remind_jax.baselines.scene_memory import (
+    Matching,
+    SceneMemory,
+    conclude,
+    empty_memory,
+    same_class,
+)
+from remind_jax.config.kinds import Real
+from remind_jax.config.static import Static
+from remind_jax.methods import Method
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.perception.pooling import dot, to_unit
+from remind_jax.solvers.greedy import assign_greedily
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class RunningMeanThresholds:
+    """Numbers of the running mean."""
+
+    match: Real = 0.75  # least cosine of a match
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Means:
+    """The mean of all views of each object."""
+
+    vector: Float[Array, "O D"]
+    count: Int[Array, "O"]  # views
+
+
+def init(static: Static) -> SceneMemory:
+    """The empty memory."""
+    num, dim = static.num_objects, static.feature_dim
+    return empty_memory(static, Means(jnp.zeros((num, dim)), jnp.zeros(num, jnp.int32)))
+
+
+def step(
+    state: SceneMemory,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: RunningMeanThresholds,
+) -> SceneMemory:
+    """Matches by falling cosine with the mean of all earlier views; who is left is new."""
+    looks = look(frame_feats, masks)
+    score = dot(looks.vector, to_unit(state.looks.vector))
+    allowed = same_class(state, masks) & looks.valid[:, None]
+    least = jnp.full(len(masks.valid), thresholds.match, jnp.float32)
+    column = assign_greedily(score, allowed, least, jnp.array(True))
+
+    def learn(means: Means, slot: Array, starts: Array) -> Means:
+        before = jnp.where(starts, 0, means.count.at[slot].get(mode="fill", fill_value=0))
+        old = means.vector.at[slot].get(mode="fill", fill_value=0.0)
+        new = old + (looks.vector - old) / (before[:, None] + 1)
+        return Means(
+            means.vector.at[slot].set(new, mode="drop"),
+            means.count.at[slot].set(before + 1, mode="drop"),
+        )
+
+    matching = Matching(score, allowed, column, looks.valid, looks.valid)
+    return conclude(state, masks, matching, learn, static, looks.num_bad_patches)
+
+
+METHOD = Method("running-mean", RunningMeanThresholds, init, step)

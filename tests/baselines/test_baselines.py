@@ -1,0 +1,149 @@
+"""Every baseline against the same method in plain loops, and the contract of `methods.Method`."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import numpy as np
+import pytest
+
+from remind_jax import live
+from remind_jax.config import Static, load_config
+from remind_jax.decision import Outcome
+from remind_jax.methods import get_method
+from tests import tiny_world as world
+from tests.baselines import references
+from tests.cli import scenes
+
+REFERENCES = {
+    "momentum": references.momentum,
+    "running-mean": references.running_mean,
+    "bank": references.bank,
+    "iou": references.boxes,
+}
+STATIC = Static(num_detections=world.BOXES, num_objects=64, feature_dim=world.DIM)
+NUM_FRAMES = 40  # banks of twelve are full long before
+
+
+@functools.cache
+def stepper(name: str):
+    return jax.jit(
+        functools.partial(live._step_once, step=get_method(name).step), static_argnames="static"
+    )
+
+
+def track(name: str, frames, static: Static = STATIC, **changes):
+    method = get_method(name)
+    thresholds = dataclasses.replace(method.thresholds(), **changes)
+    state = live._settle_types(method.init(static))
+    states = []
+    for feats, masks in frames:
+        state = stepper(name)(state, feats, masks, static=static, thresholds=thresholds)
+        states.append(jax.device_get(state))
+    return states
+
+
+def identities(states, frames) -> list[list[int]]:
+    return [
+        state.decisions.object_id[masks.valid].tolist()
+        for state, (_, masks) in zip(states, frames, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("name", REFERENCES)
+def test_agrees_with_plain_loops(name, seed):
+    frames = world.make_frames(NUM_FRAMES, seed=seed)
+    strict = {} if name == "iou" else {"match": 0.75 if name == "momentum" else 0.9}
+    expected = REFERENCES[name]([references.see(frame) for frame in frames], **strict)
+    assert identities(track(name, frames, **strict), frames) == expected
+    assert len({i for ids in expected for i in ids}) > world.BOXES  # mistakes are made alike, too
+
+
+def test_weak_and_overlapping_detections_are_dropped_by_momentum_alone():
+    feats, masks = world.make_frames(1, seed=0, share=1.0)[0]
+    score = np.array([0.9, 0.4, 0.05, 0.8, 0.3, 0.6], np.float32)
+    box = masks.box.copy()
+    box[1] = box[0] + 1  # overlaps a stronger one, and is weak
+    box[4] = box[0] + 2
+    frame = (feats, dataclasses.replace(masks, detector_score=score, box=box))
+    state = track("momentum", [frame])[0]
+    assert state.decisions.outcome.tolist() == [
+        Outcome.NEW,
+        Outcome.DROPPED,
+        Outcome.UNASSIGNED,
+        Outcome.NEW,
+        Outcome.DROPPED,
+        Outcome.NEW,
+    ]
+    sights = [references.see(frame)]
+    assert identities([state], [frame]) == REFERENCES["momentum"](sights)
+    assert set(track("bank", [frame])[0].decisions.outcome.tolist()) == {Outcome.NEW}
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_capacities_change_nothing(name):
+    frames = world.make_frames(12, seed=5)
+    roomy = identities(track(name, frames), frames)
+    wide = dataclasses.replace(STATIC, num_detections=9, num_objects=100)
+    padded = world.pad(frames, 9)
+    assert identities(track(name, padded, wide), padded) == roomy
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_a_frame_that_does_not_fit_changes_nothing_and_fits_after_growth(name):
+    frames = world.make_frames(4, seed=1, share=1.0)
+    tight = dataclasses.replace(STATIC, num_objects=4)
+    before = live._settle_types(get_method(name).init(tight))
+    after = track(name, frames[:1], tight)[0]
+    assert after.overflow.objects == world.BOXES
+    kept = dataclasses.replace(after, overflow=before.overflow)
+    for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(kept), strict=True):
+        np.testing.assert_array_equal(old, new)
+
+    method, grown = get_method(name), tight.grow(num_objects=world.BOXES)
+    state = method.enlarge(kept, grown)
+    state = stepper(name)(state, *frames[0], static=grown, thresholds=method.thresholds())
+    assert state.overflow.objects == 0
+    assert state.decisions.object_id.tolist() == list(range(world.BOXES))
+
+
+def test_features_that_are_not_finite_never_reach_memory():
+    feats, masks = world.make_frames(1, seed=2, share=1.0)[0]
+    patches = feats.patches.copy()
+    patches[masks.coverage[3] > 0] = np.nan
+    broken = (dataclasses.replace(feats, patches=patches), masks)
+    for name in ("momentum", "running-mean", "bank"):
+        state = track(name, [broken])[0]
+        assert state.decisions.outcome[3] == Outcome.DROPPED
+        assert state.decisions.num_bad_patches == np.isnan(patches[..., 0]).sum()
+        assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state.looks))
+
+
+def test_iou_forgets_at_once_and_uses_slots_again():
+    here, elsewhere = world.make_frames(2, seed=0, share=1.0)
+    nobody = (here[0], dataclasses.replace(here[1], valid=np.zeros(world.BOXES, bool)))
+    tight = dataclasses.replace(STATIC, num_objects=world.BOXES)
+    states = track("iou", [here, elsewhere, nobody, nobody, here], tight)
+    assert states[1].decisions.object_id.tolist() == list(range(6))  # boxes move by two pixels
+    assert states[-1].decisions.object_id.tolist() == list(range(6, 12))
+    patient = track("iou", [here, nobody, nobody, here], tight, patience=3)
+    assert patient[-1].decisions.object_id.tolist() == list(range(6))
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_runs_live_with_profiles_candidates_and_memory_on_disk(name, tmp_path):
+    config = load_config("default").with_tracker(name)
+    tracker = live.Tracker(config)
+    images = [scenes.picture(index) for index in range(3)]
+    for image, masks in images:
+        tracks = tracker.update(image, masks)
+    assert tracks.is_firm.all()
+    assert (tracks.candidate_id[:, 0] == tracks.object_id)[tracks.outcome == Outcome.MATCH].all()
+    tracker.save(tmp_path / "memory")
+    again = live.Tracker(config)
+    again.load(tmp_path / "memory")
+    ids = tracker.update(*images[0]).object_id
+    np.testing.assert_array_equal(again.update(*images[0]).object_id, ids)
