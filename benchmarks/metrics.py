@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from remind_jax.metrics.clear import clear_scores, count_clear
-from remind_jax.metrics.evaluate import evaluate_sequence
+from remind_jax.metrics.evaluation import evaluate_sequence
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
 from remind_jax.metrics.mot_files import load_mot_sequence

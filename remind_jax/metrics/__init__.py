@@ -7,15 +7,16 @@ brought into a `TrackingSequence`; `pool_evaluations` joins sequences.
 from remind_jax.metrics.columns import Column
 from remind_jax.metrics.combine import average_classes, bootstrap_intervals, stack_counts
 from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
-from remind_jax.metrics.evaluate import (
-    Evaluation,
-    evaluate_files,
-    evaluate_sequence,
-    evaluate_tracks,
-    pool_evaluations,
-)
+from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
 from remind_jax.metrics.recovery import Answers, count_recovery, find_reference
+from remind_jax.metrics.scene_evaluation import (
+    SceneOptions,
+    SetEvaluation,
+    evaluate,
+    evaluate_files,
+)
 from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.tracks_evaluation import evaluate_tracks
 
 __all__ = [
     "Answers",
@@ -24,10 +25,13 @@ __all__ = [
     "ComparisonTable",
     "Evaluation",
     "Row",
+    "SceneOptions",
+    "SetEvaluation",
     "TrackingSequence",
     "average_classes",
     "bootstrap_intervals",
     "count_recovery",
+    "evaluate",
     "evaluate_files",
     "evaluate_sequence",
     "evaluate_tracks",

@@ -12,7 +12,7 @@ from remind_jax.metrics.combine import (
     stack_counts,
     sum_counts,
 )
-from remind_jax.metrics.evaluate import evaluate_sequence
+from remind_jax.metrics.evaluation import evaluate_sequence
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import IdentityCounts, count_identity, identity_scores
 from remind_jax.metrics.recovery import recovery_scores

@@ -6,7 +6,7 @@ import pytest
 
 from remind_jax.metrics.clear import clear_scores, count_clear
 from remind_jax.metrics.combine import pool_counts
-from remind_jax.metrics.evaluate import evaluate_sequence, pool_evaluations
+from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
 from tests.metrics.golden import ALL_CASES, ROOT, assert_same_fields, load_case, read_json

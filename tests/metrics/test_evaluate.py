@@ -151,5 +151,7 @@ def test_files(kind: str, format: Any, is_named: bool):
 
 def test_unknown_formats_are_refused():
     unknown: Any = "coco"
-    with pytest.raises(RemindError, match="format is 'coco'; allowed: kitti-mots, mot, mots"):
+    with pytest.raises(
+        RemindError, match="format is 'coco'; allowed: burst, coco-video, davis, kitti-mots, mot"
+    ):
         evaluate_files("gt", "pred", format=unknown)

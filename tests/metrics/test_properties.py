@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.metrics.evaluate import evaluate_sequence, pool_evaluations
+from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
 from remind_jax.metrics.sequence import TrackingSequence
 from tests.metrics.tables import random_sequence
 

@@ -1,0 +1,177 @@
+"""All counts of a sequence, of several pooled, and the scores that follow from them.
+
+Main numbers are the standard ones, equal to TrackEval's, with the id that an object got at birth.
+Recovery is always counted from firm answers: a set of candidates recovers nothing, and no collapse
+can change that (evaluation reference, section 6).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from remind_jax.metrics.breakdowns import Breakdown, pool_breakdowns
+from remind_jax.metrics.clear import ClearCounts, clear_scores, count_clear
+from remind_jax.metrics.combine import pool_counts, sum_counts
+from remind_jax.metrics.hota import HotaCounts, count_hota, hota_scores
+from remind_jax.metrics.identity import IdentityCounts, count_identity, identity_scores
+from remind_jax.metrics.recovery import (
+    RecoveryCounts,
+    collect_answers,
+    count_recovery,
+    find_reference,
+    recovery_scores,
+)
+from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.uncertainty import UncertaintyCounts, uncertainty_scores
+
+
+@dataclasses.dataclass(frozen=True)
+class SizeCounts:
+    """How much was evaluated; counts of several sequences add up."""
+
+    predicted_rows: Int[np.ndarray, "*batch"]
+    gt_rows: Int[np.ndarray, "*batch"]
+    predicted_ids: Int[np.ndarray, "*batch"]  # identities found
+    gt_ids: Int[np.ndarray, "*batch"]  # true objects
+    frames: Int[np.ndarray, "*batch"]
+    repeated_ids: Int[np.ndarray, "*batch"]  # ids taken back, given twice in one frame
+
+
+@dataclasses.dataclass(frozen=True)
+class Evaluation:
+    """All counts of one sequence, or of several pooled, and the scores that follow from them."""
+
+    name: str
+    hota: HotaCounts
+    clear: ClearCounts
+    identity: IdentityCounts
+    recovery: RecoveryCounts  # one-to-one reference, per object
+    majority_recovery: RecoveryCounts  # majority reference, per object
+    sizes: SizeCounts
+    uncertainty: UncertaintyCounts | None = None  # where the tracker can be undecided
+    by_class: Mapping[str, Evaluation] = dataclasses.field(default_factory=dict)
+    breakdowns: Mapping[str, Breakdown] = dataclasses.field(default_factory=dict)
+    is_pooled: bool = False
+
+    def fields(self) -> dict[str, Any]:
+        """Every field at full precision; HOTA fields are arrays over its 19 thresholds.
+
+        Names are TrackEval's where it has one. `...Majority` uses the majority reference.
+        """
+        majority = recovery_scores(sum_counts(self.majority_recovery))
+        sizes = self.sizes
+        fields = {
+            **hota_scores(self.hota),
+            **clear_scores(self.clear, pooled=self.is_pooled),
+            **identity_scores(self.identity),
+            "Dets": sizes.predicted_rows,
+            "GT_Dets": sizes.gt_rows,
+            "IDs": sizes.predicted_ids,
+            "GT_IDs": sizes.gt_ids,
+            "Frames": sizes.frames,
+            "RepeatedIDs": sizes.repeated_ids,
+            **recovery_scores(sum_counts(self.recovery)),
+            "RecoveryMajority": majority["Recovery"],
+            "HardRecoveryMajority": majority["HardRecovery"],
+        }
+        if self.uncertainty is not None:
+            fields |= uncertainty_scores(self.uncertainty)
+        return fields
+
+    def scores(self) -> dict[str, float]:
+        """One number per field (HOTA averaged over thresholds); fractions, not percent.
+
+        NaN where undefined, such as recovery where nothing returned.
+        """
+        return {name: float(np.mean(value)) for name, value in self.fields().items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """`{"metrics": scores}`, ready for `json.dump`; undefined scores are null."""
+        scores = self.scores()
+        return {"metrics": {k: None if math.isnan(v) else v for k, v in scores.items()}}
+
+
+def evaluate_sequence(
+    sequence: TrackingSequence,
+    *,
+    firm: TrackingSequence | None = None,
+    uncertainty: UncertaintyCounts | None = None,
+    breakdowns: Mapping[str, Breakdown] | None = None,
+    num_repeated: int = 0,
+    recovery_similarity: float = 0.5,
+) -> Evaluation:
+    """Scores one sequence.
+
+    Args:
+      sequence: Ground truth and predictions.
+      firm: The same with firm answers only, for recovery; `sequence` itself if left out.
+      uncertainty: Counts of undecided answers, where the tracker has them.
+      breakdowns: IDF1 by circumstances, if it was counted.
+      num_repeated: Ids taken back before, because they were given twice in one frame.
+      recovery_similarity: Least overlap at which an answer counts for recovery (the paper: 0).
+    """
+    answers = collect_answers(sequence if firm is None else firm, recovery_similarity)
+    recovery, majority = (
+        count_recovery(answers, find_reference(answers, kind))
+        for kind in ("one_to_one", "majority")
+    )
+    sizes = (
+        len(sequence.pred_id),
+        len(sequence.gt_id),
+        len(sequence.pred_objects),
+        len(sequence.gt_objects),
+        sequence.num_frames,
+        num_repeated,
+    )
+    return Evaluation(
+        name=sequence.name,
+        hota=count_hota(sequence),
+        clear=count_clear(sequence),
+        identity=count_identity(sequence),
+        recovery=recovery,
+        majority_recovery=majority,
+        sizes=SizeCounts(*(np.asarray(size) for size in sizes)),
+        uncertainty=uncertainty,
+        breakdowns=breakdowns or {},
+    )
+
+
+def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Evaluation:
+    """Adds the counts of several sequences, of each class too; ids of sequences never interact.
+
+    Raises:
+      RemindError: If there is none.
+    """
+    uncertain = [e.uncertainty for e in evaluations if e.uncertainty is not None]
+    classes = dict.fromkeys(label for e in evaluations for label in e.by_class)
+    by_class = {
+        label: pool_evaluations(
+            [e.by_class[label] for e in evaluations if label in e.by_class], label
+        )
+        for label in classes
+    }
+    return Evaluation(
+        name=name,
+        hota=pool_counts(e.hota for e in evaluations),
+        clear=pool_counts(e.clear for e in evaluations),
+        identity=pool_counts(e.identity for e in evaluations),
+        recovery=_chain_objects([e.recovery for e in evaluations]),
+        majority_recovery=_chain_objects([e.majority_recovery for e in evaluations]),
+        sizes=pool_counts(e.sizes for e in evaluations),
+        uncertainty=pool_counts(uncertain) if uncertain else None,
+        by_class=by_class,
+        breakdowns=pool_breakdowns([e.breakdowns for e in evaluations]),
+        is_pooled=True,
+    )
+
+
+def _chain_objects(counts: Sequence[RecoveryCounts]) -> RecoveryCounts:
+    fields = [field.name for field in dataclasses.fields(RecoveryCounts)]
+    chained = {name: np.concatenate([getattr(c, name) for c in counts]) for name in fields}
+    return RecoveryCounts(**chained)

@@ -1,0 +1,125 @@
+"""What JSON truth says about its videos, images and categories; result lists lean on it.
+
+Result lists (of YouTube-VIS, of TAO) name videos, images and categories by number only.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pycocotools import mask as coco_mask
+
+from remind_jax.errors import SourceError
+from remind_jax.tracks import Rle
+
+_coco: Any = coco_mask
+
+
+@dataclasses.dataclass(frozen=True)
+class Video:
+    """One scene of a JSON file."""
+
+    name: str
+    num_frames: int
+    frame_names: tuple[str, ...] | None
+    size: tuple[int, int] | None  # height, width in pixels
+
+
+@dataclasses.dataclass(frozen=True)
+class JsonIndex:
+    """Numbers of a JSON file and what they stand for."""
+
+    videos: Mapping[Any, Video] = dataclasses.field(default_factory=dict)  # by video id
+    images: Mapping[Any, tuple[Any, int]] = dataclasses.field(default_factory=dict)  # video, place
+    categories: Mapping[int, str] = dataclasses.field(default_factory=dict)
+
+    @property
+    def class_names(self) -> tuple[str, ...]:
+        """Names of the categories, by their number."""
+        return tuple(self.categories[number] for number in sorted(self.categories))
+
+    def class_index(self, category_id: Any, unknown: int) -> int:
+        """Place of a category in `class_names`."""
+        numbers = sorted(self.categories)
+        return numbers.index(category_id) if category_id in self.categories else unknown
+
+
+def index_json(content: Mapping[str, Any]) -> JsonIndex:
+    """Reads `videos`, `images` and `categories` of a truth file.
+
+    Frames of a video are its `file_names` or `length` (YouTube-VIS), else its images in the order
+    of `frame_index` (TAO) or `frame_id` (CocoVID).
+    """
+    images_of: dict[Any, list[Mapping[str, Any]]] = {}
+    for image in content.get("images") or ():
+        images_of.setdefault(image.get("video_id"), []).append(image)
+    places: dict[Any, tuple[Any, int]] = {}
+    videos: dict[Any, Video] = {}
+    for video in content["videos"]:
+        images = sorted(images_of.get(video["id"], ()), key=_frame_number)
+        places |= {image["id"]: (video["id"], place) for place, image in enumerate(images)}
+        names = video.get("file_names") or [i["file_name"] for i in images if "file_name" in i]
+        length = len(images) if images else int(video.get("length", len(names)))
+        height, width = video.get("height"), video.get("width")
+        videos[video["id"]] = Video(
+            name=str(video.get("name") or _common_folder(names) or video["id"]),
+            num_frames=length,
+            frame_names=tuple(names) if names and len(names) == length else None,
+            size=(int(height), int(width)) if height and width else None,
+        )
+    categories = {c["id"]: str(c.get("name", c["id"])) for c in content.get("categories") or ()}
+    return JsonIndex(videos, places, categories)
+
+
+def to_rle(segmentation: Any, size: tuple[int, int] | None, place: str) -> Rle:
+    """A COCO segmentation as compressed run-length code.
+
+    Args:
+      segmentation: Compressed code as text, code with plain counts, or polygons.
+      size: Height and width, for codes that do not tell and polygons.
+      place: Where it stands, for messages.
+
+    Raises:
+      SourceError: If it is malformed.
+    """
+    try:
+        if isinstance(segmentation, str | bytes):
+            segmentation = {"size": _known(size), "counts": segmentation}
+        if isinstance(segmentation, Mapping):
+            height, width = (int(side) for side in segmentation["size"])
+            counts = segmentation["counts"]
+            if not isinstance(counts, list):
+                text = counts.encode() if isinstance(counts, str) else bytes(counts)
+                return {"size": [height, width], "counts": text}
+            if sum(counts) != height * width or min(counts, default=0) < 0:
+                raise ValueError("the counts do not add up to the size")
+            return _coco.frPyObjects({"size": [height, width], "counts": counts}, height, width)
+        polygons = [[float(number) for number in polygon] for polygon in segmentation]
+        if any(len(polygon) < 6 or len(polygon) % 2 for polygon in polygons) or not polygons:
+            raise ValueError("a polygon has three or more points x, y")
+        return _coco.merge(_coco.frPyObjects(polygons, *_known(size)))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise SourceError(f"{place}: a segmentation is malformed ({error})") from error
+
+
+def to_box(bbox: Sequence[float]) -> list[float]:
+    """Left, top, right, bottom of a COCO box."""
+    left, top, width, height = (float(number) for number in bbox)
+    return [left, top, left + width, top + height]
+
+
+def _known(size: tuple[int, int] | None) -> tuple[int, int]:
+    if size is None:
+        raise ValueError("its height and width are not told")
+    return size
+
+
+def _frame_number(image: Mapping[str, Any]) -> tuple[int, str]:
+    number = image.get("frame_index", image.get("frame_id", 0))
+    return int(number), str(image.get("file_name", ""))
+
+
+def _common_folder(names: Sequence[str]) -> str:
+    return names[0].rpartition("/")[0] if names else ""

@@ -1,0 +1,217 @@
+"""Recognises tracks at a path and opens them scene by scene.
+
+| format | what lies there |
+| --- | --- |
+| `mot` | MOTChallenge text: a file, a folder of files, or `<scene>/gt/gt.txt` |
+| `mots`, `kitti-mots` | MOTS text: likewise |
+| `davis` | instance maps, one PNG per frame: a folder, or folders of them |
+| `coco-video` | COCO-video / YouTube-VIS JSON, truth or list of results |
+| `tao` | TAO or CocoVID JSON, truth or list of results |
+| `burst` | BURST JSON |
+| `run` | output folder of `remind run`, or a folder of such folders |
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.metrics.formats.coco_video import read_coco_video
+from remind_jax.metrics.formats.json_index import JsonIndex, index_json
+from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
+from remind_jax.metrics.formats.rows import TrackRows
+from remind_jax.metrics.formats.run_folder import rows_of_tracks
+from remind_jax.metrics.formats.tao import index_burst, read_burst, read_tao
+from remind_jax.metrics.formats.text import read_text_rows
+from remind_jax.metrics.mot_files import FileFormat, recognise_format
+
+Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
+FORMATS: tuple[str, ...] = get_args(Format)
+TEXT_FORMATS: tuple[FileFormat, ...] = ("mot", "mots", "kitti-mots")
+
+RUN_FILE = "detections.jsonl"
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneSet:
+    """Scenes at a path; each is read when it is asked for."""
+
+    path: Path
+    format: Format
+    read: Mapping[str, Callable[[], TrackRows]]  # by name of the scene
+    files: Mapping[str, Path]  # where each scene lies
+    index: JsonIndex = dataclasses.field(
+        default_factory=JsonIndex
+    )  # of JSON truth, for lists of results
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the scenes."""
+        return tuple(self.read)
+
+
+def open_scenes(
+    path: str | Path,
+    format: Format | None = None,
+    *,
+    truth: SceneSet | None = None,
+    like: FileFormat | None = None,
+) -> SceneSet:
+    """Opens truth (`truth` left out) or predictions (`truth` given).
+
+    Args:
+      path: File or folder.
+      format: What it is; recognised if left out.
+      truth: The truth that predictions belong to: lists of results need its videos and images.
+      like: Format of a text file that has no row to recognise it by.
+
+    Raises:
+      SourceError: If nothing is there, it is not recognised, or it cannot be read.
+      RemindError: If the format is unknown.
+    """
+    path = Path(path)
+    if format is not None and format not in FORMATS:
+        raise RemindError(f"format is '{format}'; {nearest_names(format, FORMATS)}")
+    if not path.exists():
+        raise SourceError(f"{path} cannot be read: No such file or directory")
+    if path.is_dir():
+        return _open_folder(path, format, is_truth=truth is None)
+    if path.suffix.lower() == ".json" or format in ("coco-video", "tao", "burst"):
+        return _open_json(path, format, truth)
+    if format in ("davis", "run"):
+        raise SourceError(f"{path} is a file; format '{format}' is a folder")
+    found = format or recognise_format(path)
+    if format is None and like is not None and _is_blank(path):
+        found = like
+    return _text_scenes(path, {path.stem: path}, found, is_truth=truth is None)
+
+
+def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneSet:
+    runs = _find_runs(path)
+    if runs and format in (None, "run"):
+        read = {name: functools.partial(_read_run, name, folder) for name, folder in runs.items()}
+        return SceneSet(path, "run", read, runs)
+    texts = _find_texts(path)
+    if texts and (format in TEXT_FORMATS or format is None):
+        found = format or recognise_format(*texts.values())
+        return _text_scenes(path, texts, found, is_truth=is_truth)
+    maps = find_map_scenes(path)
+    if maps and format in (None, "davis"):
+        read = {
+            name: functools.partial(_read_maps, name, folder, is_truth)
+            for name, folder in maps.items()
+        }
+        return SceneSet(path, "davis", read, maps)
+    looked_for = f"tracks in format '{format}'" if format else "tracks in a known format"
+    raise SourceError(
+        f"'{path}' holds no {looked_for}; give a folder of instance maps (.png), of MOT or MOTS "
+        "text (.txt), a run of remind, or a JSON file"
+    )
+
+
+def _text_scenes(path: Path, files: dict[str, Path], format: Any, *, is_truth: bool) -> SceneSet:
+    read = {
+        name: functools.partial(read_text_rows, file, name, format, is_truth=is_truth)
+        for name, file in files.items()
+    }
+    return SceneSet(path, format, read, files)
+
+
+def _find_runs(path: Path) -> dict[str, Path]:
+    if (path / RUN_FILE).is_file():
+        return {path.name: path}
+    return {inner.name: inner for inner in sorted(path.iterdir()) if (inner / RUN_FILE).is_file()}
+
+
+def _find_texts(path: Path) -> dict[str, Path]:
+    """Text files by scene: `<scene>/gt/gt.txt`, `gt/gt.txt`, or `<scene>.txt`."""
+    if (path / "gt" / "gt.txt").is_file():
+        return {path.name: path / "gt" / "gt.txt"}
+    inner = {f.name: f / "gt" / "gt.txt" for f in sorted(path.iterdir())}
+    inner = {name: file for name, file in inner.items() if file.is_file()}
+    if inner:
+        return inner
+    hidden = ("seqmap", "readme", "license")
+    files = sorted(path.glob("*.txt"))
+    return {f.stem: f for f in files if not f.stem.lower().startswith(hidden)}
+
+
+def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
+    return read_label_maps(
+        folder, name, is_truth=is_truth, classes=find_classes(folder, name) if is_truth else None
+    )
+
+
+def _read_run(name: str, folder: Path) -> TrackRows:
+    from remind_jax.outputs.store import read_detections
+
+    _, tracks = read_detections(folder / RUN_FILE)
+    return rows_of_tracks(tracks, [frame.object_id for frame in tracks], name)
+
+
+def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> SceneSet:
+    try:
+        content = json.loads(path.read_bytes())
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise SourceError(f"{path} is not valid JSON: {error}") from None
+    found = format or _recognise_json(path, content, truth)
+    try:
+        return _json_scenes(path, content, found, truth)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise SourceError(f"{path} is not {found} JSON: {error!r} is missing or wrong") from error
+
+
+def _json_scenes(path: Path, content: Any, format: Format, truth: SceneSet | None) -> SceneSet:
+    if format == "burst":
+        index = index_burst(content)
+        sequences = content["sequences"]
+        read = {
+            video.name: functools.partial(read_burst, sequences[place], index, place, str(path))
+            for place, video in index.videos.items()
+        }
+    else:
+        is_list = isinstance(content, list)
+        if is_list and (truth is None or not truth.index.videos):
+            raise SourceError(
+                f"{path} is a list of results, which names videos by number only; give truth in "
+                "the JSON of the same data set"
+            )
+        index = truth.index if is_list and truth is not None else index_json(dict(content))
+        annotations = content if is_list else content["annotations"]
+        reader = read_coco_video if format == "coco-video" else read_tao
+        read = {
+            video.name: functools.partial(reader, annotations, index, number, str(path))
+            for number, video in index.videos.items()
+        }
+    return SceneSet(path, format, read, dict.fromkeys(read, path), index)
+
+
+def _recognise_json(path: Path, content: Any, truth: SceneSet | None) -> Format:
+    if isinstance(content, dict) and "sequences" in content:
+        return "burst"
+    rows = content if isinstance(content, list) else content.get("annotations", ())
+    is_set = isinstance(content, list) or "videos" in content
+    if is_set and not rows and truth is not None and truth.format in ("coco-video", "tao"):
+        return truth.format
+    first = rows[0] if is_set and rows and isinstance(rows[0], dict) else {}
+    if "segmentations" in first or "bboxes" in first:
+        return "coco-video"
+    if "image_id" in first and ("track_id" in first or "instance_id" in first):
+        return "tao"
+    if is_set and isinstance(content, dict) and not rows:
+        return "tao" if content.get("images") else "coco-video"
+    raise SourceError(
+        f"{path} is no JSON of tracks: COCO-video / YouTube-VIS ('segmentations' per track), TAO "
+        "('image_id' and 'track_id') or BURST ('sequences')"
+    )
+
+
+def _is_blank(path: Path) -> bool:
+    return not path.read_bytes().strip()

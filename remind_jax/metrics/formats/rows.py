@@ -1,0 +1,159 @@
+"""One side of an evaluation: who is where, as a file or folder says it, whatever its format.
+
+Letters: `N` rows, `T` frames, `M` regions to be ignored.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pycocotools import mask as coco_mask
+
+from remind_jax.errors import SourceError
+from remind_jax.metrics.run_lengths import find_malformed
+from remind_jax.tracks import Rle
+
+UNKNOWN_CLASS = -1
+
+# pycocotools' stubs know no lists of masks.
+_coco: Any = coco_mask
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackRows:
+    """Truth or predictions of one scene, ordered by frame."""
+
+    name: str  # of the scene, for messages and tables
+    num_frames: int
+    frame: Int[np.ndarray, "N"]  # 0 ... num_frames - 1
+    track_id: Int[np.ndarray, "N"]
+    boxes: Float[np.ndarray, "N 4"]  # left, top, right, bottom in pixels; right, bottom excluded
+    class_id: Int[np.ndarray, "N"]  # index into class_names, UNKNOWN_CLASS where not told
+    class_names: tuple[str, ...] = ()
+    rles: tuple[Rle, ...] | None = None  # None where there are boxes only
+    frame_names: tuple[str, ...] | None = None  # of the images, where the format knows them
+    frame_size: tuple[int, int] | None = None  # height, width in pixels
+    is_sampled: bool = False  # frames that are not listed were not looked at
+    ignored_frame: Int[np.ndarray, "M"] = dataclasses.field(
+        default_factory=lambda: np.zeros(0, np.int64)
+    )
+    ignored_rles: tuple[Rle, ...] = ()  # regions in which nothing is known
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def areas(self) -> Float[np.ndarray, "N"]:
+        """Pixels of the masks, or of the boxes where there are no masks."""
+        if self.rles is not None:
+            return np.asarray(_coco.area(list(self.rles)), float) if self.rles else np.zeros(0)
+        width, height = (self.boxes[:, 2:] - self.boxes[:, :2]).T
+        return np.maximum(width, 0) * np.maximum(height, 0)
+
+    def select(self, keep: Bool[np.ndarray, "N"]) -> TrackRows:
+        """The same scene with only some of its rows."""
+        rles = None
+        if self.rles is not None:
+            rles = tuple(self.rles[row] for row in np.flatnonzero(keep))
+        return dataclasses.replace(
+            self,
+            frame=self.frame[keep],
+            track_id=self.track_id[keep],
+            boxes=self.boxes[keep],
+            class_id=self.class_id[keep],
+            rles=rles,
+        )
+
+
+@dataclasses.dataclass
+class RowCollector:
+    """Gathers rows in any order; `finish` sorts and checks them."""
+
+    frame: list[int] = dataclasses.field(default_factory=list)
+    track_id: list[int] = dataclasses.field(default_factory=list)
+    class_id: list[int] = dataclasses.field(default_factory=list)
+    boxes: list[Any] = dataclasses.field(default_factory=list)  # empty if all rows have masks
+    rles: list[Rle] = dataclasses.field(default_factory=list)  # empty if no row has one
+
+    def add(
+        self,
+        frame: int,
+        track_id: int,
+        class_id: int = UNKNOWN_CLASS,
+        *,
+        rle: Rle | None = None,
+        box: Any = None,
+    ) -> None:
+        """Adds one row with a mask, or a box (left, top, right, bottom), or both."""
+        self.frame.append(frame)
+        self.track_id.append(track_id)
+        self.class_id.append(class_id)
+        if rle is not None:
+            self.rles.append(rle)
+        if box is not None:
+            self.boxes.append(box)
+
+    def finish(
+        self,
+        name: str,
+        num_frames: int,
+        *,
+        class_names: Sequence[str] = (),
+        frame_names: Sequence[str] | None = None,
+        frame_size: tuple[int, int] | None = None,
+    ) -> TrackRows:
+        """The rows, ordered by frame.
+
+        Raises:
+          SourceError: If only some rows have a mask, or a mask is damaged.
+        """
+        has_masks = len(self.rles) == len(self.frame) and bool(self.frame)
+        if not has_masks and len(self.boxes) != len(self.frame):
+            raise SourceError(
+                f"{name}: {len(self.rles)} of {len(self.frame)} rows have a mask and "
+                f"{len(self.boxes)} a box; all rows need the one or the other"
+            )
+        wrong = find_malformed(self.rles) if has_masks else None
+        if wrong is not None:
+            raise SourceError(
+                f"{name}, frame {self.frame[wrong]}, id {self.track_id[wrong]}: the run lengths "
+                f"are damaged or do not add up to a mask of "
+                f"{' x '.join(map(str, self.rles[wrong]['size']))} pixels (height x width)"
+            )
+        order = np.argsort(np.asarray(self.frame, np.int64), kind="stable")
+        rles = tuple(self.rles[row] for row in order) if has_masks else None
+        return TrackRows(
+            name=name,
+            num_frames=num_frames,
+            frame=np.asarray(self.frame, np.int64)[order],
+            track_id=np.asarray(self.track_id, np.int64)[order],
+            boxes=boxes_of(rles) if rles is not None else _as_boxes(self.boxes)[order],
+            class_id=np.asarray(self.class_id, np.int64)[order],
+            class_names=tuple(class_names),
+            rles=rles,
+            frame_names=None if frame_names is None else tuple(frame_names),
+            frame_size=frame_size or (size_of(rles[0]) if rles else None),
+        )
+
+
+def boxes_of(rles: Sequence[Rle]) -> Float[np.ndarray, "N 4"]:
+    """Left, top, right, bottom of masks; right and bottom excluded."""
+    if not rles:
+        return np.zeros((0, 4))
+    boxes = np.asarray(_coco.toBbox(list(rles)), float).reshape(-1, 4)
+    boxes[:, 2:] += boxes[:, :2]
+    return boxes
+
+
+def _as_boxes(boxes: Sequence[Any]) -> Float[np.ndarray, "N 4"]:
+    return np.asarray(boxes, float).reshape(-1, 4)
+
+
+def size_of(rle: Rle) -> tuple[int, int]:
+    """Height and width of a mask."""
+    height, width = rle["size"]
+    return int(height), int(width)

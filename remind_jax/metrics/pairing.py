@@ -1,0 +1,263 @@
+"""Brings truth and predictions of one scene together, whatever formats they came in.
+
+Frames are aligned by the names of their images where both sides have names (stems, else the
+numbers in them), else by their place. Overlap is that of masks where both sides have masks, else of
+boxes (of the masks' boxes where one side has masks). Classes are compared by name where both sides
+name them; otherwise every pair may match.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import PurePosixPath
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Int
+from pycocotools import mask as coco_mask
+
+from remind_jax.errors import SourceError
+from remind_jax.metrics.breakdowns import Breakdown, count_breakdowns
+from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, size_of
+from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.similarity import Pairs, covered_share, merge_rles, pair_boxes, rle_iou
+from remind_jax.sources.file_tree import last_number
+from remind_jax.sources.image_folder import IMAGE_SUFFIXES
+from remind_jax.tracks import Rle, encode_masks
+
+# pycocotools' stubs know no plain dictionaries.
+_coco: Any = coco_mask
+
+MAX_ASPECT_DIFFERENCE = 0.01
+NOT_ALIGNED = -1
+
+_MATCH_THRESHOLD = 0.5
+_IGNORED_SHARE = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class PairedScene:
+    """A scene ready to be scored, and what was left out on the way."""
+
+    sequence: TrackingSequence
+    truth: TrackRows  # rows as in the sequence
+    prediction: TrackRows
+    notes: tuple[str, ...] = ()
+
+
+def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
+    """Aligns frames and measures overlaps.
+
+    Predictions in frames that the truth does not have are left out, with a note; so are those of
+    which more than half lies in a region that the truth ignores, unless they match an object.
+
+    Raises:
+      SourceError: If frames cannot be aligned, frame sizes do not fit, or an id occurs twice in a
+        frame.
+    """
+    truth, prediction, notes = _align(truth, prediction)
+    pairs = _measure(truth, prediction)
+    gt_class, pred_class, class_names = _join_classes(truth, prediction)
+    sequence = TrackingSequence.create(
+        truth.num_frames,
+        (truth.frame, truth.track_id),
+        (prediction.frame, prediction.track_id),
+        pairs,
+        gt_class=gt_class,
+        pred_class=pred_class,
+        class_names=class_names,
+        name=prediction.name,
+    )
+    if not len(truth.ignored_frame) or prediction.rles is None:
+        return PairedScene(sequence, truth, prediction, notes)
+    keep = ~_find_ignored(truth, prediction)
+    similarity = sequence.pair_similarity
+    admitted = np.where(similarity >= _MATCH_THRESHOLD - EPSILON, similarity, 0.0)
+    keep[sequence.pair_pred[match_frames(sequence, admitted)]] = True
+    everything = np.ones(len(truth), bool)
+    return PairedScene(sequence.select(everything, keep), truth, prediction.select(keep), notes)
+
+
+def break_down(
+    paired: PairedScene, sequence: TrackingSequence | None = None
+) -> dict[str, Breakdown]:
+    """Breakdowns of a scene, as far as its truth allows.
+
+    Args:
+      paired: The scene.
+      sequence: With other labels, if they are not those of the scene.
+    """
+    truth = paired.truth
+    shares = None
+    if truth.frame_size is not None:
+        shares = truth.areas / max(1, int(np.prod(truth.frame_size)))
+    has_classes = bool(truth.class_names) and not (truth.class_id == UNKNOWN_CLASS).any()
+    return count_breakdowns(
+        sequence or paired.sequence,
+        area_share=shares,
+        gt_class=truth.class_id if has_classes else None,
+        class_names=truth.class_names,
+    )
+
+
+def align_frames(
+    truth_names: Sequence[str], prediction_names: Sequence[str], name: str
+) -> Int[np.ndarray, "frames"]:
+    """Place of each predicted frame among those of the truth, NOT_ALIGNED if it is not there.
+
+    Raises:
+      SourceError: If nothing agrees.
+    """
+    keys_of: tuple[Callable[[str], Any], ...] = (_stem, last_number)
+    for key in keys_of:
+        keys = [key(frame) for frame in truth_names]
+        place: dict[Any, int] = {k: i for i, k in enumerate(keys) if k is not None}
+        found = [place.get(key(n), NOT_ALIGNED) if n else NOT_ALIGNED for n in prediction_names]
+        if len(place) == len(truth_names) and max(found, default=0) > NOT_ALIGNED:
+            return np.asarray(found, np.int64)
+    if len(truth_names) == len(prediction_names):
+        return np.arange(len(truth_names))
+    raise SourceError(
+        f"{name}: no predicted frame ('{prediction_names[0]}', ...) is named or numbered like one "
+        f"of the truth ('{truth_names[0]}', ...), and their counts differ "
+        f"({len(prediction_names)} and {len(truth_names)})"
+    )
+
+
+def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRows, tuple[str, ...]]:
+    if truth.frame_names and prediction.frame_names:
+        place = align_frames(truth.frame_names, prediction.frame_names, prediction.name)
+    else:
+        place = np.arange(prediction.num_frames)
+        if truth.frame_names:
+            place[truth.num_frames :] = NOT_ALIGNED
+        elif prediction.num_frames > truth.num_frames:
+            truth = dataclasses.replace(truth, num_frames=prediction.num_frames)
+    new_frame = place[prediction.frame]
+    known = new_frame != NOT_ALIGNED
+    moved = dataclasses.replace(
+        prediction.select(known), frame=new_frame[known], num_frames=truth.num_frames
+    )
+    moved = _sort_by_frame(moved)
+    notes = []
+    if not known.all():
+        num_left_out = len(np.unique(prediction.frame[~known]))
+        notes.append(f"{num_left_out} predicted frames that the truth lacks are left out")
+    looked_at = np.unique(place[place != NOT_ALIGNED])
+    if prediction.is_sampled and len(looked_at) < truth.num_frames:
+        notes.append(f"{len(looked_at)} of {truth.num_frames} frames were processed")
+        truth, moved = (_keep_frames(side, looked_at) for side in (truth, moved))
+    return truth, moved, tuple(notes)
+
+
+def _keep_frames(rows: TrackRows, frames: Int[np.ndarray, "T"]) -> TrackRows:
+    """The scene with only some frames, numbered anew."""
+    place = np.full(rows.num_frames, NOT_ALIGNED)
+    place[frames] = np.arange(len(frames))
+    kept = rows.select(place[rows.frame] != NOT_ALIGNED)
+    is_kept = place[rows.ignored_frame] != NOT_ALIGNED
+    return dataclasses.replace(
+        kept,
+        frame=place[kept.frame],
+        num_frames=len(frames),
+        frame_names=None,
+        ignored_frame=place[rows.ignored_frame[is_kept]],
+        ignored_rles=tuple(r for r, k in zip(rows.ignored_rles, is_kept, strict=True) if k),
+    )
+
+
+def _sort_by_frame(rows: TrackRows) -> TrackRows:
+    order = np.argsort(rows.frame, kind="stable")
+    return dataclasses.replace(
+        rows,
+        frame=rows.frame[order],
+        track_id=rows.track_id[order],
+        boxes=rows.boxes[order],
+        class_id=rows.class_id[order],
+        rles=None if rows.rles is None else tuple(rows.rles[row] for row in order),
+    )
+
+
+def _measure(truth: TrackRows, prediction: TrackRows) -> Pairs:
+    if truth.rles is None or prediction.rles is None or not len(truth) or not len(prediction):
+        gt_boxes, pred_boxes = _boxes_in_one_size(truth, prediction)
+        num_frames = truth.num_frames
+        return pair_boxes(truth.frame, gt_boxes, prediction.frame, pred_boxes, num_frames)
+    fitted = _fit_masks(prediction.rles, size_of(truth.rles[0]), prediction.name)
+    parts = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
+    for frame in np.intersect1d(truth.frame, prediction.frame):
+        first, stop = np.searchsorted(truth.frame, [frame, frame + 1])
+        first_pred, stop_pred = np.searchsorted(prediction.frame, [frame, frame + 1])
+        matrix = rle_iou(truth.rles[first:stop], fitted[first_pred:stop_pred])
+        row, column = np.nonzero(matrix)
+        parts.append((row + first, column + first_pred, matrix[row, column]))
+    rows, columns, ious = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return rows, columns, ious
+
+
+def _boxes_in_one_size(truth: TrackRows, prediction: TrackRows) -> tuple[np.ndarray, np.ndarray]:
+    if truth.frame_size is None or prediction.frame_size is None:
+        return truth.boxes, prediction.boxes
+    scale = np.divide(truth.frame_size, prediction.frame_size)[[1, 0, 1, 0]]
+    return truth.boxes, prediction.boxes * scale
+
+
+def _fit_masks(rles: Sequence[Rle], size: tuple[int, int], name: str) -> tuple[Rle, ...]:
+    """Masks at another height and width, where only the scale differs."""
+    return tuple(rle if size_of(rle) == size else _resize(rle, size, name) for rle in rles)
+
+
+def _resize(rle: Rle, size: tuple[int, int], name: str) -> Rle:
+    height, width = size_of(rle)
+    ratio = (width * size[0]) / (height * size[1])
+    if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
+        raise SourceError(
+            f"{name}: predicted masks are {width} x {height} pixels, those of the truth "
+            f"{size[1]} x {size[0]} (width x height): their aspect ratios differ"
+        )
+    mask = np.ascontiguousarray(_coco.decode(rle))
+    resized = cv2.resize(mask, size[::-1], interpolation=cv2.INTER_NEAREST)
+    return encode_masks(resized[None] > 0)[0]
+
+
+def _join_classes(
+    truth: TrackRows, prediction: TrackRows
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Class index per row of both sides; one class for all where a side names none."""
+    sides = (truth, prediction)
+    if any(len(side) and (side.class_id == UNKNOWN_CLASS).any() for side in sides):
+        return np.zeros(len(truth), np.int64), np.zeros(len(prediction), np.int64), ("object",)
+    keys = {_class_key(name): name for side in (prediction, truth) for name in side.class_names}
+    order = {key: place for place, key in enumerate(sorted(keys))}
+    numbers = [
+        np.array([order[_class_key(name)] for name in side.class_names] or [0])[side.class_id]
+        if len(side)
+        else np.zeros(0, np.int64)
+        for side in sides
+    ]
+    return numbers[0], numbers[1], tuple(keys[key] for key in order) or ("object",)
+
+
+def _class_key(name: str) -> str:
+    return name.strip().casefold()
+
+
+def _find_ignored(truth: TrackRows, prediction: TrackRows) -> Bool[np.ndarray, "N"]:
+    is_ignored = np.zeros(len(prediction), bool)
+    assert prediction.rles is not None
+    for frame in np.intersect1d(prediction.frame, truth.ignored_frame):
+        first, stop = np.searchsorted(prediction.frame, [frame, frame + 1])
+        at = np.flatnonzero(truth.ignored_frame == frame)
+        region = merge_rles([truth.ignored_rles[row] for row in at])
+        rles = _fit_masks(prediction.rles[first:stop], size_of(region), prediction.name)
+        is_ignored[first:stop] = covered_share(rles, region) > _IGNORED_SHARE + EPSILON
+    return is_ignored
+
+
+def _stem(name: str) -> str:
+    """`DSC1` of `DSC1.JPG` as of `DSC1.JPG.png`."""
+    inner = PurePosixPath(PurePosixPath(name).stem)
+    return inner.stem if inner.suffix.lower() in IMAGE_SUFFIXES else inner.name

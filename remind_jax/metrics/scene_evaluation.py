@@ -1,0 +1,254 @@
+"""Scores predictions of any tracker against truth, in any of the known formats, scene by scene.
+
+A scene at a time is in memory; of each only its counts are kept. A scene that cannot be scored is
+reported as failed and counted, and takes no part in the scores.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
+from remind_jax.metrics.formats.opening import (
+    RUN_FILE,
+    TEXT_FORMATS,
+    Format,
+    SceneSet,
+    open_scenes,
+)
+from remind_jax.metrics.mot_files import FileFormat, load_mot_sequence, load_mots_sequence
+from remind_jax.metrics.pairing import break_down, pair_scene
+from remind_jax.metrics.run_evaluation import evaluate_run
+from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.tracks_evaluation import Undecided
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneOptions:
+    """How scenes are read and scored."""
+
+    num_frames: int | None = None  # length, for text; up to the last row if left out
+    class_id: int | None = None  # class to score, for text; MOT: all, MOTS: 2, if left out
+    undecided: Undecided = "strict"  # what becomes of undecided detections of a run
+
+
+@dataclasses.dataclass(frozen=True)
+class SetEvaluation:
+    """One set of predictions: its scenes, and those that could not be scored."""
+
+    name: str
+    scenes: tuple[Evaluation, ...]
+    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)  # scene: why
+    notes: tuple[str, ...] = ()
+
+    @property
+    def pooled(self) -> Evaluation:
+        """Counts of all scenes added; that of the one scene where there is one."""
+        if len(self.scenes) == 1:
+            return self.scenes[0]
+        return pool_evaluations(self.scenes, self.name)
+
+    def scores(self) -> dict[str, float]:
+        """Scores of all scenes together; of failed scenes nothing enters them."""
+        num_scenes = len(self.scenes) + len(self.failed)
+        return self.pooled.scores() | {
+            "Scenes": float(num_scenes),
+            "FailedScenes": float(len(self.failed)),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`."""
+        content: dict[str, Any] = {"metrics": without_nan(self.scores())}
+        pooled = self.pooled
+        if pooled.breakdowns:
+            content["breakdowns"] = {
+                name: {
+                    "bins": list(b.bins),
+                    "observations": b.observations.tolist(),
+                    "IDF1": [None if math.isnan(v) else v for v in b.idf1.tolist()],
+                }
+                for name, b in pooled.breakdowns.items()
+            }
+        if len(self.scenes) > 1:
+            content["scenes"] = {e.name: without_nan(e.scores()) for e in self.scenes}
+        if self.failed:
+            content["failed"] = dict(self.failed)
+        if self.notes:
+            content["notes"] = list(self.notes)
+        return content
+
+
+def evaluate(
+    truth: str | Path | SceneSet,
+    prediction: str | Path,
+    *,
+    format: Format | None = None,
+    truth_format: Format | None = None,
+    name: str | None = None,
+    options: SceneOptions | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> SetEvaluation:
+    """Scores predictions against truth.
+
+    Args:
+      truth: Ground truth: a file, a folder of one scene, a folder of scenes.
+      prediction: Output of any tracker; scenes are matched by name (one scene with one scene
+        whatever their names).
+      format: Of the predictions, and of the truth unless told; recognised if left out.
+      truth_format: Of the truth.
+      name: Of the predictions, for tables; the file's or folder's if left out.
+      options: See `SceneOptions`.
+      progress: Called with the name of every scene before it is scored.
+
+    Raises:
+      SourceError: If nothing can be read, or every scene failed.
+      RemindError: If an option is not accepted.
+    """
+    options = options or SceneOptions()
+    if options.undecided not in ("strict", "collapse"):
+        hint = nearest_names(options.undecided, ("strict", "collapse"))
+        raise RemindError(f"undecided is '{options.undecided}'; {hint}")
+    if not isinstance(truth, SceneSet):
+        truth = open_truth(truth, prediction, truth_format or format)
+    like: Any = truth.format if truth.format in TEXT_FORMATS else None
+    predictions = open_scenes(prediction, format, truth=truth, like=like)
+    name = name or Path(prediction).stem or str(prediction)
+    partner, notes = match_scenes(truth, predictions)
+    scenes: list[Evaluation] = []
+    failed: dict[str, str] = {}
+    for scene, predicted in partner.items():
+        if progress is not None:
+            progress(scene)
+        if predicted is None:
+            failed[scene] = "there is no prediction of this scene"
+            continue
+        try:
+            evaluation, scene_notes = evaluate_scene(truth, scene, predictions, predicted, options)
+        except RemindError as error:
+            if len(partner) == 1:
+                raise
+            failed[scene] = str(error)
+            continue
+        scenes.append(evaluation)
+        notes += [n if len(partner) == 1 else f"{scene}: {n}" for n in scene_notes]
+    if not scenes:
+        scene, why = next(iter(failed.items()))
+        raise SourceError(f"none of {len(failed)} scenes could be scored; '{scene}': {why}")
+    return SetEvaluation(name, tuple(scenes), failed, tuple(notes))
+
+
+def open_truth(truth: str | Path, prediction: str | Path, format: Format | None = None) -> SceneSet:
+    """Opens truth; an empty text file is of the format of its predictions.
+
+    Raises:
+      SourceError: If it cannot be read or is not recognised.
+    """
+    opened = open_scenes(truth, format)
+    is_blank = opened.format == "mot" and not any(f.stat().st_size for f in opened.files.values())
+    if format is None and is_blank:
+        other = open_scenes(prediction, truth=opened)
+        if other.format in TEXT_FORMATS:
+            return open_scenes(truth, other.format)
+    return opened
+
+
+def evaluate_scene(
+    truth: SceneSet, scene: str, predictions: SceneSet, predicted: str, options: SceneOptions
+) -> tuple[Evaluation, list[str]]:
+    """Scores one scene; also what is to be told about it.
+
+    Raises:
+      SourceError: If it cannot be read or the sides do not fit together.
+    """
+    if truth.format in TEXT_FORMATS and _same_text(truth.format, predictions.format):
+        paths = truth.files[scene], predictions.files[predicted]
+        sequence = _load_text(truth.format, *paths, options)
+        return dataclasses.replace(evaluate_sequence(sequence), name=scene), []
+    rows = truth.read[scene]()
+    if predictions.format == "run":
+        from remind_jax.outputs.store import read_detections
+
+        _, tracks = read_detections(predictions.files[predicted] / RUN_FILE)
+        evaluation, notes = evaluate_run(tracks, rows, undecided=options.undecided)
+        return dataclasses.replace(evaluation, name=scene), list(notes)
+    paired = pair_scene(rows, predictions.read[predicted]())
+    evaluation = evaluate_sequence(paired.sequence, breakdowns=break_down(paired))
+    return dataclasses.replace(evaluation, name=scene), list(paired.notes)
+
+
+def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str | None], list[str]]:
+    """The prediction of each scene of the truth, None without one; and notes about the others."""
+    if len(truth.names) == len(predictions.names) == 1:
+        return {truth.names[0]: predictions.names[0]}, []
+    known = {_last_part(name): name for name in predictions.names}
+    partner = {
+        scene: scene if scene in predictions.read else known.get(_last_part(scene))
+        for scene in truth.names
+    }
+    extra = sorted(set(predictions.names) - set(partner.values()))
+    notes = []
+    if extra:
+        shown = ", ".join(extra[:3]) + (", ..." if len(extra) > 3 else "")
+        notes.append(f"{len(extra)} predicted scenes are not in the truth: {shown}")
+    return partner, notes
+
+
+def evaluate_files(
+    gt_path: str | Path,
+    pred_path: str | Path,
+    *,
+    format: Format | None = None,
+    num_frames: int | None = None,
+    class_id: int | None = None,
+) -> Evaluation:
+    """Scores one file or folder of predictions; `evaluate` says more about several scenes.
+
+    Args:
+      gt_path: Ground truth.
+      pred_path: Predictions of any tracker.
+      format: Of both; recognised if left out.
+      num_frames: Length of the sequence; up to the last frame of either file if left out.
+      class_id: Class to evaluate. `mot`: all classes if left out; MOTS: 2, pedestrian.
+
+    Raises:
+      SourceError: If a file cannot be read or breaks the rules of its format.
+      RemindError: If the format is unknown.
+    """
+    options = SceneOptions(num_frames=num_frames, class_id=class_id)
+    return evaluate(gt_path, pred_path, format=format, options=options).pooled
+
+
+def without_nan(scores: Mapping[str, float]) -> dict[str, float | None]:
+    """Scores as JSON can hold them: undefined ones are null."""
+    return {name: None if math.isnan(value) else value for name, value in scores.items()}
+
+
+def _same_text(format: Any, other: Any) -> bool:
+    """MOTS and KITTI-MOTS differ in the number of the first frame only."""
+    return (format == "mot") == (other == "mot") and other in TEXT_FORMATS
+
+
+def _load_text(
+    format: Any, gt_path: Path, pred_path: Path, options: SceneOptions
+) -> TrackingSequence:
+    chosen: FileFormat = format
+    if chosen == "mot":
+        return load_mot_sequence(
+            gt_path, pred_path, num_frames=options.num_frames, class_id=options.class_id
+        )
+    return load_mots_sequence(
+        gt_path,
+        pred_path,
+        num_frames=options.num_frames,
+        class_id=2 if options.class_id is None else options.class_id,
+        first_frame=0 if chosen == "kitti-mots" else 1,
+    )
+
+
+def _last_part(name: str) -> str:
+    return name.rpartition("/")[2]
