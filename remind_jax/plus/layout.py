@@ -76,11 +76,11 @@ def weigh_jointly(
         all_odds = jnp.concatenate([jnp.where(shortlist.valid, odds, -jnp.inf), new], axis=1)
         return jax.nn.softmax(all_odds, axis=1)[:, :width]
 
-    odds = base
-    for _ in range(num_rounds):
-        belief = believe(odds)
-        weight = jnp.where(is_anchor[:, None], 1.0 * first, belief)
-        odds = weigh(jnp.where(present, weight, 0.0))
+    def reconsider(_: Array, odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
+        weight = jnp.where(is_anchor[:, None], 1.0 * first, believe(odds))
+        return weigh(jnp.where(present, weight, 0.0))
+
+    odds = jax.lax.fori_loop(0, num_rounds, reconsider, base)
     return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds)
 
 

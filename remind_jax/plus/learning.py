@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
@@ -205,8 +206,11 @@ def absorb(
     num_o, num_k = objects.bank_count.shape
     source = jnp.where(absorbed, slot, 0)
     looks, counts = objects.bank[source], objects.bank_count[source]
-    for k in range(num_k):
-        objects = keep_looks(objects, scene, into, looks[:, k], absorbed & (counts[:, k] > 0), t)
+
+    def hand_over(k: Array, objects: Objects) -> Objects:
+        return keep_looks(objects, scene, into, looks[:, k], absorbed & (counts[:, k] > 0), t)
+
+    objects = lax.fori_loop(0, num_k, hand_over, objects)
     goal = jnp.where(absorbed, into, num_o)
     row = jnp.where(absorbed, into, 0)
     own, more = objects.ring_count[row], objects.ring_count[source]

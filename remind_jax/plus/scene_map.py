@@ -11,11 +11,11 @@ from __future__ import annotations
 import dataclasses
 
 import jax.numpy as jnp
-from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.small_matrices import invert
 from remind_jax.plus.state import Objects, Pairs
 
 MAX_AGE = 1000  # frames; uncertainty grows no further
@@ -111,7 +111,7 @@ def correct_map(
 
     seen = jnp.where(sure[None, :], covariance[:, place], 0.0)
     total = innovation_variance(covariance) + jnp.diag(measured)
-    gain = cho_solve(cho_factor(total), seen.T).T
+    gain = jnp.matmul(seen, invert(total), precision="highest")
     position = objects.position + gain @ error
     # Joseph's form stays symmetric and positive in float32.
     crossed = gain @ seen.T

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.perception.pooling import to_unit
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.small_matrices import invert, orthonormalise
 from remind_jax.plus.state import Objects, Scene
 
 REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
@@ -93,7 +94,7 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     basis = scene.basis
     if directions < dim:
         # One step of orthogonal iteration at each renewal follows the main directions.
-        basis = jnp.linalg.qr(total @ basis + _TINY * basis)[0]
+        basis = orthonormalise(total @ basis + _TINY * basis)
         total, within = basis.T @ total @ basis, basis.T @ within @ basis
     else:
         basis = jnp.eye(dim, dtype=total.dtype)
@@ -107,10 +108,10 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     within = within / (scene.within_weight + t.prior_samples)
     shaped = within + t.ridge * mean_variance(within) * identity + t.total_share * total
     shaped = jnp.where(t.whitening, shaped, identity) + _TINY * identity
-    factor = jnp.linalg.cholesky(shaped)
-    inverse = jax.scipy.linalg.solve_triangular(factor, identity, lower=True)
-    usable = jnp.all(jnp.isfinite(inverse))
-    whitener = jnp.where(usable, inverse @ basis.T, scene.whitener)
+    # Any root of the inverse gives the same cosines.
+    root = jnp.linalg.cholesky(invert(shaped)).T
+    usable = jnp.all(jnp.isfinite(root))
+    whitener = jnp.where(usable, root @ basis.T, scene.whitener)
     return dataclasses.replace(
         scene,
         basis=jnp.where(usable, basis, scene.basis),
