@@ -60,12 +60,23 @@ class Masks:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class RingPatches:
+    """Patches that are typical of the background rings, the most important first.
+
+    Letters: `R` rings (inner, outer), `M` prototypes of a ring.
+    """
+
+    vector: Float[Array, "N R M D"]  # unit length where valid, else zero
+    valid: Bool[Array, "N R M"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Descriptors:
     """What each detection of a frame looks like (perception notes 7).
 
     Letters: `A` appearance channels (global, trimmed), `C` part channels (clusters, attention),
-    `K` parts, `R` rings (inner, outer), `M` prototypes of a ring. Vectors have unit length where
-    valid, else are zero.
+    `K` parts, `R` rings (inner, outer). Vectors have unit length where valid, else are zero.
     """
 
     appearance: Float[Array, "N A D"]
@@ -83,5 +94,4 @@ class Descriptors:
     class_id: Int[AnyArray, "N"]
     valid: Bool[AnyArray, "N"]  # a detection with a mask and finite features
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
-    ring_prototypes: Float[Array, "N R M D"] | None = None  # None: static.ring_prototypes is off
-    ring_prototypes_valid: Bool[Array, "N R M"] | None = None
+    ring_prototypes: RingPatches | None = None  # only with static.ring_prototypes

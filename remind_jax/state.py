@@ -75,6 +75,7 @@ class TrackerState:
     appearance: DualBank  # leading axes [A O+P]: objects first, then pending tracks
     parts: DualBank  # leading axes [C O+P]
     rings: DualBank  # leading axes [R O+P]
+    ring_prototypes: DualBank | None  # the same, only with static.ring_prototypes
     next_id: Int[Array, ""]  # id of the next new object
     frame: Int[Array, ""]  # frames processed so far, the clock of the memory
     decisions: Decisions
@@ -111,6 +112,11 @@ def init(static: Static) -> TrackerState:
         appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
         parts=banks(NUM_PART_CHANNELS, static.part_slots),
         rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),
+        ring_prototypes=(
+            banks(NUM_RINGS, static.inner_prototype_slots, static.outer_prototype_slots)
+            if static.ring_prototypes
+            else None
+        ),
         next_id=jnp.int32(0),
         frame=jnp.int32(0),
         decisions=no_decisions(static),
@@ -180,7 +186,7 @@ def grow(state: TrackerState, static: Static) -> TrackerState:
 
     banks = {
         name: jax.tree.map(widen_rows, getattr(state, name), getattr(empty, name))
-        for name in ("appearance", "parts", "rings")
+        for name in ("appearance", "parts", "rings", "ring_prototypes")
     }
     grown = jax.tree.map(widen, dataclasses.replace(state, **banks), empty)
     return dataclasses.replace(grown, overflow=empty.overflow)

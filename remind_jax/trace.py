@@ -3,9 +3,9 @@
 `tracker.step_traced` gathers them; the plain step carries nothing of this. On the host the same
 classes hold NumPy arrays without padding (`explanation.archive`).
 
-Letters: `N` detections, `C` candidates shown, `T` terms (object, background, parts), `R` passes of
-the reconciliation, `K = 3` objects that an undecided detection may name, `A` anchors of a closed
-group, `H` sets of objects, `O` object slots.
+Letters: `N` detections, `C` candidates shown, `T` terms (object, background, parts; with them on,
+ring prototypes), `R` passes of the reconciliation, `K = 3` objects that an undecided detection may
+name, `A` anchors of a closed group, `H` sets of objects, `O` object slots.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class PassTrace:
 class DetectionTrace:
     """What was known about each detection besides its `Decisions`."""
 
-    quality: Float[Array, "N T"]  # of what was observed, [0, 1]
+    quality: Float[Array, "N 3"]  # of object, background and parts, [0, 1]
     density: Float[Array, "N 2"]  # factor for thin masks on object and parts, [0, 1]
     patch_sum: Float[Array, "N"]  # summed coverage in patches
     source: Int[Array, "N T"]  # banks compared with: similarity.AUTO, WORK, STABLE
@@ -296,7 +296,8 @@ def _trace_candidates(
         present=take(terms.present),
         weight=take(
             jnp.broadcast_to(
-                term_weights(d.quality, terms.authority, t.similarity), terms.value.shape
+                term_weights(d.quality, terms.authority, t.similarity, len(terms.value)),
+                terms.value.shape,
             )
         ),
         authority=take(terms.authority),

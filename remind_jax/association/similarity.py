@@ -24,7 +24,9 @@ from remind_jax.perception.pooling import dot
 from remind_jax.state import TrackerState
 
 OBJECT, BACKGROUND, PARTS = 0, 1, 2
+RING_PROTOTYPES = 3  # only with `static.ring_prototypes`
 NUM_TERMS = 3
+_SUMMED = (OBJECT, BACKGROUND, RING_PROTOTYPES, PARTS)  # in this order, as in the original
 _SLOTS_AT_ONCE = 4
 Rule = Literal["work", "stable", "prefer_stable", "max"]
 
@@ -51,6 +53,8 @@ class ChannelScores:
     rings_stable: Score
     parts_work: Score  # [C N O]
     parts_stable: Score
+    prototypes_work: Score | None = None  # [R N O], of the rings
+    prototypes_stable: Score | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -64,7 +68,7 @@ class Terms:
 
 
 AUTO, WORK, STABLE = 0, 1, 2
-_AUTO_RULES: tuple[Rule, ...] = ("prefer_stable", "prefer_stable", "max")
+_AUTO_RULES: tuple[Rule, ...] = ("prefer_stable", "prefer_stable", "max", "max")
 _FORCED_RULES: tuple[Rule, ...] = ("work", "stable", "max")
 
 
@@ -110,12 +114,13 @@ def compare(
     channels = compare_channels(state, descriptors, static, background, promote_hits)
 
     everything = collapse(channels, _AUTO_RULES, static, t)
-    pending_weights = term_weights(quality, everything.authority, t)
+    num_terms = len(everything.value)
+    pending_weights = term_weights(quality, everything.authority, t, num_terms)
     pending = weighted_mean(everything.value, everything.present, pending_weights, t)[:, slots:]
     auto = jax.tree.map(lambda leaf: leaf[..., :slots], everything)
     of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], channels)
     work, stable, neutral = (
-        collapse(of_objects, (rule,) * NUM_TERMS, static, t) for rule in _FORCED_RULES
+        collapse(of_objects, (rule,) * num_terms, static, t) for rule in _FORCED_RULES
     )
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), auto, work, stable)
     # One bank for all candidates of a detection where all have it, stable first (notes 7.3).
@@ -127,7 +132,7 @@ def compare(
         present=jnp.take_along_axis(stacked.present, pick, axis=0)[0],
         authority=jnp.take_along_axis(stacked.authority, source[OBJECT][None, :, None], 0)[0],
     )
-    weights = term_weights(quality, terms.authority, t)
+    weights = term_weights(quality, terms.authority, t, num_terms)
     return Comparison(
         candidate=candidate,
         score=weighted_mean(terms.value, terms.present & candidate, weights, t),
@@ -135,7 +140,7 @@ def compare(
         terms=terms,
         auto=auto,
         neutral=neutral,
-        neutral_weights=term_weights(quality, None, t),
+        neutral_weights=term_weights(quality, None, t, num_terms),
         pending_score=pending,
     )
 
@@ -189,6 +194,14 @@ def compare_channels(
     (parts_work,), (parts_stable,) = both(
         state.parts, lambda bank: (_best_parts(bank, parts, parts_seen, static.part_top),)
     )
+    prototypes: tuple[Score | None, Score | None] = None, None
+    if descriptors.ring_prototypes is not None and state.ring_prototypes is not None:
+        patches = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), descriptors.ring_prototypes)
+        known, top = patches.valid & background, static.ring_prototype_top
+        (work,), (stable,) = both(
+            state.ring_prototypes, lambda bank: (_best_parts(bank, patches.vector, known, top),)
+        )
+        prototypes = work, stable
     return ChannelScores(
         object_work,
         object_stable,
@@ -198,6 +211,7 @@ def compare_channels(
         rings_stable,
         parts_work,
         parts_stable,
+        *prototypes,
     )
 
 
@@ -278,7 +292,7 @@ def collapse(
 ) -> Terms:
     """Reduces work and stable bank, then the channels, to the three terms (notes 7.1, 7.2)."""
     c = channels
-    for_object, for_background, for_parts = rules
+    for_object, for_background, for_parts = rules[:NUM_TERMS]
     score, takes_stable = _collapse_pair(c.object_work, c.object_stable, for_object)
     authority = jnp.where(takes_stable, c.authority_stable, c.authority_work)
     chosen = {"best": slice(None), "global": slice(0, 1), "trimmed": slice(1, 2)}
@@ -296,9 +310,13 @@ def collapse(
     )
     parts, _ = _collapse_pair(c.parts_work, c.parts_stable, for_parts)
     parts = Score(jnp.max(parts.value, axis=0), jnp.any(parts.present, axis=0))
+    terms = [Score(obj.value, obj.present), back, parts]
+    if c.prototypes_work is not None and c.prototypes_stable is not None:
+        work, stable = _join_rings(c.prototypes_work, t), _join_rings(c.prototypes_stable, t)
+        terms.append(_collapse_pair(work, stable, rules[RING_PROTOTYPES])[0])
     return Terms(
-        value=jnp.stack([obj.value, back.value, parts.value]),
-        present=jnp.stack([obj.present, back.present, parts.present]),
+        value=jnp.stack([term.value for term in terms]),
+        present=jnp.stack([term.present for term in terms]),
         authority=authority,
     )
 
@@ -322,6 +340,10 @@ def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
         return jax.tree.map(lambda leaf: leaf[0], rings)
     if static.ring_channel == "outer":
         return jax.tree.map(lambda leaf: leaf[1], rings)
+    return _join_rings(rings, t)
+
+
+def _join_rings(rings: Score, t: Similarity) -> Score:
     shares = jnp.maximum(jnp.stack([t.inner_share, t.outer_share]), 0.0)
     total = jnp.sum(shares)
     shares = jnp.where(total > 1e-12, shares / jnp.maximum(total, 1e-12), 0.5)
@@ -332,7 +354,10 @@ def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
 
 
 def term_weights(
-    quality: Quality, authority: Float[Array, "N O"] | None, t: Similarity
+    quality: Quality,
+    authority: Float[Array, "N O"] | None,
+    t: Similarity,
+    num_terms: int = NUM_TERMS,
 ) -> Float[Array, "T N #O"]:
     """Weights of the terms after the quality of observation and prototype (notes 6.2).
 
@@ -346,7 +371,8 @@ def term_weights(
     obj = lift(seen, t.object_floor) * quality.object_density[:, None]
     back = lift(quality.background, t.background_floor)[:, None] * ones
     parts = (lift(quality.parts, t.parts_floor) * quality.parts_density)[:, None] * ones
-    return jnp.stack([t.object_weight * obj, t.background_weight * back, t.parts_weight * parts])
+    weights = [t.object_weight * obj, t.background_weight * back, t.parts_weight * parts]
+    return jnp.stack([*weights, t.ring_prototypes_weight * back][:num_terms])
 
 
 def weighted_mean(
@@ -356,11 +382,12 @@ def weighted_mean(
     t: Similarity,
 ) -> Float[Array, "N O"]:
     """One score from the present terms of positive nominal weight (notes 7.4)."""
-    nominal = jnp.stack([t.object_weight, t.background_weight, t.parts_weight])
+    nominal = [t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight]
+    nominal = jnp.stack(nominal[: len(value)])
     counted = present & (nominal > 0)[:, None, None]
     weights = jnp.where(counted, weights, 0.0)
     total, weight = jnp.zeros(value.shape[1:], value.dtype), jnp.zeros(value.shape[1:], value.dtype)
-    for term in range(NUM_TERMS):  # in this order, as in the original
+    for term in [term for term in _SUMMED if term < len(value)]:
         total = total + weights[term] * jnp.where(counted[term], value[term], 0.0)
         weight = weight + weights[term]
     mean = jnp.where(weight > 1e-12, total / jnp.maximum(weight, 1e-12), 0.0)

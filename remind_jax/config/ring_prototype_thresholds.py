@@ -26,10 +26,10 @@ class RingPrototypes:
     cohesion_power: Real = 2.0  # clusters rank by mass times cohesion to this power
     promote_hits: Whole = 5  # hits from which a work prototype feeds the stable bank
     stable_merge: Real = 0.96  # the closest stable pair is joined from here on
-    weight: Real = 0.05  # of the term in the visual score
 
 
 _P = "bg_local.prototypes"
+_W = "association.matching.weights"
 
 RENAMED: dict[str, str] = {
     f"{_P}.c_sqrt": "thresholds.ring_prototypes.cluster_scale",
@@ -45,7 +45,7 @@ RENAMED: dict[str, str] = {
     "update.background_memory.promote_hits_partials": "thresholds.ring_prototypes.promote_hits",
     "update.background_memory.stable_merge_thr": "thresholds.ring_prototypes.stable_merge",
     "association.similarity.background_partials.topk": "static.ring_prototype_top",
-    "association.matching.weights.background_partials": "thresholds.ring_prototypes.weight",
+    f"{_W}.background_partials": "thresholds.similarity.ring_prototypes_weight",
 }
 
 # Keys whose values have other names here.

@@ -143,6 +143,7 @@ class Similarity:
     object_weight: Real = 0.60  # [w_obj]
     background_weight: Real = 0.25  # [w_bg]
     parts_weight: Real = 0.10  # [w_parts]
+    ring_prototypes_weight: Real = 0.05  # only with static.ring_prototypes
     renormalize: Gate = True  # divide by the weights of the channels that are present
     inner_share: Real = 0.60  # weight of the inner ring in the background score
     outer_share: Real = 0.40

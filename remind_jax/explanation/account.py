@@ -21,6 +21,7 @@ from remind_jax.state import Lifecycle
 
 FORMAT, VERSION = "remind-jax explanation", 1
 TERMS = ("object", "background", "parts")
+MORE_TERMS = ("ring_prototypes",)  # if they are on
 SOURCES = ("auto", "work", "stable")  # banks that a term was compared with
 
 
@@ -41,7 +42,7 @@ class Candidate:
     name: str
     lifecycle: Lifecycle  # before the frame
     unseen_frames: int
-    terms: dict[str, Term]  # by TERMS
+    terms: dict[str, Term]  # by TERMS, and MORE_TERMS
     authority: float  # how proven the winning prototype is
     visual_score: float  # weighted mean of the terms
     comparable_score: float  # on the evidence that all plausible candidates have, with context
@@ -271,7 +272,8 @@ def _candidate(case: Case, object_id: int) -> Candidate:
         return case.candidate(object_id, field)
 
     sources = [SOURCES[code] for code in case.trace("source")]
-    columns = zip(TERMS, take("value"), take("present"), take("weight"), sources, strict=True)
+    names = (*TERMS, *MORE_TERMS)[: len(sources)]
+    columns = zip(names, take("value"), take("present"), take("weight"), sources, strict=True)
     return Candidate(
         object_id=object_id,
         name=case.name(object_id),

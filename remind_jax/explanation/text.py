@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from remind_jax.association.gating import Gate
 from remind_jax.context.veto import Veto
 from remind_jax.decision import Outcome
-from remind_jax.explanation.account import TERMS, Candidate, Explanation, KnownSet, Term
+from remind_jax.explanation.account import Candidate, Explanation, KnownSet, Term
 from remind_jax.explanation.words import change, listing, number, plural
 from remind_jax.state import Lifecycle
 from remind_jax.tracks import Tracks
@@ -31,11 +31,7 @@ VETOES = {
     Veto.LOCAL_CTX_CONTRADICTION: "no: ruled out, neighbours",
 }
 
-_CANDIDATE_COLUMNS = (
-    "candidate", "state", *(f"{term} x w" for term in TERMS), "visual", "context", "assign",
-    "final", "common", "open to assignment",
-)  # fmt: skip
-_LEFT = (0, 1, len(_CANDIDATE_COLUMNS) - 1)
+_COLUMNS = ("visual", "context", "assign", "final", "common", "open to assignment")
 
 
 def render_text(explanation: Explanation) -> str:
@@ -80,11 +76,13 @@ def _candidates_title(e: Explanation) -> str:
 
 
 def _candidates(e: Explanation) -> list[str]:
+    terms = [f"{term.replace('_', ' ')} x w" for term in e.candidates[0].terms]
+    heads = ("candidate", "state", *terms, *_COLUMNS)
     rows = [
         (
             f"{'*' if c.object_id == e.object_id else ' '} {c.name}",
             _state(c),
-            *(_term(c.terms[term]) for term in TERMS),
+            *map(_term, c.terms.values()),
             number(c.visual_score),
             _context(c),
             number(c.assignment_score),
@@ -94,7 +92,7 @@ def _candidates(e: Explanation) -> list[str]:
         )
         for c in e.candidates
     ]
-    return align((_CANDIDATE_COLUMNS, *rows), _LEFT)
+    return align((heads, *rows), (0, 1, len(heads) - 1))
 
 
 def _state(c: Candidate) -> str:

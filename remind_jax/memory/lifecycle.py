@@ -107,7 +107,9 @@ def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerS
         class_id=jnp.where(alive, kept.class_id, NO_ID),
     )
 
-    def compact(banks: DualBank) -> DualBank:
+    def compact(banks: DualBank | None) -> DualBank | None:
+        if banks is None:
+            return None
         moved = jax.tree.map(lambda leaf: leaf[:, rows], banks)
         clear = lambda bank: dataclasses.replace(bank, size=jnp.where(filled, bank.size, 0))  # noqa: E731
         return DualBank(clear(moved.work), clear(moved.stable))
@@ -120,4 +122,5 @@ def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerS
         appearance=compact(state.appearance),
         parts=compact(state.parts),
         rings=compact(state.rings),
+        ring_prototypes=compact(state.ring_prototypes),
     )

@@ -37,6 +37,7 @@ from remind_jax.memory.pending import (
     open_tracks,
     write_tracks,
 )
+from remind_jax.memory.ring_prototypes import observe_ring_prototypes
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.perception.relations import Relations
 from remind_jax.state import Objects, Overflow, TrackerState
@@ -243,7 +244,10 @@ def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
 def _clear_rows(state: TrackerState, rows: Bool[Array, "O+P"]) -> TrackerState:
     """Empties the banks of pending tracks that ended."""
 
-    def clear(banks: DualBank) -> DualBank:
+    def clear(banks: DualBank | None) -> DualBank | None:
+        if banks is None:
+            return None
+
         def empty(bank):
             return dataclasses.replace(bank, size=jnp.where(rows, 0, bank.size))
 
@@ -254,6 +258,7 @@ def _clear_rows(state: TrackerState, rows: Bool[Array, "O+P"]) -> TrackerState:
         appearance=clear(state.appearance),
         parts=clear(state.parts),
         rings=clear(state.rings),
+        ring_prototypes=clear(state.ring_prototypes),
     )
 
 
@@ -280,7 +285,7 @@ def _update_banks(
     """
     none = state.appearance.work.size.shape[1]
     now, num = state.frame, rows.shape[1]
-    banks = (state.appearance, state.rings, state.parts)
+    banks = (state.appearance, state.rings, state.parts, state.ring_prototypes)
 
     def show(carry: tuple[Array, tuple]) -> tuple[Array, tuple]:
         rows, banks = carry
@@ -289,18 +294,20 @@ def _update_banks(
         turn = jnp.where(first, turn, none)
         done = (rows == turn[None]) & (rows < none)
         done = done.at[1].set(done[1] & ~done[0])
-        appearance, rings, parts = banks
+        appearance, rings, parts, prototypes = banks
         args = (descriptors, permit, now, static, t)
         shown = (
             _write_rows(appearance, turn, lambda bank: _observe_appearance(bank, *args)),
             _write_rows(rings, turn, lambda bank: _observe_rings(bank, *args)),
             _write_rows(parts, turn, lambda bank: _observe_parts(bank, *args)),
+            prototypes
+            and _write_rows(prototypes, turn, lambda bank: _observe_prototypes(bank, *args)),
         )
         return jnp.where(done, none, rows), shown
 
     _, banks = jax.lax.while_loop(lambda carry: jnp.any(carry[0] < none), show, (rows, banks))
-    appearance, rings, parts = banks
-    return dataclasses.replace(state, appearance=appearance, rings=rings, parts=parts)
+    names = ("appearance", "rings", "parts", "ring_prototypes")
+    return dataclasses.replace(state, **dict(zip(names, banks, strict=True)))
 
 
 def _write_rows(
@@ -363,6 +370,20 @@ def _observe_rings(
         cap=t.background.merge_cap,
     )
     return place(banks, arrival, room, now)
+
+
+def _observe_prototypes(
+    banks: DualBank,
+    d: Descriptors,
+    permit: Permit,
+    now: Int[Array, ""],
+    static: Static,
+    t: Thresholds,
+) -> DualBank:
+    patches = d.ring_prototypes
+    assert patches is not None, "there are banks for them"
+    patches = dataclasses.replace(patches, valid=patches.valid & t.background.enabled)
+    return observe_ring_prototypes(banks, patches, permit, now, static, t)
 
 
 def _observe_parts(

@@ -188,17 +188,20 @@ function drawCandidates(told) {
   };
   const opened = (who) => (who.veto === "none" ? gates[who.gate] : "no: ruled out by context") +
     (who.held_by === null ? "" : `; detection ${who.held_by} got it`);
+  const terms = Object.keys(told.candidates[0].terms);
   const rows = told.candidates.map((who) => make("tr",
     { class: who.object_id === told.object_id ? "decided" : "" },
     make("td", {}, swatch(colourOf.get(who.object_id)), who.name),
     make("td", {}, who.lifecycle + (who.unseen_frames ? `, unseen ${who.unseen_frames}` : "")),
-    ...["object", "background", "parts"].map((name) => term(who.terms[name])),
+    ...terms.map((name) => term(who.terms[name])),
     cell(number(who.visual_score)), bonus(who), cell(number(who.assignment_score)),
     cell(number(who.final_score)), cell(who.plausible ? number(who.comparable_score) : ""),
     make("td", {}, opened(who))));
-  const heads = ["Candidate", "State", "Object", "Background", "Parts", "Visual", "Context",
-    "Assign", "Final", "Common", "Open to assignment"].map((text, column) =>
-    make("th", column > 1 && column < 10 ? { class: "number" } : {}, text));
+  const named = terms.map((name) => name[0].toUpperCase() + name.slice(1).replace("_", " "));
+  const titles = ["Candidate", "State", ...named, "Visual", "Context", "Assign", "Final", "Common",
+    "Open to assignment"];
+  const heads = titles.map((text, column) =>
+    make("th", column > 1 && column < titles.length - 1 ? { class: "number" } : {}, text));
   const { quality } = told;
   return [make("h3", {}, `Candidates (${told.candidates.length} of ${told.num_candidates})`),
     make("div", { class: "scroll" }, make("table", {},

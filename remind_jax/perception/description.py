@@ -50,10 +50,10 @@ def describe(
     rings = find_rings(blocked, static.ring_max_radius, t) & finite
     background = ring_weights(rings, filled)
     ring_mean, ring_present = pool(background, features)
-    prototypes = prototypes_valid = None
+    prototypes = None
     if static.ring_prototypes:
         inside = rings.reshape(background.shape)
-        prototypes, prototypes_valid = find_ring_prototypes(
+        prototypes = find_ring_prototypes(
             features, inside, background, static, thresholds.ring_prototypes
         )
 
@@ -75,5 +75,4 @@ def describe(
         valid=masks.valid & ~(covered & lost),
         num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
         ring_prototypes=prototypes,
-        ring_prototypes_valid=prototypes_valid,
     )

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.ring_prototype_thresholds import RingPrototypes
 from remind_jax.config.static import Static
+from remind_jax.observation import RingPatches
 from remind_jax.perception.pooling import TINY, dot, to_unit
 from remind_jax.solvers.clustering import kmeans_with_centres
 
@@ -21,7 +22,7 @@ def find_ring_prototypes(
     weights: Float[Array, "N R P"],
     static: Static,
     t: RingPrototypes,
-) -> tuple[Float[Array, "N R M D"], Bool[Array, "N R M"]]:
+) -> RingPatches:
     """Describes each ring by the patches that stand for its largest and most uniform regions.
 
     Args:
@@ -30,9 +31,6 @@ def find_ring_prototypes(
       weights: Share of each ring patch that is background.
       static: Bounds and kinds of clustering.
       t: Thresholds.
-
-    Returns:
-      Unit vectors, the most important first, and which of them exist.
     """
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
     found = [
@@ -42,7 +40,7 @@ def find_ring_prototypes(
         for ring in range(rings.shape[1])
     ]
     vectors, valid = (jnp.stack(leaves, axis=1) for leaves in zip(*found, strict=True))
-    return vectors, valid
+    return RingPatches(vectors, valid)
 
 
 def _describe_ring(

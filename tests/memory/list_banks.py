@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from remind_jax.config import Static
+from remind_jax.config.ring_prototype_thresholds import RingPrototypes
 from remind_jax.config.thresholds import Appearance, Background, Parts
 
 
@@ -270,6 +271,53 @@ def update_parts(
             banks.note("not novel")
         elif may_insert:
             put(banks.work, vector, static.part_slots[0], t.merge, "work")
+
+
+def update_ring_prototypes(
+    banks: Banks, vectors, now, slots, policy, t: Background, r: RingPrototypes, may_insert=True,
+    rate=1.0,
+) -> None:  # fmt: skip
+    """Notes 11.2: the prototypes of one ring of one detection, in order."""
+    for vector in vectors:
+        i, cosine = nearest(banks.work, vector)
+        if cosine >= t.duplicate:
+            prototype = banks.work[i]
+            prototype.hits += 1
+            prototype.last_seen = now
+            prototype.move_by_similarity(
+                vector, cosine, t.duplicate, t.update_margin, t.update_rate_min,
+                t.update_rate_max, rate,
+            )  # fmt: skip
+            banks.note("work: refresh")
+        elif may_insert:
+            value = Prototype.of(vector, 1.0, now)
+            insert(banks, banks.work, value, slots[0], t.merge, policy, t.merge_cap, now, "work")
+        i, _ = nearest(banks.work, vector)
+        if i < 0 or not may_insert or banks.work[i].hits < r.promote_hits:
+            continue
+        proven = banks.work[i].embedding
+        j, cosine = nearest(banks.stable, proven)
+        if cosine >= t.stable_duplicate:
+            prototype = banks.stable[j]
+            prototype.hits += 1
+            prototype.last_seen = now
+            if t.stable_update:
+                prototype.move_by_similarity(
+                    proven, cosine, t.stable_duplicate, t.stable_margin, t.stable_rate_min,
+                    t.stable_rate_max, rate,
+                )  # fmt: skip
+            banks.note("stable: refresh")
+            continue
+        banks.stable.append(Prototype.of(proven, 1.0, now))
+        banks.note("stable: insert")
+        if len(banks.stable) > slots[1]:
+            del banks.stable[0]
+            banks.note("stable: first out")
+        cosine, i, j = closest_pair(banks.stable)
+        if cosine >= r.stable_merge:
+            banks.stable[i] = merged(banks.stable[i], banks.stable[j], now, t.merge_cap)
+            del banks.stable[j]
+            banks.note("stable: merge")
 
 
 def random_views(rng, *shape, dim=4, directions=5, spread=0.2) -> np.ndarray:

@@ -44,8 +44,8 @@ def described(recorded):
         (found[frame], slot)
         for frame, slot in zip(recorded["frame"].tolist(), recorded["det"].tolist(), strict=True)
     ]
-    vectors = np.stack([d.ring_prototypes[slot] for d, slot in rows])
-    return vectors, np.stack([d.ring_prototypes_valid[slot] for d, slot in rows])
+    vectors = np.stack([d.ring_prototypes.vector[slot] for d, slot in rows])
+    return vectors, np.stack([d.ring_prototypes.valid[slot] for d, slot in rows])
 
 
 def test_prototypes_equal_the_original(recorded, described):
@@ -137,7 +137,8 @@ def test_prototypes_equal_plain_lists(settings, rules, solver):
     t = RingPrototypes(**rules)
     static = Static(ring_prototypes=True, solver=solver, **settings)
     arrays = Thresholds(ring_prototypes=t).as_arrays(static.scalar).ring_prototypes
-    vectors, valid = FIND(features, rings, weights, static=static, t=arrays)
+    found = FIND(features, rings, weights, static=static, t=arrays)
+    vectors, valid = found.vector, found.valid
     sizes = set()
     for n, r in np.ndindex(rings.shape[:2]):
         seed = static.ring_seed + r
@@ -154,9 +155,9 @@ def test_a_missing_ring_has_no_prototype():
     features, rings, weights = random_rings(0)
     static = Static(ring_prototypes=True)
     arrays = Thresholds().as_arrays(static.scalar).ring_prototypes
-    vectors, valid = FIND(features, rings & False, weights * 0, static=static, t=arrays)
-    assert not valid.any()
-    assert not vectors.any()
+    found = FIND(features, rings & False, weights * 0, static=static, t=arrays)
+    assert not found.valid.any()
+    assert not found.vector.any()
 
 
 def test_nothing_is_described_unless_wanted():
@@ -170,4 +171,3 @@ def test_nothing_is_described_unless_wanted():
         lambda: describe(feats, reduced, static, Thresholds().as_arrays(static.scalar))
     )
     assert shapes.ring_prototypes is None
-    assert shapes.ring_prototypes_valid is None
