@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from remind_jax.frame import Detections as Detections
     from remind_jax.frame import Frame as Frame
     from remind_jax.live import Tracker as Tracker
+    from remind_jax.metrics import compare as compare
+    from remind_jax.metrics import evaluate as evaluate
     from remind_jax.observation import FrameFeats as FrameFeats
     from remind_jax.observation import Masks as Masks
     from remind_jax.result import Result as Result
@@ -52,6 +54,8 @@ _HOMES = {
     "Tracker": "live",
     "TrackerState": "state",
     "Tracks": "tracks",
+    "compare": "metrics",
+    "evaluate": "metrics",
     "init": "tracker",
     "load_config": "config",
     "open_source": "sources",

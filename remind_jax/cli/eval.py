@@ -6,59 +6,109 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
-from remind_jax.errors import OutputError
+from remind_jax.errors import OutputError, RemindError
+
+if TYPE_CHECKING:
+    from remind_jax.metrics import SetEvaluation
 
 _SHOWN = ("HOTA", "DetA", "AssA", "LocA", "MOTA", "IDF1", "IDP", "IDR", "Recovery", "HardRecovery")
 _COUNTED = ("IDSW", "Frag", "MT", "PT", "ML", "GT_IDs", "IDs", "GT_Dets", "Dets", "Frames")
 
+FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
+
 
 @dataclasses.dataclass(frozen=True)
 class Eval:
-    """Score a file of tracks against a file of ground truth with the standard metrics.
+    """Score tracks against ground truth with the standard metrics; compare several trackers.
 
-    Numbers equal TrackEval's. Recovery: returns that got their identity back.
+    Numbers equal TrackEval's. Recovery: returns that got their identity back. Truth and predictions
+    may be MOTChallenge or MOTS text, folders of instance maps (DAVIS), COCO-video / YouTube-VIS,
+    TAO or BURST JSON, output folders of `remind run`, or folders with many scenes of these.
 
     Examples:
       remind eval gt.txt runs/rooms/mot.txt
       remind eval gt.txt pred.txt --format mots --json scores.json
+      remind eval DAVIS_ROOT runs/ours masks_of_a_vos_tracker --table comparison.html
     """
 
     truth: Annotated[Positional[Path], arg(metavar="GT")]  # ground truth
-    prediction: Annotated[Positional[Path], arg(metavar="PRED")]  # in the same format
-    format: Literal["mot", "mots", "kitti-mots"] | None = None  # recognised if left out
-    num_frames: int | None = None  # length of the sequence; up to the last frame if left out
-    class_id: int | None = None  # class to score; MOT: all, MOTS: 2 (pedestrian) if left out
+    predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="PRED")]  # one or more
+    format: FormatName | None = None  # of the predictions and, unless told, the truth
+    truth_format: FormatName | None = None  # of the truth; recognised if left out
+    undecided: Literal["strict", "collapse"] = (
+        "strict"  # undecided detections of a run: no id, or settled
+    )
+    num_frames: int | None = None  # text: length of the sequence; up to the last frame if left out
+    class_id: int | None = None  # text: class to score; MOT: all, MOTS: 2 (pedestrian) if left out
     json: Path | None = None  # also write every field to this file
+    table: tuple[Path, ...] = ()  # also write the table: .md, .csv, .tex, .html (with plots), .txt
+    resamples: int = 1000  # draws of the bootstrap intervals in tables; 0 for none
     quiet: bool = False  # print no table
 
     def execute(self) -> int:
         """Scores, prints and writes; returns the exit code.
 
         Raises:
-          RemindError: If a file cannot be read, or the result not be written.
+          RemindError: If something cannot be read, or the result not be written.
         """
-        from remind_jax.metrics import evaluate_files
+        from remind_jax.metrics.scene_comparison import table_of
 
-        evaluation = evaluate_files(
-            self.truth,
-            self.prediction,
-            format=self.format,
+        if not self.predictions:
+            raise RemindError("there are no predictions to score; name them after the truth")
+        if self.resamples < 0:
+            raise RemindError(f"resamples is {self.resamples}; give 0 or more")
+        evaluations = self._evaluate()
+        if self.json is not None:
+            _write_json(self.json, evaluations)
+        if self.table or (len(evaluations) > 1 and not self.quiet):
+            table = table_of(evaluations, num_resamples=self.resamples, title=self.truth.name)
+            for path in self.table:
+                table.save(path)
+            if len(evaluations) > 1 and not self.quiet:
+                table.print()
+        if len(evaluations) == 1 and not self.quiet:
+            print_evaluation(evaluations[0])
+        return exit_codes.FINE
+
+    def _evaluate(self) -> list[SetEvaluation]:
+        from remind_jax.metrics.scene_comparison import name_predictions
+        from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate
+
+        options = SceneOptions(
             num_frames=self.num_frames,
             class_id=self.class_id,
+            undecided=self.undecided,
+            by_object=bool(self.table) or len(self.predictions) > 1,
         )
-        if self.json is not None:
-            try:
-                self.json.write_text(json.dumps(evaluation.to_json(), indent=1) + "\n")
-            except OSError as error:
-                raise OutputError(f"cannot write '{self.json}': {error.strerror}") from error
-        if not self.quiet:
-            print_scores(evaluation.scores())
-        return exit_codes.FINE
+        return [
+            evaluate(
+                self.truth,
+                path,
+                format=self.format,
+                truth_format=self.truth_format,
+                name=name,
+                options=options,
+            )
+            for name, path in name_predictions(self.predictions).items()
+        ]
+
+
+def print_evaluation(evaluation: SetEvaluation) -> None:
+    """Prints the main scores of one set of predictions, and what went wrong."""
+    print_scores(evaluation.scores())
+    if evaluation.failed:
+        print(f"{len(evaluation.failed)} of {_num_scenes(evaluation)} scenes failed:")
+        for scene, why in evaluation.failed.items():
+            print(f"  {scene}: {why}")
+    elif _num_scenes(evaluation) > 1:
+        print(f"{_num_scenes(evaluation)} scenes, counts added")
+    for note in evaluation.notes:
+        print(f"note: {note}")
 
 
 def print_scores(scores: dict[str, float]) -> None:
@@ -74,3 +124,17 @@ def print_scores(scores: dict[str, float]) -> None:
         value = "-" if math.isnan(scores[score]) else f"{100 * scores[score]:.2f} %"
         table.add_row(score, value, count, f"{scores[count]:.0f}")
     Console().print(table)
+
+
+def _num_scenes(evaluation: SetEvaluation) -> int:
+    return len(evaluation.scenes) + len(evaluation.failed)
+
+
+def _write_json(path: Path, evaluations: list[SetEvaluation]) -> None:
+    content: dict[str, Any] = evaluations[0].to_json()
+    if len(evaluations) > 1:
+        content = {"predictions": {e.name: e.to_json() for e in evaluations}}
+    try:
+        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write '{path}': {error.strerror}") from error

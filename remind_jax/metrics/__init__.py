@@ -9,6 +9,7 @@ from remind_jax.metrics.combine import average_classes, bootstrap_intervals, sta
 from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
 from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
 from remind_jax.metrics.recovery import Answers, count_recovery, find_reference
+from remind_jax.metrics.scene_comparison import compare, table_of
 from remind_jax.metrics.scene_evaluation import (
     SceneOptions,
     SetEvaluation,
@@ -30,6 +31,7 @@ __all__ = [
     "TrackingSequence",
     "average_classes",
     "bootstrap_intervals",
+    "compare",
     "count_recovery",
     "evaluate",
     "evaluate_files",
@@ -38,4 +40,5 @@ __all__ = [
     "find_reference",
     "pool_evaluations",
     "stack_counts",
+    "table_of",
 ]

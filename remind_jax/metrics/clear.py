@@ -46,11 +46,9 @@ def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) 
       sequence: Ground truth and predictions.
       threshold: Least similarity of a match.
     """
-    pairs = np.flatnonzero(sequence.pair_similarity >= threshold - EPSILON)
-    matches = pairs[_match_continuously(sequence, pairs)]
+    matches = match_clear(sequence, threshold)
     objects = sequence.gt_index[sequence.pair_gt[matches]]
-    labels = sequence.pred_index[sequence.pair_pred[matches]]
-    switches, fragments = _count_breaks(sequence, sequence.pair_frame[matches], objects, labels)
+    is_switch, is_break, _ = find_breaks(sequence, matches)
 
     lengths = sequence.gt_lengths
     tracked = np.bincount(objects, minlength=len(lengths)) / np.maximum(1, lengths)
@@ -61,8 +59,8 @@ def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) 
         len(matches),
         len(sequence.gt_id) - len(matches),
         len(sequence.pred_id) - len(matches),
-        switches,
-        fragments,
+        int(is_switch.sum()),
+        int(is_break.sum()),
         mostly_tracked,
         partly_tracked,
         len(lengths) - mostly_tracked - partly_tracked,
@@ -70,6 +68,14 @@ def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) 
         sequence.num_frames if is_evaluated else 0,
     )
     return ClearCounts(*(np.asarray(count) for count in counts))
+
+
+def match_clear(
+    sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD
+) -> Int[np.ndarray, "M"]:
+    """The pairs that CLEAR matches, as places in the table of pairs."""
+    pairs = np.flatnonzero(sequence.pair_similarity >= threshold - EPSILON)
+    return pairs[_match_continuously(sequence, pairs)]
 
 
 def _processed_order(sequence: TrackingSequence) -> Int[np.ndarray, "T"]:
@@ -127,20 +133,23 @@ def _find_predecessors(
     return before
 
 
-def _count_breaks(
-    sequence: TrackingSequence,
-    frame: Int[np.ndarray, "M"],
-    objects: Int[np.ndarray, "M"],
-    labels: Int[np.ndarray, "M"],
-) -> tuple[int, int]:
-    """Identity switches (across any gap) and fragmentations of the matches."""
+def find_breaks(
+    sequence: TrackingSequence, matches: Int[np.ndarray, "M"]
+) -> tuple[Bool[np.ndarray, "M-1"], Bool[np.ndarray, "M-1"], Int[np.ndarray, "M-1"]]:
+    """Identity switches (across any gap) and fragmentations, and the object of each.
+
+    One entry for every match that follows another, ordered by object and frame.
+    """
+    objects = sequence.gt_index[sequence.pair_gt[matches]]
+    labels = sequence.pred_index[sequence.pair_pred[matches]]
+    frame = sequence.pair_frame[matches]
     order = np.lexsort((frame, objects))
     step = _processed_order(sequence)[frame[order]]
     objects, labels = objects[order], labels[order]
     is_same_object = objects[1:] == objects[:-1]
     is_switch = is_same_object & (labels[1:] != labels[:-1])
     is_break = is_same_object & (step[1:] != step[:-1] + 1)
-    return int(is_switch.sum()), int(is_break.sum())
+    return is_switch, is_break, objects[1:]
 
 
 def clear_scores(counts: ClearCounts, *, pooled: bool = False) -> dict[str, Any]:

@@ -67,6 +67,7 @@ def bootstrap_intervals(
     counts: Counts,
     score: Callable[[Counts], Scores],
     *,
+    remainder: Counts | None = None,
     level: float = 0.95,
     num_resamples: int = 1000,
     seed: int = 0,
@@ -76,6 +77,7 @@ def bootstrap_intervals(
     Args:
       counts: Leading axis over the units to resample: sequences (`stack_counts`) or objects.
       score: From counts with a leading axis to named scores, such as `identity_scores`.
+      remainder: Counts without that axis that are added to every draw.
       level: Probability that the interval is to hold.
       num_resamples: Draws.
       seed: Of the draws.
@@ -89,8 +91,11 @@ def bootstrap_intervals(
     if not 0 < level < 1:
         raise RemindError(f"level is {level}; it must lie between 0 and 1, such as 0.95")
     ends = 50 * (1 - level), 50 * (1 + level)
+    drawn = resample_counts(counts, num_resamples, seed)
+    if remainder is not None:
+        drawn = _add_counts(drawn, remainder)
     intervals = {}
-    for name, values in score(resample_counts(counts, num_resamples, seed)).items():
+    for name, values in score(drawn).items():
         values = np.asarray(values, float).reshape(num_resamples, -1).mean(axis=1)
         values = values[np.isfinite(values)]
         low, high = np.percentile(values, ends) if len(values) else (np.nan, np.nan)
@@ -111,6 +116,14 @@ def average_classes(scores: Sequence[Scores]) -> dict[str, Any]:
         else np.mean([s[name] for s in scores], axis=0)
         for name in scores[0]
     }
+
+
+def _add_counts(counts: Counts, more: Counts) -> Counts:
+    added = {
+        field.name: getattr(counts, field.name) + getattr(more, field.name)
+        for field in dataclasses.fields(counts)
+    }
+    return type(counts)(**added)
 
 
 def _map_fields(counts: Counts, change: Callable[[Any], Any]) -> Counts:

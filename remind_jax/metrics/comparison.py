@@ -22,7 +22,11 @@ from remind_jax.metrics.columns import Column, Interval, column_of, format_cell
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
+
+# Characters of a line where nothing limits it.
+_WIDE = 4000
 
 # Scores closer than this are equal: less than any format shows.
 _SAME = 1e-9
@@ -73,17 +77,15 @@ class ComparisonTable:
     charts: Sequence[Chart] = ()
 
     def to_text(self, *, width: int | None = None) -> str:
-        """For a terminal; intervals stand under the scores, the best of a column is bold.
+        """For a terminal; intervals stand under the scores.
 
         Args:
-          width: Characters per line; if left out, that of the terminal, or as wide as needed where
-            there is none.
+          width: Characters per line; as wide as needed if left out. Where the methods do not fit
+            below each other with all columns, they stand beside each other.
         """
         from rich.console import Console
 
-        console = Console(width=width)
-        if width is None and not console.is_terminal:
-            console = Console(width=4000)
+        console = Console(width=width or _WIDE)
         with console.capture() as capture:
             self.print(console)
         return "\n".join(line.rstrip() for line in capture.get().splitlines()) + "\n"
@@ -91,23 +93,40 @@ class ComparisonTable:
     def print(self, console: Console | None = None) -> None:
         """Prints the table to a `rich` console, by default that of the process."""
         from rich.console import Console
+
+        if console is None:
+            console = Console()
+            if not console.is_terminal:
+                console = Console(width=_WIDE)
+        table = self._lay_out()
+        # Measured on a wide console: measurements stop at the width of their console.
+        if Console(width=_WIDE).measure(table).maximum > console.width:
+            table = self._lay_out(beside=True)
+        console.print(table)
+        for sentence in self.legend:
+            console.print(sentence, markup=False, highlight=False)
+
+    def _lay_out(self, *, beside: bool = False) -> Table:
+        """The table for `rich`; with `beside`, methods are columns and scores are rows."""
         from rich.markup import escape
         from rich.table import Table
 
-        table = Table(title=escape(self.title) or None, title_justify="left")
-        table.add_column("")
-        for column in self.resolved_columns:
-            table.add_column(escape(column.heading), justify="right")
+        lines = [["", *(escape(column.heading) for column in self.resolved_columns)]]
+        lines += [
+            [escape(row.name), *(self._text_cell(row, c) for c in self.resolved_columns)]
+            for row in self.rows
+        ]
         if self._has_notes:
-            table.add_column("note", overflow="fold")
-        for row in self.rows:
-            cells = [self._text_cell(row, column) for column in self.resolved_columns]
-            notes = [escape(row.note)] if self._has_notes else []
-            table.add_row(escape(row.name), *cells, *notes)
-        target = console or Console()
-        target.print(table)
-        for sentence in self.legend:
-            target.print(sentence, markup=False, highlight=False)
+            notes = ["note", *(escape(row.note) for row in self.rows)]
+            lines = [[*line, note] for line, note in zip(lines, notes, strict=True)]
+        if beside:
+            lines = [list(line) for line in zip(*lines, strict=True)]
+        table = Table(title=escape(self.title) or None, title_justify="left")
+        for place, heading in enumerate(lines[0]):
+            table.add_column(heading, justify="right" if place else "left", overflow="fold")
+        for line in lines[1:]:
+            table.add_row(*line)
+        return table
 
     def to_markdown(self) -> str:
         """A pipe table, the best of each column bold, and the legend as a list."""
@@ -219,7 +238,7 @@ class ComparisonTable:
             ".csv": self.to_csv,
             ".tex": self.to_latex,
             ".html": self.to_html,
-            ".txt": lambda: self.to_text(width=4000),
+            ".txt": self.to_text,
         }.get(path.suffix.lower())
         if render is None:
             raise OutputError(

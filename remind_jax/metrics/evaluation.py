@@ -20,6 +20,7 @@ from remind_jax.metrics.clear import ClearCounts, clear_scores, count_clear
 from remind_jax.metrics.combine import pool_counts, sum_counts
 from remind_jax.metrics.hota import HotaCounts, count_hota, hota_scores
 from remind_jax.metrics.identity import IdentityCounts, count_identity, identity_scores
+from remind_jax.metrics.intervals import Intervals, UnitCounts, split_by_object, split_by_scene
 from remind_jax.metrics.recovery import (
     RecoveryCounts,
     collect_answers,
@@ -57,6 +58,7 @@ class Evaluation:
     uncertainty: UncertaintyCounts | None = None  # where the tracker can be undecided
     by_class: Mapping[str, Evaluation] = dataclasses.field(default_factory=dict)
     breakdowns: Mapping[str, Breakdown] = dataclasses.field(default_factory=dict)
+    by_object: UnitCounts | None = None  # of one sequence, for intervals over its objects
     is_pooled: bool = False
 
     def fields(self) -> dict[str, Any]:
@@ -91,6 +93,10 @@ class Evaluation:
         """
         return {name: float(np.mean(value)) for name, value in self.fields().items()}
 
+    def intervals(self, **options: Any) -> Intervals:
+        """Bootstrap intervals over the objects, if their counts were kept; see `UnitCounts`."""
+        return {} if self.by_object is None else self.by_object.intervals(**options)
+
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": scores}`, ready for `json.dump`; undefined scores are null."""
         scores = self.scores()
@@ -105,6 +111,7 @@ def evaluate_sequence(
     breakdowns: Mapping[str, Breakdown] | None = None,
     num_repeated: int = 0,
     recovery_similarity: float = 0.5,
+    by_object: bool = False,
 ) -> Evaluation:
     """Scores one sequence.
 
@@ -115,6 +122,7 @@ def evaluate_sequence(
       breakdowns: IDF1 by circumstances, if it was counted.
       num_repeated: Ids taken back before, because they were given twice in one frame.
       recovery_similarity: Least overlap at which an answer counts for recovery (the paper: 0).
+      by_object: Also keep the counts of every object, for `intervals`.
     """
     answers = collect_answers(sequence if firm is None else firm, recovery_similarity)
     recovery, majority = (
@@ -139,6 +147,7 @@ def evaluate_sequence(
         sizes=SizeCounts(*(np.asarray(size) for size in sizes)),
         uncertainty=uncertainty,
         breakdowns=breakdowns or {},
+        by_object=split_by_object(sequence, recovery) if by_object else None,
     )
 
 
@@ -169,6 +178,24 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
         breakdowns=pool_breakdowns([e.breakdowns for e in evaluations]),
         is_pooled=True,
     )
+
+
+def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Intervals:
+    """Bootstrap intervals of the pooled scores over scenes; over objects where there is one scene.
+
+    Args:
+      evaluations: Of the scenes.
+      **options: `level`, `num_resamples`, `seed`, as `UnitCounts.intervals` takes them.
+    """
+    if len(evaluations) == 1:
+        return evaluations[0].intervals(**options)
+    families = [
+        (e.hota, e.clear, e.identity, sum_counts(e.recovery))
+        + (() if e.uncertainty is None else (e.uncertainty,))
+        for e in evaluations
+    ]
+    num_families = min(map(len, families))
+    return split_by_scene([family[:num_families] for family in families]).intervals(**options)
 
 
 def _chain_objects(counts: Sequence[RecoveryCounts]) -> RecoveryCounts:

@@ -10,7 +10,7 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence
@@ -43,8 +43,7 @@ def count_hota(sequence: TrackingSequence) -> HotaCounts:
     object_of, label_of, id_pair = sequence.id_pairs
     gt_lengths = sequence.gt_lengths[object_of]
     pred_lengths = sequence.pred_lengths[label_of]
-    alignment = _align_ids(sequence)
-    chosen = match_frames(sequence, alignment[id_pair] * sequence.pair_similarity)
+    chosen = match_hota(sequence)
     similarity, id_pair = sequence.pair_similarity[chosen], id_pair[chosen]
 
     sums = np.zeros((5, len(ALPHAS)))
@@ -61,6 +60,12 @@ def count_hota(sequence: TrackingSequence) -> HotaCounts:
     return HotaCounts(
         sums[0], len(sequence.gt_id) - sums[0], len(sequence.pred_id) - sums[0], *sums[1:]
     )
+
+
+def match_hota(sequence: TrackingSequence) -> Bool[np.ndarray, "K"]:
+    """The pairs that HOTA looks at: in every frame those that fit best over the whole sequence."""
+    _, _, id_pair = sequence.id_pairs
+    return match_frames(sequence, _align_ids(sequence)[id_pair] * sequence.pair_similarity)
 
 
 def _align_ids(sequence: TrackingSequence) -> Float[np.ndarray, "I"]:

@@ -38,17 +38,26 @@ def count_identity(
       sequence: Ground truth and predictions.
       threshold: Least similarity at which a pair counts as common.
     """
-    object_of, label_of, common = count_common_frames(sequence, threshold)
-    num_right = 0
-    if len(common):
-        matrix = np.zeros((object_of.max() + 1, label_of.max() + 1))
-        matrix[object_of, label_of] = common
-        num_right = int(matrix[linear_sum_assignment(matrix, maximize=True)].sum())
+    num_right = int(count_right(sequence, threshold).sum())
     return IdentityCounts(
         np.asarray(num_right),
         np.asarray(len(sequence.gt_id) - num_right),
         np.asarray(len(sequence.pred_id) - num_right),
     )
+
+
+def count_right(
+    sequence: TrackingSequence, threshold: float = IDENTITY_THRESHOLD
+) -> Int[np.ndarray, "objects"]:
+    """Frames in which each object carries its one right label."""
+    right = np.zeros(len(sequence.gt_objects), np.int64)
+    object_of, label_of, common = count_common_frames(sequence, threshold)
+    if len(common):
+        matrix = np.zeros((object_of.max() + 1, label_of.max() + 1))
+        matrix[object_of, label_of] = common
+        rows, columns = linear_sum_assignment(matrix, maximize=True)
+        right[rows] = matrix[rows, columns]
+    return right
 
 
 def count_common_frames(

@@ -228,7 +228,7 @@ def _join_classes(
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Class index per row of both sides; one class for all where a side names none."""
     sides = (truth, prediction)
-    if any(len(side) and (side.class_id == UNKNOWN_CLASS).any() for side in sides):
+    if not have_common_classes(truth, prediction):
         return np.zeros(len(truth), np.int64), np.zeros(len(prediction), np.int64), ("object",)
     keys = {_class_key(name): name for side in (prediction, truth) for name in side.class_names}
     order = {key: place for place, key in enumerate(sorted(keys))}
@@ -239,6 +239,15 @@ def _join_classes(
         for side in sides
     ]
     return numbers[0], numbers[1], tuple(keys[key] for key in order) or ("object",)
+
+
+def have_common_classes(truth: TrackRows, prediction: TrackRows) -> bool:
+    """Whether all rows of both sides are named, in words that both use."""
+    sides = (truth, prediction)
+    if any((side.class_id == UNKNOWN_CLASS).any() for side in sides):
+        return False
+    used = [{_class_key(s.class_names[i]) for i in np.unique(s.class_id)} for s in sides]
+    return bool(used[0] & used[1]) or not (used[0] and used[1])
 
 
 def _class_key(name: str) -> str:

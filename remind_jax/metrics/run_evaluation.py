@@ -55,7 +55,11 @@ class DetectionTable:
 
 
 def evaluate_run(
-    tracks: Sequence[Tracks], truth: TrackRows, *, undecided: Undecided = "strict"
+    tracks: Sequence[Tracks],
+    truth: TrackRows,
+    *,
+    undecided: Undecided = "strict",
+    by_object: bool = False,
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """Scores a run.
 
@@ -63,6 +67,7 @@ def evaluate_run(
       tracks: Its frames, in order.
       truth: Of the same scene; frames that the run did not process are not evaluated.
       undecided: What becomes of undecided detections, see `tracks_evaluation`.
+      by_object: Keep the counts of every object, for intervals over them.
 
     Returns:
       The evaluation, and notes about what was left out.
@@ -87,6 +92,7 @@ def evaluate_run(
         firm=firm,
         uncertainty=_judge(paired.sequence, detections),
         breakdowns=break_down(paired, evaluated),
+        by_object=by_object,
         num_repeated=int((ids != NO_ID).sum() - kept.sum()),
     )
     return evaluation, paired.notes

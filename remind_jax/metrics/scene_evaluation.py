@@ -13,7 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.errors import RemindError, SourceError, nearest_names
-from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
+from remind_jax.metrics.evaluation import (
+    Evaluation,
+    evaluate_sequence,
+    pool_evaluations,
+    scene_intervals,
+)
 from remind_jax.metrics.formats.opening import (
     RUN_FILE,
     TEXT_FORMATS,
@@ -21,6 +26,7 @@ from remind_jax.metrics.formats.opening import (
     SceneSet,
     open_scenes,
 )
+from remind_jax.metrics.intervals import Intervals
 from remind_jax.metrics.mot_files import FileFormat, load_mot_sequence, load_mots_sequence
 from remind_jax.metrics.pairing import break_down, pair_scene
 from remind_jax.metrics.run_evaluation import evaluate_run
@@ -35,6 +41,7 @@ class SceneOptions:
     num_frames: int | None = None  # length, for text; up to the last row if left out
     class_id: int | None = None  # class to score, for text; MOT: all, MOTS: 2, if left out
     undecided: Undecided = "strict"  # what becomes of undecided detections of a run
+    by_object: bool = False  # keep counts of every object, for intervals over them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +67,14 @@ class SetEvaluation:
             "Scenes": float(num_scenes),
             "FailedScenes": float(len(self.failed)),
         }
+
+    def intervals(self, **options: Any) -> Intervals:
+        """Bootstrap intervals by score, over scenes, or over the objects of a single scene.
+
+        Args:
+          **options: `level`, `num_resamples`, `seed`.
+        """
+        return scene_intervals(self.scenes, **options)
 
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`."""
@@ -114,7 +129,7 @@ def evaluate(
         hint = nearest_names(options.undecided, ("strict", "collapse"))
         raise RemindError(f"undecided is '{options.undecided}'; {hint}")
     if not isinstance(truth, SceneSet):
-        truth = open_truth(truth, prediction, truth_format or format)
+        truth = _open_truth(truth, prediction, truth_format or format)
     like: Any = truth.format if truth.format in TEXT_FORMATS else None
     predictions = open_scenes(prediction, format, truth=truth, like=like)
     name = name or Path(prediction).stem or str(prediction)
@@ -142,7 +157,9 @@ def evaluate(
     return SetEvaluation(name, tuple(scenes), failed, tuple(notes))
 
 
-def open_truth(truth: str | Path, prediction: str | Path, format: Format | None = None) -> SceneSet:
+def _open_truth(
+    truth: str | Path, prediction: str | Path, format: Format | None = None
+) -> SceneSet:
     """Opens truth; an empty text file is of the format of its predictions.
 
     Raises:
@@ -168,16 +185,22 @@ def evaluate_scene(
     if truth.format in TEXT_FORMATS and _same_text(truth.format, predictions.format):
         paths = truth.files[scene], predictions.files[predicted]
         sequence = _load_text(truth.format, *paths, options)
-        return dataclasses.replace(evaluate_sequence(sequence), name=scene), []
+        return dataclasses.replace(
+            evaluate_sequence(sequence, by_object=options.by_object), name=scene
+        ), []
     rows = truth.read[scene]()
     if predictions.format == "run":
         from remind_jax.outputs.store import read_detections
 
         _, tracks = read_detections(predictions.files[predicted] / RUN_FILE)
-        evaluation, notes = evaluate_run(tracks, rows, undecided=options.undecided)
+        evaluation, notes = evaluate_run(
+            tracks, rows, undecided=options.undecided, by_object=options.by_object
+        )
         return dataclasses.replace(evaluation, name=scene), list(notes)
     paired = pair_scene(rows, predictions.read[predicted]())
-    evaluation = evaluate_sequence(paired.sequence, breakdowns=break_down(paired))
+    evaluation = evaluate_sequence(
+        paired.sequence, breakdowns=break_down(paired), by_object=options.by_object
+    )
     return dataclasses.replace(evaluation, name=scene), list(paired.notes)
 
 

@@ -14,6 +14,7 @@ from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.metrics.sequence import frame_starts
+from remind_jax.outputs.rle import mask_areas, union_area
 from remind_jax.tracks import Rle
 
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -181,8 +182,7 @@ def find_overlap(rles: Sequence[Rle]) -> bool:
     """Whether any two masks of a frame share a pixel, which MOTS forbids."""
     if len(rles) < 2:
         return False
-    areas: Any = coco_mask.area(_as_coco(list(rles)))
-    return int(np.sum(areas)) != int(coco_mask.area(_as_coco(merge_rles(rles))))
+    return int(mask_areas(rles).sum()) != union_area(rles)
 
 
 def merge_rles(rles: Sequence[Rle]) -> Rle:

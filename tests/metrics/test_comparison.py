@@ -31,6 +31,13 @@ def test_text_has_every_cell():
     assert text.rstrip().endswith("Scores in percent")
 
 
+def test_methods_stand_beside_each_other_where_columns_do_not_fit():
+    lines = TABLE.to_text(width=60).splitlines()
+    assert max(map(len, lines)) <= 60
+    assert any("ours & co" in line and "[peer]" in line for line in lines)
+    assert any(line.startswith("│ IDF1") and "90.00" in line and "50.00" in line for line in lines)
+
+
 def test_markdown_marks_the_best_and_keeps_its_columns():
     lines = TABLE.to_markdown().splitlines()
     assert "| ours & co | **90.00** (85.0 to 93.0) | 5 | - | - |  |" in lines

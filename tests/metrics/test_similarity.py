@@ -111,3 +111,10 @@ def test_overlap_inside_a_frame_and_cover_by_a_region():
     assert not find_overlap(rles[:2])
     assert find_overlap(rles)
     np.testing.assert_array_equal(covered_share(rles, rles[0]), [1.0, 0.0, 0.5])
+
+
+def test_overlaps_are_found_among_hundreds_of_masks():
+    masks = np.eye(300, dtype=bool).reshape(300, 20, 15)
+    rles = encode_masks(masks)
+    assert not find_overlap(rles)
+    assert find_overlap([*rles, rles[0]])

@@ -15,6 +15,7 @@ from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.metrics.run_lengths import find_malformed
+from remind_jax.outputs.rle import mask_areas
 from remind_jax.tracks import Rle
 
 UNKNOWN_CLASS = -1
@@ -50,7 +51,7 @@ class TrackRows:
     def areas(self) -> Float[np.ndarray, "N"]:
         """Pixels of the masks, or of the boxes where there are no masks."""
         if self.rles is not None:
-            return np.asarray(_coco.area(list(self.rles)), float) if self.rles else np.zeros(0)
+            return mask_areas(self.rles).astype(float)
         width, height = (self.boxes[:, 2:] - self.boxes[:, :2]).T
         return np.maximum(width, 0) * np.maximum(height, 0)
 

@@ -1,7 +1,7 @@
 """MOTChallenge text (boxes) and MOTS / KITTI-MOTS text (masks) as `TrackRows`.
 
 Two text files of one format are compared by `mot_files` as TrackEval does it; this reader serves
-where the other side is of another format.
+where the other side is of another format, and its class numbers mean nothing there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from remind_jax.errors import SourceError
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.metrics.mot_files import (
     MAX_FRAMES,
-    MOTS_CLASSES,
     MOTS_IGNORE_CLASS,
     FileFormat,
     read_mot_rows,
@@ -41,15 +40,13 @@ def read_text_rows(path: Path, name: str, format: FileFormat, *, is_truth: bool)
     _check_frames(path, frame)
     is_ignored = (rows.class_id == MOTS_IGNORE_CLASS) & is_truth
     kept = rows.select(~is_ignored)
-    numbers = np.unique(kept.class_id).tolist()
     return TrackRows(
         name=name,
         num_frames=int(frame.max(initial=-1)) + 1,
         frame=frame[~is_ignored],
         track_id=kept.track_id,
         boxes=boxes_of(kept.rles),
-        class_id=np.searchsorted(numbers, kept.class_id),
-        class_names=tuple(MOTS_CLASSES.get(number, f"class {number}") for number in numbers),
+        class_id=np.full(len(kept.frame), UNKNOWN_CLASS),
         rles=kept.rles,
         frame_size=size_of(rows.rles[0]) if rows.rles else None,
         ignored_frame=frame[is_ignored],

@@ -1,0 +1,166 @@
+"""Several predictions of the same truth in one table, with intervals and breakdowns."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from remind_jax.errors import RemindError
+from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
+from remind_jax.metrics.formats.opening import Format
+from remind_jax.metrics.scene_evaluation import (
+    SceneOptions,
+    SetEvaluation,
+    evaluate,
+)
+
+COLUMNS = (
+    "HOTA",
+    "DetA",
+    "AssA",
+    "IDF1",
+    "IDP",
+    "IDR",
+    "MOTA",
+    "Recovery",
+    "HardRecovery",
+    "IDSW",
+    "IDs",
+    "GT_IDs",
+)
+UNCERTAIN_COLUMNS = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate")
+
+_CHARTS = {
+    "distractors": "IDF1 by visible objects of the same class",
+    "size": "IDF1 by share of the frame",
+    "visible": "IDF1 by visible objects",
+}
+
+
+def compare(
+    truth: str | Path,
+    predictions: Mapping[str, str | Path] | Sequence[str | Path],
+    *,
+    format: Format | None = None,
+    truth_format: Format | None = None,
+    options: SceneOptions | None = None,
+    num_resamples: int = 1000,
+    progress: Callable[[str], None] | None = None,
+) -> ComparisonTable:
+    """Scores several predictions by the same rules.
+
+    Args:
+      truth: Ground truth in any known format.
+      predictions: Files or folders by name, or alone: then they are named after their paths.
+      format: Of the predictions; each is recognised if left out, and may be of another format.
+      truth_format: Of the truth; recognised if left out.
+      options: See `SceneOptions`.
+      num_resamples: Draws of the bootstrap; 0 for no intervals.
+      progress: Called with the name of every prediction and scene.
+
+    Raises:
+      SourceError: If truth or a prediction cannot be read, or every scene of one fails.
+    """
+    named = name_predictions(predictions)
+    chosen = dataclasses.replace(options or SceneOptions(), by_object=True)
+    scored = []
+    for name, path in named.items():
+        report = None if progress is None else (lambda s, name=name: progress(f"{name}: {s}"))
+        scored.append(
+            evaluate(
+                truth,
+                path,
+                format=format,
+                truth_format=truth_format,
+                name=name,
+                options=chosen,
+                progress=report,
+            )
+        )
+    return table_of(scored, num_resamples=num_resamples)
+
+
+def table_of(
+    evaluations: Sequence[SetEvaluation],
+    *,
+    num_resamples: int = 1000,
+    title: str = "",
+    columns: Sequence[str] | None = None,
+) -> ComparisonTable:
+    """Sets of predictions that were scored, as a table.
+
+    Args:
+      evaluations: One per row.
+      num_resamples: Draws of the bootstrap; 0 for no intervals.
+      title: Over the table.
+      columns: Names of scores; `COLUMNS`, and how undecided answers fare where there are any, if
+        left out.
+    """
+    rows = [_row(evaluation, num_resamples) for evaluation in evaluations]
+    if columns is None:
+        has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
+        columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
+    return ComparisonTable(
+        rows, columns, _legend(evaluations, rows), title, _draw_breakdowns(evaluations)
+    )
+
+
+def _row(evaluation: SetEvaluation, num_resamples: int) -> Row:
+    intervals = evaluation.intervals(num_resamples=num_resamples) if num_resamples else {}
+    notes = []
+    if evaluation.failed:
+        total = len(evaluation.scenes) + len(evaluation.failed)
+        notes.append(f"{len(evaluation.failed)} of {total} scenes failed")
+    return Row(evaluation.name, evaluation.scores(), intervals, "; ".join(notes))
+
+
+def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[str, ...]:
+    sentences = ["Scores in percent, equal to TrackEval's; counts are of all scenes together."]
+    if any(row.intervals for row in rows):
+        unit = "scenes" if len(evaluations[0].scenes) > 1 else "objects"
+        sentences.append(f"Under a score: 95 % bootstrap interval over {unit}.")
+    for evaluation in evaluations:
+        sentences += [
+            f"{evaluation.name}: scene '{scene}' failed: {why}"
+            for scene, why in evaluation.failed.items()
+        ]
+        sentences += [f"{evaluation.name}: {note}." for note in evaluation.notes]
+    return tuple(sentences)
+
+
+def _draw_breakdowns(evaluations: Sequence[SetEvaluation]) -> tuple[Chart, ...]:
+    pooled = {evaluation.name: evaluation.pooled.breakdowns for evaluation in evaluations}
+    charts = []
+    for key, title in _CHARTS.items():
+        found = {name: breakdowns[key] for name, breakdowns in pooled.items() if key in breakdowns}
+        if not found:
+            continue
+        first = next(iter(found.values()))
+        series = {name: breakdown.idf1.tolist() for name, breakdown in found.items()}
+        if any(not math.isnan(value) for values in series.values() for value in values):
+            charts.append(Chart(title, first.bins, series, first.observations.tolist()))
+    return tuple(charts)
+
+
+def name_predictions(
+    predictions: Mapping[str, str | Path] | Sequence[str | Path],
+) -> dict[str, str | Path]:
+    """Predictions by name: the given one, or as much of the path as tells them apart.
+
+    Raises:
+      RemindError: If there is none, or one was given twice.
+    """
+    if isinstance(predictions, Mapping):
+        return dict(predictions)
+    if isinstance(predictions, str | Path):
+        predictions = [predictions]
+    if not predictions:
+        raise RemindError("there is no prediction to compare; give at least one")
+    paths = [Path(path) for path in predictions]
+    for name_of in (lambda p: p.stem or str(p), lambda p: f"{p.parent.name}/{p.stem}", str):
+        names = [name_of(path) for path in paths]
+        if len(set(names)) == len(names):
+            return dict(zip(names, paths, strict=True))
+    raise RemindError("a prediction was given twice; give each once")
