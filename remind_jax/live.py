@@ -7,7 +7,6 @@ the first ahead of the second in another thread.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -15,21 +14,22 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.config import Config, Static, Thresholds, load_config
-from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import pad_masks, reduce_masks
 from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
 from remind_jax.methods import get_method
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.readout import Outlines, outline, read_tracks
 from remind_jax.trace import Trace
 from remind_jax.tracker import step, step_traced
-from remind_jax.tracks import Tracks, encode_masks
+from remind_jax.tracks import Tracks
 
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
 
@@ -83,7 +83,6 @@ class Prepared:
     image: np.ndarray | None  # uint8 RGB at the tracker's size, or
     features: np.ndarray | None  # patch features that came with the frame
     masks: Masks  # one slot per detection
-    rles: tuple[dict[str, Any], ...]
     num_ignored: int  # detections of ignored classes
     stage_ms: dict[str, float]
     observed: Any = None  # what the method observed between the last frame and this one
@@ -148,6 +147,7 @@ class Tracker:
         self._last_image: np.ndarray | None = None  # of the last frame prepared
         self._features_given = False
         self._has_profile = False
+        self._placed: tuple[Config | None, Any] = (None, None)  # thresholds on the device
         self._is_tracing = trace
         self.trace: Trace | None = None  # of the last frame, on the host
         self.notices: list[Notice] = []  # of the last frame
@@ -240,7 +240,6 @@ class Tracker:
             **self._gap_options(),
         )
         image = None if frame.image is None else alignment.align_image(frame.image)
-        rles = encode_masks(detections.masks)
         reduced_at = time.perf_counter()
         spent = {"masks": 1000 * (reduced_at - start)}
         observed = None
@@ -250,7 +249,7 @@ class Tracker:
             spent["observe"] = 1000 * (time.perf_counter() - reduced_at)
         num_ignored = len(frame.detections) - len(kept)
         return Prepared(
-            frame, detections, image, frame.features, reduced, rles, num_ignored, spent, observed
+            frame, detections, image, frame.features, reduced, num_ignored, spent, observed
         )
 
     def advance(self, prepared: Prepared) -> Tracks:
@@ -268,8 +267,8 @@ class Tracker:
         described = time.perf_counter()
         size = np.array(prepared.frame.size, np.int32)
         self.notices = self._say_ignored(prepared)
-        self._step(FrameFeats(patches, size), prepared.masks, prepared.observed)
-        tracks = self._read(prepared)
+        outlines = self._step(FrameFeats(patches, size), prepared)
+        tracks = self._read(prepared, outlines)
         done = time.perf_counter()
         self.stage_ms = {
             **prepared.stage_ms,
@@ -348,9 +347,9 @@ class Tracker:
             )
         return patch_px
 
-    def _step(self, frame_feats: FrameFeats, masks: Masks, observed: Any) -> None:
-        """Steps, growing capacities until the frame fits."""
-        static = self._static
+    def _step(self, frame_feats: FrameFeats, prepared: Prepared) -> Outlines:
+        """Steps, growing capacities until the frame fits; outlines the masks meanwhile."""
+        static, masks = self._static, prepared.masks
         dim = frame_feats.patches.shape[-1]
         if static.feature_dim not in (0, dim):
             raise SourceError(
@@ -367,8 +366,9 @@ class Tracker:
         elif static != self._static:
             self._grow(static)
         padded = pad_masks(masks, static.num_detections)
-        given, trace = (frame_feats, padded, observed), None
-        options: Any = {"thresholds": self.config.thresholds}
+        given, trace = (frame_feats, padded, prepared.observed), None
+        outlines: Outlines | None = None
+        options: Any = {"thresholds": self._thresholds_on_device()}
         options["step"] = self.method.step_traced if self._is_tracing else self.method.step
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
@@ -380,6 +380,7 @@ class Tracker:
                 stepped = both[0]
             else:
                 self._state = stepped = _step(self._state, *given, static=self._static, **options)
+            outlines = outlines or outline(prepared.detections.masks)
             overflow = jax.device_get(stepped.overflow)
             if not overflow.objects and not overflow.pending:
                 break
@@ -390,6 +391,17 @@ class Tracker:
             if pending:
                 self._note_growth("undecided tracks", pending, self._static.num_pending)
         self.trace = jax.device_get(trace)
+        return outlines
+
+    def _thresholds_on_device(self) -> Any:
+        """The thresholds of the configuration, brought there once: hundreds of scalars."""
+        config, placed = self._placed
+        if config is not self.config:
+            kinds = {bool: bool, int: np.int32, float: self._static.scalar}
+            values = self.config.thresholds
+            placed = jax.tree.map(lambda v: jnp.asarray(v, kinds.get(type(v))), values)
+            self._placed = (self.config, placed)
+        return placed
 
     def _grow(self, static: Static) -> None:
         assert self._state is not None
@@ -409,7 +421,7 @@ class Tracker:
             return [Notice("ignored", message)]
         return []
 
-    def _read(self, prepared: Prepared) -> Tracks:
+    def _read(self, prepared: Prepared, outlines: Outlines) -> Tracks:
         """The decisions of the last step as host arrays."""
         assert self._state is not None
         num, d = len(prepared.detections), jax.device_get(self._state.decisions)
@@ -419,51 +431,4 @@ class Tracker:
         empty = [i for i in range(num) if not prepared.masks.valid[i]]
         if empty:
             self.notices.append(Notice("dropped", f"{len(empty)} empty masks were dropped"))
-        candidate_id, candidate_score = _name_candidates(d)
-        frame, take = prepared.frame, functools.partial(lambda values: np.asarray(values)[:num])
-        return Tracks(
-            frame_index=frame.index,
-            source_index=frame.source_index,
-            time_s=frame.time_s,
-            name=frame.name,
-            frame_size=frame.size,
-            outcome=take(d.outcome),
-            reason=take(d.reason),
-            object_id=take(d.object_id),
-            pending_id=take(d.pending_id),
-            status=take(d.status),
-            score=take(d.score),
-            confidence=take(d.confidence),
-            candidate_id=take(candidate_id),
-            candidate_score=take(candidate_score),
-            labels=prepared.detections.labels,
-            boxes=_boxes_of(prepared.detections.masks),
-            areas=prepared.detections.masks.sum(axis=(1, 2), dtype=np.int64),
-            detector_scores=prepared.detections.scores,
-            instance_ids=prepared.detections.instance_ids,
-            rles=prepared.rles,
-        )
-
-
-def _name_candidates(d: Decisions) -> tuple[np.ndarray, np.ndarray]:
-    """Ids and scores `[N, C]`: what an undecided detection could be, else the visually nearest."""
-    width = max(d.candidate_id.shape[1], d.option_id.shape[1])
-
-    def widen(values: Any, blank: float) -> np.ndarray:
-        lacking = width - values.shape[1]
-        return np.pad(values, ((0, 0), (0, lacking)), constant_values=blank)
-
-    undecided = np.asarray(d.option_id)[:, :1] != NO_ID
-    named = np.where(undecided, widen(d.option_id, NO_ID), widen(d.candidate_id, NO_ID))
-    scores = np.where(undecided, widen(d.option_score, 0.0), widen(d.candidate_score, 0.0))
-    return named, scores
-
-
-def _boxes_of(masks: np.ndarray) -> np.ndarray:
-    """Tight boxes, right and bottom excluded; zero for an empty mask."""
-    import cv2
-
-    corners = [cv2.boundingRect(mask.view(np.uint8)) for mask in masks]
-    boxes = np.array(corners, np.float32).reshape(-1, 4)
-    boxes[:, 2:] += boxes[:, :2]
-    return boxes
+        return read_tracks(prepared.frame, prepared.detections, outlines, d)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import enum
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -12,6 +11,7 @@ from remind_jax.config.context_thresholds import Veto as Rules
 from remind_jax.config.static import Static
 from remind_jax.context.evidence import NeighbourEvidence
 from remind_jax.context.influence import Influence
+from remind_jax.memory.cooccurrence import neighbour_rank, ranked_neighbours
 
 _TOP = 3  # best candidates of a detection that count as plausibly in view
 _MATURITY_RATE, _LEAST_MATURITY = 0.25, 0.5  # of an object whose own neighbours may speak
@@ -73,12 +73,10 @@ def expect_neighbours(
     slots = evidence.episodes.shape[0]
     length = min(static.max_neighbours or slots, slots)
     neighbour = evidence.count > 0
-    column = jnp.broadcast_to(jnp.arange(slots, dtype=jnp.int32), neighbour.shape)
-    keys = ((~neighbour).astype(jnp.int32), -evidence.weight, -evidence.last_seen, evidence.order)
-    *_, order = jax.lax.sort((*keys, column), dimension=1, num_keys=len(keys))
-    order = order[:, :length]
+    keys = (evidence.weight, evidence.last_seen)
+    order, known = ranked_neighbours(neighbour_rank(neighbour, keys, evidence.order), length)
     told = jnp.take_along_axis(evidence.conditional, order, axis=1)
-    taken = jnp.take_along_axis(neighbour, order, axis=1) & (told >= min_link)
+    taken = known & (told >= min_link)
     number = jnp.cumsum(taken, axis=1, dtype=jnp.int32)
     mass = jnp.cumsum(jnp.where(taken, told, 0.0), axis=1)
     enough = (number >= max(1, static.context_hypotheses)) & (mass >= t.local_mass)

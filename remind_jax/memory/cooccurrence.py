@@ -8,10 +8,11 @@ the first object axis is the one that remembers, the second the one remembered.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Num
 
 from remind_jax.config.relation_thresholds import Cooccurrence as Rules
 from remind_jax.config.static import Static
@@ -181,7 +182,7 @@ def _count_neighbours(
 
 def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> CooccurrenceGraph:
     """Keeps the first edges of the neighbour order, which becomes the order of the edges."""
-    rank = neighbour_rank(rows, static)
+    rank = rank_edges(rows, static)
     dropped = full & (rank >= static.max_neighbours)
     return dataclasses.replace(
         rows,
@@ -190,39 +191,45 @@ def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> 
     )
 
 
-def neighbour_rank(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:
+def rank_edges(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:
+    """Position of every neighbour by the rule that trims the lists (notes 4.6)."""
+    keys = {"weight": (graph.weight, graph.edge_time), "recent": (graph.edge_time,)}
+    return neighbour_rank(graph.count > 0, keys[static.neighbour_trim], graph.edge_order)
+
+
+def neighbour_rank(
+    known: Bool[Array, "R O"],
+    falling: Sequence[Num[Array, "R O"]],
+    order: Int[Array, "R O"],
+) -> Int[Array, "R O"]:
     """Position of every neighbour, the strongest first; O where there is no edge (notes 4.6).
 
     Counting the edges before each edge is quicker than sorting the rows.
+
+    Args:
+      known: Edges.
+      falling: Sort keys, the first decides first; the larger comes first.
+      order: Last sort key; the smaller comes first.
     """
 
     def pairs(leaf: Array) -> tuple[Array, Array]:
         return leaf[:, :, None], leaf[:, None, :]
 
     earlier, tie = False, True
-    keys = {"weight": (graph.weight, graph.edge_time), "recent": (graph.edge_time,)}
-    for key in keys[static.neighbour_trim]:
+    for key in falling:
         one, other = pairs(key)
         earlier, tie = earlier | (tie & (one > other)), tie & (one == other)
-    one, other = pairs(graph.edge_order)
-    known = graph.count > 0
+    one, other = pairs(order)
     before = known[:, :, None] & (earlier | (tie & (one < other)))
     return jnp.where(known, jnp.sum(before, axis=1, dtype=jnp.int32), known.shape[1])
 
 
-def neighbour_order(
-    graph: CooccurrenceGraph, static: Static
+def ranked_neighbours(
+    rank: Int[Array, "R O"], most: int
 ) -> tuple[Int[Array, "R M"], Bool[Array, "R M"]]:
-    """Slots of the neighbours of every object, the strongest first (notes 4.6).
-
-    Returns:
-      The slots and which of them are neighbours; M is `static.max_neighbours`, at most O.
-    """
-    slots = graph.count.shape[1]
-    most = min(static.max_neighbours or slots, slots)
-    rank = neighbour_rank(graph, static)
+    """Slots of the first `most` neighbours of every object, and which of them are neighbours."""
     at = rank[:, None, :] == jnp.arange(most)[:, None]
-    slot = jnp.sum(jnp.where(at, jnp.arange(slots), 0), axis=-1, dtype=jnp.int32)
+    slot = jnp.sum(jnp.where(at, jnp.arange(rank.shape[1]), 0), axis=-1, dtype=jnp.int32)
     return slot, jnp.any(at, axis=-1)
 
 

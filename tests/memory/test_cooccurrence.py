@@ -1,4 +1,5 @@
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,8 @@ from remind_jax.memory.cooccurrence import (
     conditional,
     empty_cooccurrence,
     gather_sightings,
-    neighbour_order,
+    rank_edges,
+    ranked_neighbours,
     reorder_cooccurrence,
     update_cooccurrence,
 )
@@ -33,7 +35,13 @@ def _sightings(slot, order, allowed, like):
 
 
 _update = jax.jit(update_cooccurrence, static_argnames="static")
-_order = jax.jit(neighbour_order, static_argnames="static")
+
+
+@functools.partial(jax.jit, static_argnames="static")
+def _order(graph, static):
+    """Neighbours, the strongest first."""
+    rank = rank_edges(graph, static)
+    return ranked_neighbours(rank, min(static.max_neighbours or rank.shape[1], rank.shape[1]))
 
 
 def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=None):
