@@ -13,6 +13,7 @@ from tyro.conf import subcommand
 
 import remind_jax
 from remind_jax.cli import exit_codes
+from remind_jax.cli.benchmark import Benchmark
 from remind_jax.cli.config import ConfigVerb
 from remind_jax.cli.convert import Convert
 from remind_jax.cli.demo import Demo
@@ -34,7 +35,7 @@ First steps:
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
 
-Verb = Run | Demo | View | Explain | Eval | Convert | Features | ConfigVerb
+Verb = Run | Demo | View | Explain | Eval | Benchmark | Convert | Features | ConfigVerb
 
 VERBS: dict[str, type[Verb]] = {
     "run": Run,
@@ -42,6 +43,7 @@ VERBS: dict[str, type[Verb]] = {
     "view": View,
     "explain": Explain,
     "eval": Eval,
+    "benchmark": Benchmark,
     "convert": Convert,
     "features": Features,
     "config": ConfigVerb,

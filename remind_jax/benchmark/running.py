@@ -1,0 +1,196 @@
+"""Runs contenders on scenes: features once per scene, results kept as they come, nothing twice."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import itertools
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Literal
+
+import jax
+import numpy as np
+
+from remind_jax import __version__
+from remind_jax.alignment import Alignment
+from remind_jax.backbone.feature_cache import cache_features, default_folder
+from remind_jax.backbone.registry import Backbone
+from remind_jax.benchmark.contenders import Contender
+from remind_jax.benchmark.memory_use import device_memory_mib, peak_rss_mib, reset_peak
+from remind_jax.benchmark.records import (
+    Record,
+    Timing,
+    folder_of,
+    read_record,
+    write_record,
+)
+from remind_jax.benchmark.scenes import Scene
+from remind_jax.detectors import DetectorOptions
+from remind_jax.errors import RemindError
+from remind_jax.result import Result
+from remind_jax.session import run
+from remind_jax.sources.sampling import Sampling
+
+Regime = Literal["masks", "detector"]
+_TIMED_FRAMES = 12  # frames on which the backbone is timed, the first not counted
+
+
+@dataclasses.dataclass(frozen=True)
+class Setup:
+    """What all contenders share."""
+
+    out: Path
+    backbone: Backbone
+    regime: Regime = "masks"  # the scene's own masks, or those of a detector
+    detector: Path | None = None
+    detector_options: DetectorOptions | None = None
+    sampling: Sampling = dataclasses.field(default_factory=Sampling)
+    feature_cache: Path | None = None  # the user's cache folder if left out
+    retry_failed: bool = False
+
+
+Report = Callable[[Record, bool], None]  # the record, and whether it was there already
+
+
+def run_all(
+    setup: Setup, scenes: tuple[Scene, ...], contenders: tuple[Contender, ...], report: Report
+) -> list[Record]:
+    """Runs what is not there yet, scene by scene, and gives all records.
+
+    A run that fails is recorded as failed and the others go on.
+
+    Raises:
+      OutputError: If results cannot be kept.
+      KeyboardInterrupt: If somebody stops it; the run in work is lost, all others are kept.
+    """
+    records = []
+    for scene in scenes:
+        features_ms: float | None = None
+        for contender in contenders:
+            folder = folder_of(setup.out, setup.regime, contender.name, scene.name)
+            fingerprint = _fingerprint(setup, scene, contender)
+            known = read_record(folder)
+            is_known = known is not None and known.fingerprint == fingerprint
+            if known and is_known and not (setup.retry_failed and known.status == "failed"):
+                records.append(known)
+                report(known, True)
+                continue
+            blank = Record(contender.name, scene.name, setup.regime, fingerprint, "failed")
+            try:
+                if features_ms is None:
+                    features_ms = _prepare_features(setup, scene, contender)
+                record = _run_one(setup, scene, contender, blank, features_ms)
+            except Exception as error:  # whatever it is, it is this run's failure
+                shutil.rmtree(folder, ignore_errors=True)
+                record = dataclasses.replace(blank, error=_say(error))
+            write_record(folder, record)
+            records.append(record)
+            report(record, False)
+    return records
+
+
+def _run_one(
+    setup: Setup, scene: Scene, contender: Contender, blank: Record, features_ms: float
+) -> Record:
+    folder = folder_of(setup.out, setup.regime, contender.name, scene.name)
+    shutil.rmtree(folder, ignore_errors=True)
+    reset_peak()
+    result = run(
+        scene.open(setup.sampling, masks=setup.regime == "masks"),
+        detector=setup.detector if setup.regime == "detector" else None,
+        detector_options=setup.detector_options,
+        backbone=_keep_features(setup),
+        config=contender.config,
+    )
+    peak_mib, device_mib = peak_rss_mib(), device_memory_mib()
+    if not result.complete:
+        raise KeyboardInterrupt
+    result.save(folder)
+    steady = [index not in _compiling_frames(result) for index in range(len(result))]
+    step_ms = np.sum([_stage(result, name) for name in ("observe", "step")], axis=0)
+    frame_ms = features_ms + _stage(result, "detect") + _stage(result, "masks") + step_ms
+    return dataclasses.replace(
+        blank,
+        status="done",
+        num_frames=len(result),
+        frame=_time(frame_ms[steady]),
+        frame_compiling=_time(frame_ms),
+        step=_time(step_ms[steady]),
+        peak_rss_mib=peak_mib,
+        device_mib=device_mib,
+    )
+
+
+def _stage(result: Result, name: str) -> np.ndarray:
+    """Milliseconds of a stage in every frame; 0 where the run has no such stage."""
+    times = result.timings_ms.get(name)
+    return np.zeros(len(result)) if times is None else np.asarray(times, float)
+
+
+def _compiling_frames(result: Result) -> set[int]:
+    """The first frame, and those in which a capacity grew."""
+    grown = {event.frame_index for event in result.events if event.kind == "capacity"}
+    return grown | {result.tracks[0].frame_index} if len(result) else set()
+
+
+def _time(times_ms: np.ndarray) -> Timing | None:
+    if not len(times_ms):
+        return None
+    return Timing(float(np.mean(times_ms)), float(np.percentile(times_ms, 95)))
+
+
+def _prepare_features(setup: Setup, scene: Scene, contender: Contender) -> float:
+    """Fills the cache for all contenders and times the backbone, in ms per frame."""
+    cached, times = _keep_features(setup), []
+    for number, image in enumerate(_images(setup, scene, contender)):
+        if number < _TIMED_FRAMES:
+            start = time.perf_counter()
+            jax.block_until_ready(setup.backbone.extract(image[None]))
+            times.append(1000 * (time.perf_counter() - start))
+        cached.extract(image[None])
+    return float(np.median(times[1:] or times)) if times else 0.0
+
+
+def _images(setup: Setup, scene: Scene, contender: Contender) -> Iterator[np.ndarray]:
+    """The frames of a scene as the backbone gets them."""
+    options = contender.config.input
+    for frame in scene.open(setup.sampling, masks=False):
+        if frame.image is not None:
+            alignment = Alignment.fit(frame.size, setup.backbone.patch_px, options)
+            yield alignment.align_image(frame.image)
+
+
+def _keep_features(setup: Setup) -> Backbone:
+    return cache_features(setup.backbone, setup.feature_cache or default_folder())
+
+
+def _fingerprint(setup: Setup, scene: Scene, contender: Contender) -> str:
+    """Changes with everything that may change the result, but for the program itself."""
+    decisive = {
+        "version": __version__,
+        "config": contender.config.to_dict(),
+        "backbone": [setup.backbone.name, setup.backbone.fingerprint],
+        "sampling": dataclasses.asdict(setup.sampling),
+        "scene": [scene.name, scene.layout, scene.metadata and scene.metadata.name],
+        "detector": _describe_detector(setup) if setup.regime == "detector" else None,
+    }
+    text = json.dumps(decisive, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _describe_detector(setup: Setup) -> list[str | int]:
+    assert setup.detector is not None
+    options = setup.detector_options or DetectorOptions()
+    return [setup.detector.name, setup.detector.stat().st_size, repr(options)]
+
+
+def _say(error: Exception) -> str:
+    kind = "" if isinstance(error, RemindError) else f"{type(error).__name__}: "
+    with contextlib.suppress(StopIteration):
+        return kind + next(itertools.islice(str(error).splitlines(), 1))
+    return type(error).__name__

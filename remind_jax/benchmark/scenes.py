@@ -1,0 +1,120 @@
+"""The scenes of a data set, found by its layout."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+from remind_jax.errors import SourceError, nearest_names
+from remind_jax.sources import davis, open_source, scannetpp
+from remind_jax.sources.file_tree import FileTree, FolderTree, is_tar_name, open_tree
+from remind_jax.sources.sampling import Sampling
+from remind_jax.sources.source import Source
+
+Layout = Literal["davis", "scannetpp"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """One sequence of a data set."""
+
+    name: str
+    path: Path
+    layout: Layout
+    has_masks: bool  # annotations, without which nothing can be scored
+    sequence: str | None = None  # of a DAVIS folder
+    metadata: Path | None = None  # instead of the metadata of the layout
+
+    def open(self, sampling: Sampling | None = None, *, masks: bool = True) -> Source:
+        """Opens the frames, with annotations as detections if `masks`.
+
+        Raises:
+          SourceError: If the scene cannot be read.
+        """
+        options: dict[str, Any] = {"sampling": sampling, "name": self.name}
+        if not masks:
+            options["masks"] = "none"
+        elif self.metadata is not None:
+            options["metadata"] = self.metadata
+        if self.sequence is not None:
+            options["sequence"] = self.sequence
+        return open_source(self.path, **options)
+
+
+def find_scenes(root: str | Path, metadata: str | None = None) -> tuple[Scene, ...]:
+    """Finds every scene of a data set.
+
+    Args:
+      root: A DAVIS folder with one or more sequences, a ScanNet++ folder (`data/<scene>`, with
+        annotations beside it), one scene, or a folder of any of these.
+      metadata: Name of the metadata file in each scene's folder, where it has several.
+
+    Raises:
+      SourceError: If there is no scene, or two of one name.
+    """
+    root = Path(root).expanduser()
+    if not root.is_dir():
+        raise SourceError(f"'{root}' is no folder; give the root of a data set")
+    data = root / "data"
+    places = sorted(data.iterdir()) if data.is_dir() else [root]
+    scenes = [scene for place in places for scene in _scenes_at(place, metadata)]
+    if not scenes and not data.is_dir():
+        below = sorted(p for p in root.iterdir() if p.is_dir() or is_tar_name(p.name))
+        scenes = [scene for place in below for scene in _scenes_at(place, metadata)]
+    if not scenes:
+        raise SourceError(
+            f"'{root}' holds no scenes; recognised are JPEGImages/<sequence> (DAVIS), data/<scene> "
+            "(ScanNet++) and folders of these"
+        )
+    names = [scene.name for scene in scenes]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise SourceError(f"'{root}' holds several scenes named '{twice[0]}'; rename them")
+    return tuple(scenes)
+
+
+def select_scenes(scenes: tuple[Scene, ...], names: tuple[str, ...]) -> tuple[Scene, ...]:
+    """Only the named scenes, in their order; all if no name is given.
+
+    Raises:
+      SourceError: If one is not there.
+    """
+    known = {scene.name: scene for scene in scenes}
+    for name in names:
+        if name not in known:
+            raise SourceError(f"there is no scene '{name}'; {nearest_names(name, known)}")
+    return tuple(known[name] for name in names) if names else scenes
+
+
+def _scenes_at(path: Path, metadata: str | None) -> list[Scene]:
+    """Scenes of a folder or archive; none if it is something else."""
+    if not path.is_dir() and not is_tar_name(path.name):
+        return []
+    tree = FolderTree(path) if path.is_dir() else open_tree(path)
+    chosen = None if metadata is None else path / metadata
+    if chosen is not None and not chosen.is_file():
+        chosen = None
+    if davis.is_davis(tree):
+        return [
+            Scene(
+                name=PurePosixPath(sequence).name or path.name,
+                path=path,
+                layout="davis",
+                has_masks=davis.annotation_folder(tree, sequence) is not None,
+                sequence=sequence or None,
+                metadata=chosen,
+            )
+            for sequence in davis.list_sequences(tree)
+        ]
+    if scannetpp.is_scene(tree):
+        name, has_masks = scannetpp.scene_name(path), _has_scannetpp_masks(path, tree)
+        return [Scene(name, path, "scannetpp", has_masks, metadata=chosen)]
+    return []
+
+
+def _has_scannetpp_masks(path: Path, tree: FileTree) -> bool:
+    if scannetpp.find_masks(tree) is not None:
+        return True
+    beside = scannetpp.find_annotations_beside(path)
+    return beside is not None and scannetpp.find_masks(open_tree(beside)) is not None

@@ -1,0 +1,132 @@
+"""From kept runs to scores: every run by the same rules, with metrics as they are today."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from remind_jax.benchmark.records import Record, Timing, folder_of
+from remind_jax.benchmark.scenes import Scene
+from remind_jax.errors import RemindError
+from remind_jax.metrics.columns import Interval
+from remind_jax.metrics.combine import bootstrap_intervals, stack_counts, sum_counts
+from remind_jax.metrics.evaluation import Evaluation, pool_evaluations
+from remind_jax.metrics.formats.rows import RowCollector, TrackRows
+from remind_jax.metrics.hota import hota_scores
+from remind_jax.metrics.identity import identity_scores
+from remind_jax.metrics.recovery import recovery_scores
+from remind_jax.metrics.run_evaluation import evaluate_run
+from remind_jax.outputs.store import DETECTIONS_NAME, read_detections
+from remind_jax.sources.sampling import Sampling
+from remind_jax.tracks import encode_masks
+
+MIN_SCENES = 5  # fewer say nothing about the spread between scenes
+_RESAMPLED = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery")
+
+
+@dataclasses.dataclass(frozen=True)
+class Scored:
+    """A run and what it is worth; a failed run has no evaluation."""
+
+    record: Record
+    strict: Evaluation | None = None  # undecided detections carry no id
+    settled: Evaluation | None = None  # undecided detections collapsed, as in the paper
+    error: str = ""
+
+
+def read_truth(scene: Scene, sampling: Sampling | None = None) -> TrackRows:
+    """The annotations of a scene.
+
+    Raises:
+      SourceError: If they cannot be read.
+    """
+    rows, names, labels = RowCollector(), [], {}
+    for frame in scene.open(sampling):
+        names.append(frame.name)
+        found = frame.detections
+        if found is None:
+            continue
+        rles = encode_masks(found.masks)
+        for rle, label, instance in zip(rles, found.labels, found.instance_ids, strict=True):
+            class_id = labels.setdefault(label, len(labels))
+            rows.add(len(names) - 1, int(instance), class_id, rle=rle)
+    return rows.finish(scene.name, len(names), class_names=tuple(labels), frame_names=names)
+
+
+def score(out: Path, record: Record, truth: TrackRows) -> Scored:
+    """Scores one run against the annotations of its scene."""
+    if record.status != "done":
+        return Scored(record, error=record.error)
+    folder = folder_of(out, record.regime, record.contender, record.scene)
+    try:
+        _, tracks = read_detections(folder / DETECTIONS_NAME)
+        strict, _ = evaluate_run(tracks, truth, undecided="strict")
+        settled, _ = evaluate_run(tracks, truth, undecided="collapse")
+    except RemindError as error:
+        return Scored(record, error=str(error))
+    return Scored(record, strict, settled)
+
+
+def summarise(runs: Sequence[Scored]) -> tuple[dict[str, float], dict[str, Interval]]:
+    """Scores of one contender over scenes, and their bootstrap intervals over these scenes.
+
+    Counts of scenes are added before ratios are taken; times are means over frames, memory is the
+    largest of all scenes.
+    """
+    done = [run for run in runs if run.strict is not None and run.settled is not None]
+    if not done:
+        return {}, {}
+    strict = [run.strict for run in done if run.strict is not None]
+    settled = [run.settled for run in done if run.settled is not None]
+    scores = pool_evaluations(strict).scores()
+    scores["IDF1Settled"] = pool_evaluations(settled).scores()["IDF1"]
+    scores["IDSWRate"] = scores["IDSW"] / max(1.0, scores["GT_Dets"])
+    return scores | _resources([run.record for run in done]), _intervals(strict)
+
+
+def _resources(records: Sequence[Record]) -> dict[str, float]:
+    frames = np.array([record.num_frames for record in records], float)
+
+    def pool(timings: Sequence[Timing | None], prefix: str) -> dict[str, float]:
+        known = [(t, n) for t, n in zip(timings, frames, strict=True) if t is not None]
+        if not known:
+            return {}
+        weights = [n for _, n in known]
+        return {
+            f"{prefix}_ms": float(np.average([t.mean_ms for t, _ in known], weights=weights)),
+            f"{prefix}_p95_ms": float(np.average([t.p95_ms for t, _ in known], weights=weights)),
+        }
+
+    device = [r.device_mib for r in records if not math.isnan(r.device_mib)]
+    return {
+        **pool([r.frame for r in records], "frame"),
+        **pool([r.frame_compiling for r in records], "compiling"),
+        **pool([r.step for r in records], "step"),
+        "peak_rss_mib": max(r.peak_rss_mib for r in records),
+        "device_mib": max(device, default=math.nan),
+    }
+
+
+def _intervals(evaluations: Sequence[Evaluation]) -> dict[str, Interval]:
+    if len(evaluations) < MIN_SCENES:
+        return {}
+    found: dict[str, Interval] = {
+        **bootstrap_intervals(stack_counts([e.identity for e in evaluations]), identity_scores),
+        **bootstrap_intervals(stack_counts([e.hota for e in evaluations]), hota_scores),
+        **bootstrap_intervals(
+            stack_counts([sum_counts(e.recovery) for e in evaluations]), recovery_scores
+        ),
+    }
+    return {name: found[name] for name in _RESAMPLED}
+
+
+def by_contender(runs: Sequence[Scored]) -> Mapping[str, list[Scored]]:
+    """Runs of each contender, in order of first appearance."""
+    grouped: dict[str, list[Scored]] = {}
+    for run in runs:
+        grouped.setdefault(run.record.contender, []).append(run)
+    return grouped

@@ -1,0 +1,169 @@
+"""Tables of a benchmark: contenders by score, by scene, and by what makes a tour hard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from remind_jax.benchmark.paper import LEGEND, PaperSet, paper_rows
+from remind_jax.benchmark.running import Regime
+from remind_jax.benchmark.scoring import Scored, by_contender, summarise
+from remind_jax.benchmark.tours import AXES
+from remind_jax.errors import OutputError
+from remind_jax.metrics.columns import Column
+from remind_jax.metrics.comparison import ComparisonTable, Row
+
+FORMATS = (".md", ".csv", ".tex", ".txt")
+
+_MAIN: tuple[str | Column, ...] = (
+    "IDF1",
+    Column("IDF1Settled", "percent", "higher", label="IDF1 settled"),
+    "HOTA",
+    "AssA",
+    "Recovery",
+    "HardRecovery",
+    "IDSW",
+    Column("IDs", "count"),
+    "GT_IDs",
+    Column("step_ms", "ms", "lower", label="step ms"),
+)
+_RESOURCES: tuple[str | Column, ...] = (
+    Column("step_ms", "ms", "lower", label="step ms"),
+    Column("step_p95_ms", "ms", "lower", label="p95"),
+    Column("frame_ms", "ms", "lower", label="frame ms"),
+    Column("frame_p95_ms", "ms", "lower", label="p95"),
+    Column("compiling_ms", "ms", "lower", label="compiling"),
+    Column("compiling_p95_ms", "ms", "lower", label="p95"),
+    Column("peak_rss_mib", "mib", "lower", label="RSS MiB"),
+    Column("device_mib", "mib", "lower", label="device MiB"),
+)
+_PAPER: tuple[str | Column, ...] = (
+    Column("IDSWRate", "percent", "lower", label="IDSW %"),
+    "DetA",
+    "IDP",
+    "IDR",
+)
+_UNDECIDED = (
+    "IDF1: undecided detections carry no identity; IDF1 settled: each frame's are settled in one "
+    "assignment within their candidates. All other scores are of the former kind."
+)
+_STEP = "Step: mean time of the tracker alone, without frames that compiled."
+_MEASURED: tuple[str, ...] = (
+    "Milliseconds per frame, mean and 95th percentile. Step: the tracker alone. Frame: features, "
+    "masks and step. Compiling: frame with the frames that compiled, which the others leave out.",
+    "RSS: largest resident memory of the process in a scene, device: largest share of its memory "
+    "so far, both by the operating system.",
+)
+
+
+def main_table(
+    runs: Sequence[Scored],
+    titles: Mapping[str, str],
+    regime: Regime,
+    *,
+    title: str = "",
+    paper: PaperSet | None = None,
+) -> ComparisonTable:
+    """One row per contender over all scenes, below it the paper's where the data are its own."""
+    rows = []
+    for name, own in by_contender(runs).items():
+        scores, intervals = summarise(own)
+        num_failed = sum(run.strict is None for run in own)
+        note = f"{num_failed} of {len(own)} scenes failed" if num_failed else ""
+        rows.append(Row(titles.get(name, name), scores, intervals, note))
+    columns, legend = _MAIN, [_UNDECIDED, _STEP]
+    if any(row.intervals for row in rows):
+        legend.append("Below scores: 95 % bootstrap intervals over scenes.")
+    if paper is not None:
+        rows += paper_rows(paper, regime)
+        columns += _PAPER
+        legend.append(LEGEND)
+    return ComparisonTable(rows, columns, legend, title)
+
+
+def resource_table(
+    runs: Sequence[Scored], titles: Mapping[str, str], *, paper: PaperSet | None = None
+) -> ComparisonTable:
+    """Time and memory of each contender; the paper's, on its own machine, below."""
+    rows = [
+        Row(titles.get(name, name), summarise(own)[0]) for name, own in by_contender(runs).items()
+    ]
+    legend = list(_MEASURED)
+    if paper is not None:
+        rows += [row for row in paper_rows(paper, "masks") if "frame_ms" in row.scores]
+        legend.append("The paper measured on an RTX 4090, its network included.")
+    return ComparisonTable(rows, _RESOURCES, legend, "Time and memory")
+
+
+def scene_table(
+    runs: Sequence[Scored], titles: Mapping[str, str], score: str = "IDF1", title: str = ""
+) -> ComparisonTable:
+    """One score by scene."""
+    return _cross(runs, titles, score, lambda run: run.record.scene, title)
+
+
+def axis_table(
+    runs: Sequence[Scored], titles: Mapping[str, str], score: str = "IDF1", title: str = ""
+) -> ComparisonTable | None:
+    """One score by what makes a rendered tour hard, three tours each; None for other scenes."""
+    known = [run for run in runs if _axis(run) in AXES]
+    return _cross(known, titles, score, _axis, title) if known else None
+
+
+def list_failures(runs: Sequence[Scored]) -> list[str]:
+    """A sentence for every run that has no score."""
+    return [
+        f"{run.record.contender} on {run.record.scene}: {run.error}"
+        for run in runs
+        if run.strict is None
+    ]
+
+
+def save_tables(tables: Mapping[str, ComparisonTable], folder: Path) -> list[Path]:
+    """Writes every table as Markdown, CSV, LaTeX and text, and as a page where matplotlib is.
+
+    Raises:
+      OutputError: If a file cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot make folder '{folder}': {error.strerror}") from error
+    written = []
+    for name, table in tables.items():
+        for suffix in FORMATS + ((".html",) if _can_plot() else ()):
+            path = folder / f"{name}{suffix}"
+            table.save(path)
+            written.append(path)
+    return written
+
+
+def _cross(
+    runs: Sequence[Scored],
+    titles: Mapping[str, str],
+    score: str,
+    group: Callable[[Scored], str],
+    title: str,
+) -> ComparisonTable:
+    """Contenders by groups of scenes."""
+    groups = list(dict.fromkeys(map(group, runs)))
+    rows = []
+    for name, own in by_contender(runs).items():
+        cells = {}
+        for label in groups:
+            scores, _ = summarise([run for run in own if group(run) == label])
+            if score in scores:
+                cells[label] = scores[score]
+        rows.append(Row(titles.get(name, name), cells))
+    columns = [Column(label, "percent", "higher") for label in groups]
+    return ComparisonTable(rows, columns, (), title or score)
+
+
+def _axis(run: Scored) -> str:
+    return run.record.scene.rpartition("-")[0]
+
+
+def _can_plot() -> bool:
+    import importlib.util
+
+    return importlib.util.find_spec("matplotlib") is not None

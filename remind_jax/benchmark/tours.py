@@ -1,0 +1,113 @@
+"""Twelve rendered tours, four questions at three levels of difficulty each.
+
+Generated, never stored with the project: rendered once into the user's cache folder and found there
+again. They are for evaluation only. Nothing may be tuned on them, nor on any tour of a seed from
+100 on; development has the seeds below.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from remind_jax import synthetic
+from remind_jax.errors import OutputError
+from remind_jax.synthetic import LookalikeGroup, SceneOptions, make_scene, write_davis
+from remind_jax.user_folders import user_cache_folder
+
+FIRST_SEED = 100  # tours of this seed and later ones are for evaluation only
+AXES = ("alike", "absent", "light", "dense")  # what makes a tour hard; three tours each
+
+_FEW = (LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical"))
+_MANY = (
+    LookalikeGroup("mug", 4, "tint", rooms=(0, 1)),
+    LookalikeGroup("box", 4, "identical", rooms=(0, 1)),
+    LookalikeGroup("vase", 3, "tint"),
+    LookalikeGroup("bottle", 3, "pattern", rooms=(0, 1)),
+    LookalikeGroup("book", 3, "identical", rooms=(0, 1)),
+)
+_BASE = SceneOptions(
+    width=480,
+    height=360,
+    min_mask_px=200,  # most of a patch of 16 pixels
+    frames=180,
+    num_rooms=2,
+    objects_per_room=13,
+    lookalikes=_FEW,
+    absence_frames=70,
+    light_drop=0.3,
+)
+_VARIANTS: tuple[tuple[str, dict[str, object]], ...] = (
+    ("alike-1", {"lookalikes": ()}),
+    ("alike-2", {}),
+    ("alike-3", {"lookalikes": _MANY, "objects_per_room": 14}),
+    ("absent-1", {"absence_frames": 30}),
+    ("absent-2", {"absence_frames": 60, "returns": 2, "frames": 240}),
+    ("absent-3", {"absence_frames": 150, "frames": 260, "num_rooms": 3}),
+    ("light-1", {"light_drop": 1.0}),
+    ("light-2", {"light_drop": 0.12}),
+    ("light-3", {"light_drop": 0.04, "window_level": 0.1, "noise": 4.0}),
+    ("dense-1", {"objects_per_room": 7, "gap_m": 0.15}),
+    ("dense-2", {"objects_per_room": 18, "gap_m": 0.03}),
+    ("dense-3", {"objects_per_room": 24, "gap_m": 0.01}),
+)
+
+
+def benchmark_tours() -> tuple[SceneOptions, ...]:
+    """Options of the twelve tours, `<axis>-<level>`; level 3 is the hardest."""
+    return tuple(
+        dataclasses.replace(_BASE, name=name, seed=FIRST_SEED + number, **changes)
+        for number, (name, changes) in enumerate(_VARIANTS)
+    )
+
+
+def render_tours(
+    folder: str | Path | None = None,
+    tours: tuple[SceneOptions, ...] | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Path:
+    """Renders what is not there yet, in the DAVIS layout, and gives the folder.
+
+    Args:
+      folder: Where to keep the tours; the user's cache folder if left out.
+      tours: Which; the twelve if left out.
+      progress: Told the name of each tour that is rendered.
+
+    Raises:
+      OutputError: If the folder cannot be written.
+    """
+    tours = benchmark_tours() if tours is None else tours
+    base = user_cache_folder() / "tours" if folder is None else Path(folder)
+    # Another renderer or other options make other pixels, which belong into another folder.
+    root = base / _fingerprint(tours)
+    for options in tours:
+        if (root / options.name / "metadata.json").is_file():
+            continue
+        if progress is not None:
+            progress(options.name)
+        _render(options, root)
+    return root
+
+
+def _render(options: SceneOptions, root: Path) -> None:
+    """Renders beside the place where a tour shows up, complete or not at all."""
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=root, prefix=".unfinished-") as unfinished:
+            made = write_davis(make_scene(options), unfinished)
+            shutil.rmtree(root / options.name, ignore_errors=True)
+            os.replace(made, root / options.name)
+    except OSError as error:
+        raise OutputError(f"cannot keep tours in '{root}': {error.strerror}") from error
+
+
+def _fingerprint(tours: tuple[SceneOptions, ...]) -> str:
+    digest = hashlib.sha256(repr(tours).encode())
+    for file in sorted(Path(str(synthetic.__file__)).parent.glob("*.py")):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]

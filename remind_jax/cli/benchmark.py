@@ -1,0 +1,186 @@
+"""`remind benchmark`: many trackers on many scenes, by the same rules, with tables at the end."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.detectors.options import DetectorOptions
+from remind_jax.errors import ConfigError
+from remind_jax.sources.sampling import Sampling
+
+if TYPE_CHECKING:
+    from remind_jax.benchmark.contenders import Contender
+    from remind_jax.benchmark.records import Record
+    from remind_jax.benchmark.scenes import Scene
+    from remind_jax.benchmark.scoring import Scored
+    from remind_jax.metrics.comparison import ComparisonTable
+
+DEFAULT_FOLDER = Path("benchmarks-out")
+
+
+@dataclasses.dataclass(frozen=True)
+class Benchmark:
+    """Run many trackers on every scene of a data set and write tables of scores.
+
+    Results are kept as they come: stopped or repeated, nothing that is there is done again. A scene
+    that fails is reported, counted, and left behind.
+
+    Examples:
+      remind benchmark                                  twelve rendered tours
+      remind benchmark DAVIS --backbone dinov3-vits16
+      remind benchmark scannetpp/ --methods published default bank
+      remind benchmark scannetpp/ --detector yolo.onnx  masks of a detector instead of the true ones
+    """
+
+    # DAVIS or ScanNet++ folder, or a folder of scenes; twelve rendered tours if left out
+    root: Annotated[Positional[Path | None], arg(metavar="DATASET_ROOT")] = None
+    # configurations, trackers or YAML files; published, default, all ablations, all trackers if
+    # left out
+    methods: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
+    # only these scenes
+    scenes: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
+    detector: Path | None = None  # ONNX segmentation model; the scenes' own masks if left out
+    backbone: Annotated[str, arg(metavar="NAME")] = "patch-statistics"  # as in 'remind run'
+    weights: Path | None = None  # converted weights of the backbone
+    feature_cache: Path | None = None  # keep features there, in the user's cache if left out
+    # name of the metadata file in each scene's folder, where it has several
+    metadata: Annotated[str | None, arg(metavar="NAME")] = None
+    out: Path = DEFAULT_FOLDER  # output folder, of this or an earlier benchmark
+    # the paper's numbers beside ours; auto: for ScanNet++
+    paper: Literal["auto", "custom", "scannetpp", "none"] = "auto"
+    retry_failed: bool = False  # run again what failed before
+    quiet: bool = False  # say nothing but errors
+    json: bool = False  # print scores as JSON on stdout
+    sampling: Sampling = dataclasses.field(default_factory=Sampling)
+    detection: DetectorOptions = dataclasses.field(default_factory=DetectorOptions)
+
+    def execute(self) -> int:
+        """Runs what is missing, scores everything, writes tables; returns the exit code.
+
+        Raises:
+          RemindError: If the data set, a method or an option is not accepted, or nothing can be
+            written.
+        """
+        silence_libraries()
+        # Else the memory that a device reports is what JAX reserved.
+        os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
+        from remind_jax.backbone.opening import open_backbone
+        from remind_jax.benchmark.contenders import make_contenders
+        from remind_jax.benchmark.running import Setup, run_all
+
+        contenders = make_contenders([name for names in self.methods for name in names])
+        if self.detector is not None and not self.detector.is_file():
+            raise ConfigError(f"there is no detector '{self.detector}'; give an ONNX file")
+        scenes = self._find_scenes()
+        keep_compiled_programs()
+        setup = Setup(
+            out=self.out,
+            backbone=open_backbone(self.backbone, weights=self.weights),
+            regime="masks" if self.detector is None else "detector",
+            detector=self.detector,
+            detector_options=self.detection,
+            sampling=self.sampling,
+            feature_cache=self.feature_cache,
+            retry_failed=self.retry_failed,
+        )
+        records = run_all(setup, scenes, contenders, self._say_record)
+        runs = self._score(records, scenes)
+        tables = self._make_tables(runs, contenders, scenes, setup.regime)
+        self._show(tables, runs)
+        return exit_codes.FINE if any(run.strict for run in runs) else exit_codes.ERROR
+
+    def _find_scenes(self) -> tuple[Scene, ...]:
+        from remind_jax.benchmark.scenes import find_scenes, select_scenes
+        from remind_jax.benchmark.tours import render_tours
+
+        root = self.root
+        if root is None:
+            root = render_tours(progress=lambda name: self._say(f"rendering {name}"))
+        names = tuple(name for group in self.scenes for name in group)
+        chosen = select_scenes(find_scenes(root, self.metadata), names)
+        for scene in chosen:
+            if not scene.has_masks:
+                self._say(f"{scene.name} has no annotations and cannot be scored; left out")
+        annotated = tuple(scene for scene in chosen if scene.has_masks)
+        if not annotated:
+            raise ConfigError(f"no scene of '{root}' has annotations; nothing can be scored")
+        return annotated
+
+    def _score(self, records: list[Record], scenes: tuple[Scene, ...]) -> list[Scored]:
+        from remind_jax.benchmark.scoring import read_truth, score
+
+        scored = []
+        for scene in scenes:
+            truth = read_truth(scene, self.sampling)
+            scored += [score(self.out, r, truth) for r in records if r.scene == scene.name]
+        return scored
+
+    def _make_tables(
+        self,
+        runs: list[Scored],
+        contenders: tuple[Contender, ...],
+        scenes: tuple[Scene, ...],
+        regime: Literal["masks", "detector"],
+    ) -> dict[str, ComparisonTable]:
+        from remind_jax.benchmark.tables import (
+            axis_table,
+            main_table,
+            resource_table,
+            save_tables,
+            scene_table,
+        )
+
+        titles = {contender.name: contender.title for contender in contenders}
+        is_scannetpp = scenes[0].layout == "scannetpp"
+        paper = {"auto": "scannetpp" if is_scannetpp else None, "none": None}.get(
+            self.paper, self.paper
+        )
+        frames = sum(run.record.num_frames for run in runs if run.record.contender in titles)
+        num_frames = frames // max(1, len(contenders))
+        what = f"{len(scenes)} scenes, {num_frames} frames, {regime}, {self.backbone}"
+        tables = {
+            regime: main_table(runs, titles, regime, title=what, paper=paper),
+            f"{regime}_resources": resource_table(runs, titles, paper=paper),
+            f"{regime}_scenes": scene_table(runs, titles, title="IDF1 by scene"),
+        }
+        by_axis = axis_table(runs, titles, title="IDF1 by difficulty")
+        if by_axis is not None:
+            tables[f"{regime}_axes"] = by_axis
+        save_tables(tables, self.out / "tables")
+        return tables
+
+    def _show(self, tables: dict[str, ComparisonTable], runs: list[Scored]) -> None:
+        from remind_jax.benchmark.tables import list_failures
+        from remind_jax.metrics.scene_evaluation import without_nan
+
+        failures = list_failures(runs)
+        if self.json:
+            main = next(iter(tables.values()))
+            rows = {row.name: without_nan(row.scores) for row in main.rows}
+            print(json.dumps({"scores": rows, "failed": failures}, indent=1))
+            return
+        if not self.quiet:
+            for table in tables.values():
+                print(table.to_text())
+        for failure in failures:
+            print(f"failed: {failure}", file=sys.stderr)
+
+    def _say_record(self, record: Record, was_there: bool) -> None:
+        place = f"{record.scene}, {record.contender}"
+        if record.status == "failed":
+            self._say(f"{place}: failed: {record.error}")
+        elif not was_there and record.step is not None:
+            self._say(f"{place}: {record.num_frames} frames, step {record.step.mean_ms:.1f} ms")
+
+    def _say(self, sentence: str) -> None:
+        if not self.quiet:
+            print(sentence, file=sys.stderr, flush=True)

@@ -1,0 +1,30 @@
+"""A data set of two tiny tours, on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from remind_jax.synthetic import SceneOptions, make_scene, write_davis
+
+FRAMES = 8
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory) -> Path:
+    """Two scenes, named like tours, in the DAVIS layout."""
+    folder = tmp_path_factory.mktemp("dataset")
+    for seed, name in enumerate(("alike-1", "light-1")):
+        options = SceneOptions(
+            name=name,
+            seed=seed,
+            frames=FRAMES,
+            absence_frames=3,
+            width=128,
+            height=96,
+            objects_per_room=3,
+            min_mask_px=20,
+        )
+        write_davis(make_scene(options), folder)
+    return folder

@@ -1,0 +1,71 @@
+"""The rendered tours: what they are, and that they are rendered once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+
+import pytest
+
+from remind_jax.benchmark import tours
+from remind_jax.benchmark.scenes import find_scenes
+from remind_jax.errors import OutputError
+from remind_jax.synthetic import SceneOptions, make_scene
+
+SMALL = SceneOptions(
+    name="small",
+    frames=4,
+    absence_frames=0,
+    width=64,
+    height=48,
+    objects_per_room=3,
+    min_mask_px=10,
+)
+
+
+def test_twelve_tours_of_seeds_that_nobody_tunes_on():
+    made = tours.benchmark_tours()
+    assert len({options.name for options in made}) == len(made) == 12
+    assert sorted(options.seed for options in made) == list(range(100, 112))
+    counts = Counter(options.name.rpartition("-")[0] for options in made)
+    assert counts == dict.fromkeys(tours.AXES, 3)
+
+
+@pytest.mark.parametrize("options", tours.benchmark_tours(), ids=lambda o: o.name)
+def test_every_tour_has_room_for_its_objects(options):
+    scene = make_scene(options)
+    assert len(scene.objects) == options.num_rooms * options.objects_per_room
+    assert len(scene.path.away) == options.returns
+
+
+def test_a_tour_is_rendered_once_and_found_again(tmp_path):
+    told: list[str] = []
+    first = tours.render_tours(tmp_path, (SMALL,), told.append)
+    again = tours.render_tours(tmp_path, (SMALL,), told.append)
+    assert first == again
+    assert told == ["small"]
+    (scene,) = find_scenes(first)
+    assert scene.has_masks
+    assert sum(1 for _ in scene.open()) == SMALL.frames
+
+    other = tours.render_tours(tmp_path, (dataclasses.replace(SMALL, seed=1),), told.append)
+    assert other != first
+    assert told == ["small", "small"]
+
+
+def test_an_unfinished_tour_is_not_there(tmp_path, monkeypatch):
+    def fail(scene, folder):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tours, "write_davis", fail)
+    with pytest.raises(KeyboardInterrupt):
+        tours.render_tours(tmp_path, (SMALL,))
+    assert not list(tmp_path.rglob("metadata.json"))
+    monkeypatch.undo()
+    assert find_scenes(tours.render_tours(tmp_path, (SMALL,)))
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot keep tours"):
+        tours.render_tours(tmp_path / "file", (SMALL,))
