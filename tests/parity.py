@@ -27,9 +27,6 @@ from tests.golden import load
 # Scores: the original's are float64 on float32 cosines; summation order alone moves them by 1e-7.
 SCORE_TOLERANCE = {"float64": 2e-6, "float32": 2e-5}
 CONFIDENCE_TOLERANCE = {"float64": 1e-5, "float32": 2e-4}  # steep in the gap: slope up to 20
-# The medoid of two patches is a tie that rounding decides, and two processors round apart.
-TIED_PROTOTYPES = "partials_on"
-TIED_SCORE, TIED_CONFIDENCE = 2e-3, 1e-2
 DESCRIPTOR_TOLERANCE = 1e-5
 
 OUTCOMES = {  # the original's name of each of our outcomes
@@ -146,11 +143,7 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
     rows = trace.rows("det", frame=frame)
     if list(rows["det"]) != kept:
         raise ValueError(f"frame {frame}: detections {kept} against {list(rows['det'])}")
-    score_tolerance, confidence_tolerance = (
-        (TIED_SCORE, TIED_CONFIDENCE)
-        if report.variant == TIED_PROTOTYPES
-        else (SCORE_TOLERANCE[precision], CONFIDENCE_TOLERANCE[precision])
-    )
+    score_tolerance = SCORE_TOLERANCE[precision]
     for i, det in enumerate(kept):
         row = {column: values[i] for column, values in rows.items()}
         what = f"detection {det}"
@@ -187,7 +180,7 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
         close("score", d.score[i], row["score"], score_tolerance)
         close("s1", d.best_score[i], row["s1"], score_tolerance)
         close("s2", d.second_score[i], row["s2"], score_tolerance)
-        close("confidence", d.confidence[i], row["confidence"], confidence_tolerance)
+        close("confidence", d.confidence[i], row["confidence"], CONFIDENCE_TOLERANCE[precision])
         _compare_options(report, trace, frame, det, first_row + i, d, i, score_tolerance)
         candidates = trace.rows("cand", det_row=first_row + i)
         exact(

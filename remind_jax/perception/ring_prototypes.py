@@ -15,6 +15,8 @@ from remind_jax.observation import RingPatches
 from remind_jax.perception.pooling import TINY, dot, to_unit
 from remind_jax.solvers.clustering import kmeans_with_centres
 
+_ROUNDING = 5e-7  # of float32 inner products of unit vectors
+
 
 def find_ring_prototypes(
     features: Float[Array, "P D"],
@@ -165,9 +167,12 @@ def _take_nearest(
     inside: Bool[Array, "N M P"],
     labels: Int[Array, "N P"],
 ) -> Float[Array, "N M D"]:
-    """The point of each region nearest to its centre; among equals by cluster, then by place."""
+    """The point of each region nearest to its centre; among equals by cluster, then by place.
+
+    Two points of equal weight are equally near: what differs by rounding only counts as equal.
+    """
     cosine = jnp.where(inside, dot(centres, points), -jnp.inf)
-    best = inside & (cosine == jnp.max(cosine, axis=2, keepdims=True))
+    best = inside & (cosine >= jnp.max(cosine, axis=2, keepdims=True) - _ROUNDING)
     num = points.shape[0]
     rank = labels[:, None] * num + jnp.arange(num)
     at = jnp.argmin(jnp.where(best, rank, jnp.iinfo(jnp.int32).max), axis=2)
