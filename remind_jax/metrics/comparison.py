@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 # Characters of a line where nothing limits it.
 _WIDE = 4000
+_HIGH = 25  # without a height, rich takes the width of dumb terminals to be 80
 
 # Scores closer than this are equal: less than any format shows.
 _SAME = 1e-9
@@ -85,7 +86,7 @@ class ComparisonTable:
         """
         from rich.console import Console
 
-        console = Console(width=width or _WIDE)
+        console = Console(width=width or _WIDE, height=_HIGH)
         with console.capture() as capture:
             self.print(console)
         return "\n".join(line.rstrip() for line in capture.get().splitlines()) + "\n"
@@ -97,10 +98,10 @@ class ComparisonTable:
         if console is None:
             console = Console()
             if not console.is_terminal:
-                console = Console(width=_WIDE)
+                console = Console(width=_WIDE, height=_HIGH)
         table = self._lay_out()
         # Measured on a wide console: measurements stop at the width of their console.
-        if Console(width=_WIDE).measure(table).maximum > console.width:
+        if Console(width=_WIDE, height=_HIGH).measure(table).maximum > console.width:
             table = self._lay_out(beside=True)
         console.print(table)
         for sentence in self.legend:

@@ -21,7 +21,7 @@ _PLOTTED = ("HOTA", "DetA", "AssA", "IDF1", "Recovery", "HardRecovery", "MOTA", 
 
 _STYLE = """
 :root { color-scheme: light; font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; }
-body { max-width: 76rem; margin: 2rem auto; padding: 0 1.25rem; background: #fff; }
+body { max-width: 92rem; margin: 2rem auto; padding: 0 1.25rem; background: #fff; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
@@ -29,6 +29,7 @@ th, td { padding: .35rem .75rem; border-bottom: 1px solid #d8dee4; text-align: r
   vertical-align: top; }
 th { border-bottom: 2px solid #1b1f24; white-space: nowrap; }
 th:first-child, td:first-child, td.note, th.note { text-align: left; }
+td:first-child { white-space: nowrap; }
 td small { display: block; color: #59636e; white-space: nowrap; }
 td.best { font-weight: 700; } td.best small { font-weight: 400; }
 .swatch { display: inline-block; width: .7em; height: .7em; border-radius: 50%;
@@ -129,7 +130,7 @@ def _draw_chart(table: ComparisonTable, chart: Chart) -> str:
     column = column_of(chart.column)
     scale = 100.0 if column.kind == "percent" else 1.0
     order = [row.name for row in table.rows]
-    with _figure(6.2, 3.6) as (axes, finish):
+    with _figure(5.6, 3.4) as (axes, finish):
         for name, values in chart.series.items():
             place = order.index(name) if name in order else len(order)
             axes.plot(
@@ -147,6 +148,8 @@ def _draw_chart(table: ComparisonTable, chart: Chart) -> str:
         axes.set_xticks(range(len(labels)), labels, fontsize=9)
         if column.kind == "percent":
             axes.set_ylim(0, 102)
+        if chart.supports:
+            axes.set_xlabel("observations under each bin", fontsize=9)
         axes.set_title(_plain(chart.title), loc="left")
         axes.set_ylabel(column.heading + (" (%)" if column.kind == "percent" else ""))
         axes.grid(axis="y", color="#e6e9ec")

@@ -120,7 +120,7 @@ def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[
     sentences = ["Scores in percent, equal to TrackEval's; counts are of all scenes together."]
     if any(row.intervals for row in rows):
         unit = "scenes" if len(evaluations[0].scenes) > 1 else "objects"
-        sentences.append(f"Under a score: 95 % bootstrap interval over {unit}.")
+        sentences.append(f"Ranges: 95 % bootstrap intervals over {unit}.")
     for evaluation in evaluations:
         sentences += [
             f"{evaluation.name}: scene '{scene}' failed: {why}"

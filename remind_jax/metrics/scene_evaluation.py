@@ -41,7 +41,7 @@ class SceneOptions:
     num_frames: int | None = None  # length, for text; up to the last row if left out
     class_id: int | None = None  # class to score, for text; MOT: all, MOTS: 2, if left out
     undecided: Undecided = "strict"  # what becomes of undecided detections of a run
-    by_object: bool = False  # keep counts of every object, for intervals over them
+    by_object: bool = False  # keep counts by object of a single scene, for intervals over them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,6 +134,7 @@ def evaluate(
     predictions = open_scenes(prediction, format, truth=truth, like=like)
     name = name or Path(prediction).stem or str(prediction)
     partner, notes = match_scenes(truth, predictions)
+    options = dataclasses.replace(options, by_object=options.by_object and len(partner) == 1)
     scenes: list[Evaluation] = []
     failed: dict[str, str] = {}
     for scene, predicted in partner.items():

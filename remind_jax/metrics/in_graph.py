@@ -1,0 +1,316 @@
+"""IDF1, HOTA's AssA and recovery inside a JAX program, for sweeps over thousands of settings.
+
+Shapes are fixed: `T` frames, `G` true and `P` predicted slots per frame, `O` objects, `L` labels.
+True objects are numbered `0 ... O - 1`, labels are the tracker's ids `0 ... L - 1`, and -1 marks a
+slot that is empty (padding, or a detection without an id). Ids from `L` on are false positives and
+raise `overflow`. All functions are pure, can be jitted and vmapped; `num_objects` and `num_labels`
+are static.
+
+    score = functools.partial(score_labels, num_objects=O, num_labels=L)
+    scores = jax.vmap(score, in_axes=(None, 0))(gt_index, predicted_id)  # [settings, T, N] ids
+
+Values equal those of `evaluation.evaluate_sequence` to single precision, ties included. Overlaps
+within 1e-7 of a threshold may fall on its other side.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.metrics.hota import ALPHAS
+from remind_jax.metrics.identity import IDENTITY_THRESHOLD
+from remind_jax.solvers.assignment_in_graph import assign_in_graph
+
+NONE = -1
+
+# In the one-to-one reference common frames come first, overlap breaks ties.
+_FRAME_WEIGHT = 1000.0
+
+
+class GraphScores(NamedTuple):
+    """Scores of one run, fractions; recovery is NaN where nothing returned."""
+
+    idf1: Float[Array, ""]
+    idp: Float[Array, ""]
+    idr: Float[Array, ""]
+    hota: Float[Array, ""]
+    det_a: Float[Array, ""]
+    ass_a: Float[Array, ""]
+    recovery: Float[Array, ""]
+    hard_recovery: Float[Array, ""]
+    opportunities: Int[Array, ""]
+    overflow: Bool[Array, ""]  # an id was beyond `num_labels`: scores are a lower bound
+
+
+def score_labels(
+    gt_index: Int[Array, "T N"],
+    predicted_id: Int[Array, "T N"],
+    firm_id: Int[Array, "T N"] | None = None,
+    score: Float[Array, "T N"] | None = None,
+    gt_class: Int[Array, "T N"] | None = None,
+    *,
+    num_objects: int,
+    num_labels: int,
+) -> GraphScores:
+    """Scores a tracker whose detections are the true masks: a slot is an object and its answer.
+
+    Args:
+      gt_index: True object of each detection, -1 where it has none.
+      predicted_id: Its id, -1 without one.
+      firm_id: What recovery is counted from; `predicted_id` if left out.
+      score: Who keeps an id that a frame gives twice: the higher score, then the lower slot.
+      gt_class: Class of each detection, for a tracker that may give one id to two classes.
+      num_objects: Objects.
+      num_labels: Ids that are told apart.
+    """
+    firm_id = predicted_id if firm_id is None else firm_id
+    score = jnp.zeros(gt_index.shape) if score is None else score
+    overflow = jnp.any(predicted_id >= num_labels) | jnp.any(firm_id >= num_labels)
+    predicted_id, firm_id = (_keep_first(ids, score) for ids in (predicted_id, firm_id))
+    classes = jnp.zeros_like(gt_index) if gt_class is None else gt_class
+
+    object_hot = _one_hot(gt_index, num_objects)
+    common = jnp.einsum("tno,tnl->ol", object_hot, _one_hot(predicted_id, num_labels))
+    num_pred = jnp.sum(predicted_id != NONE)
+    idf1, idp, idr = _score_identity(common, jnp.sum(object_hot), num_pred)
+    lengths = jnp.sum(object_hot, axis=(0, 1))
+    label_lengths = jnp.sum(_one_hot(predicted_id, num_labels), axis=(0, 1))
+    det_a, ass_a = _score_association(common, lengths, label_lengths, num_pred)
+
+    answer = _scatter_answers(object_hot, firm_id)
+    overlap = (answer != NONE).astype(jnp.float32)
+    counts = _count_recovery(
+        jnp.any(object_hot > 0, axis=1),
+        answer,
+        overlap,
+        _first_class(gt_index, classes, num_objects),
+        _first_class(firm_id, classes, num_labels),
+    )
+    recovery, hard = _rates(counts)
+    return GraphScores(
+        idf1, idp, idr, jnp.sqrt(det_a * ass_a), det_a, ass_a, recovery, hard, counts[0], overflow
+    )
+
+
+def score_overlaps(
+    gt_index: Int[Array, "T G"],
+    predicted_id: Int[Array, "T P"],
+    similarity: Float[Array, "T G P"],
+    gt_class: Int[Array, "T G"] | None = None,
+    pred_class: Int[Array, "T P"] | None = None,
+    *,
+    num_objects: int,
+    num_labels: int,
+) -> GraphScores:
+    """Scores a tracker on detections of its own, given how much they overlap the true ones.
+
+    Args:
+      gt_index: True objects of each frame, each once, -1 padding.
+      predicted_id: Ids of each frame, each once, -1 without one.
+      similarity: Overlaps in [0, 1]; those of empty slots are not looked at.
+      gt_class: Class of each true slot; answers of another class do not count for recovery.
+      pred_class: Class of each predicted slot.
+      num_objects: Objects.
+      num_labels: Ids that are told apart.
+    """
+    overflow = jnp.any(predicted_id >= num_labels)
+    known = (predicted_id != NONE) & (predicted_id < num_labels)
+    similarity = jnp.where((gt_index != NONE)[:, :, None] & known[:, None], similarity, 0.0)
+    object_hot, label_hot = _one_hot(gt_index, num_objects), _one_hot(predicted_id, num_labels)
+    num_pred = jnp.sum(predicted_id != NONE)
+
+    def sum_pairs(values: Float[Array, "T G P"]) -> Float[Array, "O L"]:
+        return jnp.einsum("tgp,tgo,tpl->ol", values, object_hot, label_hot)
+
+    common = sum_pairs((similarity >= IDENTITY_THRESHOLD).astype(jnp.float32))
+    idf1, idp, idr = _score_identity(common, jnp.sum(object_hot), num_pred)
+
+    lengths, label_lengths = (jnp.sum(hot, axis=(0, 1)) for hot in (object_hot, label_hot))
+    soft_union = jnp.sum(similarity, 1, keepdims=True) + jnp.sum(similarity, 2, keepdims=True)
+    soft_union = soft_union - similarity
+    share = jnp.where(similarity > 0, similarity / jnp.where(soft_union > 0, soft_union, 1.0), 0.0)
+    aligned = sum_pairs(share)
+    aligned = aligned / jnp.maximum(lengths[:, None] + label_lengths - aligned, 1e-9)
+    worth = jnp.einsum("tgo,ol,tpl->tgp", object_hot, aligned, label_hot) * similarity
+    matched = jnp.where(_match_frames(worth), similarity, 0.0)
+
+    def at_threshold(alpha: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        pairs = sum_pairs(((matched >= alpha) & (matched > 0)).astype(jnp.float32))
+        return _score_association(pairs, lengths, label_lengths, num_pred)
+
+    det_a, ass_a = lax.map(at_threshold, jnp.asarray(ALPHAS, jnp.float32))
+
+    has_classes = gt_class is not None and pred_class is not None
+    of_gt = gt_class if has_classes else jnp.zeros_like(gt_index)
+    of_pred = pred_class if has_classes else jnp.zeros_like(predicted_id)
+    assert of_gt is not None
+    assert of_pred is not None
+    admitted = (similarity >= IDENTITY_THRESHOLD) & (of_gt[:, :, None] == of_pred[:, None])
+    pairs = _match_frames(jnp.where(admitted, similarity, 0.0))
+    label = jnp.max(jnp.where(pairs, predicted_id[:, None], NONE), axis=2)
+    overlap = jnp.sum(jnp.where(pairs, similarity, 0.0), axis=2)
+    counts = _count_recovery(
+        jnp.any(object_hot > 0, axis=1),
+        _scatter_answers(object_hot, label),
+        jnp.einsum("tgo,tg->to", object_hot, overlap),
+        _first_class(gt_index, of_gt, num_objects),
+        _first_class(predicted_id, of_pred, num_labels),
+    )
+    recovery, hard = _rates(counts)
+    return GraphScores(
+        idf1,
+        idp,
+        idr,
+        jnp.mean(jnp.sqrt(det_a * ass_a)),
+        jnp.mean(det_a),
+        jnp.mean(ass_a),
+        recovery,
+        hard,
+        counts[0],
+        overflow,
+    )
+
+
+def _one_hot(index: Int[Array, "T N"], size: int) -> Float[Array, "T N size"]:
+    return jax.nn.one_hot(index, size, dtype=jnp.float32)  # all zero for -1 and beyond
+
+
+def _keep_first(ids: Int[Array, "T N"], score: Float[Array, "T N"]) -> Int[Array, "T N"]:
+    """Each id once per frame: with the highest score, then the lowest slot."""
+    slot = jnp.arange(ids.shape[1])
+    higher = score[:, None] > score[:, :, None]
+    earlier = (score[:, None] == score[:, :, None]) & (slot < slot[:, None])
+    taken = jnp.any((ids[:, :, None] == ids[:, None]) & (higher | earlier), axis=2)
+    return jnp.where(taken, NONE, ids)
+
+
+def _score_identity(
+    common: Float[Array, "O L"], num_gt: Float[Array, ""], num_pred: Int[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """IDF1, IDP, IDR from the frames that objects and labels share."""
+    column = assign_in_graph(
+        common,
+        common > 0,
+        jnp.zeros(len(common), jnp.int32),
+        jnp.zeros(len(common)),
+        jnp.asarray(True),
+    )
+    right = jnp.sum(jnp.where(column >= 0, _take(common, column), 0.0))
+    total = jnp.maximum(1.0, 0.5 * (num_gt + num_pred))
+    return right / total, right / jnp.maximum(1.0, num_pred), right / jnp.maximum(1.0, num_gt)
+
+
+def _score_association(
+    pairs: Float[Array, "O L"],
+    lengths: Float[Array, "O"],
+    label_lengths: Float[Array, "L"],
+    num_pred: Int[Array, ""],
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """DetA and AssA from the matches of objects and labels."""
+    num_matches = jnp.sum(pairs)
+    det_a = num_matches / jnp.maximum(1.0, jnp.sum(lengths) + num_pred - num_matches)
+    union = jnp.maximum(1.0, lengths[:, None] + label_lengths - pairs)
+    return det_a, jnp.sum(pairs * (pairs / union)) / jnp.maximum(1.0, num_matches)
+
+
+def _match_frames(worth: Float[Array, "T G P"]) -> Bool[Array, "T G P"]:
+    """In every frame the one-to-one pairs of largest total worth."""
+
+    def match(frame: Float[Array, "G P"]) -> Bool[Array, "G P"]:
+        rows = len(frame)
+        column = assign_in_graph(
+            frame, frame > 0, jnp.zeros(rows, jnp.int32), jnp.zeros(rows), jnp.asarray(True)
+        )
+        return column[:, None] == jnp.arange(frame.shape[1])
+
+    return lax.map(match, worth)
+
+
+def _scatter_answers(
+    object_hot: Float[Array, "T N O"], label: Int[Array, "T N"]
+) -> Int[Array, "T O"]:
+    """What each object was called in each frame."""
+    return jnp.max(jnp.where(object_hot > 0, label[:, :, None], NONE), axis=1)
+
+
+def _first_class(index: Int[Array, "T N"], classes: Int[Array, "T N"], size: int) -> Array:
+    """Class at the first occurrence of each number; -1 where it never occurs."""
+    index, classes = index.ravel(), classes.ravel()
+    place = jnp.arange(len(index))
+    inside = (index >= 0) & (index < size)
+    first = jnp.full(size, len(index)).at[jnp.where(inside, index, size)].min(place, mode="drop")
+    return jnp.where(first < len(index), classes[jnp.minimum(first, len(index) - 1)], NONE)
+
+
+def _count_recovery(
+    visible: Bool[Array, "T O"],
+    answer: Int[Array, "T O"],
+    overlap: Float[Array, "T O"],
+    object_class: Int[Array, "O"],
+    label_class: Int[Array, "L"],
+) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
+    """Opportunities, recovered and hard recovered returns, by the one-to-one reference."""
+    answer = jnp.where(answer < len(label_class), answer, NONE)
+    reference = _find_reference(answer, overlap, object_class, label_class)
+    is_right = (answer == reference) & (answer != NONE)
+
+    def look(carry, frame):
+        seen_before, was_visible, is_return, recovered, counts = carry
+        visible, is_right = frame
+        starts = visible & seen_before & ~was_visible
+        is_return = jnp.where(visible & ~was_visible, seen_before, is_return)
+        recovered = jnp.where(starts, False, recovered)
+        newly = visible & is_return & is_right & ~recovered
+        counts = counts + jnp.stack(
+            [jnp.sum(starts), jnp.sum(newly), jnp.sum(starts & is_right)]
+        ).astype(jnp.int32)
+        carry = (seen_before | visible, visible, is_return, recovered | newly, counts)
+        return carry, None
+
+    nobody = jnp.zeros(visible.shape[1], bool)
+    carry = (nobody, nobody, nobody, nobody, jnp.zeros(3, jnp.int32))
+    (*_, counts), _ = lax.scan(look, carry, (visible, is_right))
+    return counts[0], counts[1], counts[2]
+
+
+def _find_reference(
+    answer: Int[Array, "T O"],
+    overlap: Float[Array, "T O"],
+    object_class: Int[Array, "O"],
+    label_class: Int[Array, "L"],
+) -> Int[Array, "O"]:
+    num_objects, num_labels = len(object_class), len(label_class)
+    answer_hot = jax.nn.one_hot(answer, num_labels, dtype=jnp.float32)
+    worth = jnp.einsum("tol,to->ol", answer_hot, _FRAME_WEIGHT + overlap)
+    worth = jnp.where(object_class[:, None] == label_class, worth, 0.0)
+    takes_part = jnp.any(worth > 0, axis=1)
+    # Objects that were never answered compete with nobody: a group of their own.
+    apart = jnp.max(object_class, initial=0) + 1 + jnp.arange(num_objects)
+    group = jnp.where(takes_part, object_class, apart)
+    used = jnp.any((group[:, None] == group)[:, :, None] & (worth > 0)[None], axis=1)
+    column = assign_in_graph(
+        worth,
+        used & takes_part[:, None],
+        group.astype(jnp.int32),
+        jnp.zeros(num_objects),
+        jnp.asarray(False),
+    )
+    is_common = (column >= 0) & (_take(worth, column) > 0)
+    return jnp.where(is_common, column, NONE)
+
+
+def _take(matrix: Float[Array, "O L"], column: Int[Array, "O"]) -> Float[Array, "O"]:
+    return jnp.take_along_axis(matrix, jnp.maximum(column, 0)[:, None], axis=1)[:, 0]
+
+
+def _rates(
+    counts: tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]],
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    opportunities, recovered, hard = counts
+    total = jnp.where(opportunities > 0, opportunities, jnp.nan)
+    return recovered / total, hard / total

@@ -1,0 +1,159 @@
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from remind_jax.metrics.evaluation import evaluate_sequence
+from remind_jax.metrics.in_graph import NONE, GraphScores, score_labels, score_overlaps
+from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.uncertainty import keep_unique_labels
+from tests.metrics.golden import load_case
+from tests.metrics.tables import sequence_from_answers
+
+FRAMES, SLOTS, OBJECTS, LABELS = 14, 6, 5, 9
+FIELDS = {
+    "idf1": "IDF1",
+    "idp": "IDP",
+    "idr": "IDR",
+    "hota": "HOTA",
+    "det_a": "DetA",
+    "ass_a": "AssA",
+    "recovery": "Recovery",
+    "hard_recovery": "HardRecovery",
+    "opportunities": "Opportunities",
+}
+
+# Single precision against double: sums of at most a few thousand ratios.
+TOLERANCE = 1e-6
+
+_score_slots = jax.jit(functools.partial(score_labels, num_objects=OBJECTS, num_labels=LABELS))
+
+# Large enough for every case below: one compilation serves them all.
+CASE_FRAMES, CASE_SLOTS, CASE_IDS = 60, 16, 80
+score_case = jax.jit(functools.partial(score_overlaps, num_objects=CASE_IDS, num_labels=CASE_IDS))
+
+
+def score_slots(
+    gt: Any, ids: Any, firm: Any = None, score: Any = None, classes: Any = None
+) -> GraphScores:
+    """With every argument given, so that one compilation serves all tests."""
+    zeros = np.zeros(np.shape(gt), int)
+    return _score_slots(
+        gt,
+        ids,
+        ids if firm is None else firm,
+        zeros.astype(float) if score is None else score,
+        zeros if classes is None else classes,
+    )
+
+
+def assert_same(got: GraphScores, sequence: TrackingSequence) -> None:
+    expected = evaluate_sequence(sequence).scores()
+    for field, name in FIELDS.items():
+        np.testing.assert_allclose(
+            float(getattr(got, field)), expected[name], rtol=0, atol=TOLERANCE, err_msg=name
+        )
+    assert not bool(got.overflow)
+
+
+def random_answers(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """True objects, ids, scores and classes by slot; ids may cross classes and occur twice."""
+    rng = np.random.default_rng(seed)
+    gt, ids = np.full((FRAMES, SLOTS), NONE), np.full((FRAMES, SLOTS), NONE)
+    for frame in range(FRAMES):
+        objects = rng.permutation(OBJECTS)[: rng.integers(0, OBJECTS + 1)]
+        slots = rng.permutation(SLOTS)[: len(objects)]
+        gt[frame, slots] = objects
+        answered = rng.random(len(objects)) < 0.8
+        said = np.where(rng.random(len(objects)) < 0.6, objects, rng.integers(0, LABELS))
+        ids[frame, slots] = np.where(answered, said, NONE)
+        ids[frame, rng.integers(SLOTS)] = rng.integers(NONE, LABELS)
+    score = rng.integers(0, 3, gt.shape) / 4  # with ties
+    classes = np.where(gt == NONE, rng.integers(0, 2, gt.shape), gt % 2)
+    return gt, ids, score, classes
+
+
+def sequence_of(
+    gt: np.ndarray, ids: np.ndarray, score: np.ndarray, classes: np.ndarray
+) -> TrackingSequence:
+    frame, slot = np.nonzero(gt != NONE)
+    keep = np.array([keep_unique_labels(i, s) for i, s in zip(ids, score, strict=True)])
+    pred_frame, pred_slot = np.nonzero(keep)
+    row = {pair: at for at, pair in enumerate(zip(pred_frame, pred_slot, strict=True))}
+    pairs = [(at, row[p], 1.0) for at, p in enumerate(zip(frame, slot, strict=True)) if p in row]
+    return TrackingSequence.create(
+        FRAMES,
+        (frame, gt[frame, slot]),
+        (pred_frame, ids[pred_frame, pred_slot]),
+        tuple(zip(*pairs, strict=True)) or ([], [], []),
+        gt_class=classes[frame, slot],
+        pred_class=classes[pred_frame, pred_slot],
+        class_names=("a", "b"),
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_labels_score_as_in_numpy(seed: int):
+    gt, ids, score, classes = random_answers(seed)
+    assert_same(score_slots(gt, ids, None, score, classes), sequence_of(gt, ids, score, classes))
+
+
+def pad(sequence: TrackingSequence) -> dict[str, Any]:
+    """Slots of fixed shape of a sequence, numbered as it numbers its ids."""
+    gt = np.full((CASE_FRAMES, CASE_SLOTS), NONE)
+    pred = np.full((CASE_FRAMES, CASE_SLOTS), NONE)
+    similarity = np.zeros((CASE_FRAMES, CASE_SLOTS, CASE_SLOTS), np.float32)
+    row = np.arange(len(sequence.gt_id)) - sequence.gt_start[sequence.gt_frame]
+    column = np.arange(len(sequence.pred_id)) - sequence.pred_start[sequence.pred_frame]
+    gt[sequence.gt_frame, row] = sequence.gt_index
+    pred[sequence.pred_frame, column] = sequence.pred_index
+    at = sequence.pair_frame, sequence.pair_row, sequence.pair_column
+    similarity[at] = sequence.pair_similarity
+    return {"gt_index": gt, "predicted_id": pred, "similarity": similarity}
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("boxes", "random_small_3"),
+        ("boxes", "swap"),
+        ("boxes", "no_pred"),
+        ("masks", "crowded_12x60"),
+    ],
+)
+def test_overlaps_score_as_in_numpy(kind: str, name: str):
+    sequence, _ = load_case(kind, name)
+    assert_same(score_case(**pad(sequence)), sequence)
+
+
+def test_settings_are_scored_side_by_side():
+    gt, ids, _, _ = random_answers(0)
+    settings = np.stack([ids, gt, np.full_like(ids, NONE)])
+    scores = jax.vmap(lambda labels: score_slots(gt, labels))(settings)
+    assert scores.idf1.shape == (3,)
+    assert float(scores.idf1[1]) == 1.0
+    assert float(scores.idf1[2]) == 0.0
+    assert float(scores.idf1[0]) == float(score_slots(gt, ids).idf1)
+
+
+def test_recovery_needs_firm_answers():
+    sequence = sequence_from_answers("aa..aa..ba", "cccccccccc")
+    gt, ids = (pad(sequence)[key][:FRAMES, :SLOTS] for key in ("gt_index", "predicted_id"))
+    soft = score_slots(gt, ids)
+    assert (float(soft.recovery), float(soft.hard_recovery)) == (1.0, 0.5)
+    firm = ids.copy()
+    firm[9] = NONE
+    assert float(score_slots(gt, ids, firm).recovery) == 0.5
+
+
+def test_ids_beyond_the_labels_are_told():
+    gt = np.zeros((FRAMES, SLOTS), int) + NONE
+    gt[:, 0] = 0
+    ids = np.where(gt == 0, LABELS + 3, NONE)
+    scores = score_slots(gt, ids)
+    assert bool(scores.overflow)
+    assert float(scores.idf1) == 0.0
