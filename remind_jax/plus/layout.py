@@ -71,17 +71,18 @@ def weigh_jointly(
         )
         return base + said.reshape(num, width)
 
-    def believe(odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
-        new = jnp.broadcast_to(t.decision.new, (num, 1))
+    def believe(odds: Float[Array, "N C"], handicap: Array | float) -> Float[Array, "N C"]:
+        new = jnp.broadcast_to(t.decision.new - handicap, (num, 1))
         all_odds = jnp.concatenate([jnp.where(shortlist.valid, odds, -jnp.inf), new], axis=1)
         return jax.nn.softmax(all_odds, axis=1)[:, :width]
 
-    def reconsider(_: Array, odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
-        weight = jnp.where(is_anchor[:, None], 1.0 * first, believe(odds))
+    def reconsider(k: Array, odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
+        handicap = t.layout.optimism * (1.0 - k / num_rounds)
+        weight = jnp.where(is_anchor[:, None], 1.0 * first, believe(odds, handicap))
         return weigh(jnp.where(present, weight, 0.0))
 
     odds = jax.lax.fori_loop(0, num_rounds, reconsider, base)
-    return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds)
+    return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds, 0.0)
 
 
 class _Geometry:

@@ -11,11 +11,11 @@ from __future__ import annotations
 import dataclasses
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.small_matrices import invert
 from remind_jax.plus.state import Objects, Pairs
 
 MAX_AGE = 1000  # frames; uncertainty grows no further
@@ -94,34 +94,38 @@ def correct_map(
     """
     covariance = pairs.covariance
     place = jnp.where(sure, slot, 0)
-    measured = jnp.where(sure, center_variance(sightings, t), 1.0)
-    both = sure[:, None] & sure[None, :]
-    error = jnp.where(sure[:, None], sightings.center - objects.position[place], 0.0)
-
-    def innovation_variance(covariance: Array) -> Array:
-        return jnp.where(both, covariance[place[:, None], place[None, :]], 0.0)
-
-    own = jnp.diag(innovation_variance(covariance)) + measured
-    squared = jnp.sum(error**2, axis=-1)
+    measured = center_variance(sightings, t)
+    own = jnp.diag(covariance)[place] + measured
+    squared = jnp.sum((sightings.center - objects.position[place]) ** 2, axis=-1)
     # An unexpected step of most objects at once is an error of the image motion, shared by all.
     excess = _median(squared / own, surprising) > t.surprise
     added = jnp.where(excess, _median(squared, surprising), 0.0)
     exists = objects.exists[:, None] & objects.exists[None, :]
     covariance = covariance + jnp.where(exists, added, 0.0)
 
-    seen = jnp.where(sure[None, :], covariance[:, place], 0.0)
-    total = innovation_variance(covariance) + jnp.diag(measured)
-    gain = jnp.matmul(seen, invert(total), precision="highest")
-    position = objects.position + gain @ error
-    # Joseph's form stays symmetric and positive in float32.
-    crossed = gain @ seen.T
-    updated = covariance - crossed - crossed.T + gain @ total @ gain.T
-    diagonal = jnp.maximum(jnp.diag(updated), LEAST_VARIANCE)
-    updated = jnp.where(jnp.eye(len(diagonal), dtype=bool), diagonal[:, None], updated)
+    # One detection after the other: the same result as all at once, and no matrix to invert.
+    def correct(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        position, covariance = carry
+        shared = covariance[place[k]]
+        gain = jnp.where(sure[k], shared / (shared[place[k]] + measured[k]), 0.0)
+        error = sightings.center[k] - position[place[k]]
+        return position + gain[:, None] * error, _bound(covariance - gain[:, None] * shared)
+
+    position, covariance = lax.fori_loop(
+        0, len(slot), correct, (objects.position, _bound(covariance))
+    )
     return (
         dataclasses.replace(objects, position=position),
-        dataclasses.replace(pairs, covariance=jnp.where(exists, updated, 0.0)),
+        dataclasses.replace(pairs, covariance=jnp.where(exists, covariance, 0.0)),
     )
+
+
+def _bound(covariance: Float[Array, "O O"]) -> Float[Array, "O O"]:
+    """Keeps variances from vanishing and correlations within one, which rounding in float32 breaks."""
+    own = jnp.maximum(jnp.diag(covariance), LEAST_VARIANCE)
+    limit = jnp.sqrt(own[:, None] * own[None, :])
+    bounded = jnp.clip(covariance, -limit, limit)
+    return jnp.where(jnp.eye(len(own), dtype=bool), own[:, None], bounded)
 
 
 def _median(values: Float[Array, "N"], counted: Bool[Array, "N"]) -> Float[Array, ""]:

@@ -49,6 +49,10 @@ class Motion:
     own_error_rate: Real = 0.006  # more of it per unit moved
     reach: Real = 30.0  # places further from the centre turn as if they were this far
     checked: Gate = True  # disbelieve a motion that the detections contradict
+    check_margin: Real = 0.5  # support per detection by which they must do so
+    agreement: Real = 0.3  # shifts of detections within this length agree
+    agreement_least: Real = 3.0  # detections that must agree on a shift
+    implied_score: Real = 0.25  # trust in a shift that they agree on
     coupled: Gate = True  # errors of places are shared
 
 
@@ -131,6 +135,7 @@ class Layout:
     ratio_weight: Real = 0.5  # of the ratio of sizes
     ratio_error: Real = 0.4
     ratio_error_border: Real = 0.8
+    optimism: Real = 4.0  # log odds that a new object loses in the first round of weighing
     covisible_weight: Real = 0.6
     covisible_partners: Real = 2.0
     covisible_typical: Real = 0.15  # share of frames that two objects share by chance
@@ -159,7 +164,7 @@ class Decision:
     early_margin: Real = 4.0
     late_frames: Whole = 60  # detections for which a new object may turn out to be known
     late_margin: Real = 2.0  # more than `new` that this takes
-    hold_missed: Gate = False  # the object of a tracklet that may resume cannot be taken
+    hold_missed: Gate = True  # the object of a tracklet that may resume cannot be taken
 
 
 @jax.tree_util.register_dataclass

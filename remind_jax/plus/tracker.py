@@ -39,6 +39,7 @@ from remind_jax.plus.linking import (
     link,
     score_links,
 )
+from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, frame_unit, in_frame_units, observe
 from remind_jax.plus.scene_map import center_variance, correct_map, move_map
 from remind_jax.plus.state import NOWHERE, Objects, PlusState, Tracklets, Verdicts, init
@@ -109,14 +110,14 @@ def _advance(
 ) -> PlusState:
     frame, num = state.frame, static.num_detections
     # Where is everything in this frame?
+    likeness = compare_looks(state.tracklets, sightings, state.scene)
+    motion = check_motion(motion, state.tracklets, sightings, likeness, frame, t)
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion
     )
     carried = carry(state.tracklets, motion)
     # Which detection goes on with which tracklet?
-    score, possible = score_links(
-        carried, sightings, compare_looks(carried, sightings, state.scene), frame, t.linking
-    )
+    score, possible = score_links(carried, sightings, likeness, frame, t.linking)
     origin = link(score, possible, sightings.class_id, t.linking)
     tracklets, next_id, change = advance_tracklets(
         carried, sightings, origin, frame, state.next_id, t.linking

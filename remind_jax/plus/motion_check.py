@@ -1,0 +1,84 @@
+"""Does the image motion agree with what moved? (notes of REMIND plus, 8: an odometer that lies)
+
+The estimated motion can be wrong with a good score: a big moving object, a repeated texture. It is
+believed only as long as detections lie where it carries their tracklets. Otherwise the shift that
+most of the look-alike pairs agree on takes its place, or none at all.
+
+Letters: `N` detections, `T` tracklets. Lengths in frame units.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.linking import carry, score_links
+from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.state import Tracklets
+
+
+def check_motion(
+    motion: Motion,
+    tracklets: Tracklets,
+    sightings: Sightings,
+    cosine: Float[Array, "N T"],
+    frame: Int[Array, ""],
+    t: th.PlusThresholds,
+) -> Motion:
+    """The motion that is believed: the estimated one, the one that detections imply, or none.
+
+    Args:
+      motion: Estimated from the image.
+      tracklets: Tracklets where they were in the frame before.
+      sightings: Detections.
+      cosine: Of the looks of detections and tracklets.
+      frame: Number of this frame.
+      t: Weights.
+    """
+    still = Motion(jnp.eye(2, 3), jnp.float32(0))
+    implied = imply_motion(tracklets, sightings, cosine, frame, t.motion)
+
+    def support(hypothesis: Motion) -> Float[Array, ""]:
+        carried = carry(tracklets, hypothesis)
+        score, possible = score_links(carried, sightings, cosine, frame, t.linking)
+        return jnp.sum(jnp.max(jnp.where(possible, score - t.linking.least, 0.0), axis=1))
+
+    believed = motion.score > t.motion.doubted_score
+    num = jnp.sum(sightings.valid).astype(jnp.float32)
+    margin = jnp.where(believed, t.motion.check_margin * num, 0.0)
+    options = (motion, still, implied)
+    value = jnp.stack([support(motion) + margin, support(still), support(implied)])
+    best = jnp.where(t.motion.checked, jnp.argmax(value), 0)
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves)[best], *options)
+
+
+def imply_motion(
+    tracklets: Tracklets,
+    sightings: Sightings,
+    cosine: Float[Array, "N T"],
+    frame: Int[Array, ""],
+    t: th.Motion,
+) -> Motion:
+    """The shift that most detections share with the tracklets that look most like them."""
+    possible = sightings.valid[:, None] & (tracklets.alive & (tracklets.last == frame - 1))[None]
+    possible &= sightings.class_id[:, None] == tracklets.class_id[None]
+    likeness = jnp.where(possible, cosine, -jnp.inf)
+    partner = jnp.argmax(likeness, axis=1)
+    paired = jnp.any(possible, axis=1)
+    shift = jnp.where(paired[:, None], sightings.center - tracklets.center[partner], 0.0)
+    agrees = _within(shift, shift, t.agreement) & paired[None, :] & paired[:, None]
+    votes = jnp.sum(agrees, axis=1)
+    chosen = agrees[jnp.argmax(votes)]
+    num = jnp.max(votes).astype(jnp.float32)
+    mean = jnp.sum(jnp.where(chosen[:, None], shift, 0.0), axis=0) / jnp.maximum(num, 1.0)
+    enough = num >= t.agreement_least
+    matrix = jnp.concatenate([jnp.eye(2), jnp.where(enough, mean, 0.0)[:, None]], axis=1)
+    return Motion(matrix, jnp.where(enough, t.implied_score, 0.0))
+
+
+def _within(
+    left: Float[Array, "N 2"], right: Float[Array, "M 2"], reach: Float[Array, ""]
+) -> Bool[Array, "N M"]:
+    return jnp.sum((left[:, None] - right[None]) ** 2, axis=-1) < reach**2
