@@ -14,22 +14,26 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from remind_jax import synthetic
 from remind_jax.errors import OutputError
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, make_scene, write_davis
+from remind_jax.synthetic.shapes import CLASSES
 from remind_jax.user_folders import user_cache_folder
 
 FIRST_SEED = 100  # tours of this seed and later ones are for evaluation only
 AXES = ("alike", "absent", "light", "dense")  # what makes a tour hard; three tours each
 
-_FEW = (LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical"))
+# Few classes: what has no rival of its class, its class name alone would recognise.
+_CLASSES = ("mug", "box", "vase", "bottle", "book", "bowl", "can", "plant")
+_FEW = (LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical", rooms=(0, 1)))
 _MANY = (
     LookalikeGroup("mug", 4, "tint", rooms=(0, 1)),
     LookalikeGroup("box", 4, "identical", rooms=(0, 1)),
-    LookalikeGroup("vase", 3, "tint"),
-    LookalikeGroup("bottle", 3, "pattern", rooms=(0, 1)),
-    LookalikeGroup("book", 3, "identical", rooms=(0, 1)),
+    LookalikeGroup("vase", 4, "tint", rooms=(0, 1)),
+    LookalikeGroup("bottle", 4, "pattern", rooms=(0, 1)),
+    LookalikeGroup("book", 4, "identical", rooms=(0, 1)),
 )
 _BASE = SceneOptions(
     width=480,
@@ -37,24 +41,25 @@ _BASE = SceneOptions(
     min_mask_px=200,  # most of a patch of 16 pixels
     frames=180,
     num_rooms=2,
-    objects_per_room=13,
+    objects_per_room=14,
+    classes=_CLASSES,
     lookalikes=_FEW,
     absence_frames=70,
     light_drop=0.3,
 )
-_VARIANTS: tuple[tuple[str, dict[str, object]], ...] = (
-    ("alike-1", {"lookalikes": ()}),
+_VARIANTS: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("alike-1", {"lookalikes": (), "classes": tuple(CLASSES)}),
     ("alike-2", {}),
-    ("alike-3", {"lookalikes": _MANY, "objects_per_room": 14}),
+    ("alike-3", {"lookalikes": _MANY, "classes": _CLASSES[:5]}),
     ("absent-1", {"absence_frames": 30}),
     ("absent-2", {"absence_frames": 60, "returns": 2, "frames": 240}),
     ("absent-3", {"absence_frames": 150, "frames": 260, "num_rooms": 3}),
     ("light-1", {"light_drop": 1.0}),
     ("light-2", {"light_drop": 0.12}),
     ("light-3", {"light_drop": 0.04, "window_level": 0.1, "noise": 4.0}),
-    ("dense-1", {"objects_per_room": 7, "gap_m": 0.15}),
-    ("dense-2", {"objects_per_room": 18, "gap_m": 0.03}),
-    ("dense-3", {"objects_per_room": 24, "gap_m": 0.01}),
+    ("dense-1", {"objects_per_room": 8, "gap_m": 0.15}),
+    ("dense-2", {"objects_per_room": 19, "gap_m": 0.03}),
+    ("dense-3", {"objects_per_room": 25, "gap_m": 0.01}),
 )
 
 
