@@ -121,7 +121,7 @@ def correct_map(
 
 
 def _bound(covariance: Float[Array, "O O"]) -> Float[Array, "O O"]:
-    """Keeps variances from vanishing and correlations within one, which rounding in float32 breaks."""
+    """Keeps variances above zero and correlations within one, which rounding would break."""
     own = jnp.maximum(jnp.diag(covariance), LEAST_VARIANCE)
     limit = jnp.sqrt(own[:, None] * own[None, :])
     bounded = jnp.clip(covariance, -limit, limit)
