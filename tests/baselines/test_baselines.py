@@ -147,3 +147,15 @@ def test_runs_live_with_profiles_candidates_and_memory_on_disk(name, tmp_path):
     again.load(tmp_path / "memory")
     ids = tracker.update(*images[0]).object_id
     np.testing.assert_array_equal(again.update(*images[0]).object_id, ids)
+
+
+@pytest.mark.parametrize(("name", "match"), [("momentum", 0.67), ("running-mean", 0.6)])
+def test_default_takes_the_values_tuned_for_a_backbone(name, match):
+    config = load_config("default").with_tracker(name)
+    published = config.thresholds.match
+    assert config.for_backbone("patch-statistics").thresholds.match == match
+    assert config.for_backbone("dinov3-vits16").thresholds.match == published
+    mine = config.updated({"thresholds": {"match": 0.9}})
+    assert mine.for_backbone("patch-statistics").thresholds.match == 0.9
+    strict = load_config("published").with_tracker(name)
+    assert strict.for_backbone("patch-statistics").thresholds.match == published

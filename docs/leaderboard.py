@@ -1,0 +1,46 @@
+"""Runs the benchmark and writes its tables into docs/benchmark.md, between their marks.
+
+    python docs/leaderboard.py                    twelve rendered tours
+    python docs/leaderboard.py --real DATA_ROOT   sequences with annotations that you have
+
+Results are kept in benchmarks-out/, so that a second run only adds what is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+from remind_jax.cli.main import main as remind
+
+PAGE = Path(__file__).with_name("benchmark.md")
+
+
+def main() -> int:
+    """Runs, and rewrites the page; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--real", metavar="DATA_ROOT", help="annotated sequences of your own")
+    parser.add_argument("--out", type=Path, default=Path("benchmarks-out"))
+    options = parser.parse_args()
+    name = "rendered" if options.real is None else "real"
+    out = options.out / name
+    words = ["benchmark", *([options.real] if options.real else []), "--out", str(out)]
+    if code := remind(words):
+        return code
+    page = PAGE.read_text(encoding="utf-8")
+    for table in sorted((out / "tables").glob("*.md")):
+        page = _replace(page, f"{name}:{table.stem}", table.read_text(encoding="utf-8"))
+    PAGE.write_text(page, encoding="utf-8")
+    return 0
+
+
+def _replace(page: str, mark: str, text: str) -> str:
+    """Puts a table between `<!-- mark -->` and `<!-- end -->`; the page may lack the mark."""
+    between = re.compile(rf"(<!-- {re.escape(mark)} -->\n).*?(<!-- end -->)", re.DOTALL)
+    return between.sub(lambda found: f"{found[1]}\n{text}\n{found[2]}", page)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
