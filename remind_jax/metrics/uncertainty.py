@@ -10,6 +10,7 @@ Letters: `N` detections, `C` candidates.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,22 +61,52 @@ def collapse_frame(
     label[is_provisional] = PROVISIONAL_BASE + pending_id[is_provisional]
 
     soft = np.flatnonzero(np.isin(outcome, SOFT))
-    ids, scores = candidate_id[soft], candidate_score[soft]
-    is_open = (ids != NO_ID) & ~np.isin(ids, object_id[is_firm]) & np.isfinite(scores)
-    if not is_open.any():
+    options = [
+        [
+            (int(number), float(score))
+            for number, score in zip(candidate_id[row], candidate_score[row], strict=True)
+            if number != NO_ID and np.isfinite(score)
+        ]
+        for row in soft
+    ]
+    label[soft] = settle_candidates(options, {int(i) for i in object_id[is_firm]})
+    return label
+
+
+def settle_candidates(
+    options: Sequence[Sequence[tuple[int, float]]], taken: Collection[int]
+) -> Int[np.ndarray, "N"]:
+    """Gives undecided detections one of their own candidates each, in one assignment.
+
+    As many as possible get one; among these solutions the total score is largest.
+
+    Args:
+      options: Candidates of each detection with their scores.
+      taken: Ids that are not to be had.
+
+    Returns:
+      The id of each, NO_ID where nothing was left.
+    """
+    label = np.full(len(options), NO_ID, np.int64)
+    pairs = [
+        (row, number, score)
+        for row, choices in enumerate(options)
+        for number, score in choices
+        if number not in taken
+    ]
+    if not pairs:
         return label
-    labels, column = number_ids(ids[is_open].astype(np.int64))
-    row = np.nonzero(is_open)[0]
+    row, ids, scores = (np.asarray(column) for column in zip(*pairs, strict=True))
+    labels, column = number_ids(ids.astype(np.int64))
     # All gains in score together are less than 1, the worth of one more settled detection.
-    lowest, highest = scores[is_open].min(), scores[is_open].max()
-    spread = max(highest - lowest, 1e-12)
-    worth = 1.0 + (scores[is_open] - lowest) / spread / (len(soft) + 1)
-    matrix = np.full((len(soft), len(labels)), -np.inf)
+    spread = max(scores.max() - scores.min(), 1e-12)
+    worth = 1.0 + (scores - scores.min()) / spread / (len(options) + 1)
+    matrix = np.full((len(options), len(labels)), -np.inf)
     np.maximum.at(matrix, (row, column), worth)
-    nobody = np.zeros((len(soft), len(soft)))
+    nobody = np.zeros((len(options), len(options)))
     rows, columns = linear_sum_assignment(np.hstack([matrix, nobody]), maximize=True)
     settled = columns < len(labels)
-    label[soft[rows[settled]]] = labels[columns[settled]]
+    label[rows[settled]] = labels[columns[settled]]
     return label
 
 
@@ -113,7 +144,7 @@ def count_uncertainty(
       object_id: Firm id, else NO_ID.
       candidate_id: Ids shown for an undecided detection, NO_ID padding.
     """
-    owner = _find_owners(frame, gt_id, np.where(np.isin(outcome, FIRM), object_id, NO_ID))
+    owner = find_owners(frame, gt_id, np.where(np.isin(outcome, FIRM), object_id, NO_ID))
     is_firm = np.isin(outcome, FIRM)
     firm_right = [
         owner.get(int(i)) == g for i, g in zip(object_id[is_firm], gt_id[is_firm], strict=True)
@@ -146,9 +177,13 @@ def _share(part: Any, whole: Any) -> Float[np.ndarray, "*batch"]:
     return np.where(whole > 0, part / np.where(whole > 0, whole, 1), np.nan)
 
 
-def _find_owners(
+def find_owners(
     frame: Int[np.ndarray, "N"], gt_id: Int[np.ndarray, "N"], firm_id: Int[np.ndarray, "N"]
 ) -> dict[int, int]:
+    """The object that each id was firmly given to most often.
+
+    Ties go to the object seen earlier, then to the smaller ground-truth id.
+    """
     objects, index = number_ids(gt_id.astype(np.int64))
     first_seen = np.full(len(objects), np.iinfo(np.int64).max)
     np.minimum.at(first_seen, index, frame)
