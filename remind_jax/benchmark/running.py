@@ -37,6 +37,7 @@ from remind_jax.session import run
 from remind_jax.sources.sampling import Sampling
 
 Regime = Literal["masks", "detector"]
+_KILLED = "the process ended during this run"
 _TIMED_FRAMES = 12  # frames on which the backbone is timed, the first not counted
 
 
@@ -81,12 +82,17 @@ def run_all(
                 report(known, True)
                 continue
             blank = Record(contender.name, scene.name, setup.regime, fingerprint, "failed")
+            shutil.rmtree(folder, ignore_errors=True)
+            # Stands if the process is killed, so that the next one does not run into the same.
+            write_record(folder, dataclasses.replace(blank, error=_KILLED))
             try:
                 if features_ms is None:
                     features_ms = _prepare_features(setup, scene, contender)
                 record = _run_one(setup, scene, contender, blank, features_ms)
-            except Exception as error:  # whatever it is, it is this run's failure
+            except KeyboardInterrupt:
                 shutil.rmtree(folder, ignore_errors=True)
+                raise
+            except Exception as error:  # whatever it is, it is this run's failure
                 record = dataclasses.replace(blank, error=_say(error))
             write_record(folder, record)
             records.append(record)
@@ -97,8 +103,6 @@ def run_all(
 def _run_one(
     setup: Setup, scene: Scene, contender: Contender, blank: Record, features_ms: float
 ) -> Record:
-    folder = folder_of(setup.out, setup.regime, contender.name, scene.name)
-    shutil.rmtree(folder, ignore_errors=True)
     reset_peak()
     result = run(
         scene.open(setup.sampling, masks=setup.regime == "masks"),
@@ -110,7 +114,7 @@ def _run_one(
     peak_mib, device_mib = peak_rss_mib(), device_memory_mib()
     if not result.complete:
         raise KeyboardInterrupt
-    result.save(folder)
+    result.save(folder_of(setup.out, setup.regime, contender.name, scene.name))
     steady = [index not in _compiling_frames(result) for index in range(len(result))]
     step_ms = np.sum([_stage(result, name) for name in ("observe", "step")], axis=0)
     frame_ms = features_ms + _stage(result, "detect") + _stage(result, "masks") + step_ms
@@ -173,7 +177,7 @@ def _fingerprint(setup: Setup, scene: Scene, contender: Contender) -> str:
     """Changes with everything that may change the result, but for the program itself."""
     decisive = {
         "version": __version__,
-        "config": contender.config.to_dict(),
+        "config": contender.config.for_backbone(setup.backbone.name).to_dict(),
         "backbone": [setup.backbone.name, setup.backbone.fingerprint],
         "sampling": dataclasses.asdict(setup.sampling),
         "scene": [scene.name, scene.layout, scene.metadata and scene.metadata.name],

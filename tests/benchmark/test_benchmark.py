@@ -94,6 +94,21 @@ def test_an_interruption_costs_the_run_in_work(setup, dataset, monkeypatch):
     assert len(new) == 3
 
 
+def test_a_run_that_kills_the_process_is_not_tried_again(setup, dataset, monkeypatch):
+    def die(source, **options):
+        raise SystemExit  # as good as a kill: nothing that follows is run
+
+    scenes = find_scenes(dataset)[:1]
+    monkeypatch.setattr(running, "run", die)
+    with pytest.raises(SystemExit):
+        run(setup, scenes, ("iou",))
+    monkeypatch.undo()
+    (record,), new = run(setup, scenes, ("iou",))
+    assert new == []
+    assert record.status == "failed"
+    assert "the process ended" in record.error
+
+
 def test_a_run_that_fails_is_counted_and_the_others_go_on(setup, dataset, tmp_path):
     broken = tmp_path / "broken"
     shutil.copytree(dataset, broken)
