@@ -33,6 +33,7 @@ class Eval:
     Examples:
       remind eval gt.txt runs/rooms/mot.txt
       remind eval gt.txt pred.txt --format mots --json scores.json
+      remind eval DAVIS_ROOT runs/rooms --protocol paper
       remind eval DAVIS_ROOT runs/ours masks_of_a_vos_tracker --table comparison.html
     """
 
@@ -42,6 +43,12 @@ class Eval:
     truth_format: FormatName | None = None  # of the truth; recognised if left out
     undecided: Literal["strict", "collapse"] = (
         "strict"  # undecided detections of a run: no id, or settled
+    )
+    protocol: Literal["standard", "paper"] = (
+        "standard"  # TrackEval's definitions, or the paper's own
+    )
+    collapse: Literal["hungarian", "greedy"] = (
+        "hungarian"  # protocol paper: how candidates are settled
     )
     num_frames: int | None = None  # text: length of the sequence; up to the last frame if left out
     class_id: int | None = None  # text: class to score; MOT: all, MOTS: 2 (pedestrian) if left out
@@ -62,6 +69,8 @@ class Eval:
             raise RemindError("there are no predictions to score; name them after the truth")
         if self.resamples < 0:
             raise RemindError(f"resamples is {self.resamples}; give 0 or more")
+        if self.protocol == "paper":
+            return self._execute_paper()
         evaluations = self._evaluate()
         if self.json is not None:
             _write_json(self.json, evaluations)
@@ -73,6 +82,34 @@ class Eval:
                 table.print()
         if len(evaluations) == 1 and not self.quiet:
             print_evaluation(evaluations[0])
+        return exit_codes.FINE
+
+    def _execute_paper(self) -> int:
+        from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
+        from remind_jax.metrics.scene_comparison import name_predictions
+
+        evaluations = [
+            evaluation
+            for name, path in name_predictions(self.predictions).items()
+            for evaluation in evaluate_paper(
+                self.truth,
+                path,
+                collapse=self.collapse,
+                format=self.format,
+                truth_format=self.truth_format,
+                name=name,
+            )
+        ]
+        title = f"{self.truth.name}, the paper's protocol"
+        table = paper_table(evaluations, num_resamples=self.resamples, title=title)
+        if self.json is not None:
+            by_name = {e.name: e.to_json() for e in evaluations}
+            content = evaluations[0].to_json() if len(self.predictions) == 1 else {}
+            _write_content(self.json, {**content, "predictions": by_name})
+        for path in self.table:
+            table.save(path)
+        if not self.quiet:
+            table.print()
         return exit_codes.FINE
 
     def _evaluate(self) -> list[SetEvaluation]:
@@ -134,6 +171,10 @@ def _write_json(path: Path, evaluations: list[SetEvaluation]) -> None:
     content: dict[str, Any] = evaluations[0].to_json()
     if len(evaluations) > 1:
         content = {"predictions": {e.name: e.to_json() for e in evaluations}}
+    _write_content(path, content)
+
+
+def _write_content(path: Path, content: dict[str, Any]) -> None:
     try:
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     except OSError as error:

@@ -83,6 +83,13 @@ COLUMNS: dict[str, Column] = {
             "Candidate sets that hold the truth.",
             "Set hit",
         ),
+        Column(
+            "CollapseAccuracy",
+            "percent",
+            "higher",
+            "Candidate sets settled rightly.",
+            "Settled right",
+        ),
         Column("WeakShare", "percent", "lower", "Observations with neither.", "Weak"),
         Column("ms_per_frame", "ms", "lower", "Mean time of a frame.", "ms"),
         Column("p95_ms", "ms", "lower", "95th percentile of the time of a frame.", "p95 ms"),

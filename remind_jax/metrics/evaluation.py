@@ -99,8 +99,7 @@ class Evaluation:
 
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": scores}`, ready for `json.dump`; undefined scores are null."""
-        scores = self.scores()
-        return {"metrics": {k: None if math.isnan(v) else v for k, v in scores.items()}}
+        return {"metrics": without_nan(self.scores())}
 
 
 def evaluate_sequence(
@@ -196,6 +195,11 @@ def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Interv
     ]
     num_families = min(map(len, families))
     return split_by_scene([family[:num_families] for family in families]).intervals(**options)
+
+
+def without_nan(scores: Mapping[str, float]) -> dict[str, float | None]:
+    """Scores as JSON can hold them: undefined ones are null."""
+    return {name: None if math.isnan(value) else value for name, value in scores.items()}
 
 
 def _chain_objects(counts: Sequence[RecoveryCounts]) -> RecoveryCounts:

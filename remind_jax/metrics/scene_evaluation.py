@@ -12,24 +12,20 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.errors import RemindError, nearest_names
 from remind_jax.metrics.evaluation import (
     Evaluation,
     evaluate_sequence,
     pool_evaluations,
     scene_intervals,
+    without_nan,
 )
-from remind_jax.metrics.formats.opening import (
-    RUN_FILE,
-    TEXT_FORMATS,
-    Format,
-    SceneSet,
-    open_scenes,
-)
+from remind_jax.metrics.formats.opening import RUN_FILE, TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.intervals import Intervals
 from remind_jax.metrics.mot_files import FileFormat, load_mot_sequence, load_mots_sequence
 from remind_jax.metrics.pairing import break_down, pair_scene
 from remind_jax.metrics.run_evaluation import evaluate_run
+from remind_jax.metrics.scene_stream import open_stream
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.tracks_evaluation import Undecided
 
@@ -114,8 +110,8 @@ def evaluate(
       truth: Ground truth: a file, a folder of one scene, a folder of scenes.
       prediction: Output of any tracker; scenes are matched by name (one scene with one scene
         whatever their names).
-      format: Of the predictions, and of the truth unless told; recognised if left out.
-      truth_format: Of the truth.
+      format: Of the predictions, and of the truth if that is text too; recognised if left out.
+      truth_format: Of the truth; recognised if left out.
       name: Of the predictions, for tables; the file's or folder's if left out.
       options: See `SceneOptions`.
       progress: Called with the name of every scene before it is scored.
@@ -128,51 +124,18 @@ def evaluate(
     if options.undecided not in ("strict", "collapse"):
         hint = nearest_names(options.undecided, ("strict", "collapse"))
         raise RemindError(f"undecided is '{options.undecided}'; {hint}")
-    if not isinstance(truth, SceneSet):
-        truth = _open_truth(truth, prediction, truth_format or format)
-    like: Any = truth.format if truth.format in TEXT_FORMATS else None
-    predictions = open_scenes(prediction, format, truth=truth, like=like)
-    name = name or Path(prediction).stem or str(prediction)
-    partner, notes = match_scenes(truth, predictions)
-    options = dataclasses.replace(options, by_object=options.by_object and len(partner) == 1)
-    scenes: list[Evaluation] = []
-    failed: dict[str, str] = {}
-    for scene, predicted in partner.items():
-        if progress is not None:
-            progress(scene)
-        if predicted is None:
-            failed[scene] = "there is no prediction of this scene"
-            continue
-        try:
-            evaluation, scene_notes = evaluate_scene(truth, scene, predictions, predicted, options)
-        except RemindError as error:
-            if len(partner) == 1:
-                raise
-            failed[scene] = str(error)
-            continue
-        scenes.append(evaluation)
-        notes += [n if len(partner) == 1 else f"{scene}: {n}" for n in scene_notes]
-    if not scenes:
-        scene, why = next(iter(failed.items()))
-        raise SourceError(f"none of {len(failed)} scenes could be scored; '{scene}': {why}")
-    return SetEvaluation(name, tuple(scenes), failed, tuple(notes))
-
-
-def _open_truth(
-    truth: str | Path, prediction: str | Path, format: Format | None = None
-) -> SceneSet:
-    """Opens truth; an empty text file is of the format of its predictions.
-
-    Raises:
-      SourceError: If it cannot be read or is not recognised.
-    """
-    opened = open_scenes(truth, format)
-    is_blank = opened.format == "mot" and not any(f.stat().st_size for f in opened.files.values())
-    if format is None and is_blank:
-        other = open_scenes(prediction, truth=opened)
-        if other.format in TEXT_FORMATS:
-            return open_scenes(truth, other.format)
-    return opened
+    stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
+    is_alone = len(stream.partner) == 1
+    options = dataclasses.replace(options, by_object=options.by_object and is_alone)
+    scored = stream.score(
+        lambda scene, predicted: evaluate_scene(
+            stream.truth, scene, stream.predictions, predicted, options
+        ),
+        progress,
+    )
+    return SetEvaluation(
+        stream.name, tuple(scored.results.values()), scored.failed, tuple(scored.notes)
+    )
 
 
 def evaluate_scene(
@@ -183,7 +146,7 @@ def evaluate_scene(
     Raises:
       SourceError: If it cannot be read or the sides do not fit together.
     """
-    if truth.format in TEXT_FORMATS and _same_text(truth.format, predictions.format):
+    if truth.format in TEXT_FORMATS and truth.format == predictions.format:
         paths = truth.files[scene], predictions.files[predicted]
         sequence = _load_text(truth.format, *paths, options)
         return dataclasses.replace(
@@ -203,23 +166,6 @@ def evaluate_scene(
         paired.sequence, breakdowns=break_down(paired), by_object=options.by_object
     )
     return dataclasses.replace(evaluation, name=scene), list(paired.notes)
-
-
-def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str | None], list[str]]:
-    """The prediction of each scene of the truth, None without one; and notes about the others."""
-    if len(truth.names) == len(predictions.names) == 1:
-        return {truth.names[0]: predictions.names[0]}, []
-    known = {_last_part(name): name for name in predictions.names}
-    partner = {
-        scene: scene if scene in predictions.read else known.get(_last_part(scene))
-        for scene in truth.names
-    }
-    extra = sorted(set(predictions.names) - set(partner.values()))
-    notes = []
-    if extra:
-        shown = ", ".join(extra[:3]) + (", ..." if len(extra) > 3 else "")
-        notes.append(f"{len(extra)} predicted scenes are not in the truth: {shown}")
-    return partner, notes
 
 
 def evaluate_files(
@@ -247,16 +193,6 @@ def evaluate_files(
     return evaluate(gt_path, pred_path, format=format, options=options).pooled
 
 
-def without_nan(scores: Mapping[str, float]) -> dict[str, float | None]:
-    """Scores as JSON can hold them: undefined ones are null."""
-    return {name: None if math.isnan(value) else value for name, value in scores.items()}
-
-
-def _same_text(format: Any, other: Any) -> bool:
-    """MOTS and KITTI-MOTS differ in the number of the first frame only."""
-    return (format == "mot") == (other == "mot") and other in TEXT_FORMATS
-
-
 def _load_text(
     format: Any, gt_path: Path, pred_path: Path, options: SceneOptions
 ) -> TrackingSequence:
@@ -272,7 +208,3 @@ def _load_text(
         class_id=2 if options.class_id is None else options.class_id,
         first_frame=0 if chosen == "kitti-mots" else 1,
     )
-
-
-def _last_part(name: str) -> str:
-    return name.rpartition("/")[2]

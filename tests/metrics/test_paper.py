@@ -9,14 +9,13 @@ import pytest
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.paper import (
     NO_OBJECT,
-    PaperCounts,
     Sightings,
     collapse_scene,
     count_generic,
     count_remind,
-    paper_scores,
 )
 from remind_jax.metrics.paper_collapse import BORN_BASE
+from remind_jax.metrics.paper_scores import PaperCounts, paper_scores
 from tests.metrics.golden import ROOT, read_json
 
 CASES: dict[str, Any] = read_json(ROOT / "original_evaluator.json")["cases"]

@@ -13,14 +13,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.errors import RemindError, SourceError
 from remind_jax.metrics.formats.coco_video import read_coco_video
 from remind_jax.metrics.formats.json_index import JsonIndex, index_json
 from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
@@ -72,11 +73,8 @@ def open_scenes(
 
     Raises:
       SourceError: If nothing is there, it is not recognised, or it cannot be read.
-      RemindError: If the format is unknown.
     """
     path = Path(path)
-    if format is not None and format not in FORMATS:
-        raise RemindError(f"format is '{format}'; {nearest_names(format, FORMATS)}")
     if not path.exists():
         raise SourceError(f"{path} cannot be read: No such file or directory")
     if path.is_dir():
@@ -89,6 +87,13 @@ def open_scenes(
     if format is None and like is not None and _is_blank(path):
         found = like
     return _text_scenes(path, {path.stem: path}, found, is_truth=truth is None)
+
+
+def holds_text(path: Path) -> bool:
+    """Whether a path is a text file or a folder of such."""
+    if path.is_dir():
+        return not _find_runs(path) and bool(_find_texts(path))
+    return path.suffix.lower() != ".json"
 
 
 def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneSet:
@@ -162,10 +167,20 @@ def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> Sce
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path} is not valid JSON: {error}") from None
     found = format or _recognise_json(path, content, truth)
-    try:
+    with _told_incomplete(path, found):
         return _json_scenes(path, content, found, truth)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise SourceError(f"{path} is not {found} JSON: {error!r} is missing or wrong") from error
+
+
+@contextlib.contextmanager
+def _told_incomplete(path: Path, format: Format) -> Iterator[None]:
+    try:
+        yield
+    except RemindError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise SourceError(
+            f"{path} is not {format} JSON: something is missing or of another kind ({error!r})"
+        ) from error
 
 
 def _json_scenes(path: Path, content: Any, format: Format, truth: SceneSet | None) -> SceneSet:
@@ -190,14 +205,20 @@ def _json_scenes(path: Path, content: Any, format: Format, truth: SceneSet | Non
             video.name: functools.partial(reader, annotations, index, number, str(path))
             for number, video in index.videos.items()
         }
-    return SceneSet(path, format, read, dict.fromkeys(read, path), index)
+    told = {scene: functools.partial(_read_told, path, format, read[scene]) for scene in read}
+    return SceneSet(path, format, told, dict.fromkeys(read, path), index)
+
+
+def _read_told(path: Path, format: Format, read: Callable[[], TrackRows]) -> TrackRows:
+    with _told_incomplete(path, format):
+        return read()
 
 
 def _recognise_json(path: Path, content: Any, truth: SceneSet | None) -> Format:
     if isinstance(content, dict) and "sequences" in content:
         return "burst"
-    rows = content if isinstance(content, list) else content.get("annotations", ())
-    is_set = isinstance(content, list) or "videos" in content
+    is_set = isinstance(content, list) or (isinstance(content, dict) and "videos" in content)
+    rows = content if isinstance(content, list) else is_set and content.get("annotations", ())
     if is_set and not rows and truth is not None and truth.format in ("coco-video", "tao"):
         return truth.format
     first = rows[0] if is_set and rows and isinstance(rows[0], dict) else {}

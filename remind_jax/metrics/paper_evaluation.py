@@ -1,0 +1,242 @@
+"""Scores predictions by the paper's protocol, in any known format, scene by scene.
+
+Runs of remind are scored twice: by the formulas that the original has for REMIND, and by those that
+it has for every other tracker, which are the ones to compare with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
+from remind_jax.metrics.comparison import ComparisonTable, Row
+from remind_jax.metrics.evaluation import without_nan
+from remind_jax.metrics.formats.opening import RUN_FILE, Format, SceneSet
+from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows
+from remind_jax.metrics.formats.run_folder import rows_of_tracks
+from remind_jax.metrics.matching import match_frames
+from remind_jax.metrics.pairing import pair_scene
+from remind_jax.metrics.paper import NO_OBJECT, Sightings, count_generic, count_remind
+from remind_jax.metrics.paper_collapse import Collapse
+from remind_jax.metrics.paper_scores import (
+    GENERIC_LEGEND,
+    IGNORED_CLASSES,
+    REMIND_LEGEND,
+    PaperCounts,
+    paper_scores,
+)
+from remind_jax.metrics.scene_stream import SceneStream, open_stream
+from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.tracks import Tracks
+
+COLUMNS = ("IDF1", "Recovery", "HardRecovery", "IDSWRate", "DetA", "AssA", "IDP", "IDR")
+_UNCERTAIN = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate", "CollapseAccuracy")
+
+
+@dataclasses.dataclass(frozen=True)
+class PaperEvaluation:
+    """One set of predictions under one path of the original."""
+
+    name: str
+    is_remind: bool  # formulas for REMIND; else those for every other tracker
+    scenes: Mapping[str, PaperCounts]
+    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)  # scene: why
+    notes: tuple[str, ...] = ()
+
+    @property
+    def legend(self) -> tuple[str, ...]:
+        """In which ways the scores are not the standard ones."""
+        return REMIND_LEGEND if self.is_remind else GENERIC_LEGEND
+
+    def scores(self) -> dict[str, float]:
+        """Pooled over scenes, fractions; NaN where undefined.
+
+        Other trackers than REMIND have no shares of firm and ambiguous answers.
+        """
+        scores = paper_scores(pool_counts(self.scenes.values()))
+        num_scenes = len(self.scenes) + len(self.failed)
+        counted = {"Scenes": num_scenes, "FailedScenes": len(self.failed)}
+        left_out = () if self.is_remind else (*_UNCERTAIN, "WeakShare")
+        named = {**scores, **counted}
+        return {name: float(value) for name, value in named.items() if name not in left_out}
+
+    def to_json(self) -> dict[str, Any]:
+        """`{"metrics": ..., "protocol": "paper", "legend": ...}`, `failed` and `notes`."""
+        content: dict[str, Any] = {
+            "metrics": without_nan(self.scores()),
+            "protocol": "paper",
+            "legend": list(self.legend),
+        }
+        if self.failed:
+            content["failed"] = dict(self.failed)
+        if self.notes:
+            content["notes"] = list(self.notes)
+        return content
+
+    def intervals(self, **options: Any) -> dict[str, tuple[float, float]]:
+        """Bootstrap intervals over scenes; none for one scene."""
+        if len(self.scenes) < 2:
+            return {}
+        return bootstrap_intervals(stack_counts(self.scenes.values()), paper_scores, **options)
+
+
+def evaluate_paper(
+    truth: str | Path | SceneSet,
+    prediction: str | Path,
+    *,
+    collapse: Collapse = "hungarian",
+    format: Format | None = None,
+    truth_format: Format | None = None,
+    name: str | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[PaperEvaluation, ...]:
+    """Scores one set of predictions; a run of remind by both paths, REMIND's first.
+
+    Args:
+      truth: Ground truth.
+      prediction: Output of any tracker.
+      collapse: How undecided detections of a run get one id.
+      format: Of the predictions, and of the truth if that is text too; recognised if left out.
+      truth_format: Of the truth; recognised if left out.
+      name: Of the predictions.
+      progress: Called with the name of every scene before it is scored.
+
+    Raises:
+      SourceError: If nothing can be read, or every scene failed.
+    """
+    stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
+    is_run = stream.predictions.format == "run"
+    scored = stream.score(lambda s, p: _count_scene(stream, s, p, collapse), progress)
+    generic = {scene: counts[-1] for scene, counts in scored.results.items()}
+    notes = tuple(scored.notes)
+    if not is_run:
+        return (PaperEvaluation(stream.name, False, generic, scored.failed, notes),)
+    remind = {scene: counts[0] for scene, counts in scored.results.items()}
+    return (
+        PaperEvaluation(stream.name, True, remind, scored.failed, notes),
+        PaperEvaluation(f"{stream.name}, generic formulas", False, generic, scored.failed),
+    )
+
+
+def paper_table(
+    evaluations: Sequence[PaperEvaluation], *, num_resamples: int = 1000, title: str = ""
+) -> ComparisonTable:
+    """The paper's table of several predictions, every deviation from the standard in its legend."""
+    rows = []
+    for e in evaluations:
+        notes = ["REMIND's formulas" if e.is_remind else "generic formulas"]
+        if e.failed:
+            notes.append(f"{len(e.failed)} of {len(e.failed) + len(e.scenes)} scenes failed")
+        intervals = e.intervals(num_resamples=num_resamples) if num_resamples else {}
+        rows.append(Row(e.name, e.scores(), intervals, "; ".join(notes)))
+    legend = [sentence for e in evaluations for sentence in e.legend]
+    if len({e.is_remind for e in evaluations}) > 1:
+        legend.append("Rows of different formulas do not compare.")
+    for e in evaluations:
+        legend += [f"{e.name}: scene '{s}' failed: {why}" for s, why in e.failed.items()]
+        legend += [f"{e.name}: {note}." for note in e.notes]
+    has_soft = any(row.scores.get("AmbiguousShare", 0.0) > 0 for row in rows)
+    columns = COLUMNS + (_UNCERTAIN if has_soft else ())
+    return ComparisonTable(rows, columns, tuple(dict.fromkeys(legend)), title)
+
+
+def sightings_of_run(tracks: Sequence[Tracks], truth: TrackRows) -> tuple[Sightings, list[str]]:
+    """Matches all detections of a run with the truth, by the rule of the paper.
+
+    Raises:
+      SourceError: If frames or their sizes do not fit.
+    """
+    stops = np.cumsum([len(frame) for frame in tracks])
+    numbers = [np.arange(s - len(frame), s) for frame, s in zip(tracks, stops, strict=True)]
+    rows = _without_ignored(rows_of_tracks(tracks, numbers, truth.name))
+    paired = pair_scene(_without_ignored(truth), rows)
+    sequence = paired.sequence
+    width = max((frame.candidate_id.shape[1] for frame in tracks), default=0)
+
+    def flat(values: list[np.ndarray], otherwise: Any = 0) -> np.ndarray:
+        joined = np.concatenate(values) if values else np.full((0, width), otherwise)
+        return joined[sequence.pred_id]
+
+    def wide(values: np.ndarray, otherwise: Any) -> np.ndarray:
+        missing = width - values.shape[1]
+        return np.pad(values, ((0, 0), (0, missing)), constant_values=otherwise)
+
+    sightings = _sight(
+        sequence,
+        outcome=flat([frame.outcome for frame in tracks]),
+        object_id=flat([np.where(frame.is_firm, frame.object_id, NO_ID) for frame in tracks]),
+        pending_id=flat([frame.pending_id for frame in tracks]),
+        candidate_id=flat([wide(frame.candidate_id, NO_ID) for frame in tracks]),
+        candidate_score=flat([wide(frame.candidate_score, 0.0) for frame in tracks]),
+    )
+    return sightings, list(paired.notes)
+
+
+def sightings_of_rows(prediction: TrackRows, truth: TrackRows) -> tuple[Sightings, list[str]]:
+    """Matches any tracker's output with the truth, by the rule of the paper.
+
+    Raises:
+      SourceError: If frames or their sizes do not fit.
+    """
+    paired = pair_scene(_without_ignored(truth), _without_ignored(prediction))
+    sequence = paired.sequence
+    num = len(sequence.pred_id)
+    nothing = np.full(num, NO_ID)
+    sightings = _sight(
+        sequence,
+        outcome=np.full(num, int(Outcome.MATCH)),
+        object_id=sequence.pred_id,
+        pending_id=nothing,
+        candidate_id=nothing[:, None][:, :0],
+        candidate_score=np.zeros((num, 0)),
+    )
+    return sightings, list(paired.notes)
+
+
+def _sight(sequence: TrackingSequence, **answers: np.ndarray) -> Sightings:
+    gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
+    fits = sequence.gt_class[gt] == sequence.pred_class[pred]
+    chosen = match_frames(sequence, np.where(fits, similarity, 0.0))
+    row = np.full(len(sequence.pred_id), NO_OBJECT)
+    iou = np.zeros(len(sequence.pred_id))
+    row[pred[chosen]] = gt[chosen]
+    iou[pred[chosen]] = similarity[chosen]
+    return Sightings(
+        gt_frame=sequence.gt_frame,
+        gt_id=sequence.gt_id,
+        gt_class=sequence.gt_class,
+        frame=sequence.pred_frame,
+        row=row,
+        iou=iou,
+        class_id=sequence.pred_class,
+        **answers,
+    )
+
+
+def _without_ignored(rows: TrackRows) -> TrackRows:
+    """Without the classes that the original leaves out; as it is, if there are no others."""
+    is_ignored = np.array(
+        [n.strip().casefold() in IGNORED_CLASSES for n in rows.class_names] + [False]
+    )
+    keep = ~is_ignored[np.where(rows.class_id == UNKNOWN_CLASS, -1, rows.class_id)]
+    return rows.select(keep) if keep.any() and not keep.all() else rows
+
+
+def _count_scene(
+    stream: SceneStream, scene: str, predicted: str, collapse: Collapse
+) -> tuple[tuple[PaperCounts, ...], list[str]]:
+    truth = stream.truth.read[scene]()
+    if stream.predictions.format != "run":
+        sightings, notes = sightings_of_rows(stream.predictions.read[predicted](), truth)
+        return (count_generic(sightings),), notes
+    from remind_jax.outputs.store import read_detections
+
+    _, tracks = read_detections(stream.predictions.files[predicted] / RUN_FILE)
+    sightings, notes = sightings_of_run(tracks, truth)
+    return (count_remind(sightings, collapse), count_generic(sightings)), notes

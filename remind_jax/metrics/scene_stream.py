@@ -1,0 +1,153 @@
+"""Goes through the scenes of truth and predictions, one at a time.
+
+A scene that cannot be scored, or has no prediction, is kept with the reason; it is never dropped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.metrics.formats.opening import (
+    FORMATS,
+    TEXT_FORMATS,
+    Format,
+    SceneSet,
+    holds_text,
+    open_scenes,
+)
+
+Score = TypeVar("Score")
+
+
+@dataclasses.dataclass(frozen=True)
+class ScoredScenes(Generic[Score]):
+    """What was made of each scene."""
+
+    results: dict[str, Score]  # by scene
+    failed: dict[str, str]  # scene: why
+    notes: list[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneStream:
+    """Truth and predictions of the same scenes, matched by name but not yet read."""
+
+    truth: SceneSet
+    predictions: SceneSet
+    partner: Mapping[str, str | None]  # scene of the truth: scene of the predictions, if any
+    notes: tuple[str, ...]
+    name: str  # of the predictions
+
+    def score(
+        self,
+        score_scene: Callable[[str, str], tuple[Score, list[str]]],
+        progress: Callable[[str], None] | None = None,
+    ) -> ScoredScenes[Score]:
+        """Scores all scenes.
+
+        Args:
+          score_scene: Takes the names of a scene in the truth and in the predictions; gives a
+            result and what is to be told about it.
+          progress: Called with the name of every scene before it is scored.
+
+        Raises:
+          RemindError: What a scene raised, if it is the only one.
+          SourceError: If every scene failed.
+        """
+        scored: ScoredScenes[Score] = ScoredScenes({}, {}, list(self.notes))
+        is_alone = len(self.partner) == 1
+        for scene, predicted in self.partner.items():
+            if progress is not None:
+                progress(scene)
+            if predicted is None:
+                scored.failed[scene] = "there is no prediction of this scene"
+                continue
+            try:
+                scored.results[scene], notes = score_scene(scene, predicted)
+            except RemindError as error:
+                if is_alone:
+                    raise
+                scored.failed[scene] = str(error)
+                continue
+            scored.notes.extend(n if is_alone else f"{scene}: {n}" for n in notes)
+        if not scored.results:
+            scene, why = next(iter(scored.failed.items()), ("", "there is no scene"))
+            raise SourceError(
+                f"none of {len(scored.failed)} scenes could be scored; '{scene}': {why}"
+            )
+        return scored
+
+
+def open_stream(
+    truth: str | Path | SceneSet,
+    prediction: str | Path,
+    *,
+    format: Format | None = None,
+    truth_format: Format | None = None,
+    name: str | None = None,
+) -> SceneStream:
+    """Opens both sides and matches their scenes.
+
+    Args:
+      truth: Ground truth, as a path or opened.
+      prediction: Predictions.
+      format: Of the predictions, and of the truth if that is text too; recognised if left out.
+      truth_format: Of the truth; recognised if left out.
+      name: Of the predictions; the file's or folder's if left out.
+
+    Raises:
+      RemindError: If a format is unknown.
+      SourceError: If a side cannot be read or is not recognised.
+    """
+    for given in (format, truth_format):
+        if given is not None and given not in FORMATS:
+            raise RemindError(f"format is '{given}'; {nearest_names(given, FORMATS)}")
+    if not isinstance(truth, SceneSet):
+        if truth_format is None and format in TEXT_FORMATS and holds_text(Path(truth)):
+            truth_format = format
+        truth = _open_truth(truth, prediction, truth_format)
+    like: Any = truth.format if truth.format in TEXT_FORMATS else None
+    predictions = open_scenes(prediction, format, truth=truth, like=like)
+    if {truth.format, predictions.format} == {"mots", "kitti-mots"} and format != truth_format:
+        # One side has a frame 0, so both count from 0: the other begins without any object.
+        truth = open_scenes(truth.path, truth_format or "kitti-mots")
+        predictions = open_scenes(prediction, format or "kitti-mots", truth=truth)
+    partner, notes = match_scenes(truth, predictions)
+    name = name or Path(prediction).stem or str(prediction)
+    return SceneStream(truth, predictions, partner, tuple(notes), name)
+
+
+def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str | None], list[str]]:
+    """The prediction of each scene of the truth, None without one; and notes about the others."""
+    if len(truth.names) == len(predictions.names) == 1:
+        return {truth.names[0]: predictions.names[0]}, []
+    known = {_last_part(name): name for name in predictions.names}
+    partner = {
+        scene: scene if scene in predictions.read else known.get(_last_part(scene))
+        for scene in truth.names
+    }
+    extra = sorted(set(predictions.names) - set(partner.values()))
+    notes = []
+    if extra:
+        shown = ", ".join(extra[:3]) + (", ..." if len(extra) > 3 else "")
+        notes.append(f"{len(extra)} predicted scenes are not in the truth: {shown}")
+    return partner, notes
+
+
+def _open_truth(truth: str | Path, prediction: str | Path, format: Format | None) -> SceneSet:
+    """Opens truth; empty text is of the format of its predictions."""
+    opened = open_scenes(truth, format)
+    if format is not None or opened.format != "mot":
+        return opened
+    if any(file.read_bytes().strip() for file in opened.files.values()):
+        return opened
+    other = open_scenes(prediction, truth=opened)
+    return open_scenes(truth, other.format) if other.format in TEXT_FORMATS else opened
+
+
+def _last_part(name: str) -> str:
+    return name.rpartition("/")[2]
