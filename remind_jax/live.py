@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,59 +19,20 @@ import numpy as np
 
 from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
+from remind_jax.compiled_step import compiled_step, settle_types
 from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import pad_masks, reduce_masks
 from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
 from remind_jax.methods import get_method
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import FrameFeats, Masks, PatchAttention
 from remind_jax.readout import Outlines, outline, read_tracks
 from remind_jax.trace import Trace
-from remind_jax.tracker import step, step_traced
 from remind_jax.tracks import Tracks
 
+_ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
-
-
-def _step_once(
-    state: Any,
-    frame_feats: FrameFeats,
-    masks: Masks,
-    observed: Any = None,
-    *,
-    static: Static,
-    thresholds: Any,
-    step: Callable[..., Any] = step,
-) -> Any:
-    more = {} if observed is None else {"observed": observed}
-    stepped = step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
-    return _settle_types(stepped)
-
-
-def _step_traced_once(
-    state: Any,
-    frame_feats: FrameFeats,
-    masks: Masks,
-    observed: Any = None,
-    *,
-    static: Static,
-    thresholds: Any,
-    step: Callable[..., tuple[Any, Trace]] = step_traced,
-) -> tuple[Any, Trace]:
-    more = {} if observed is None else {"observed": observed}
-    stepped, trace = step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
-    return _settle_types(stepped), trace
-
-
-def _settle_types(state: Any) -> Any:
-    """Strong types throughout: a weak one that comes or goes costs a second compilation."""
-    return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, leaf.dtype), state)
-
-
-_STATIC = ("static", "step")
-_step = jax.jit(_step_once, static_argnames=_STATIC, donate_argnames="state")
-_step_traced = jax.jit(_step_traced_once, static_argnames=_STATIC, donate_argnames="state")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -144,6 +105,9 @@ class Tracker:
         self._ignored = {name.lower() for name in self.config.input.ignored_classes}
         self._class_ids: dict[str, int] = {}
         self._state: Any = None
+        self._attention_slots = _ATTENTION_SLOTS
+        if self._wants_attention():
+            self.backbone.check_attention()
         self._last_image: np.ndarray | None = None  # of the last frame prepared
         self._features_given = False
         self._has_profile = False
@@ -235,8 +199,11 @@ class Tracker:
             num_slots=len(detections),
             patch_px=patch_px,
             sanitize=options.sanitize,
+            fill_holes=options.fill_holes,
             close_px=options.close_px,
             open_px=options.open_px,
+            keep_largest=options.keep_largest,
+            erosion_px=options.erosion_px,
             **self._gap_options(),
         )
         image = None if frame.image is None else alignment.align_image(frame.image)
@@ -255,11 +222,12 @@ class Tracker:
     def advance(self, prepared: Prepared) -> Tracks:
         """The part of `update` that reads and writes memory."""
         start = time.perf_counter()
+        attention = None
         if prepared.features is not None:
             patches, self._features_given = prepared.features, True
         elif prepared.image is not None:
             self._follow_profile()
-            patches = jax.block_until_ready(self.backbone.extract(prepared.image[None])[0])
+            patches, attention = jax.block_until_ready(self._extract(prepared))
         else:
             raise SourceError(
                 f"frame '{prepared.frame.name}' has neither an image nor patch features"
@@ -267,7 +235,7 @@ class Tracker:
         described = time.perf_counter()
         size = np.array(prepared.frame.size, np.int32)
         self.notices = self._say_ignored(prepared)
-        outlines = self._step(FrameFeats(patches, size), prepared)
+        outlines = self._step(FrameFeats(patches, size, attention), prepared)
         tracks = self._read(prepared, outlines)
         done = time.perf_counter()
         self.stage_ms = {
@@ -318,6 +286,26 @@ class Tracker:
             self.config = self.config.for_backbone(self.backbone.name)
             self._has_profile = True
 
+    def _extract(self, prepared: Prepared) -> tuple[jax.Array, PatchAttention | None]:
+        """Patch features of the frame, and attention between its objects' patches if wanted."""
+        assert prepared.image is not None
+        images = prepared.image[None]
+        if not self._wants_attention():
+            return self.backbone.extract(images)[0], None
+        patches = np.flatnonzero(np.any(prepared.masks.coverage > 0, axis=0))
+        while self._attention_slots < len(patches):
+            self._attention_slots *= 2
+        slots = np.full(self._attention_slots, -1, np.int32)
+        slots[: len(patches)] = patches
+        heads = self._static.attention_heads or None
+        features, paid = self.backbone.extract_with_attention(images, slots[None], heads)
+        return features[0], PatchAttention(slots, paid.row_sums[0], paid.block[0])
+
+    def _wants_attention(self) -> bool:
+        """Whether parts come from attention; other methods know no parts."""
+        is_remind = isinstance(self.config.thresholds, Thresholds)
+        return is_remind and "attention" in self._static.part_channels
+
     def _ignores(self, label: str) -> bool:
         return label.lower() in self._ignored
 
@@ -362,7 +350,7 @@ class Tracker:
             static = static.grow(num_detections=num)
             self._note_growth("detections", num, static.num_detections)
         if self._state is None:
-            self._state, self._static = _settle_types(self.method.init(static)), static
+            self._state, self._static = settle_types(self.method.init(static)), static
         elif static != self._static:
             self._grow(static)
         padded = pad_masks(masks, static.num_detections)
@@ -370,16 +358,17 @@ class Tracker:
         outlines: Outlines | None = None
         options: Any = {"thresholds": self._thresholds_on_device()}
         options["step"] = self.method.step_traced if self._is_tracing else self.method.step
+        advance = compiled_step(self._is_tracing)
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
             if self._is_tracing:
-                self._state, trace = both = _step_traced(
+                self._state, trace = both = advance(
                     self._state, *given, static=self._static, **options
                 )
                 stepped = both[0]
             else:
-                self._state = stepped = _step(self._state, *given, static=self._static, **options)
+                self._state = stepped = advance(self._state, *given, static=self._static, **options)
             outlines = outlines or outline(prepared.detections.masks)
             overflow = jax.device_get(stepped.overflow)
             if not overflow.objects and not overflow.pending:
@@ -405,7 +394,7 @@ class Tracker:
 
     def _grow(self, static: Static) -> None:
         assert self._state is not None
-        self._state = _settle_types(self.method.enlarge(self._state, static))
+        self._state = settle_types(self.method.enlarge(self._state, static))
         self._static = static
 
     def _note_growth(self, what: str, needed: int, capacity: int) -> None:

@@ -27,14 +27,17 @@ def reduce_masks(
     num_slots: int,
     patch_px: int,
     sanitize: SanitizeMode = "convex_hull",
+    fill_holes: bool = True,
     close_px: int = 3,
     open_px: int = 0,
+    keep_largest: bool = False,
+    erosion_px: int = 0,
     scale_min_px: float = 40.0,
     exact_gap_max: float = 1.75,
 ) -> Masks:
     """Reduces pixel masks to patch coverage and geometry, padded to `num_slots`.
 
-    An empty mask gives an invalid slot: it is no detection.
+    An empty mask, or one that erosion leaves empty, gives an invalid slot: it is no detection.
 
     Args:
       masks: Pixel masks of the frame.
@@ -44,14 +47,20 @@ def reduce_masks(
       patch_px: Side of a patch in pixels; pixels beyond the last whole patch do not count.
       sanitize: How concave masks are filled before the background around them is looked at
         (perception notes 6.1).
+      fill_holes: Fill the holes of masks in mode "morphology".
       close_px: Side of the closing square of mode "morphology".
       open_px: Side of the opening square of mode "morphology", 0 for none.
+      keep_largest: Look at the background around the largest piece of a mask only; not in mode
+        "none".
+      erosion_px: Pixels that a mask loses on every side before anything is measured, none of them
+        where it reaches the box around it (perception notes 1.2).
       scale_min_px: Least length that gaps between masks are measured in.
       exact_gap_max: Gaps up to this many lengths are measured between the masks themselves.
 
     Returns:
       Masks of NumPy arrays.
     """
+    masks = _erode(masks, erosion_px)
     num, height_px, width_px = masks.shape
     grid = (height_px // patch_px, width_px // patch_px)
     coverage = np.zeros((num_slots, *grid), np.float32)
@@ -75,7 +84,11 @@ def reduce_masks(
             left + per_column.dot(np.arange(width)) / num_pixels,
             top + per_row.dot(np.arange(height)) / num_pixels,
         )
-        filled = _sanitize(pixels, inside, (left, top), sanitize, close_px, open_px)
+        solid, region = pixels, (left, top, width, height)
+        if keep_largest and sanitize != "none":
+            solid = _largest_piece(pixels)
+            region = cv2.boundingRect(solid)
+        filled = _sanitize(solid, region, sanitize, fill_holes, close_px, open_px)
         filled_area = int(cv2.countNonZero(filled))
         hole = max(0, filled_area - num_pixels)
         quality[slot] = min(1.0, max(0.0, 1.0 - hole / max(1, filled_area)))
@@ -154,11 +167,31 @@ def patch_coverage(
     return coverage
 
 
+def _erode(masks: Bool[np.ndarray, "N H W"], radius_px: int) -> Bool[np.ndarray, "N H W"]:
+    """Erodes every mask with a square; what is outside its box counts as inside the mask."""
+    if radius_px <= 0:
+        return masks
+    kernel = np.ones((2 * radius_px + 1,) * 2, np.uint8)
+    eroded = np.zeros_like(masks)
+    for mask, out in zip(masks, eroded, strict=True):
+        left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+        box = np.s_[top : top + height, left : left + width]
+        if width:
+            out[box] = cv2.erode(mask[box].view(np.uint8), kernel).view(bool)
+    return eroded
+
+
+def _largest_piece(pixels: np.ndarray) -> np.ndarray:
+    """The largest 8-connected piece of a mask, the first among equals."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(pixels, connectivity=8)
+    return (labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])).astype(np.uint8)
+
+
 def _sanitize(
     pixels: np.ndarray,
-    inside: np.ndarray,
-    corner: tuple[int, int],
+    region: Sequence[int],
     mode: SanitizeMode,
+    fill_holes: bool,
     close_px: int,
     open_px: int,
 ) -> np.ndarray:
@@ -167,14 +200,16 @@ def _sanitize(
         return pixels
     if mode == "convex_hull":
         filled = np.zeros_like(pixels)
-        cv2.fillConvexPoly(
-            filled, cv2.convexHull(_row_ends(inside) + np.array(corner, np.int32)), 1
-        )
+        left, top, width, height = region
+        inside = pixels[top : top + height, left : left + width]
+        ends = _row_ends(inside) + np.array((left, top), np.int32)
+        cv2.fillConvexPoly(filled, cv2.convexHull(ends), 1)
         return filled
-    padded = np.pad(pixels, 1)
-    flooded = padded.copy()
-    cv2.floodFill(flooded, None, (0, 0), 2, flags=4)
-    filled = (flooded != 2).astype(np.uint8)[1:-1, 1:-1]
+    filled = pixels
+    if fill_holes:
+        flooded = np.pad(pixels, 1)
+        cv2.floodFill(flooded, None, (0, 0), 2, flags=4)
+        filled = (flooded != 2).astype(np.uint8)[1:-1, 1:-1]
     for side, operation in ((close_px, cv2.MORPH_CLOSE), (open_px, cv2.MORPH_OPEN)):
         if side > 0:
             filled = cv2.morphologyEx(filled, operation, np.ones((side, side), np.uint8))

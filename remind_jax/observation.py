@@ -21,11 +21,26 @@ else:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class PatchAttention:
+    """How patches of objects attend to each other, averaged over layers and heads.
+
+    Letters: `Q` patches that belong to any object of the frame. Rows are not rescaled: what a patch
+    pays to other tokens than patches is missing in its sum.
+    """
+
+    patches: Int[AnyArray, "Q"]  # ascending raster numbers; -1 in unused slots, whose rest is zero
+    row_sums: Float[AnyArray, "Q"]  # of each, over all patches of the frame
+    block: Float[AnyArray, "Q Q"]  # from row to column
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class FrameFeats:
     """What a backbone says about one frame."""
 
     patches: Float[AnyArray, "Hp Wp D"]  # raw patch features, not normalised
     frame_size: Int[AnyArray, "2"]  # height and width in pixels
+    attention: PatchAttention | None = None  # only for static.part_source "attention" or "both"
 
 
 @jax.tree_util.register_dataclass

@@ -22,7 +22,6 @@ from remind_jax.memory.distances import DistanceGraph, empty_distances
 from remind_jax.memory.pending import PendingTracks, no_pending
 
 NUM_APPEARANCE_CHANNELS = 2
-NUM_PART_CHANNELS = 1
 NUM_RINGS = 2
 
 
@@ -110,14 +109,14 @@ def init(static: Static) -> TrackerState:
         cooccurrence=empty_cooccurrence(objects, scalar),
         distances=empty_distances(objects, scalar, static.pending_relations),
         appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
-        parts=banks(NUM_PART_CHANNELS, static.part_slots),
+        parts=banks(len(static.part_channels), static.part_slots),
         rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),
         ring_prototypes=(
             banks(NUM_RINGS, static.inner_prototype_slots, static.outer_prototype_slots)
             if static.ring_prototypes
             else None
         ),
-        next_id=jnp.int32(0),
+        next_id=jnp.int32(static.first_object_id),
         frame=jnp.int32(0),
         decisions=no_decisions(static),
         overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),

@@ -109,8 +109,11 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
             num_slots=static.num_detections,
             patch_px=load.PATCH,
             sanitize=config.input.sanitize,
+            fill_holes=config.input.fill_holes,
             close_px=config.input.close_px,
             open_px=config.input.open_px,
+            keep_largest=config.input.keep_largest,
+            erosion_px=config.input.erosion_px,
         )
         feats = FrameFeats(features, np.array(masks.shape[1:], np.int32))
         state = jitted(state, feats, reduced, static=static, thresholds=config.thresholds)

@@ -184,6 +184,31 @@ def test_opening_takes_thin_things_away():
     assert found.area[0] == 256 + 16
 
 
+@pytest.mark.parametrize("radius", [0, 1, 3])
+def test_erosion_spares_what_touches_the_box(radius):
+    """Perception notes 22.1: all 36 pixels of a full square survive."""
+    mask = blank(16, 16)
+    mask[4:10, 5:11] = True
+    reduced = reduce(mask, erosion_px=radius)
+    assert reduced.area[0] == 36
+    np.testing.assert_array_equal(reduced.box[0], [5, 4, 11, 10])
+
+
+def test_erosion_changes_all_that_is_measured():
+    """A square with a corner bitten off loses what is near the bite, a thin cross is lost."""
+    bitten, cross = blank(16, 16), blank(16, 16)
+    bitten[4:10, 4:10] = True
+    bitten[4:6, 4:6] = False
+    cross[3:12, 7] = cross[7, 3:12] = True
+    eroded = reduce(bitten, cross, erosion_px=1)
+    shrunk = bitten.copy()
+    shrunk[4:7, 4:7] = False
+    expected = reduce(shrunk)
+    assert eroded.valid.tolist() == [True, False]
+    for field in ("coverage", "filled_coverage", "quality", "box", "center", "area"):
+        np.testing.assert_array_equal(getattr(eroded, field)[0], getattr(expected, field)[0])
+
+
 def test_a_hole_open_to_the_frame_is_not_filled():
     mask = blank()
     mask[0:10, 0:10] = True

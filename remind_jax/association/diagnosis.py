@@ -84,8 +84,10 @@ def diagnose(
     count = jnp.sum(counted, axis=1)
     rest = jnp.sum(jnp.where(counted, scores, 0.0), axis=1) - top
     others = jnp.where(count > 1, rest / jnp.maximum(1, count - 1), 0.0)
-    distinct = jnp.maximum(0.0, top - others) / jnp.maximum(1.0 - others, _EPS)
-    lead = 1.0 / (1.0 + jnp.exp((second - top) / jnp.maximum(t.temperature, _TINY)))
+    small = jnp.maximum(t.small, _TINY)
+    distinct = jnp.maximum(0.0, top - others) / jnp.maximum(1.0 - others, small)
+    temperature = jnp.where(t.temperature > small, t.temperature, t.temperature_least)
+    lead = 1.0 / (1.0 + jnp.exp((second - top) / jnp.maximum(temperature, _TINY)))
     covered = num_terms.astype(top.dtype) / NUM_CHANNELS
     covered = jnp.minimum(1.0, covered / jnp.maximum(_EPS, t.coverage_target))
     value = top * lead * _margin(gap, top, margin, t) * jnp.clip(covered, 0.0, 1.0)
@@ -101,9 +103,11 @@ def diagnose(
 
 def _margin(gap: Array, top: Array, kind: str, t: Diagnosis) -> Float[Array, "N"]:
     """How far the best candidate leads, [0, 1] (notes 9.2)."""
-    relative = gap / jnp.maximum(top, _EPS)
+    small = jnp.maximum(t.small, _TINY)
+    relative = jnp.where(top > 0, gap / jnp.maximum(top, small), 0.0)
     value = relative if kind.endswith("relative") else jnp.maximum(0.0, gap)
     if kind.startswith("linear"):
         return jnp.clip(value, 0.0, 1.0)
-    slope = (value - t.gap_center) / jnp.maximum(t.gap_scale, _EPS)
+    scale = jnp.where(t.gap_scale <= small, t.gap_scale_least, t.gap_scale)
+    slope = (value - t.gap_center) / jnp.maximum(scale, _TINY)
     return 1.0 / (1.0 + jnp.exp(-jnp.clip(slope, -50.0, 50.0)))

@@ -309,7 +309,9 @@ def collapse(
         for_background,
     )
     parts, _ = _collapse_pair(c.parts_work, c.parts_stable, for_parts)
-    parts = Score(jnp.max(parts.value, axis=0), jnp.any(parts.present, axis=0))
+    counted = jnp.array([static.part_channel in ("best", c) for c in static.part_channels])
+    present = parts.present & counted[:, None, None]
+    parts = Score(jnp.max(jnp.where(present, parts.value, 0.0), axis=0), jnp.any(present, axis=0))
     terms = [Score(obj.value, obj.present), back, parts]
     if c.prototypes_work is not None and c.prototypes_stable is not None:
         work, stable = _join_rings(c.prototypes_work, t), _join_rings(c.prototypes_stable, t)

@@ -77,12 +77,20 @@ class Backbone:
           ConfigError: If the backbone has no attention, or no such head.
         """
         self._check_images(images)
+        return self.check_attention()(images, patches, heads=heads)
+
+    def check_attention(self) -> Callable[..., Any]:
+        """The function behind `extract_with_attention`.
+
+        Raises:
+          ConfigError: If the backbone has no attention.
+        """
         if self.apply_with_attention is None:
             raise ConfigError(
                 f"backbone '{self.name}' has no attention; parts by attention need a vision "
                 "transformer such as 'dinov3-vits16'"
             )
-        return self.apply_with_attention(images, patches, heads=heads)
+        return self.apply_with_attention
 
     def _check_images(self, images: Any) -> None:
         shape = tuple(images.shape)

@@ -30,11 +30,14 @@ class Input:
     center_crop: bool = True  # crop to whole patches around the centre, else at the top left
     ignored_classes: tuple[str, ...] = ("wall", "floor", "ceiling", "object")
     sanitize: typing.Literal["convex_hull", "morphology", "none"] = "convex_hull"
+    keep_largest: bool = False  # look at the background around the largest piece of a mask only
+    fill_holes: bool = True  # "morphology": fill holes
     close_px: int = 3  # "morphology": side of the closing square
     open_px: int = 0  # "morphology": side of the opening square, 0: none
+    erosion_px: int = 0  # masks lose so many pixels on every side first
 
     def __post_init__(self) -> None:
-        check_fields(self, "input", may_be_zero=("close_px", "open_px"))
+        check_fields(self, "input", may_be_zero=("close_px", "open_px", "erosion_px"))
 
 
 @dataclasses.dataclass(frozen=True)

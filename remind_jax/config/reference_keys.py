@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from remind_jax.config import (
+    attention_part_thresholds,
     context_thresholds,
     known_set_thresholds,
     outcome_thresholds,
+    reference_switches,
     relation_thresholds,
     ring_prototype_thresholds,
 )
@@ -33,21 +35,29 @@ RENAMED: dict[Path, Path] = {
     **context_thresholds.RENAMED,
     **known_set_thresholds.RENAMED,
     **ring_prototype_thresholds.RENAMED,
+    **attention_part_thresholds.RENAMED,
     "system.input_width_size": "input.max_width_px",
     "perception.full_center_crop": "input.center_crop",
     "detector.ignored_classes": "input.ignored_classes",
+    "bg_local.sanitize.keep_largest_component": "input.keep_largest",
+    "bg_local.sanitize.fill_holes": "input.fill_holes",
     "bg_local.sanitize.close_px": "input.close_px",
     "bg_local.sanitize.open_px": "input.open_px",
+    "object_features.global.weighted": "static.global_weighted",
+    "object_features.global_trimmed.weighted": "static.trimmed_weighted",
+    "object_features.patch.enabled": "thresholds.perception.count_patches",
     "object_features.global_trimmed.keep_frac": "thresholds.perception.trim_keep",
     "object_features.global_trimmed.min_patches": "thresholds.perception.trim_min_patches",
     "object_features.patch.max_patches": "thresholds.perception.max_counted_patches",
-    "part_descriptors.enabled": "thresholds.perception.parts_enabled",
     "part_descriptors.kmeans.k": "static.part_clusters",
     "part_descriptors.kmeans.iters": "static.part_iterations",
     "part_descriptors.kmeans.n_init": "static.part_restarts",
     "part_descriptors.kmeans.seed": "static.part_seed",
     "part_descriptors.kmeans.min_cluster_patches": "thresholds.perception.part_min_patches",
     "part_descriptors.kmeans.min_support": "thresholds.perception.part_min_support",
+    "part_descriptors.kmeans.weighted": "static.part_weighted",
+    "part_descriptors.kmeans.trimmed_keep_frac": "thresholds.perception.part_trim_keep",
+    "part_descriptors.kmeans.trimmed_min_patches": "thresholds.perception.part_trim_min_patches",
     "part_descriptors.kmeans.merge.sim_thr": "thresholds.perception.part_merge",
     "bg_local.enabled": "thresholds.perception.rings_enabled",
     "bg_local.inner_radius_patches": "thresholds.perception.ring_inner",
@@ -58,7 +68,7 @@ RENAMED: dict[Path, Path] = {
     "bg_local.adaptive.min_outer_patches": "thresholds.perception.ring_min_outer",
     "bg_local.adaptive.max_radius_patches": "thresholds.perception.ring_limit",
     "bg_local.adaptive.border_exclusion_patches": "thresholds.perception.ring_border",
-    "memory.background.enabled": "thresholds.background.enabled",
+    "memory.start_object_id": "static.first_object_id",
     "memory.background.combine_weights.inner": "thresholds.similarity.inner_share",
     "memory.background.combine_weights.outer": "thresholds.similarity.outer_share",
     "association.similarity.parts.topk": "static.part_top",
@@ -110,7 +120,10 @@ RENAMED: dict[Path, Path] = {
     "association.ambiguity.strong_min_score": "thresholds.diagnosis.strong_score",
     "association.ambiguity.ambiguous_min_score": "thresholds.diagnosis.ambiguous_score",
     "association.confidence.enabled": "thresholds.diagnosis.confidence_enabled",
+    "association.confidence.eps": "thresholds.diagnosis.small",
     "association.confidence.temperature": "thresholds.diagnosis.temperature",
+    "association.confidence.min_temperature": "thresholds.diagnosis.temperature_least",
+    "association.confidence.min_gap_k": "thresholds.diagnosis.gap_scale_least",
     "association.confidence.coverage_target": "thresholds.diagnosis.coverage_target",
     "association.confidence.gap_center": "thresholds.diagnosis.gap_center",
     "association.confidence.gap_k": "thresholds.diagnosis.gap_scale",
@@ -135,6 +148,7 @@ RENAMED: dict[Path, Path] = {
     f"{_A}.promote_min_quality": "thresholds.appearance.promote_quality",
     f"{_A}.work_update_min_quality": "thresholds.appearance.work_quality",
     f"{_A}.stable_update_min_quality": "thresholds.appearance.stable_quality",
+    f"{_A}.update_nn_on_skip": "thresholds.appearance.refresh_work",
     f"{_A}.dup_update.ema_on_dup": "thresholds.appearance.gated_update",
     f"{_A}.dup_update.margin": "thresholds.appearance.update_margin",
     f"{_A}.dup_update.alpha_min": "thresholds.appearance.update_rate_min",
@@ -181,18 +195,23 @@ CHOICES: dict[Path, tuple[Path, dict[Any, Any]]] = {
     **outcome_thresholds.CHOICES,
     **relation_thresholds.CHOICES,
     **ring_prototype_thresholds.CHOICES,
+    **attention_part_thresholds.CHOICES,
     "bg_local.ring_mode": (
         "thresholds.perception.ring_nested",
         {"disjoint": False, "nested": True},
     ),
-    "bg_local.sanitize.mode": (
-        "input.sanitize",
-        {"convex_hull": "convex_hull", "morphology": "morphology"},
+    "part_descriptors.kmeans.use_trimmed_mean": (
+        "static.part_mean",
+        {False: "plain", True: "trimmed"},
     ),
     f"{_M}.proto_source_mode": ("static.banks_read", {"default": "both", "work_only": "work"}),
     f"{_M}.object_mode": (
         "static.object_channel",
         {"max": "best", "global": "global", "global_trimmed": "trimmed"},
+    ),
+    f"{_M}.parts_mode": (
+        "static.part_channel",
+        {"max": "best", "kmeans": "kmeans", "attention": "attention"},
     ),
     f"{_M}.background_mode": (
         "static.ring_channel",
@@ -237,33 +256,8 @@ SLOTS: dict[Path, tuple[tuple[Path, int], ...]] = {
 FIXED: dict[Path, Any] = {
     **outcome_thresholds.FIXED,
     **context_thresholds.FIXED,
-    "dino.normalize_embeddings": True,
-    "object_features.global.enabled": True,
-    "object_features.global.weighted": True,
-    "object_features.global_trimmed.enabled": True,
-    "object_features.global_trimmed.weighted": True,
-    "object_features.patch.enabled": True,
-    "part_descriptors.kmeans.enabled": True,
-    "part_descriptors.kmeans.weighted": True,
-    "part_descriptors.kmeans.use_trimmed_mean": False,
-    "part_descriptors.kmeans.merge.enabled": True,
-    "part_descriptors.kmeans.merge.mode": "keep_best",
-    "part_descriptors.attention.enabled": False,
-    "bg_local.sanitize.enabled": True,
-    "bg_local.sanitize.fill_holes": True,
-    "bg_local.sanitize.keep_largest_component": False,
-    "memory.start_object_id": 0,
-    "memory.appearance.enabled": True,
-    "memory.appearance.channels.global.enabled": True,
-    "memory.appearance.channels.global_trimmed.enabled": True,
-    "memory.appearance.channels.patch.enabled": False,
-    "memory.parts.enabled": True,
-    "memory.parts.channels.kmeans.enabled": True,
-    f"{_M}.parts_mode": "max",
-    "association.confidence.eps": 1e-6,
+    # Without these every observation is kept for ever, and memory has no bound.
     f"{_A}.enabled": True,
-    f"{_A}.update_nn_on_skip": True,
-    f"{_B}.enabled": True,
     f"{_P}.enabled": True,
 }
 
@@ -273,6 +267,7 @@ INERT: tuple[Path, ...] = (
     *relation_thresholds.INERT,
     *context_thresholds.INERT,
     *known_set_thresholds.INERT,
+    *attention_part_thresholds.INERT,
     "runtime",
     "timing",
     "paths",
@@ -283,17 +278,12 @@ INERT: tuple[Path, ...] = (
     "dino.model_label",
     "dino.models",
     "dino.default_patch_size",
+    "dino.normalize_embeddings",
     "dino.patch_coverage_mode",
     "object_features.patch.return_coverage",
     "object_features.patch.l2_normalize",
-    "part_descriptors.kmeans.trimmed_keep_frac",
-    "part_descriptors.kmeans.trimmed_min_patches",
     "part_descriptors.kmeans.return_masks",
-    "part_descriptors.attention",
     "bg_local.combine_weights",
-    "memory.parts.channels.attention.enabled",
-    "association.confidence.min_temperature",
-    "association.confidence.min_gap_k",
     "update.max_misses",
     "update.temporary_tracks",
     "update.neighbor_graphs",
@@ -303,12 +293,6 @@ INERT: tuple[Path, ...] = (
 )
 
 _MANY_RELATIONS = 64
-_SELECTION, _SELECTION_THRESHOLD = "dino.patch_selection", "dino.patch_threshold"
-# What is on where all of its keys are true; shipped values.
-SWITCHES: dict[Path, dict[Path, bool]] = {
-    "static.ring_prototypes": ring_prototype_thresholds.SWITCHES
-}
-_SWITCHED = tuple(key for switch in SWITCHES.values() for key in switch)
 _RADII = tuple(
     f"thresholds.perception.ring_{edge}" for edge in ("border", "inner", "outer", "limit")
 )
@@ -336,18 +320,14 @@ def translate(settings: Mapping[str, Any], published: Mapping[str, Any]) -> dict
                 changes[name] = tuple(pair)
         elif key in FIXED:
             _allowed(key, value, (FIXED[key],))
-        elif key in _SWITCHED:
-            _allowed(key, value, (False, True))
-        elif key not in (_SELECTION, _SELECTION_THRESHOLD) and not _within(key, INERT):
-            known = [*RENAMED, *CHOICES, *SLOTS, *FIXED, *_SWITCHED]
+        elif key in reference_switches.SHIPPED:
+            _check_switch(key, value)
+        elif not _within(key, INERT):
+            known = [*RENAMED, *CHOICES, *SLOTS, *FIXED, *reference_switches.SHIPPED]
             raise ConfigError(
                 f"the original has no configuration key {key!r}; {nearest_names(key, known)}"
             )
-    for name, keys in SWITCHES.items():
-        changes[name] = all(flat.get(key, shipped) for key, shipped in keys.items())
-    selection = _allowed(_SELECTION, flat.get(_SELECTION, "any"), ("any", "threshold"))
-    if selection == "threshold":
-        changes["thresholds.perception.patch_coverage"] = flat.get(_SELECTION_THRESHOLD, 0.0)
+    changes.update(reference_switches.decide(flat))
     radii = [changes.get(radius, defaults[radius]) for radius in _RADII]
     changes["static.ring_max_radius"] = max(1, *(r for r in radii if isinstance(r, int)))
     defers = flat.get("update.robust_updates.enabled", False)
@@ -356,6 +336,19 @@ def translate(settings: Mapping[str, Any], published: Mapping[str, Any]) -> dict
         # Episodes may be far apart then, and relations wait for them without limit.
         changes["static.pending_relations"] = _MANY_RELATIONS
     return nest(changes)
+
+
+def _check_switch(key: Path, value: Any) -> None:
+    shipped = reference_switches.SHIPPED[key]
+    if key in reference_switches.CHOICES:
+        _allowed(key, value, reference_switches.CHOICES[key])
+    elif isinstance(shipped, bool):
+        _allowed(key, value, (False, True))
+    elif shipped is None:
+        if value is not None and not isinstance(value, (list, tuple)):
+            raise ConfigError(f"{key} of the original is {value!r}; it must be null or a list")
+    elif isinstance(value, bool) or not isinstance(value, (int, float)) or value < 0:
+        raise ConfigError(f"{key} of the original is {value!r}; it must be a number from 0 on")
 
 
 def _within(key: Path, sections: tuple[Path, ...]) -> bool:

@@ -66,9 +66,3 @@ SLOTS: dict[str, tuple[tuple[str, int], ...]] = {
     "memory.background.max_inner_partials_stable": (("static.inner_prototype_slots", 1),),
     "memory.background.max_outer_partials_stable": (("static.outer_prototype_slots", 1),),
 }
-
-# Ring prototypes are used where both keys are true; shipped values.
-SWITCHES: dict[str, bool] = {
-    "association.similarity.background_partials.enabled": False,
-    f"{_P}.enabled": True,
-}

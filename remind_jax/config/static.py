@@ -13,6 +13,7 @@ GROWTH_STEP = 2  # capacities double when they overflow
 _MAY_BE_ZERO = (
     "feature_dim",
     "max_neighbours",
+    "first_object_id",
     "part_seed",
     "ring_seed",
     "ring_prototypes_kept",
@@ -34,6 +35,7 @@ class Static:
     num_pending: int = 32  # slots of ambiguous and of provisional tracks each; grows
     feature_dim: int = 0  # width of the patch features; 0: taken from the backbone
     num_candidates: int = 5  # candidates shown per detection in the decisions
+    first_object_id: int = 0
 
     precision: Literal["float32", "float64"] = "float32"  # of scores and qualities
     solver: Literal["host", "jax"] = "jax"  # in-graph twins, or SciPy and NumPy by callbacks
@@ -43,6 +45,19 @@ class Static:
     part_restarts: int = 2  # k-means restarts
     part_seed: int = 0  # k-means seed
     part_top: int = 3  # best parts that are averaged into the part score
+    part_weighted: bool = True  # coverage weighs the patches of a part
+    part_mean: Literal["plain", "trimmed"] = "plain"  # over all patches of a part, or typical ones
+    part_resembling: Literal["drop", "join", "keep"] = "drop"  # a part like a better supported one
+    part_source: Literal["kmeans", "attention", "both"] = "kmeans"  # where parts come from
+    part_channel: Literal["best", "kmeans", "attention"] = "best"  # which of them count
+    attention_heads: tuple[int, ...] = ()  # heads that attention is averaged over; (): all
+    attention_seeds: int = 3  # parts by attention, most
+    attention_seed: Literal["attended", "attending"] = "attended"  # what makes a patch matter
+    attention_weighted: bool = True
+    attention_mean: Literal["plain", "trimmed"] = "plain"
+
+    global_weighted: bool = True  # coverage weighs the patches of the global descriptor
+    trimmed_weighted: bool = True
     ring_max_radius: int = 10  # patches; rings grow up to this distance
 
     ring_prototypes: bool = False  # describe rings by typical patches as well
@@ -99,6 +114,11 @@ class Static:
 
     def __post_init__(self) -> None:
         check_fields(self, "static", may_be_zero=_MAY_BE_ZERO)
+
+    @property
+    def part_channels(self) -> tuple[str, ...]:
+        """Where parts come from, in the order of their channels."""
+        return ("kmeans", "attention") if self.part_source == "both" else (self.part_source,)
 
     @property
     def scalar(self) -> jnp.dtype:

@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from remind_jax.config.attention_part_thresholds import AttentionParts
 from remind_jax.config.context_thresholds import Influence, Sets, Veto
 from remind_jax.config.kinds import Gate, Real, Whole
 from remind_jax.config.known_set_thresholds import KnownSets
@@ -33,13 +34,20 @@ class Perception:
     """What each detection looks like (perception notes 2, 3, 5, 6)."""
 
     patch_coverage: Real = 0.0  # a patch belongs to an object if its coverage exceeds this
+    global_enabled: Gate = True  # describe and remember the object as a whole
+    trimmed_enabled: Gate = True  # and by its typical patches
     trim_keep: Real = 0.50  # share of patches kept by the trimmed descriptor [rho]
     trim_min_patches: Whole = 8  # objects with fewer patches are not trimmed
+    count_patches: Gate = True  # off: every object is as dense as can be
     max_counted_patches: Whole = 512  # cap of the patch count that the density divides by
     parts_enabled: Gate = True  # describe parts
     part_min_patches: Whole = 6  # smaller clusters are no parts
     part_min_support: Real = 0.0  # clusters of less summed coverage are no parts
     part_merge: Real = 0.80  # a part closer than this to a stronger one is dropped [tau_merge]
+    part_trim_keep: Real = 0.50  # static.part_mean "trimmed": share of patches kept
+    part_trim_min_patches: Whole = 8  # parts with fewer patches are not trimmed
+    kmeans_parts_kept: Gate = True  # remember and compare parts by k-means
+    attention_parts_kept: Gate = True  # remember and compare parts by attention
     rings_enabled: Gate = True  # describe the background around objects
     ring_object_coverage: Real = 0.0  # a patch is object, not background, above this coverage
     ring_border: Whole = 1  # patches left out next to the object
@@ -66,6 +74,7 @@ class Appearance:
     patches_full: Real = 24.0  # effective patches at quality 1
     trimmed_base: Real = 0.10  # quality of a trimmed descriptor at quality 0
     create_quality: Real = 0.35  # least quality of an inserted observation
+    refresh_work: Gate = True  # off: a work duplicate changes nothing and is never promoted
     work_quality: Real = 0.15  # least quality that changes a work prototype
     stable_quality: Real = 0.20  # least quality that changes a stable prototype
     promote_hits: Whole = 5  # hits that make a work prototype stable; 0: never
@@ -185,10 +194,13 @@ class Diagnosis:
     strong_gap: Real = 0.08  # least lead of STRONG
     ambiguous_score: Real = 0.75  # least best score of AMBIGUOUS, WEAK below
     confidence_enabled: Gate = True
+    small: Real = 1e-6  # what the confidence does not divide by less than
     temperature: Real = 0.05
+    temperature_least: Real = 0.05  # replaces a temperature that is too small
     coverage_target: Real = 0.60  # share of the four channels that is enough
     gap_center: Real = 0.10
     gap_scale: Real = 0.05
+    gap_scale_least: Real = 0.05  # replaces a scale that is too small
 
 
 @jax.tree_util.register_dataclass
@@ -232,6 +244,7 @@ class Thresholds:
     appearance: Appearance = dataclasses.field(default_factory=Appearance)
     background: Background = dataclasses.field(default_factory=Background)
     parts: Parts = dataclasses.field(default_factory=Parts)
+    attention_parts: AttentionParts = dataclasses.field(default_factory=AttentionParts)
     ring_prototypes: RingPrototypes = dataclasses.field(default_factory=RingPrototypes)
     lifecycle: Lifecycle = dataclasses.field(default_factory=Lifecycle)
     similarity: Similarity = dataclasses.field(default_factory=Similarity)

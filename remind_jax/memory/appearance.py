@@ -77,6 +77,7 @@ def observe_appearance(
     work_at, work_cosine = nearest(banks.work, vector)
     in_stable = present & (stable_cosine >= t.stable_duplicate)
     in_work = present & ~in_stable & (work_cosine >= t.duplicate)
+    again = in_work & t.refresh_work
 
     def refresh(
         bank: Bank, at: Array, cosine: Array, duplicate: Array, least: Array, when: Array
@@ -99,12 +100,12 @@ def observe_appearance(
     stable = refresh(
         banks.stable, stable_at, stable_cosine, t.stable_duplicate, t.stable_quality, in_stable
     )
-    work = refresh(banks.work, work_at, work_cosine, t.duplicate, t.work_quality, in_work)
+    work = refresh(banks.work, work_at, work_cosine, t.duplicate, t.work_quality, again)
 
     # A proven work prototype moves into the stable bank, or into its duplicate there.
     moved = entry(work, work_at)
     proven = (moved.hits >= t.promote_hits) & (mean_quality(moved) >= t.promote_quality)
-    leaves = in_work & permit.insert & (t.promote_hits > 0) & proven
+    leaves = again & permit.insert & (t.promote_hits > 0) & proven
     twin, twin_cosine = nearest(stable, moved.embedding)
     joins = twin_cosine >= t.stable_duplicate
     cap = t.merge_cap if static.appearance_merge == "capped" else None

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
 
 from remind_jax.config.static import Static
-from remind_jax.config.thresholds import Thresholds
-from remind_jax.observation import Descriptors, FrameFeats, Masks
+from remind_jax.config.thresholds import Perception, Thresholds
+from remind_jax.errors import ConfigError
+from remind_jax.observation import Descriptors, FrameFeats, Masks, PatchAttention
+from remind_jax.perception.attention_parts import find_attention_parts
 from remind_jax.perception.parts import cluster_parts
 from remind_jax.perception.pooling import keep_typical, pool, to_unit
 from remind_jax.perception.ring_prototypes import find_ring_prototypes
@@ -35,10 +38,14 @@ def describe(
     weights = jnp.where(selected, coverage, 0.0).reshape(num, -1)
     members = selected.reshape(num, -1)
 
-    mean, present = pool(weights, features)
-    typical = keep_typical(features, mean, members, t.trim_keep, t.trim_min_patches)
-    trimmed, _ = pool(jnp.where(typical, weights, 0.0), features)
-    parts, parts_valid, support = cluster_parts(features, weights, members, static, t)
+    (whole, seen), (trimmed, seen_trimmed) = _describe_objects(
+        features, weights, members, static, t
+    )
+    parts, parts_valid, support = _describe_parts(
+        frame_feats.attention, features, weights, members, static, thresholds
+    )
+    kept = {"kmeans": t.kmeans_parts_kept, "attention": t.attention_parts_kept}
+    parts_kept = jnp.stack([kept[channel] for channel in static.part_channels])[:, None]
 
     # An object that sanitising left as it was keeps its own selection of patches.
     unchanged = jnp.all(filled == given, axis=(1, 2), keepdims=True)
@@ -59,16 +66,18 @@ def describe(
 
     covered, lost = jnp.any(given > 0, axis=(1, 2)), ~jnp.any(coverage > 0, axis=(1, 2))
     return Descriptors(
-        appearance=to_unit(jnp.stack([mean, trimmed], axis=1)),
-        appearance_valid=jnp.stack([present, present], axis=1),
-        parts=parts[:, None],
-        parts_valid=parts_valid[:, None],
+        appearance=to_unit(jnp.stack([whole, trimmed], axis=1)),
+        appearance_valid=jnp.stack([seen, seen_trimmed], axis=1),
+        parts=parts,
+        parts_valid=parts_valid & parts_kept,
         rings=to_unit(ring_mean),
         rings_valid=ring_present,
-        num_patches=jnp.minimum(jnp.sum(members, axis=-1), t.max_counted_patches),
+        num_patches=jnp.where(
+            t.count_patches, jnp.minimum(jnp.sum(members, axis=-1), t.max_counted_patches), 0
+        ),
         patch_sum=jnp.sum(coverage, axis=(1, 2)).astype(static.scalar),
-        num_parts=jnp.sum(parts_valid, axis=-1),
-        part_support=jnp.sum(support, axis=-1).astype(static.scalar),
+        num_parts=jnp.max(jnp.sum(parts_valid, axis=2), axis=1),
+        part_support=jnp.max(jnp.sum(support, axis=2), axis=1).astype(static.scalar),
         ring_patches=jnp.sum(rings, axis=(2, 3)),
         mask_quality=jnp.where(masks.quality > 0, masks.quality, 1.0).astype(static.scalar),
         class_id=masks.class_id,
@@ -76,3 +85,59 @@ def describe(
         num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
         ring_prototypes=prototypes,
     )
+
+
+def _describe_objects(
+    features: Float[Array, "P D"],
+    coverage: Float[Array, "N P"],
+    members: Bool[Array, "N P"],
+    static: Static,
+    t: Perception,
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Mean feature of all patches and of the typical ones, `[N, D]`, with their presence."""
+    plain = members.astype(coverage.dtype)
+    weights = coverage if static.global_weighted else plain
+    whole, seen = mean, present = pool(weights, features)
+    if static.trimmed_weighted != static.global_weighted:
+        weights = coverage if static.trimmed_weighted else plain
+        mean, present = pool(weights, features)
+    typical = keep_typical(features, mean, members, t.trim_keep, t.trim_min_patches)
+    trimmed, left = pool(jnp.where(typical, weights, 0.0), features)
+    return (whole, seen & t.global_enabled), (trimmed, present & left & t.trimmed_enabled)
+
+
+def _describe_parts(
+    attention: PatchAttention | None,
+    features: Float[Array, "P D"],
+    coverage: Float[Array, "N P"],
+    members: Bool[Array, "N P"],
+    static: Static,
+    thresholds: Thresholds,
+) -> tuple[Float[Array, "N C K D"], Bool[Array, "N C K"], Float[Array, "N C K"]]:
+    """Parts of all channels with their support, padded to the channel that may have most."""
+    t, found = thresholds.perception, []
+    for source in static.part_channels:
+        if source == "kmeans":
+            found.append(cluster_parts(features, coverage, members, static, t))
+            continue
+        if attention is None:
+            raise ConfigError(
+                f"static.part_source is {static.part_source!r}, but the frame comes without "
+                "attention; give it with the features or choose 'kmeans'"
+            )
+        found.append(
+            find_attention_parts(
+                features, coverage, members & t.parts_enabled, attention, static,
+                thresholds.attention_parts,
+            )
+        )  # fmt: skip
+    most = max(valid.shape[1] for _, valid, _ in found)
+
+    def pad(leaf: Array) -> Array:
+        missing = [(0, most - leaf.shape[1]) if axis == 1 else (0, 0) for axis in range(leaf.ndim)]
+        return jnp.pad(leaf, missing)
+
+    parts, valid, support = (
+        jnp.stack([pad(leaf) for leaf in leaves], axis=1) for leaves in zip(*found, strict=True)
+    )
+    return parts, valid, support

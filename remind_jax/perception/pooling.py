@@ -70,10 +70,10 @@ def keep_typical(
     share = jnp.where((share > 0) & (share <= 1), share, 1.0)
     wanted = jnp.maximum(1, jnp.ceil(share * count).astype(jnp.int32))
     wanted = jnp.where(count < min_patches, count, jnp.minimum(wanted, count))
-    return members & _is_largest(similarity, members, wanted)
+    return members & is_largest(similarity, members, wanted)
 
 
-def _is_largest(
+def is_largest(
     values: Float[Array, "N P"], members: Bool[Array, "N P"], wanted: Int[Array, "N"]
 ) -> Bool[Array, "N P"]:
     """Marks the `wanted` largest member values of each row, the first among equals.

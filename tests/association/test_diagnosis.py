@@ -85,6 +85,19 @@ def test_margin_kinds(x64):
         assert evidence.confidence == pytest.approx(rest * value, rel=1e-9), margin
 
 
+def test_divisors_too_small_are_replaced(x64):
+    """Notes 9.2: what does not exceed `small` gives way."""
+
+    def confidence(**changed: float) -> float:
+        return look(0.8, 0.7, num_terms=3, **changed).confidence  # pyright: ignore[reportReturnType]
+
+    assert confidence(temperature=1e-9, temperature_least=0.3) == confidence(temperature=0.3)
+    assert confidence(gap_scale=1e-9, gap_scale_least=0.3) == confidence(gap_scale=0.3)
+    # 1 - 0.7, the room above the others, is divided by only as far as it exceeds `small`.
+    wide = {"temperature": 0.7, "gap_scale": 0.7}
+    assert confidence(small=0.6, **wide) == pytest.approx(confidence(**wide) * 0.3 / 0.6)
+
+
 def test_switches():
     assert look(0.9, enabled=False).status == Status.NONE
     assert look(0.9, confidence_enabled=False).confidence == 0.0

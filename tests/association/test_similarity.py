@@ -183,6 +183,21 @@ def best_of(made: Bank, vector: np.ndarray, seen: bool = True) -> tuple[float, b
     return float(found.value[0, 0, 0]), bool(found.present[0, 0, 0]), float(won[0, 0, 0])
 
 
+@pytest.mark.parametrize(
+    ("source", "channel", "value"),
+    [("both", "best", 0.9), ("both", "kmeans", 0.6), ("both", "attention", 0.9),
+     ("kmeans", "kmeans", 0.6), ("kmeans", "attention", None)],
+)  # fmt: skip
+def test_a_chosen_part_channel_stands_alone(x64, source, channel, value):
+    """Notes 7.2; a channel that there is not leaves the term absent."""
+    static = dataclasses.replace(STATIC, part_source=source, part_channel=channel)
+    parts = score(0.6, 0.9) if source == "both" else score(0.6)
+    known = {**EXAMPLE, "parts_work": parts, "parts_stable": jax.tree.map(np.zeros_like, parts)}
+    terms = similarity.collapse(ChannelScores(**known), similarity._AUTO_RULES, static, rules())
+    assert bool(terms.present[PARTS, 0, 0]) == (value is not None)
+    assert float(terms.value[PARTS, 0, 0]) == pytest.approx(value or 0.0)
+
+
 def test_best_prototype_and_how_proven_it_is(x64):
     made = bank(
         [tuple(X), tuple(Y)], hits=[1, 4], quality_sum=[0.5, 2.0], num_qualities=[1, 4],

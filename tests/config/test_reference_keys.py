@@ -1,8 +1,8 @@
 import pytest
 
-from remind_jax.config import Config, dotted_keys
+from remind_jax.config import Config, dotted_keys, reference_switches
 from remind_jax.config.dotted_keys import flatten
-from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS, SWITCHES
+from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS
 from remind_jax.errors import ConfigError
 
 
@@ -29,7 +29,7 @@ def test_every_name_here_exists_and_is_set_once():
 
 
 def test_no_key_has_two_meanings():
-    tables = [RENAMED, CHOICES, SLOTS, FIXED, *SWITCHES.values()]
+    tables = [RENAMED, CHOICES, SLOTS, FIXED, reference_switches.SHIPPED]
     tables = [key for table in tables for key in table]
     assert len(tables) == len(set(tables))
     assert not set(tables) & set(INERT)
@@ -68,14 +68,109 @@ def test_capacities_of_work_and_stable_banks():
     assert config.static.outer_ring_slots == (30, 5)
 
 
-@pytest.mark.parametrize("path", SWITCHES)
-def test_what_needs_several_keys_is_on_where_all_are_true(path):
-    keys = SWITCHES[path]
-    for off in (None, *keys):
-        settings = dotted_keys.nest({key: key != off for key in keys})
-        assert value_at(Config.from_reference(settings), path) is (off is None)
-    with pytest.raises(ConfigError, match="supported here"):
-        Config.from_reference(nested(next(iter(keys)), "nonsense"))
+# Keys of one setting, what it is with all of them as shipped, and with other values.
+SWITCHED = [
+    ({"dino.patch_threshold": 0.3}, {"thresholds.perception.patch_coverage": 0.0}),
+    (
+        {"dino.patch_threshold": 0.3, "dino.patch_selection": "threshold"},
+        {"thresholds.perception.patch_coverage": 0.3},
+    ),
+    ({"davis.mask_erosion_px": 2}, {"input.erosion_px": 2}),
+    ({"davis.mask_erosion_px": 2, "davis.mask_erosion_iters": 3}, {"input.erosion_px": 6}),
+    ({"object_features.global.enabled": False}, {"thresholds.perception.global_enabled": False}),
+    (
+        {"memory.appearance.channels.global_trimmed.enabled": False},
+        {
+            "thresholds.perception.trimmed_enabled": False,
+            "thresholds.perception.global_enabled": True,
+        },
+    ),
+    (  # a memory without any channel gets all
+        {
+            "memory.appearance.channels.global.enabled": False,
+            "memory.appearance.channels.global_trimmed.enabled": False,
+        },
+        {
+            "thresholds.perception.trimmed_enabled": True,
+            "thresholds.perception.global_enabled": True,
+        },
+    ),
+    (
+        {
+            "memory.appearance.channels.patch.enabled": True,
+            "memory.appearance.channels.global.enabled": False,
+            "memory.appearance.channels.global_trimmed.enabled": False,
+        },
+        {
+            "thresholds.perception.trimmed_enabled": False,
+            "thresholds.perception.global_enabled": False,
+        },
+    ),
+    (
+        {"memory.appearance.enabled": False},
+        {
+            "thresholds.perception.trimmed_enabled": False,
+            "thresholds.perception.global_enabled": False,
+        },
+    ),
+    ({"part_descriptors.enabled": False}, {"thresholds.perception.parts_enabled": False}),
+    ({"part_descriptors.kmeans.enabled": False}, {"thresholds.perception.parts_enabled": False}),
+    (
+        {"part_descriptors.kmeans.enabled": False, "part_descriptors.attention.enabled": True},
+        {"thresholds.perception.parts_enabled": True, "static.part_source": "attention"},
+    ),
+    ({"part_descriptors.attention.enabled": True}, {"static.part_source": "both"}),
+    ({"part_descriptors.attention.head_ids": [0, 3]}, {"static.attention_heads": [0, 3]}),
+    ({"part_descriptors.kmeans.merge.enabled": False}, {"static.part_resembling": "keep"}),
+    ({"part_descriptors.kmeans.merge.mode": "weighted_mean"}, {"static.part_resembling": "join"}),
+    (
+        {"memory.parts.channels.attention.enabled": False},
+        {
+            "thresholds.perception.attention_parts_kept": False,
+            "thresholds.perception.kmeans_parts_kept": True,
+        },
+    ),
+    (
+        {"memory.parts.channels.kmeans.enabled": False},
+        {"thresholds.perception.kmeans_parts_kept": False},
+    ),
+    (
+        {"object_features.global_trimmed.enabled": False},
+        {"thresholds.perception.trimmed_enabled": False},
+    ),
+    ({"memory.parts.enabled": False}, {"thresholds.perception.kmeans_parts_kept": False}),
+    ({"bg_local.sanitize.enabled": False}, {"input.sanitize": "none"}),
+    ({"bg_local.sanitize.mode": "morphology"}, {"input.sanitize": "morphology"}),
+    (
+        {"association.similarity.background_partials.enabled": True},
+        {"static.ring_prototypes": True},
+    ),
+    (
+        {
+            "association.similarity.background_partials.enabled": True,
+            "bg_local.prototypes.enabled": False,
+        },
+        {"static.ring_prototypes": False},
+    ),
+    ({"memory.background.enabled": False}, {"thresholds.background.enabled": False}),
+    ({"update.background_memory.enabled": False}, {"thresholds.background.enabled": False}),
+]
+
+
+@pytest.mark.parametrize(("given", "expected"), SWITCHED)
+def test_what_several_keys_decide_together(given, expected):
+    config = Config.from_reference(dotted_keys.nest(given))
+    assert {path: value_at(config, path) for path in expected} == expected
+
+
+def test_every_such_key_is_tried():
+    assert {key for given, _ in SWITCHED for key in given} == set(reference_switches.SHIPPED)
+
+
+@pytest.mark.parametrize("key", reference_switches.SHIPPED)
+def test_values_that_such_a_key_cannot_have_are_named(key):
+    with pytest.raises(ConfigError, match=key):
+        Config.from_reference(nested(key, "nonsense"))
 
 
 @pytest.mark.parametrize("key", FIXED)
@@ -91,15 +186,6 @@ def test_whole_numbers_pass_as_numbers():
     config = Config.from_reference({"association": {"matching": {"match_thr": 1}}})
     assert config.thresholds.matching.match == 1.0
     assert isinstance(config.thresholds.matching.match, float)
-
-
-@pytest.mark.parametrize(
-    ("selection", "threshold", "expected"),
-    [("any", 0.3, 0.0), ("threshold", 0.3, 0.3)],
-)
-def test_the_patch_threshold_counts_only_when_selected(selection, threshold, expected):
-    settings = {"dino": {"patch_selection": selection, "patch_threshold": threshold}}
-    assert Config.from_reference(settings).thresholds.perception.patch_coverage == expected
 
 
 def test_rings_of_the_original_are_never_cut_short():

@@ -144,6 +144,8 @@ def update_appearance(
         refresh(banks.stable[i], in_stable, t.stable_duplicate, t.stable_quality)
         return banks.note("stable: refresh")
     i, in_work = nearest(banks.work, vector)
+    if in_work >= t.duplicate and not t.refresh_work:
+        return banks.note("work: left alone")
     if in_work >= t.duplicate:
         refresh(banks.work[i], in_work, t.duplicate, t.work_quality)
         banks.note("work: refresh")
