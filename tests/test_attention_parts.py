@@ -14,7 +14,7 @@ from remind_jax.backbone import get_backbone
 from remind_jax.config import Config
 from remind_jax.errors import ConfigError
 from remind_jax.live import Tracker
-from remind_jax.tracker import step
+from remind_jax.tracker import init, step
 from tests.backbone.networks import converted_file
 
 STATIC = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
@@ -49,14 +49,14 @@ def frame():
 
 @pytest.fixture
 def reached(monkeypatch):
-    """Arguments of the step, which is not run."""
+    """Frames as they reach the step, which is not run."""
     taken = []
 
-    def look(state, *args, static, thresholds, **_):
-        taken.append((state, args, static, thresholds))
+    def look(self, frame_feats, prepared):
+        taken.append((frame_feats, prepared.masks))
         raise Stopped
 
-    monkeypatch.setattr(live, "_step", look)
+    monkeypatch.setattr(Tracker, "_step", look)
     return taken
 
 
@@ -67,7 +67,7 @@ def test_the_step_gets_the_attention_between_object_patches(backbone, frame, rea
     tracker = Tracker({"static": {**STATIC, "part_source": "both", "attention_heads": heads}}, eyes)
     with pytest.raises(Stopped):
         tracker.update(image, masks)
-    state, (feats, *rest), static, thresholds = reached[0]
+    feats, reduced = reached[0]
     patches, given_heads = asked[-1]
     assert given_heads == heads
     px = eyes.patch_px
@@ -79,8 +79,12 @@ def test_the_step_gets_the_attention_between_object_patches(backbone, frame, rea
     np.testing.assert_array_equal(feats.attention.block, paid.block[0])
     np.testing.assert_array_equal(feats.attention.row_sums, paid.row_sums[0])
 
-    run = functools.partial(step, static=static, thresholds=thresholds)
-    after = jax.eval_shape(run, state, feats, rest[0])
+    static = dataclasses.replace(
+        tracker.static, feature_dim=eyes.dim, num_detections=len(reduced.valid)
+    )
+    run = functools.partial(step, static=static, thresholds=tracker.config.thresholds)
+    state = init(static)
+    after = jax.eval_shape(run, state, feats, reduced)
     assert after.parts.work.size.shape[0] == 2
     assert jax.tree.map(np.shape, after) == jax.tree.map(np.shape, state)
 
@@ -104,7 +108,7 @@ def test_nothing_is_asked_unless_wanted(backbone, frame, reached):
     with pytest.raises(Stopped):
         Tracker({"static": STATIC}, eyes).update(*frame)
     assert len(asked) == before
-    assert reached[0][1][0].attention is None
+    assert reached[0][0].attention is None
 
 
 def test_a_backbone_without_attention_is_refused_at_once():
