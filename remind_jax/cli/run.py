@@ -67,7 +67,7 @@ class Run:
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
-    # remind, momentum, running-mean, bank or iou; that of the configuration if left out
+    # remind, plus, momentum, running-mean, bank or iou; that of the configuration if left out
     tracker: Annotated[str | None, arg(metavar="NAME")] = None
     changes: Assignments = ()
     memory: Path | None = None  # go on from the memory of an earlier run
