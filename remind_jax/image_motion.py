@@ -7,11 +7,11 @@ and the zoom of the image, with a score of trust. Remembered places move along w
 
 from __future__ import annotations
 
-import dataclasses
-
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
+
+from remind_jax.plus.observation import Motion
 
 WORKING_AREA_PX = 320 * 240  # images are reduced to this size, whatever that of the frame
 MAX_CORNERS = 200
@@ -26,59 +26,50 @@ GOOD_SCORE = 0.5  # below, the search is repeated without a guess of the shift
 MIN_PHASE_RESPONSE = 0.1
 
 
-@dataclasses.dataclass(frozen=True)
-class ImageMotion:
-    """Where pixels of the frame before lie in this frame."""
+def observe_motion(
+    previous: UInt8[np.ndarray, "H W 3"] | None, image: UInt8[np.ndarray, "H W 3"] | None
+) -> Motion:
+    """The motion from one RGB image to the next; unknown without both, or if their sizes differ."""
+    size = np.array((0, 0) if image is None else image.shape[:2], np.int32)
+    if image is None or previous is None or previous.shape != image.shape:
+        return _motion(np.eye(2, 3), 0.0, size)
+    small = [_reduce(frame) for frame in (previous, image)]
+    matrix, score = estimate_motion(*small)
+    pixel_size = image.shape[1] / small[1].shape[1], image.shape[0] / small[1].shape[0]
+    return _motion(_scale(matrix, pixel_size), score, size)
 
-    matrix: Float[np.ndarray, "2 3"]  # similarity, pixels to pixels
-    score: float  # share of corners that agree with it, [0, 1]; 0: unknown
 
-    @classmethod
-    def unknown(cls) -> ImageMotion:
-        """No motion and no trust in that."""
-        return cls(np.eye(2, 3, dtype=np.float32), 0.0)
+def _motion(matrix: np.ndarray, score: float, size: np.ndarray) -> Motion:
+    """With the types that never change from frame to frame."""
+    return Motion(np.asarray(matrix, np.float32), np.asarray(score, np.float32), size)
 
 
-class MotionEstimator:
-    """Compares every frame with the one before; not thread-safe."""
+def _reduce(image: np.ndarray) -> np.ndarray:
+    """Grey, at the working size, with local contrast evened out."""
+    height, width = image.shape[:2]
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    scale = (WORKING_AREA_PX / (height * width)) ** 0.5
+    if scale < 1.0:
+        size = (max(1, round(width * scale)), max(1, round(height * scale)))
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return cv2.createCLAHE(clipLimit=2.0, tileGridSize=(8, 8)).apply(grey)
 
-    def __init__(self) -> None:
-        self._previous: UInt8[np.ndarray, "h w"] | None = None
-        self._clahe = cv2.createCLAHE(clipLimit=2.0, tileGridSize=(8, 8))
 
-    def follow(self, image: UInt8[np.ndarray, "H W 3"]) -> ImageMotion:
-        """The motion from the last image given here to this one; unknown for the first."""
-        height, width = image.shape[:2]
-        scale = min(1.0, (WORKING_AREA_PX / (height * width)) ** 0.5)
-        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        if scale < 1.0:
-            size = (max(1, round(width * scale)), max(1, round(height * scale)))
-            grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-        grey = self._clahe.apply(grey)
-        previous, self._previous = self._previous, grey
-        if previous is None or previous.shape != grey.shape:
-            return ImageMotion.unknown()
-        return estimate_motion(previous, grey, (width / grey.shape[1], height / grey.shape[0]))
-
-    def forget(self) -> None:
-        """The next image is the first of another sequence."""
-        self._previous = None
+def _scale(matrix: np.ndarray, pixel_size: tuple[float, float]) -> np.ndarray:
+    """The same similarity between points in other pixels."""
+    size = np.asarray(pixel_size)
+    linear = matrix[:, :2] * size[:, None] / size[None, :]
+    return np.concatenate([linear, matrix[:, 2:] * size[:, None]], axis=1)
 
 
 def estimate_motion(
-    previous: UInt8[np.ndarray, "h w"],
-    current: UInt8[np.ndarray, "h w"],
-    pixel_size: tuple[float, float] = (1.0, 1.0),
-) -> ImageMotion:
+    previous: UInt8[np.ndarray, "h w"], current: UInt8[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "2 3"], float]:
     """Fits a similarity to corners that are followed from one grey image to the next.
 
-    Args:
-      previous: Grey image.
-      current: Grey image of the same size.
-      pixel_size: Width and height of a pixel of these images, in pixels of the frame.
-
     Returns:
-      The motion in pixels of the frame.
+      The similarity, and the share of the corners that agree with it: 0 if too few do, where the
+      similarity is the shift by phase correlation, or none at all.
     """
     shift, response = _correlate(previous, current)
     corners = cv2.goodFeaturesToTrack(previous, MAX_CORNERS, CORNER_QUALITY, CORNER_DISTANCE_PX)
@@ -89,16 +80,12 @@ def estimate_motion(
             again, score_again = _fit(previous, current, corners, np.zeros(2, np.float32))
             if score_again > score:
                 matrix, score = again, score_again
-    if matrix is None:
-        matrix = np.eye(2, 3, dtype=np.float32)
-        if response > MIN_PHASE_RESPONSE:
-            matrix[:, 2] = shift
-        score = 0.0
-    scaled = np.asarray(matrix, np.float32).copy()
-    size = np.asarray(pixel_size, np.float32)
-    scaled[:, :2] *= size[:, None] / size[None, :]
-    scaled[:, 2] *= size
-    return ImageMotion(scaled, float(score))
+    if matrix is not None:
+        return matrix, score
+    matrix = np.eye(2, 3, dtype=np.float32)
+    if response > MIN_PHASE_RESPONSE:
+        matrix[:, 2] = shift
+    return matrix, 0.0
 
 
 def _correlate(previous: np.ndarray, current: np.ndarray) -> tuple[np.ndarray, float]:

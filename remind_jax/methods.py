@@ -73,6 +73,7 @@ _methods: dict[str, Method | str] = {
     "running-mean": "remind_jax.baselines.running_mean:METHOD",
     "bank": "remind_jax.baselines.bank:METHOD",
     "iou": "remind_jax.baselines.iou:METHOD",
+    "plus": "remind_jax.plus.method:METHOD",
 }
 
 

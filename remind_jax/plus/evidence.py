@@ -17,7 +17,9 @@ from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.state import NOWHERE, Objects, Pairs, Scene, Tracklets
+from remind_jax.plus.static import NUM_CANDIDATES
 
+PARTS = ("looks", "background", "place", "rivals")
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
 
 
@@ -44,6 +46,7 @@ class Shortlist:
     valid: Bool[Array, "N C"]
     base: Float[Array, "N C"]  # log odds of looks, background, place and number of rivals
     cosine: Float[Array, "N C"]  # best cosine of looks
+    parts: Float[Array, "N C 4"]  # of `PARTS` in these log odds
 
 
 def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
@@ -78,7 +81,10 @@ def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Arra
 
 def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
     """Mean cosine of other objects and of the same one, and their common variance."""
-    sums = scene.cosines
+    assumed = jnp.stack([t.other_mean, t.same_mean])
+    prior = jnp.stack([jnp.ones(2), assumed, t.variance + assumed**2], axis=1) * t.samples
+    # What was assumed fades like what was seen.
+    sums = scene.cosines + prior * scene.faded[:, None]
     mean = sums[:, 1] / sums[:, 0]
     variance = sums[:, 2] / sums[:, 0] - mean**2
     spread = jnp.mean(jnp.maximum(variance, t.least_variance))
@@ -118,23 +124,23 @@ def shortlist(
     pairs: Pairs,
     scene: Scene,
     t: th.PlusThresholds,
-    num_candidates: int,
 ) -> Shortlist:
     """Adds up the evidence of each pair and keeps the best objects of each row."""
-    base = (
-        _look_evidence(cosine, sightings.patches, scene, t)
-        + _ring_evidence(here, objects, scene, t.looks)
-        + _place_evidence(sightings, objects, pairs, t.place)
-        + _crowd_evidence(admitted, t.decision)[:, None]
+    parts = (
+        _look_evidence(cosine, sightings.patches, scene, t),
+        _ring_evidence(here, objects, scene, t.looks),
+        _place_evidence(sightings, objects, pairs, t.place),
+        jnp.broadcast_to(_crowd_evidence(admitted, t.decision)[:, None], admitted.shape),
     )
-    ranked = jnp.where(admitted, base, -jnp.inf)
-    value, slot = jax.lax.top_k(ranked, num_candidates)
+    ranked = jnp.where(admitted, sum(parts), -jnp.inf)
+    value, slot = jax.lax.top_k(ranked, min(NUM_CANDIDATES, ranked.shape[1]))
     valid = jnp.isfinite(value)
     return Shortlist(
         slot=slot,
         valid=valid,
         base=jnp.where(valid, value, 0.0),
         cosine=jnp.take_along_axis(cosine, slot, axis=1),
+        parts=jnp.stack([jnp.take_along_axis(part, slot, axis=1) for part in parts], axis=-1),
     )
 
 

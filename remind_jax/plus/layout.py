@@ -28,7 +28,6 @@ def weigh_jointly(
     objects: Objects,
     pairs: Pairs,
     t: th.PlusThresholds,
-    num_rounds: int,
 ) -> tuple[Float[Array, "N C"], Float[Array, "N C"]]:
     """Evidence of each candidate with that of all others in view.
 
@@ -40,7 +39,6 @@ def weigh_jointly(
       objects: Objects.
       pairs: What is known of every two of them.
       t: Weights.
-      num_rounds: Rounds of mean field.
 
     Returns:
       Log odds of each candidate, and its probability beside all others and a new object.
@@ -77,11 +75,11 @@ def weigh_jointly(
         return jax.nn.softmax(all_odds, axis=1)[:, :width]
 
     def reconsider(k: Array, odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
-        handicap = t.layout.optimism * (1.0 - k / num_rounds)
+        handicap = t.layout.optimism * (1.0 - k / t.layout.rounds)
         weight = jnp.where(is_anchor[:, None], 1.0 * first, believe(odds, handicap))
         return weigh(jnp.where(present, weight, 0.0))
 
-    odds = jax.lax.fori_loop(0, num_rounds, reconsider, base)
+    odds = jax.lax.fori_loop(0, t.layout.rounds, reconsider, base)
     return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds, 0.0)
 
 

@@ -275,5 +275,7 @@ def learn_cosines(
         return jnp.stack([jnp.sum(weight), jnp.sum(weight * value), jnp.sum(weight * value**2)])
 
     new = jnp.stack([moments(weight, other), moments(*same) + moments(*aged)])
-    fade = t.decay ** new[:, :1]
-    return dataclasses.replace(scene, cosines=scene.cosines * fade + new)
+    fade = t.decay ** new[:, 0]
+    return dataclasses.replace(
+        scene, cosines=scene.cosines * fade[:, None] + new, faded=scene.faded * fade
+    )

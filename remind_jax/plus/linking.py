@@ -116,6 +116,8 @@ def advance_tracklets(
         first_look=jnp.where(linked[:, None], old.first_look, sightings.look),
         slot=jnp.where(linked, old.slot, NOWHERE),
         fresh=linked & old.fresh,
+        belief=jnp.where(linked, old.belief, 0.0),
+        named=linked & old.named,
         id=jnp.where(linked, old.id, next_id + jnp.cumsum(starts, dtype=jnp.int32) - 1),
     )
     total = len(tracklets.alive)

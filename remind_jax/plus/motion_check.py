@@ -9,6 +9,8 @@ Letters: `N` detections, `T` tracklets. Lengths in frame units.
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -37,8 +39,10 @@ def check_motion(
       frame: Number of this frame.
       t: Weights.
     """
-    still = Motion(jnp.eye(2, 3), jnp.float32(0))
-    implied = imply_motion(tracklets, sightings, cosine, frame, t.motion)
+    still = Motion(jnp.eye(2, 3), jnp.float32(0), motion.frame_size)
+    implied = dataclasses.replace(
+        motion, **imply_motion(tracklets, sightings, cosine, frame, t.motion)
+    )
 
     def support(hypothesis: Motion) -> Float[Array, ""]:
         carried = carry(tracklets, hypothesis)
@@ -60,7 +64,7 @@ def imply_motion(
     cosine: Float[Array, "N T"],
     frame: Int[Array, ""],
     t: th.Motion,
-) -> Motion:
+) -> dict[str, Array]:
     """The shift that most detections share with the tracklets that look most like them."""
     possible = sightings.valid[:, None] & (tracklets.alive & (tracklets.last == frame - 1))[None]
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
@@ -75,7 +79,7 @@ def imply_motion(
     mean = jnp.sum(jnp.where(chosen[:, None], shift, 0.0), axis=0) / jnp.maximum(num, 1.0)
     enough = num >= t.agreement_least
     matrix = jnp.concatenate([jnp.eye(2), jnp.where(enough, mean, 0.0)[:, None]], axis=1)
-    return Motion(matrix, jnp.where(enough, t.implied_score, 0.0))
+    return {"matrix": matrix, "score": jnp.where(enough, t.implied_score, 0.0)}
 
 
 def _within(

@@ -27,6 +27,7 @@ class Motion:
 
     matrix: Float[AnyArray, "2 3"]  # similarity, pixels to pixels
     score: Float[AnyArray, ""]  # trust, [0, 1]; 0: unknown
+    frame_size: Int[AnyArray, "2"]  # height and width of the image in pixels; 0: not known
 
 
 @jax.tree_util.register_dataclass
@@ -48,19 +49,19 @@ class Sightings:
     num_bad_patches: Int[Array, ""]  # with a feature that is not finite; they are left out
 
 
-def frame_unit(frame_size: Int[AnyArray, "2"]) -> Float[Array, ""]:
-    """Length of a frame unit in pixels."""
-    height, width = (jnp.asarray(side, jnp.float32) for side in (frame_size[0], frame_size[1]))
-    return jnp.sqrt(height * width / FRAME_AREA)
-
-
-def observe(frame_feats: FrameFeats, masks: Masks, unit_patches: Bool[Array, ""]) -> Sightings:
-    """Pools the features of a frame over its masks (notes of REMIND plus, 3).
+def observe(
+    frame_feats: FrameFeats, masks: Masks, motion: Motion, unit_patches: Bool[Array, ""]
+) -> tuple[Sightings, Motion]:
+    """Pools the features of a frame over its masks and brings all lengths to frame units.
 
     Args:
-      frame_feats: Patch features; `frame_size` is that of the pixels of `masks`.
+      frame_feats: Patch features.
       masks: Detections.
+      motion: Image motion in pixels of the masks.
       unit_patches: Scale every patch feature to unit length first.
+
+    Returns:
+      Detections (notes of REMIND plus, 3) and motion.
     """
     rows, columns, dim = frame_feats.patches.shape
     features = jnp.asarray(frame_feats.patches, jnp.float32).reshape(-1, dim)
@@ -78,12 +79,14 @@ def observe(frame_feats: FrameFeats, masks: Masks, unit_patches: Bool[Array, ""]
     look, is_seen = pool(inside * inside * finite, features)
     ring, has_ring = pool(around * finite, features)
 
-    unit = frame_unit(frame_feats.frame_size)
+    # The tracker may work at a smaller size than that of the frame; the motion was measured there.
+    known = jnp.all(jnp.asarray(motion.frame_size) > 0)
+    size = jnp.where(known, motion.frame_size, frame_feats.frame_size).astype(jnp.float32)
+    unit = jnp.sqrt(size[0] * size[1] / FRAME_AREA)
     size_px = jnp.sqrt(jnp.asarray(masks.area, jnp.float32))
-    height, width = frame_feats.frame_size[0], frame_feats.frame_size[1]
-    patch_px = jnp.sqrt(jnp.asarray(height * width, jnp.float32) / (rows * columns))
+    patch_px = jnp.sqrt(size[0] * size[1] / (rows * columns))
     valid = jnp.asarray(masks.valid) & is_seen
-    return Sightings(
+    sightings = Sightings(
         look=look,
         ring=ring,
         has_ring=has_ring & valid,
@@ -94,14 +97,9 @@ def observe(frame_feats: FrameFeats, masks: Masks, unit_patches: Bool[Array, ""]
         class_id=jnp.asarray(masks.class_id, jnp.int32),
         touches=jnp.asarray(masks.relations.touches_border),
         valid=valid,
-        frame_center=jnp.stack([jnp.asarray(width), jnp.asarray(height)]).astype(jnp.float32)
-        / (2 * unit),
+        frame_center=size[::-1] / (2 * unit),
         num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
     )
-
-
-def in_frame_units(motion: Motion, unit: Float[Array, ""]) -> Motion:
-    """The same motion between points in frame units."""
     matrix = jnp.asarray(motion.matrix, jnp.float32)
     matrix = jnp.concatenate([matrix[:, :2], matrix[:, 2:] / unit], axis=1)
-    return Motion(matrix, jnp.asarray(motion.score, jnp.float32))
+    return sightings, Motion(matrix, jnp.asarray(motion.score, jnp.float32), motion.frame_size)

@@ -13,13 +13,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import NO_ID
-from remind_jax.plus.static import PlusStatic
-from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.config.static import Static
+from remind_jax.decision import NO_ID, Decisions
+from remind_jax.plus.static import BANK_SLOTS, NUM_CANDIDATES, num_tracklets, white_dim
+from remind_jax.state import Overflow, no_decisions
 
 NOWHERE = -1  # no slot
 UNRELATED = 1000.0  # spread of a relation that is not known
 NEVER = -1_000_000
+NUM_PARTS = 4  # kinds of evidence that a candidate is judged by alone
 
 
 @jax.tree_util.register_dataclass
@@ -75,6 +77,8 @@ class Tracklets:
     first_look: Float[Array, "T D"]
     slot: Int[Array, "T"]  # its object once decided, NOWHERE while open
     fresh: Bool[Array, "T"]  # decided as a new object that may still turn out to be a known one
+    belief: Float[Array, "T"]  # probability of its object when it was decided
+    named: Bool[Array, "T"]  # its own id was shown before
     id: Int[Array, "T"]  # what it would be called as a new object
 
 
@@ -95,30 +99,31 @@ class Scene:
     ring_mean: Float[Array, "D"]
     num_rings: Float[Array, ""]
     cosines: Float[Array, "2 3"]  # of other and of the same objects: weight, sum, sum of squares
-    familiarity: Float[Array, ""]  # how often the last decisions were "new", [0, 1]
+    familiarity: Float[Array, ""]  # how often the last decisions were "new", [0, 1]; 0.5 at first
+    faded: Float[Array, "2"]  # how much is left of what was assumed about cosines, [0, 1]
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Verdicts:
-    """What the last frame was decided to show."""
+    """What the decisions of the last frame were made of, beyond `Decisions`."""
 
-    valid: Bool[Array, "N"]
-    object_id: Int[Array, "N"]  # best answer now, decided or not
-    tracklet_id: Int[Array, "N"]  # names the tracklet; the id of its object if it is new
+    tracklet_id: Int[Array, "N"]  # names the tracklet; the id of its object if that is new; -1 none
+    answer_id: Int[Array, "N"]  # best answer now, decided or not
     is_decided: Bool[Array, "N"]
-    is_new: Bool[Array, "N"]  # the answer is an object that was not known before
-    margin: Float[Array, "N"]  # log odds to the next best answer
-    probability: Float[Array, "N"]  # of the answer, [0, 1]
-    candidate_id: Int[Array, "N C"]  # by falling probability, -1 padding
-    candidate_probability: Float[Array, "N C"]
-    merged_id: Int[Array, "N"]  # object that turned out to be `object_id` just now, -1 none
+    probability: Float[Array, "N"]  # of the answer before calibration, [0, 1]
+    margin: Float[Array, "N"]  # log odds to the next best answer; 0 where nothing is open
+    merged_id: Int[Array, "N"]  # object that just now turned out to be the answer, -1 none
+    option_id: Int[Array, "N C"]  # objects that were weighed, -1 padding
+    option_odds: Float[Array, "N C"]  # log odds in the end
+    option_parts: Float[Array, "N C 4"]  # of `evidence.PARTS` in these
+    new_odds: Float[Array, "N"]  # log odds of being no known object
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PlusState:
-    """Everything that one frame hands to the next, and the verdicts of the last frame."""
+    """Everything that one frame hands to the next, and the decisions of the last frame."""
 
     objects: Objects
     pairs: Pairs
@@ -126,21 +131,15 @@ class PlusState:
     scene: Scene
     next_id: Int[Array, ""]
     frame: Int[Array, ""]  # frames processed so far
+    decisions: Decisions
     verdicts: Verdicts
-    num_bad_patches: Int[Array, ""]  # of the last frame
-    overflow: Int[Array, ""]  # object slots that the frame needs, 0 if they sufficed
+    overflow: Overflow
 
 
-def init(static: PlusStatic, thresholds: PlusThresholds | None = None) -> PlusState:
-    """The empty memory with the capacities of `static`.
-
-    Args:
-      static: Capacities; `feature_dim` must be known.
-      thresholds: What is assumed before anything was seen.
-    """
-    t = (thresholds or PlusThresholds()).as_arrays()
-    num_o, num_k, dim = static.num_objects, static.bank_slots, static.feature_dim
-    white = static.white_dim
+def init(static: Static) -> PlusState:
+    """The empty memory with the capacities of `static`; `feature_dim` must be known."""
+    num_o, num_k, dim = static.num_objects, BANK_SLOTS, static.feature_dim
+    white = white_dim(static)
 
     def whole(*shape: int, value: int = 0) -> Array:
         return jnp.full(shape, value, jnp.int32)
@@ -148,8 +147,6 @@ def init(static: PlusStatic, thresholds: PlusThresholds | None = None) -> PlusSt
     def real(*shape: int, value: float = 0.0) -> Array:
         return jnp.full(shape, value, jnp.float32)
 
-    means = jnp.stack([t.calibration.other_mean, t.calibration.same_mean])
-    moments = [jnp.ones(2), means, t.calibration.variance + means**2]
     return PlusState(
         objects=Objects(
             id=whole(num_o, value=NO_ID),
@@ -171,7 +168,7 @@ def init(static: PlusStatic, thresholds: PlusThresholds | None = None) -> PlusSt
             spread=real(num_o, num_o, value=UNRELATED),
             log_ratio=real(num_o, num_o),
         ),
-        tracklets=no_tracklets(static.num_tracklets, dim),
+        tracklets=no_tracklets(num_tracklets(static), dim),
         scene=Scene(
             mean=real(dim),
             num_looks=real(),
@@ -184,14 +181,15 @@ def init(static: PlusStatic, thresholds: PlusThresholds | None = None) -> PlusSt
             white_mean=real(dim),
             ring_mean=real(dim),
             num_rings=real(),
-            cosines=jnp.stack(moments, axis=1) * t.calibration.samples,
-            familiarity=t.decision.familiarity_start + 0.0,
+            cosines=real(2, 3),
+            familiarity=real(value=0.5),
+            faded=real(2, value=1.0),
         ),
         next_id=whole(),
         frame=whole(),
-        verdicts=no_verdicts(static),
-        num_bad_patches=whole(),
-        overflow=whole(),
+        decisions=no_decisions(static),
+        verdicts=no_verdicts(static.num_detections),
+        overflow=Overflow(objects=whole(), pending=whole()),
     )
 
 
@@ -211,35 +209,24 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         first_look=jnp.zeros((num, dim)),
         slot=jnp.full(num, NOWHERE, jnp.int32),
         fresh=jnp.zeros(num, bool),
+        belief=jnp.zeros(num),
+        named=jnp.zeros(num, bool),
         id=jnp.full(num, NO_ID, jnp.int32),
     )
 
 
-def no_verdicts(static: PlusStatic) -> Verdicts:
+def no_verdicts(num: int) -> Verdicts:
     """Verdicts about no detection at all."""
-    num, shown = static.num_detections, static.num_candidates
+    shown = (num, NUM_CANDIDATES)
     return Verdicts(
-        valid=jnp.zeros(num, bool),
-        object_id=jnp.full(num, NO_ID, jnp.int32),
         tracklet_id=jnp.full(num, NO_ID, jnp.int32),
+        answer_id=jnp.full(num, NO_ID, jnp.int32),
         is_decided=jnp.zeros(num, bool),
-        is_new=jnp.zeros(num, bool),
-        margin=jnp.zeros(num),
         probability=jnp.zeros(num),
-        candidate_id=jnp.full((num, shown), NO_ID, jnp.int32),
-        candidate_probability=jnp.zeros((num, shown)),
+        margin=jnp.zeros(num),
         merged_id=jnp.full(num, NO_ID, jnp.int32),
+        option_id=jnp.full(shown, NO_ID, jnp.int32),
+        option_odds=jnp.zeros(shown),
+        option_parts=jnp.zeros((*shown, NUM_PARTS)),
+        new_odds=jnp.zeros(num),
     )
-
-
-def grow(state: PlusState, static: PlusStatic) -> PlusState:
-    """The same memory with the larger capacities of `static`; results do not change."""
-    empty = init(static)
-
-    def widen(small: Array, large: Array) -> Array:
-        if small.shape == large.shape:
-            return small
-        return large.at[tuple(slice(0, length) for length in small.shape)].set(small)
-
-    grown = jax.tree.map(widen, state, empty)
-    return dataclasses.replace(grown, overflow=empty.overflow)

@@ -94,7 +94,7 @@ class Looks:
     ring_slope: Real = 6.667  # per cosine
     ring_middle: Real = 0.4  # cosine that says nothing
     ring_best: Real = 2.0  # limit of the evidence to both sides before weighting
-    unit_patches: Gate = False  # scale every patch feature to unit length first
+    unit_patches: Gate = True  # scale every patch feature to unit length first
 
 
 @jax.tree_util.register_dataclass
@@ -135,6 +135,7 @@ class Layout:
     ratio_weight: Real = 0.5  # of the ratio of sizes
     ratio_error: Real = 0.4
     ratio_error_border: Real = 0.8
+    rounds: Whole = 5  # of weighing all open tracklets of a frame together
     optimism: Real = 4.0  # log odds that a new object loses in the first round of weighing
     covisible_weight: Real = 0.6
     covisible_partners: Real = 2.0
@@ -155,10 +156,11 @@ class Decision:
     new: Real = 1.0  # log odds of a new object
     familiarity: Real = 0.8  # weight of how many of the last decisions were "new"
     familiarity_rate: Real = 0.2
-    familiarity_start: Real = 0.5
     familiarity_least: Real = 0.1
     crowd: Real = 0.7  # loss per log of the number of candidates
     crowd_free: Real = 4.0  # candidates without a loss
+    firm: Real = 0.5  # least probability of an answer that is given before it is decided
+    possible: Real = 0.1  # least probability of what else it could be
     commit_age: Whole = 8  # detections after which a tracklet is decided
     early_age: Whole = 2  # a clear win is decided from here on
     early_margin: Real = 4.0

@@ -11,13 +11,14 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool
 
+from remind_jax.config.static import Static
+from remind_jax.decision import Outcome
 from remind_jax.observation import FrameFeats, Masks
-from remind_jax.plus.decision import Choice, decide, learn_familiarity
+from remind_jax.plus.answers import conclude, tell
+from remind_jax.plus.decision import decide, learn_familiarity
 from remind_jax.plus.evidence import (
-    Rows,
-    Shortlist,
     admit,
     best_cosine,
     find_rows,
@@ -40,12 +41,12 @@ from remind_jax.plus.linking import (
     score_links,
 )
 from remind_jax.plus.motion_check import check_motion
-from remind_jax.plus.observation import Motion, Sightings, frame_unit, in_frame_units, observe
+from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.scene_map import center_variance, correct_map, move_map
-from remind_jax.plus.state import NOWHERE, Objects, PlusState, Tracklets, Verdicts, init
-from remind_jax.plus.static import PlusStatic
+from remind_jax.plus.state import NOWHERE, PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
+from remind_jax.state import Overflow
 
 __all__ = ["advance", "init", "step"]
 
@@ -54,10 +55,10 @@ def step(
     state: PlusState,
     frame_feats: FrameFeats,
     masks: Masks,
-    motion: Motion,
     *,
-    static: PlusStatic,
+    static: Static,
     thresholds: PlusThresholds,
+    observed: Motion,
 ) -> PlusState:
     """Decides who is who in one frame and remembers it.
 
@@ -65,38 +66,39 @@ def step(
 
     Args:
       state: Memory before the frame, from `init` or an earlier step.
-      frame_feats: Patch features; `frame_size` is that of the pixels of the masks.
+      frame_feats: Patch features of the frame.
       masks: Detections.
-      motion: How the image moved since the last frame, in the same pixels.
       static: Capacities; those that `state` was made with.
       thresholds: Every tunable number.
+      observed: How the image moved since the last frame, in pixels of the masks.
 
     Returns:
       Memory after the frame with `verdicts` about it. If the frame may need more object slots than
       there are, only `overflow` is changed.
     """
     t = thresholds.as_arrays()
-    sightings = observe(frame_feats, masks, t.looks.unit_patches)
-    moved = in_frame_units(motion, frame_unit(frame_feats.frame_size))
-    return advance(state, sightings, moved, static=static, thresholds=t)
+    sightings, motion = observe(frame_feats, masks, observed, t.looks.unit_patches)
+    return advance(state, sightings, motion, jnp.asarray(masks.valid), static=static, thresholds=t)
 
 
 def advance(
     state: PlusState,
     sightings: Sightings,
     motion: Motion,
+    present: Bool[Array, "N"],
     *,
-    static: PlusStatic,
+    static: Static,
     thresholds: PlusThresholds,
 ) -> PlusState:
-    """`step` on detections that are described already; lengths in frame units."""
+    """`step` on detections that are described already; `present`: slots that hold a mask."""
     t = thresholds.as_arrays()
     needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid)
     fits = needed <= static.num_objects
+    lacking = Overflow(objects=needed.astype(jnp.int32), pending=jnp.int32(0))
     return jax.lax.cond(
         fits,
-        lambda state: _advance(state, sightings, motion, static, t),
-        lambda state: dataclasses.replace(state, overflow=needed.astype(jnp.int32)),
+        lambda state: _advance(state, sightings, motion, present, static, t),
+        lambda state: dataclasses.replace(state, overflow=lacking),
         state,
     )
 
@@ -105,7 +107,8 @@ def _advance(
     state: PlusState,
     sightings: Sightings,
     motion: Motion,
-    static: PlusStatic,
+    present: Bool[Array, "N"],
+    static: Static,
     t: PlusThresholds,
 ) -> PlusState:
     frame, num = state.frame, static.num_detections
@@ -137,16 +140,17 @@ def _advance(
     held |= waiting & t.decision.hold_missed
     admitted = admit(here, rows, held, objects, pairs)
     cosine = best_cosine(whiten(scene, here.look), objects)
-    candidates = shortlist(
-        here, sightings, admitted, cosine, objects, pairs, scene, t, static.num_candidates
-    )
+    candidates = shortlist(here, sightings, admitted, cosine, objects, pairs, scene, t)
     # Who is who, jointly?
     odds, belief = weigh_jointly(
-        candidates, here.slot, visible & ~rows.late, sightings, objects, pairs, t,
-        static.num_rounds,
-    )  # fmt: skip
+        candidates, here.slot, visible & ~rows.late, sightings, objects, pairs, t
+    )
     choice = decide(candidates, odds, rows, here, scene, static.num_objects, t.decision)
-    verdicts = _tell(here, objects, sightings.valid, rows, candidates, odds, belief, choice)
+    verdicts = conclude(here, objects, rows, candidates, odds, belief, choice)
+    decisions = tell(
+        verdicts, belief, candidates.base, here, rows.late, present, sightings.num_bad_patches,
+        static, t.decision,
+    )  # fmt: skip
     # What does that teach?
     scene = learn_familiarity(scene, choice, t.decision)
     objects, pairs, slot = create_objects(
@@ -163,7 +167,13 @@ def _advance(
     )
     slot = jnp.where(choice.recognised | choice.absorbed, choice.slot, slot)
     fresh = (here.fresh | choice.born) & ~choice.absorbed
-    here = dataclasses.replace(here, slot=slot, fresh=fresh)
+    here = dataclasses.replace(
+        here,
+        slot=slot,
+        fresh=fresh,
+        belief=verdicts.probability,
+        named=here.named | (decisions.outcome == int(Outcome.NEW)),
+    )
     sure = sightings.valid & (slot != NOWHERE)
     objects, pairs = correct_map(
         objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
@@ -178,9 +188,9 @@ def _advance(
         scene=scene,
         next_id=next_id,
         frame=frame + 1,
+        decisions=decisions,
         verdicts=verdicts,
-        num_bad_patches=sightings.num_bad_patches,
-        overflow=jnp.int32(0),
+        overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),
     )
 
 
@@ -190,47 +200,8 @@ def _settle(tracklets: Tracklets, here: Tracklets, num_objects: int) -> Tracklet
     So no object ever belongs to two tracklets, and no identity is given twice in a frame.
     """
     num = len(here.alive)
-    slot = jnp.concatenate([here.slot, tracklets.slot[num:]])
-    fresh = jnp.concatenate([here.fresh, tracklets.fresh[num:]])
+    both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[num:]]), here, tracklets)
     held = held_objects(here.slot, here.alive & (here.slot != NOWHERE), num_objects)
-    lost = (slot != NOWHERE) & held[jnp.maximum(slot, 0)] & (jnp.arange(len(slot)) >= num)
-    return dataclasses.replace(tracklets, slot=slot, fresh=fresh, alive=tracklets.alive & ~lost)
-
-
-def _tell(
-    here: Tracklets,
-    objects: Objects,
-    valid: Bool[Array, "N"],
-    rows: Rows,
-    candidates: Shortlist,
-    odds: Float[Array, "N C"],
-    belief: Float[Array, "N C"],
-    choice: Choice,
-) -> Verdicts:
-    """What to show of each detection."""
-
-    def id_of(slot: Int[Array, "*any"]) -> Int[Array, "*any"]:
-        return objects.id[jnp.maximum(slot, 0)]
-
-    own = jnp.where(here.slot != NOWHERE, id_of(here.slot), here.id)
-    is_known = choice.slot != NOWHERE
-    answer = jnp.where(is_known, id_of(choice.slot), own)
-    order = jnp.argsort(-belief, axis=1, stable=True)
-    sorted_belief = jnp.take_along_axis(belief, order, axis=1)
-    shown = jnp.take_along_axis(candidates.valid, order, axis=1) & rows.young[:, None]
-    ids = jnp.take_along_axis(id_of(candidates.slot), order, axis=1)
-    chosen = candidates.valid & (candidates.slot == choice.slot[:, None])
-    known_belief = jnp.sum(jnp.where(chosen, belief, 0.0), axis=1)
-    new_belief = 1.0 - jnp.sum(jnp.where(candidates.valid, belief, 0.0), axis=1)
-    return Verdicts(
-        valid=valid,
-        object_id=jnp.where(valid, answer, -1),
-        tracklet_id=jnp.where(valid, here.id, -1),
-        is_decided=valid & ~(rows.young & ~choice.recognised & ~choice.born),
-        is_new=rows.young & ~is_known,
-        margin=jnp.where(rows.any, choice.margin, jnp.inf),
-        probability=jnp.where(rows.any, jnp.where(is_known, known_belief, new_belief), 1.0),
-        candidate_id=jnp.where(shown, ids, -1),
-        candidate_probability=jnp.where(shown, sorted_belief, 0.0),
-        merged_id=jnp.where(choice.absorbed, id_of(here.slot), -1),
-    )
+    waits = jnp.arange(len(both.alive)) >= num
+    lost = waits & (both.slot != NOWHERE) & held[jnp.maximum(both.slot, 0)]
+    return dataclasses.replace(both, alive=both.alive & ~lost)

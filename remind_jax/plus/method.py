@@ -1,0 +1,9 @@
+"""REMIND plus under its name among the trackers (`remind_jax.methods`)."""
+
+from remind_jax.image_motion import observe_motion
+from remind_jax.methods import Method
+from remind_jax.plus.state import init
+from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.plus.tracker import step
+
+METHOD = Method("plus", PlusThresholds, init, step, observe=observe_motion)
