@@ -33,12 +33,13 @@ class Eval:
     Examples:
       remind eval gt.txt runs/rooms/mot.txt
       remind eval gt.txt pred.txt --format mots --json scores.json
+      remind eval runs/rooms                      a run made with ground-truth masks
       remind eval DAVIS_ROOT runs/rooms --protocol paper
       remind eval DAVIS_ROOT runs/ours masks_of_a_vos_tracker --table comparison.html
     """
 
     truth: Annotated[Positional[Path], arg(metavar="GT")]  # ground truth
-    predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="PRED")]  # one or more
+    predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="PRED")] = ()  # one or more
     format: FormatName | None = None  # of the predictions and, unless told, the truth
     truth_format: FormatName | None = None  # of the truth; recognised if left out
     undecided: Literal["strict", "collapse"] = (
@@ -65,8 +66,6 @@ class Eval:
         """
         from remind_jax.metrics.scene_comparison import table_of
 
-        if not self.predictions:
-            raise RemindError("there are no predictions to score; name them after the truth")
         if self.resamples < 0:
             raise RemindError(f"resamples is {self.resamples}; give 0 or more")
         if self.protocol == "paper":
@@ -88,6 +87,8 @@ class Eval:
         from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
         from remind_jax.metrics.scene_comparison import name_predictions
 
+        if not self.predictions:
+            raise RemindError("--protocol paper needs predictions; name them after the truth")
         evaluations = [
             evaluation
             for name, path in name_predictions(self.predictions).items()
@@ -116,6 +117,8 @@ class Eval:
         from remind_jax.metrics.scene_comparison import name_predictions
         from remind_jax.metrics.scene_evaluation import SceneOptions, evaluate
 
+        if not self.predictions:
+            return [self._evaluate_alone()]
         options = SceneOptions(
             num_frames=self.num_frames,
             class_id=self.class_id,
@@ -133,6 +136,22 @@ class Eval:
             )
             for name, path in name_predictions(self.predictions).items()
         ]
+
+    def _evaluate_alone(self) -> SetEvaluation:
+        """Scores a run by the true instances that it was given."""
+        from remind_jax.metrics import SetEvaluation, evaluate_tracks
+        from remind_jax.result import Result
+
+        if not (self.truth / "detections.jsonl").is_file():
+            raise RemindError(
+                f"there are no predictions to score against '{self.truth}'; name them after the "
+                "truth (only a run that was made with ground-truth masks is scored alone)"
+            )
+        run = Result.load(self.truth)
+        evaluation = evaluate_tracks(
+            run.tracks, undecided=self.undecided, by_object=bool(self.table), name=run.info.name
+        )
+        return SetEvaluation(self.truth.name, (evaluation,))
 
 
 def print_evaluation(evaluation: SetEvaluation) -> None:

@@ -369,7 +369,23 @@ def _parse_any_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
     delimiter = "," if "," in text.split("\n", 1)[0] else None
     try:
         return np.loadtxt(io.StringIO(text), delimiter=delimiter, ndmin=2, comments=None)
-    except ValueError as error:
+    except ValueError:
+        number, row = _find_bad_row(text, delimiter)
         raise SourceError(
-            f"{path} is not MOTChallenge text (frame,id,left,top,width,height,...): {error}"
+            f"{path} is not MOTChallenge text: row {number} is '{row[:60]}'; every row needs the "
+            "same columns of numbers, frame,id,left,top,width,height,..."
         ) from None
+
+
+def _find_bad_row(text: str, delimiter: str | None) -> tuple[int, str]:
+    """Number and text of the first row that is not numeric or not as long as the first."""
+    rows = [(number, row) for number, row in enumerate(text.splitlines(), 1) if row.strip()]
+    for number, row in rows:
+        cells = row.split(delimiter)
+        try:
+            is_good = len([float(cell) for cell in cells]) == len(rows[0][1].split(delimiter))
+        except ValueError:
+            is_good = False
+        if not is_good:
+            return number, row.strip()
+    return rows[0]

@@ -15,6 +15,7 @@ from remind_jax.metrics.scene_evaluation import (
     SetEvaluation,
     evaluate,
 )
+from remind_jax.metrics.scene_stream import path_name
 
 COLUMNS = (
     "HOTA",
@@ -159,7 +160,7 @@ def name_predictions(
     if not predictions:
         raise RemindError("there is no prediction to compare; give at least one")
     paths = [Path(path) for path in predictions]
-    for name_of in (lambda p: p.stem or str(p), lambda p: f"{p.parent.name}/{p.stem}", str):
+    for name_of in (path_name, lambda p: f"{p.parent.name}/{path_name(p)}", str):
         names = [name_of(path) for path in paths]
         if len(set(names)) == len(names):
             return dict(zip(names, paths, strict=True))

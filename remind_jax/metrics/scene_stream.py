@@ -117,7 +117,7 @@ def open_stream(
         truth = open_scenes(truth.path, truth_format or "kitti-mots")
         predictions = open_scenes(prediction, format or "kitti-mots", truth=truth)
     partner, notes = match_scenes(truth, predictions)
-    name = name or Path(prediction).stem or str(prediction)
+    name = name or path_name(Path(prediction))
     return SceneStream(truth, predictions, partner, tuple(notes), name)
 
 
@@ -136,6 +136,11 @@ def match_scenes(truth: SceneSet, predictions: SceneSet) -> tuple[dict[str, str 
         shown = ", ".join(extra[:3]) + (", ..." if len(extra) > 3 else "")
         notes.append(f"{len(extra)} predicted scenes are not in the truth: {shown}")
     return partner, notes
+
+
+def path_name(path: Path) -> str:
+    """What predictions at a path are called: the folder's name, or the file's without ending."""
+    return (path.stem if path.suffix.lower() in (".txt", ".json") else path.name) or str(path)
 
 
 def _open_truth(truth: str | Path, prediction: str | Path, format: Format | None) -> SceneSet:

@@ -41,6 +41,7 @@ def evaluate_tracks(
     *,
     undecided: Undecided = "strict",
     by_class: bool = False,
+    by_object: bool = False,
     name: str = "run",
 ) -> Evaluation:
     """Scores a run whose detections carry their true instance (`Tracks.instance_ids`).
@@ -53,6 +54,7 @@ def evaluate_tracks(
       tracks: The frames of a run, in order; read once.
       undecided: See the head of this module.
       by_class: Also scores every class apart (`Evaluation.by_class`).
+      by_object: Also keeps the counts of every object, for intervals over them.
       name: Shown in messages and tables.
 
     Raises:
@@ -80,6 +82,7 @@ def evaluate_tracks(
             class_names=evaluated.class_names,
         ),
         num_repeated=num_repeated,
+        by_object=by_object,
     )
     if not by_class:
         return whole

@@ -40,3 +40,33 @@ def test_result_that_cannot_be_written(command, tmp_path):
     outcome = command("eval", "gt.txt", "gt.txt", "--json", "no/scores.json")
     assert outcome.code == 1
     assert "cannot write 'no/scores.json'" in outcome.stderr
+
+
+def test_several_predictions_are_compared(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1, 1, 1, 1])
+    write_tracks(tmp_path / "ours.txt", [5, 5, 5, 5])
+    write_tracks(tmp_path / "peer.txt", [5, 5, 5, 6])
+    words = ("eval", "gt.txt", "ours.txt", "peer.txt", "--json", "all.json", "--resamples", "20")
+    outcome = command(*words, "--table", "table.md", "table.csv")
+    assert outcome.code == 0
+    assert "ours" in outcome.stdout
+    assert "peer" in outcome.stdout
+    assert "**100.00**" in (tmp_path / "table.md").read_text()
+    assert "peer" in (tmp_path / "table.csv").read_text()
+    predictions = json.loads((tmp_path / "all.json").read_text())["predictions"]
+    assert predictions["peer"]["metrics"]["IDSW"] == 1
+
+
+def test_the_paper_protocol_names_its_deviations(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1, 1])
+    outcome = command("eval", "gt.txt", "gt.txt", "--protocol", "paper", "--json", "paper.json")
+    assert outcome.code == 0
+    assert "any overlap above 0" in outcome.stdout
+    assert json.loads((tmp_path / "paper.json").read_text())["metrics"]["IDF1"] == 1.0
+
+
+def test_predictions_are_needed(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1])
+    outcome = command("eval", "gt.txt")
+    assert outcome.code == 1
+    assert "no predictions to score against 'gt.txt'" in outcome.stderr

@@ -1,0 +1,133 @@
+"""A run scored against truth from elsewhere equals the run scored by the truth it carries."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.metrics import SceneOptions, evaluate, evaluate_tracks
+from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
+from remind_jax.metrics.run_lengths import encode_label_map
+from remind_jax.outputs.store import DETECTIONS_NAME, DetectionsWriter
+from remind_jax.tracks import Tracks, encode_masks
+from tests.metrics.formats import scenes as made
+from tests.metrics.formats.scenes import CLASSES
+
+LINES = ["11.22.", "11.22.", "11....", "11.22.", ".1122."]
+OUTCOMES = {"n": Outcome.NEW, "m": Outcome.MATCH, "a": Outcome.AMBIGUOUS, "-": Outcome.UNASSIGNED}
+# Object 2 is undecided when it returns, then known; object 1 is lost for a frame.
+DECIDED = ["n7 n8", "m7 m8", "-0", "m7 a0", "m7 m8"]
+
+
+def make_run() -> list[Tracks]:
+    return [
+        _frame(at, line, said) for at, (line, said) in enumerate(zip(LINES, DECIDED, strict=True))
+    ]
+
+
+def _frame(at: int, line: str, said: str) -> Tracks:
+    codes = encode_label_map(made.label_maps([line])[0])
+    answers = said.split()
+    num = len(answers)
+    outcome = np.array([OUTCOMES[answer[0]] for answer in answers], np.int32)
+    ids = [int(answer[1:]) if answer[0] in "nm" else NO_ID for answer in answers]
+    zeros = np.zeros(num, np.int32)
+    candidates = np.tile([8, 7], (num, 1))
+    candidates[outcome != Outcome.AMBIGUOUS] = NO_ID
+    return Tracks(
+        frame_index=at,
+        source_index=at,
+        time_s=float(at),
+        name=f"{at:05d}.jpg",
+        frame_size=(made.HEIGHT, len(line)),
+        outcome=outcome,
+        reason=zeros,
+        object_id=np.array(ids, np.int32),
+        pending_id=zeros + NO_ID,
+        status=zeros,
+        score=np.ones(num),
+        confidence=np.ones(num),
+        candidate_id=candidates,
+        candidate_score=np.tile([0.9, 0.8], (num, 1)),
+        labels=tuple(CLASSES[number] for number in codes),
+        boxes=np.zeros((num, 4)),
+        areas=np.array([int((np.array(list(line)) == str(n)).sum()) * 4 for n in codes], np.int32),
+        detector_scores=np.ones(num),
+        instance_ids=np.array(list(codes), np.int32),
+        rles=tuple(codes.values()),
+    )
+
+
+def save(folder: Path, run: list[Tracks]) -> Path:
+    folder.mkdir()
+    with DetectionsWriter(folder / DETECTIONS_NAME, {}) as file:
+        for tracks in run:
+            file.add(tracks)
+    return folder
+
+
+@pytest.fixture
+def truth(tmp_path: Path) -> Path:
+    return made.write_davis(tmp_path / "truth", {"rooms": LINES})
+
+
+@pytest.mark.parametrize("undecided", ["strict", "collapse"])
+def test_equals_the_run_scored_alone(tmp_path: Path, truth: Path, undecided: Any):
+    run = make_run()
+    folder = save(tmp_path / "run", run)
+    got = evaluate(truth, folder, options=SceneOptions(undecided=undecided))
+    expected = evaluate_tracks(run, undecided=undecided)
+    scores = got.pooled.scores()
+    for name, value in expected.scores().items():
+        assert scores[name] == pytest.approx(value, abs=1e-12, nan_ok=True), name
+    assert scores["CandidateHitRate"] == 1.0
+    assert scores["Recovery"] == 1.0
+    assert scores["HardRecovery"] == 0.0
+    for name, breakdown in expected.breakdowns.items():
+        assert got.pooled.breakdowns[name].right.tolist() == breakdown.right.tolist()
+
+
+def test_only_processed_frames_are_evaluated(tmp_path: Path, truth: Path):
+    every_second = [
+        dataclasses.replace(frame, frame_index=at) for at, frame in enumerate(make_run()[::2])
+    ]
+    evaluation = evaluate(truth, save(tmp_path / "run", every_second))
+    assert evaluation.notes == ("3 of 5 frames were processed",)
+    assert evaluation.scores()["GT_Dets"] == 5
+
+
+def test_undecided_detections_beside_the_truth_are_no_observations(tmp_path: Path, truth: Path):
+    run = make_run()
+    stray = np.zeros((1, made.HEIGHT, 6), bool)
+    stray[:, :, 5] = True
+    run[2] = dataclasses.replace(run[2], rles=encode_masks(stray))
+    scores = evaluate(truth, save(tmp_path / "run", run)).scores()
+    assert scores["FirmShare"] == pytest.approx(7 / 9)
+    assert scores["WeakShare"] == pytest.approx(1 / 9)
+
+
+def test_the_paper_protocol_scores_a_run_both_ways(tmp_path: Path, truth: Path):
+    remind, generic = evaluate_paper(truth, save(tmp_path / "run", make_run()), name="ours")
+    ours, other = remind.scores(), generic.scores()
+    # Two births cost an observation each, object 1 is lost once, the candidates are settled well.
+    assert (ours["IDTP"], ours["IDFP"], ours["IDFN"]) == (6, 2, 3)
+    assert (ours["AmbiguousShare"], ours["CollapseAccuracy"]) == (pytest.approx(1 / 9), 1.0)
+    assert (other["IDTP"], other["IDFP"], other["IDFN"]) == (7, 0, 2)
+    assert ours["Recovery"] == other["Recovery"] == 1.0
+    assert "AmbiguousShare" not in other
+    table = paper_table([remind, generic])
+    assert "Rows of different formulas do not compare." in table.legend
+    assert any("birth" in sentence for sentence in table.legend)
+    assert remind.to_json()["protocol"] == "paper"
+
+
+def test_the_paper_protocol_leaves_classes_out(tmp_path: Path, truth: Path):
+    (truth / "metadata.json").write_text('{"id_to_label": {"1": "wall_1", "2": "cup_2"}}')
+    prediction = made.write_maps(tmp_path / "prediction", {"rooms": LINES})
+    (generic,) = evaluate_paper(truth, prediction)
+    assert generic.scores()["GT_Dets"] == 4

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import remind_jax as rj
+from remind_jax.errors import RemindError
+from remind_jax.metrics.scene_comparison import name_predictions
+from tests.metrics.formats import scenes as made
+from tests.metrics.formats.scenes import ANSWERS, TRUTH
+
+
+def test_predictions_of_any_format_in_one_table(tmp_path: Path):
+    truth = made.write_davis(tmp_path / "truth", TRUTH)
+    masks = made.write_maps(tmp_path / "masks", TRUTH)
+    boxes = made.write_texts(
+        tmp_path / "boxes", {name: made.mot_text(rows) for name, rows in ANSWERS.items()}
+    )
+    (boxes / "two.txt").unlink()
+    table = rj.compare(truth, {"perfect": masks, "switching": boxes}, num_resamples=50)
+    perfect, switching = table.rows
+    assert perfect.scores["IDF1"] == 1.0
+    assert switching.scores["IDSW"] == 1
+    assert switching.note == "1 of 2 scenes failed"
+    assert "switching: scene 'two' failed: there is no prediction of this scene" in table.legend
+    assert perfect.intervals["IDF1"] == (1.0, 1.0)
+    assert [chart.bins[0] for chart in table.charts] == ["0", "tiny", "0-5"]
+    assert "**100.00** (100.0 to 100.0)" in table.to_markdown()
+
+
+def test_one_scene_has_intervals_over_its_objects(tmp_path: Path):
+    truth = made.write_maps(tmp_path / "truth", {"one": TRUTH["one"]})
+    prediction = made.write_maps(tmp_path / "prediction", {"one": ANSWERS["one"]})
+    table = rj.compare(truth, [prediction], num_resamples=50)
+    low, high = table.rows[0].intervals["IDF1"]
+    assert 0.5 < low < high == 1.0
+    assert any("over objects" in sentence for sentence in table.legend)
+    assert rj.compare(truth, [prediction], num_resamples=0).rows[0].intervals == {}
+
+
+def test_predictions_are_named_by_what_tells_them_apart():
+    assert list(name_predictions(["a/ours.txt", "b/peer.txt"])) == ["ours", "peer"]
+    assert list(name_predictions(["a/mot.txt", "b/mot.txt"])) == ["a/mot", "b/mot"]
+    with pytest.raises(RemindError, match="given twice"):
+        name_predictions(["a.txt", "a.txt"])
+    with pytest.raises(RemindError, match="no prediction to compare"):
+        name_predictions([])
