@@ -12,7 +12,7 @@ from remind_jax.association.settlement import Settlement
 from remind_jax.association.similarity import Comparison
 from remind_jax.association.temporal import Account
 from remind_jax.config.static import Static
-from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.state import Objects
 
@@ -66,8 +66,8 @@ def decide(
         object_id=ids(settlement.slot),
         pending_id=jnp.full_like(rows[:, 0], NO_ID),
         score=jnp.where(usable, score, 0.0),
-        status=evidence.status,
-        status_final=final.status,
+        status=jnp.where(masks.valid, evidence.status, Status.NONE),
+        status_final=jnp.where(masks.valid, final.status, Status.NONE),
         confidence=evidence.confidence,
         best_score=evidence.best_score,
         second_score=evidence.second_score,

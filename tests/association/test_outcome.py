@@ -10,8 +10,8 @@ import pytest
 
 from remind_jax.association.outcome import rank_candidates
 from remind_jax.association.similarity import Comparison
-from remind_jax.decision import NO_ID, Lock, Outcome, Reason, Source
-from remind_jax.state import init
+from remind_jax.decision import NO_ID, Lock, Outcome, Source
+from remind_jax.state import init, no_decisions
 from tests.association.tables import SLOTS, STATIC, decide_frames, empty_frame, visual_frame
 
 
@@ -21,8 +21,9 @@ def test_padding_is_empty(x64):
     assert (d.outcome[1] == Outcome.EMPTY).all()
     for values in (d.object_id, d.option_id, d.candidate_id, d.assigned_id, d.guarded_id):
         assert (values[1] == NO_ID).all()
-    assert (d.score[1] == 0).all()
-    assert (d.reason[1] == Reason.NONE).all()
+    blank = no_decisions(STATIC)
+    for name in (field.name for field in dataclasses.fields(blank)):
+        np.testing.assert_array_equal(getattr(d, name)[1], getattr(blank, name), name)
 
 
 def test_without_objects_everything_is_new(x64):
