@@ -39,20 +39,21 @@ class Eval:
     """
 
     truth: Annotated[Positional[Path], arg(metavar="GT")]  # ground truth
-    predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="PRED")] = ()  # one or more
-    format: FormatName | None = None  # of the predictions and, unless told, the truth
+    # any number of trackers
+    predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="PRED")] = ()
+    # of the predictions, and of text truth; recognised if left out
+    format: FormatName | None = None
     truth_format: FormatName | None = None  # of the truth; recognised if left out
-    undecided: Literal["strict", "collapse"] = (
-        "strict"  # undecided detections of a run: no id, or settled
-    )
-    protocol: Literal["standard", "paper"] = (
-        "standard"  # TrackEval's definitions, or the paper's own
-    )
-    collapse: Literal["hungarian", "greedy"] = (
-        "hungarian"  # protocol paper: how candidates are settled
-    )
+    # undecided detections of a run: without an id, or settled among their candidates
+    undecided: Literal["strict", "collapse"] = "strict"
+    # TrackEval's definitions, or the original evaluator's (every deviation is named)
+    protocol: Literal["standard", "paper"] = "standard"
+    # protocol paper: how candidates are settled
+    collapse: Literal["hungarian", "greedy"] = "hungarian"
     num_frames: int | None = None  # text: length of the sequence; up to the last frame if left out
     class_id: int | None = None  # text: class to score; MOT: all, MOTS: 2 (pedestrian) if left out
+    # also score every class apart (in --json), where both sides name classes
+    by_class: bool = False
     json: Path | None = None  # also write every field to this file
     table: tuple[Path, ...] = ()  # also write the table: .md, .csv, .tex, .html (with plots), .txt
     resamples: int = 1000  # draws of the bootstrap intervals in tables; 0 for none
@@ -123,6 +124,7 @@ class Eval:
             num_frames=self.num_frames,
             class_id=self.class_id,
             undecided=self.undecided,
+            by_class=self.by_class,
             by_object=bool(self.table) or len(self.predictions) > 1,
         )
         return [
@@ -149,7 +151,11 @@ class Eval:
             )
         run = Result.load(self.truth)
         evaluation = evaluate_tracks(
-            run.tracks, undecided=self.undecided, by_object=bool(self.table), name=run.info.name
+            run.tracks,
+            undecided=self.undecided,
+            by_class=self.by_class,
+            by_object=bool(self.table),
+            name=run.info.name,
         )
         return SetEvaluation(self.truth.name, (evaluation,))
 

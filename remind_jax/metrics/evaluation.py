@@ -150,6 +150,17 @@ def evaluate_sequence(
     )
 
 
+def evaluate_classes(
+    sequence: TrackingSequence, firm: TrackingSequence | None = None
+) -> dict[str, Evaluation]:
+    """Scores every class apart: its objects against the predictions of that class."""
+    firm = sequence if firm is None else firm
+    return {
+        label: evaluate_sequence(sequence.select_class(label), firm=firm.select_class(label))
+        for label in sequence.class_names
+    }
+
+
 def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Evaluation:
     """Adds the counts of several sequences, of each class too; ids of sequences never interact.
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence
+from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.formats.rows import TrackRows
 from remind_jax.metrics.formats.run_folder import rows_of_tracks
 from remind_jax.metrics.matching import EPSILON, match_frames
@@ -59,6 +59,7 @@ def evaluate_run(
     truth: TrackRows,
     *,
     undecided: Undecided = "strict",
+    by_class: bool = False,
     by_object: bool = False,
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """Scores a run.
@@ -67,6 +68,7 @@ def evaluate_run(
       tracks: Its frames, in order.
       truth: Of the same scene; frames that the run did not process are not evaluated.
       undecided: What becomes of undecided detections, see `tracks_evaluation`.
+      by_class: Also score every class apart.
       by_object: Keep the counts of every object, for intervals over them.
 
     Returns:
@@ -95,6 +97,9 @@ def evaluate_run(
         by_object=by_object,
         num_repeated=int((ids != NO_ID).sum() - kept.sum()),
     )
+    if by_class:
+        classes = evaluate_classes(evaluated, firm)
+        evaluation = dataclasses.replace(evaluation, by_class=classes)
     return evaluation, paired.notes
 
 

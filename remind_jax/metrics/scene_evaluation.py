@@ -15,6 +15,7 @@ from typing import Any
 from remind_jax.errors import RemindError, nearest_names
 from remind_jax.metrics.evaluation import (
     Evaluation,
+    evaluate_classes,
     evaluate_sequence,
     pool_evaluations,
     scene_intervals,
@@ -37,6 +38,7 @@ class SceneOptions:
     num_frames: int | None = None  # length, for text; up to the last row if left out
     class_id: int | None = None  # class to score, for text; MOT: all, MOTS: 2, if left out
     undecided: Undecided = "strict"  # what becomes of undecided detections of a run
+    by_class: bool = False  # also score every class apart, where both sides name classes
     by_object: bool = False  # keep counts by object of a single scene, for intervals over them
 
 
@@ -84,6 +86,10 @@ class SetEvaluation:
                     "IDF1": [None if math.isnan(v) else v for v in b.idf1.tolist()],
                 }
                 for name, b in pooled.breakdowns.items()
+            }
+        if pooled.by_class:
+            content["classes"] = {
+                label: without_nan(e.scores()) for label, e in pooled.by_class.items()
             }
         if len(self.scenes) > 1:
             content["scenes"] = {e.name: without_nan(e.scores()) for e in self.scenes}
@@ -158,14 +164,19 @@ def evaluate_scene(
 
         _, tracks = read_detections(predictions.files[predicted] / RUN_FILE)
         evaluation, notes = evaluate_run(
-            tracks, rows, undecided=options.undecided, by_object=options.by_object
+            tracks,
+            rows,
+            undecided=options.undecided,
+            by_class=options.by_class,
+            by_object=options.by_object,
         )
         return dataclasses.replace(evaluation, name=scene), list(notes)
     paired = pair_scene(rows, predictions.read[predicted]())
     evaluation = evaluate_sequence(
         paired.sequence, breakdowns=break_down(paired), by_object=options.by_object
     )
-    return dataclasses.replace(evaluation, name=scene), list(paired.notes)
+    classes = evaluate_classes(paired.sequence) if options.by_class else {}
+    return dataclasses.replace(evaluation, name=scene, by_class=classes), list(paired.notes)
 
 
 def evaluate_files(

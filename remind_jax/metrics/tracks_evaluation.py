@@ -22,7 +22,7 @@ from remind_jax.decision import NO_ID
 from remind_jax.errors import RemindError, SourceError, nearest_names
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.metrics.breakdowns import count_breakdowns
-from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence
+from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import (
     FIRM,
@@ -86,11 +86,7 @@ def evaluate_tracks(
     )
     if not by_class:
         return whole
-    classes = {
-        label: evaluate_sequence(evaluated.select_class(label), firm=firm.select_class(label))
-        for label in evaluated.class_names
-    }
-    return dataclasses.replace(whole, by_class=classes)
+    return dataclasses.replace(whole, by_class=evaluate_classes(evaluated, firm))
 
 
 @dataclasses.dataclass(frozen=True)

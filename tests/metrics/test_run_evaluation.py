@@ -80,11 +80,14 @@ def truth(tmp_path: Path) -> Path:
 def test_equals_the_run_scored_alone(tmp_path: Path, truth: Path, undecided: Any):
     run = make_run()
     folder = save(tmp_path / "run", run)
-    got = evaluate(truth, folder, options=SceneOptions(undecided=undecided))
-    expected = evaluate_tracks(run, undecided=undecided)
+    options = SceneOptions(undecided=undecided, by_class=True, by_object=True)
+    got = evaluate(truth, folder, options=options)
+    expected = evaluate_tracks(run, undecided=undecided, by_class=True, by_object=True)
     scores = got.pooled.scores()
     for name, value in expected.scores().items():
         assert scores[name] == pytest.approx(value, abs=1e-12, nan_ok=True), name
+    assert got.to_json()["classes"]["cup"]["IDTP"] == expected.by_class["cup"].scores()["IDTP"]
+    assert got.intervals(num_resamples=20) == expected.intervals(num_resamples=20)
     assert scores["CandidateHitRate"] == 1.0
     assert scores["Recovery"] == 1.0
     assert scores["HardRecovery"] == 0.0

@@ -110,6 +110,16 @@ def test_breakdowns_come_from_the_truth(tmp_path: Path):
     assert breakdowns["size"].observations.sum() == 10
 
 
+def test_every_class_apart(tmp_path: Path):
+    truth = made.write_davis(tmp_path / "truth", TRUTH)
+    prediction = made.write_json(tmp_path / "p.json", made.coco_video(TRUTH))
+    content = evaluate(truth, prediction, options=SceneOptions(by_class=True)).to_json()
+    assert {c: scores["GT_Dets"] for c, scores in content["classes"].items()} == {
+        "cup": 7,
+        "box": 3,
+    }
+
+
 def test_void_is_not_evaluated(tmp_path: Path):
     root = made.write_maps(tmp_path / "truth", {"one": ["11...."]})
     labels = made.label_maps(["11...."])[0].astype(np.uint8)
