@@ -49,8 +49,9 @@ _UNDECIDED = (
 )
 _STEP = "Step: mean time of the tracker alone, without frames that compiled."
 _MEASURED: tuple[str, ...] = (
-    "Milliseconds per frame, mean and 95th percentile. Step: the tracker alone. Frame: features, "
-    "masks and step. Compiling: frame with the frames that compiled, which the others leave out.",
+    "Milliseconds per frame, mean and 95th percentile. Step: the tracker alone. Frame: detector, "
+    "features, masks and step. Compiling: frame with the frames that compiled, which the others "
+    "leave out.",
     "RSS: largest resident memory of the process in a scene, device: largest share of its memory "
     "so far, both by the operating system.",
 )
