@@ -1,7 +1,7 @@
 """Brings truth and predictions of one scene together, whatever formats they came in.
 
 Frames are aligned by the names of their images where both sides have names (stems, else the
-numbers in them), else by their place. Overlap is that of masks where both sides have masks, else of
+numbers in them), else by their place in the source. Overlap is that of masks where both sides have masks, else of
 boxes (of the masks' boxes where one side has masks). Classes are compared by name where both sides
 name them; otherwise every pair may match.
 """
@@ -132,10 +132,12 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
         place = align_frames(truth.frame_names, prediction.frame_names, prediction.name)
     else:
         place = np.arange(prediction.num_frames)
+        if prediction.source_frames is not None:
+            place = prediction.source_frames.copy()
         if truth.frame_names:
-            place[truth.num_frames :] = NOT_ALIGNED
-        elif prediction.num_frames > truth.num_frames:
-            truth = dataclasses.replace(truth, num_frames=prediction.num_frames)
+            place[place >= truth.num_frames] = NOT_ALIGNED
+        num_frames = max(truth.num_frames, int(place.max(initial=-1)) + 1)
+        truth = dataclasses.replace(truth, num_frames=num_frames)
     new_frame = place[prediction.frame]
     known = new_frame != NOT_ALIGNED
     moved = dataclasses.replace(

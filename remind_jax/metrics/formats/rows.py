@@ -39,6 +39,7 @@ class TrackRows:
     frame_names: tuple[str, ...] | None = None  # of the images, where the format knows them
     frame_size: tuple[int, int] | None = None  # height, width in pixels
     is_sampled: bool = False  # frames that are not listed were not looked at
+    source_frames: Int[np.ndarray, "T"] | None = None  # numbers in the source, where it was sampled
     ignored_frame: Int[np.ndarray, "M"] = dataclasses.field(
         default_factory=lambda: np.zeros(0, np.int64)
     )

@@ -27,10 +27,11 @@ def rows_of_tracks(
     class_names = sorted({label for frame in tracks for label in frame.labels})
     index = {label: place for place, label in enumerate(class_names)}
     num_frames = tracks[-1].frame_index + 1 if tracks else 0
-    names = [""] * num_frames
+    names, source_frames = [""] * num_frames, np.full(num_frames, NO_ID)
     rows = RowCollector()
     for frame, ids in zip(tracks, labels, strict=True):
         names[frame.frame_index] = frame.name
+        source_frames[frame.frame_index] = frame.source_index
         keep = keep_unique_labels(ids, frame.score) & (ids != NO_ID)
         for row in np.flatnonzero(keep):
             class_id = index[frame.labels[row]]
@@ -42,4 +43,4 @@ def rows_of_tracks(
         frame_names=names,
         frame_size=tracks[0].frame_size if tracks else None,
     )
-    return dataclasses.replace(finished, is_sampled=True)
+    return dataclasses.replace(finished, is_sampled=True, source_frames=source_frames)
