@@ -1,9 +1,9 @@
 """Brings truth and predictions of one scene together, whatever formats they came in.
 
 Frames are aligned by the names of their images where both sides have names (stems, else the
-numbers in them), else by their place in the source. Overlap is that of masks where both sides have masks, else of
-boxes (of the masks' boxes where one side has masks). Classes are compared by name where both sides
-name them; otherwise every pair may match.
+numbers in them), else by their place in the source. Overlap is that of masks where both sides have
+masks, else of boxes (of the masks' boxes where one side has masks). Classes are compared by name
+where both sides name all rows and share a class; otherwise every pair may match.
 """
 
 from __future__ import annotations
