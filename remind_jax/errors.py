@@ -22,6 +22,10 @@ class WeightsError(RemindError):
     """A weight file is missing, damaged or of another model."""
 
 
+class SweepError(RemindError):
+    """A sweep or a search over settings cannot be done as asked."""
+
+
 class OutputError(RemindError):
     """A result cannot be written or read back."""
 

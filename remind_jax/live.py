@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
+from remind_jax.compiled_step import compiled_step, settle_types
 from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
@@ -28,51 +29,10 @@ from remind_jax.methods import get_method
 from remind_jax.observation import FrameFeats, Masks, PatchAttention
 from remind_jax.readout import Outlines, outline, read_tracks
 from remind_jax.trace import Trace
-from remind_jax.tracker import step, step_traced
 from remind_jax.tracks import Tracks
 
 _ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
-
-
-def _step_once(
-    state: Any,
-    frame_feats: FrameFeats,
-    masks: Masks,
-    observed: Any = None,
-    *,
-    static: Static,
-    thresholds: Any,
-    step: Callable[..., Any] = step,
-) -> Any:
-    more = {} if observed is None else {"observed": observed}
-    stepped = step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
-    return _settle_types(stepped)
-
-
-def _step_traced_once(
-    state: Any,
-    frame_feats: FrameFeats,
-    masks: Masks,
-    observed: Any = None,
-    *,
-    static: Static,
-    thresholds: Any,
-    step: Callable[..., tuple[Any, Trace]] = step_traced,
-) -> tuple[Any, Trace]:
-    more = {} if observed is None else {"observed": observed}
-    stepped, trace = step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
-    return _settle_types(stepped), trace
-
-
-def _settle_types(state: Any) -> Any:
-    """Strong types throughout: a weak one that comes or goes costs a second compilation."""
-    return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, leaf.dtype), state)
-
-
-_STATIC = ("static", "step")
-_step = jax.jit(_step_once, static_argnames=_STATIC, donate_argnames="state")
-_step_traced = jax.jit(_step_traced_once, static_argnames=_STATIC, donate_argnames="state")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -390,7 +350,7 @@ class Tracker:
             static = static.grow(num_detections=num)
             self._note_growth("detections", num, static.num_detections)
         if self._state is None:
-            self._state, self._static = _settle_types(self.method.init(static)), static
+            self._state, self._static = settle_types(self.method.init(static)), static
         elif static != self._static:
             self._grow(static)
         padded = pad_masks(masks, static.num_detections)
@@ -398,16 +358,17 @@ class Tracker:
         outlines: Outlines | None = None
         options: Any = {"thresholds": self._thresholds_on_device()}
         options["step"] = self.method.step_traced if self._is_tracing else self.method.step
+        advance = compiled_step(self._is_tracing)
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
             if self._is_tracing:
-                self._state, trace = both = _step_traced(
+                self._state, trace = both = advance(
                     self._state, *given, static=self._static, **options
                 )
                 stepped = both[0]
             else:
-                self._state = stepped = _step(self._state, *given, static=self._static, **options)
+                self._state = stepped = advance(self._state, *given, static=self._static, **options)
             outlines = outlines or outline(prepared.detections.masks)
             overflow = jax.device_get(stepped.overflow)
             if not overflow.objects and not overflow.pending:
@@ -433,7 +394,7 @@ class Tracker:
 
     def _grow(self, static: Static) -> None:
         assert self._state is not None
-        self._state = _settle_types(self.method.enlarge(self._state, static))
+        self._state = settle_types(self.method.enlarge(self._state, static))
         self._static = static
 
     def _note_growth(self, what: str, needed: int, capacity: int) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from pycocotools import mask as _coco
 
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.frame import Detections, Frame
@@ -30,12 +29,12 @@ def outline(masks: Bool[np.ndarray, "N H W"]) -> Outlines:
     """Encodes and measures pixel masks; the box of an empty one is zero."""
     import cv2
 
-    rles = encode_masks(masks)
-    corners = [cv2.boundingRect(mask.view(np.uint8)) for mask in masks]
+    pixels = masks.view(np.uint8)
+    corners = [cv2.boundingRect(mask) for mask in pixels]
     boxes = np.array(corners, np.float32).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]
-    areas = np.asarray(_coco.area(list(rles)) if rles else [], np.int64)
-    return Outlines(rles, boxes, areas)
+    areas = np.array([cv2.countNonZero(mask) for mask in pixels], np.int64)
+    return Outlines(encode_masks(masks), boxes, areas)
 
 
 def read_tracks(

@@ -1,6 +1,7 @@
 """The tracker on one page: `init` and the pure `step` from one frame to the next.
 
-`step_traced` is the same step with an account of its decisions.
+`step_described` is the same step for detections that were described before; `step_traced` keeps an
+account of its decisions.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from remind_jax.config.thresholds import Thresholds
 from remind_jax.context.evidence import neighbour_evidence
 from remind_jax.context.reasoning import reason
 from remind_jax.memory.update import remember
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.perception.description import describe
 from remind_jax.perception.relations import observe_relations
 from remind_jax.state import TrackerState, init
 from remind_jax.trace import Deliberation, Trace, collect_trace
 
-__all__ = ["init", "step", "step_traced"]
+__all__ = ["init", "step", "step_described", "step_traced"]
 
 
 def step(
@@ -52,7 +53,21 @@ def step(
       Memory after the frame with `decisions` about it. If the frame needs more object slots than
       there are, only `overflow` is changed.
     """
-    return _advance(state, frame_feats, masks, static, thresholds)[0]
+    # What does each detection look like?
+    t = thresholds.as_arrays(static.scalar)
+    return _advance(state, describe(frame_feats, masks, static, t), masks, static, t)[0]
+
+
+def step_described(
+    state: TrackerState,
+    descriptors: Descriptors,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: Thresholds,
+) -> TrackerState:
+    """As `step` for detections that `describe` has seen already; patch coverage is not read."""
+    return _advance(state, descriptors, masks, static, thresholds.as_arrays(static.scalar))[0]
 
 
 def step_traced(
@@ -64,21 +79,21 @@ def step_traced(
     thresholds: Thresholds,
 ) -> tuple[TrackerState, Trace]:
     """As `step`, and tells what each decision was made of."""
-    after, deliberation = _advance(state, frame_feats, masks, static, thresholds)
-    return after, collect_trace(deliberation, static, thresholds.as_arrays(static.scalar))
+    t = thresholds.as_arrays(static.scalar)
+    descriptors = describe(frame_feats, masks, static, t)
+    after, deliberation = _advance(state, descriptors, masks, static, t)
+    return after, collect_trace(deliberation, static, t)
 
 
 def _advance(
     state: TrackerState,
-    frame_feats: FrameFeats,
+    descriptors: Descriptors,
     masks: Masks,
     static: Static,
-    thresholds: Thresholds,
+    t: Thresholds,
 ) -> tuple[TrackerState, Deliberation]:
     """The chain of one frame; what nobody asks for is never computed."""
-    t = thresholds.as_arrays(static.scalar)
-    # What does each detection look like, and how much does that tell?
-    descriptors = describe(frame_feats, masks, static, t)
+    # How much does the look of each detection tell?
     quality = assess(descriptors, t.similarity)
     relations = observe_relations(masks, masks.relations, t.relations)
     # How similar is it to each object?

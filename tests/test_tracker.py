@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax import live
+from remind_jax.compiled_step import settle_types, step_once
 from remind_jax.config import Static
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.state import TrackerState, grow, init
@@ -107,14 +107,14 @@ def sweep(frames, states) -> TrackerState:
     def track(state: TrackerState, scene: world.Frame, thresholds: Any) -> TrackerState:
         def advance(state, frame):
             stepped = step(state, *frame, static=LARGER, thresholds=thresholds)
-            return live._settle_types(stepped), stepped
+            return settle_types(stepped), stepped
 
         return jax.lax.scan(advance, state, scene)[1]
 
     padded = [world.pad(scene, LARGER.num_detections) for scene in scenes]
     return jax.device_get(
         jax.jit(jax.vmap(track))(
-            live._settle_types(batch(*memories)),
+            settle_types(batch(*memories)),
             batch(*(batch(*scene) for scene in padded)),
             batch(*(t.as_arrays(LARGER.scalar) for t in settings)),
         )
@@ -148,10 +148,10 @@ def test_capacities_alone_change_nothing(frames, states):
 def test_scan_alone_is_a_loop(frames, states):
     def advance(state, frame):
         state = step(state, *frame, static=world.STATIC, thresholds=thresholds)
-        return live._settle_types(state), state
+        return settle_types(state), state
 
     thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
-    empty = live._settle_types(init(world.STATIC))
+    empty = settle_types(init(world.STATIC))
     scanned = jax.jit(lambda *given: jax.lax.scan(advance, *given)[1])(empty, batch(*frames))
     for t, state in enumerate(states):
         assert_same_state(state, row(scanned, t))
@@ -162,9 +162,9 @@ def test_vmap_alone_is_a_loop(frames):
     others = world.make_frames(len(frames), seed=3)
     thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
     mapped = jax.jit(
-        jax.vmap(lambda *given: live._step_once(*given, static=world.STATIC, thresholds=thresholds))
+        jax.vmap(lambda *given: step_once(*given, static=world.STATIC, thresholds=thresholds))
     )
-    both = live._settle_types(batch(init(world.STATIC), init(world.STATIC)))
+    both = settle_types(batch(init(world.STATIC), init(world.STATIC)))
     loops = [world.run(frames), world.run(others)]
     for t, pair in enumerate(zip(frames, others, strict=True)):
         both = mapped(both, *batch(*pair))

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from remind_jax import live
+from remind_jax.compiled_step import settle_types, step_once
 from remind_jax.config import Config, Static, Thresholds
 from remind_jax.mask_reduction import reduce_masks
 from remind_jax.observation import FrameFeats, Masks
@@ -59,7 +59,7 @@ THRESHOLDS = (
 Frame = tuple[FrameFeats, Masks]
 
 # The step as it runs in use, but for the donation of the old state, which tests still look at.
-STEP = jax.jit(live._step_once, static_argnames="static")
+STEP = jax.jit(step_once, static_argnames="static")
 
 
 def make_frames(num: int, seed: int = 0, share: float = 0.8, order: Any = None) -> list[Frame]:
@@ -121,7 +121,7 @@ def run(
     state: TrackerState | None = None,
 ) -> list[TrackerState]:
     """States after every frame, on the host."""
-    state = live._settle_types(init(static) if state is None else state)
+    state = settle_types(init(static) if state is None else state)
     arrays = thresholds.as_arrays(static.scalar)
     states = []
     for feats, masks in frames:

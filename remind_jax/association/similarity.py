@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.association.quality import Quality
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Similarity
+from remind_jax.control_flow import repeat
 from remind_jax.memory.bank import Bank, DualBank, confidence, mean_quality
 from remind_jax.observation import Descriptors
 from remind_jax.perception.pooling import dot
@@ -258,8 +259,8 @@ def _find_nearest(
     width = min(_SLOTS_AT_ONCE, slots)
     shape = (channels, vectors.shape[1], objects)
 
-    def read_some(turn: Array, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        best, winner = found
+    def read_some(found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        turn, best, winner = found
         # The last turn may reach back to slots that are done; they do not win a second time.
         first = jnp.minimum(turn * width, slots - width)
         some = jax.lax.dynamic_slice_in_dim(bank.embedding, first, width, axis=2)
@@ -270,11 +271,11 @@ def _find_nearest(
             wins = (slot < bank.size)[:, None] & (cosine[..., offset] > best)
             best = jnp.where(wins, cosine[..., offset], best)
             winner = jnp.where(wins, slot, winner)
-        return best, winner
+        return turn + 1, best, winner
 
     nothing = (jnp.full(shape, -jnp.inf, jnp.float32), jnp.zeros(shape, jnp.int32))
     turns = (jnp.max(bank.size) + width - 1) // width
-    best, winner = jax.lax.fori_loop(0, turns, read_some, nothing)
+    _, best, winner = repeat(lambda found: found[0] < turns, read_some, (jnp.int32(0), *nothing))
     return best.astype(bank.quality_sum.dtype), winner
 
 

@@ -25,6 +25,7 @@ from remind_jax.association.temporal import (
     temporal_score,
 )
 from remind_jax.config.outcome_thresholds import Stability
+from remind_jax.control_flow import branch
 from remind_jax.decision import Reason
 
 MAX_MEMBERS = 4
@@ -75,15 +76,15 @@ def stabilise(account: Account, slot: Int[Array, "N"], t: Stability) -> Stabilis
     slot_after = jnp.where(settled, jnp.where(undecided, NO_SLOT, first), slot)
     fragile = _is_fragile(account, parts, slot, t) & contested & ~settled
 
-    def solve(_: None) -> tuple[Array, Array]:
+    def solve() -> tuple[Array, Array]:
         kept = _solve_greedily(account, parts, fragile, t)
         has = jnp.any(kept, axis=1)
         return has, jnp.where(has, jnp.argmax(kept, axis=1).astype(jnp.int32), NO_SLOT)
 
-    def leave(_: None) -> tuple[Array, Array]:
+    def leave() -> tuple[Array, Array]:
         return jnp.ones_like(fragile), slot_after
 
-    has, solved = jax.lax.cond(jnp.any(fragile), solve, leave, None)
+    has, solved = branch(jnp.any(fragile), solve, leave)
     lost = fragile & ~has
     return Stabilised(
         slot=jnp.where(fragile, solved, slot_after).astype(jnp.int32),

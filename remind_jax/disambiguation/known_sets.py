@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.known_set_thresholds import KnownSets
 from remind_jax.config.static import Static
+from remind_jax.control_flow import branch
 from remind_jax.disambiguation.anchors import (
     FEWEST_ANCHORS,
     Group,
@@ -119,7 +120,7 @@ def settle_known_sets(
     """
     scalar = scores.score.dtype
 
-    def solve(_: None) -> Settled:
+    def solve() -> Settled:
         edge_table = tabulate_edges(evidence, t)
         groups = form_groups(
             entries, object_exists, relations, edge_table, evidence.contact, static, t
@@ -141,10 +142,10 @@ def settle_known_sets(
         solved = jax.lax.fori_loop(0, order[-1], solve_next, start)
         return _account(solved, entries, groups, scores, object_exists)
 
-    def skip(_: None) -> Settled:
+    def skip() -> Settled:
         return _untouched(entries, static, scalar)
 
-    return jax.lax.cond(t.enabled & jnp.any(entries.present), solve, skip, None)
+    return branch(t.enabled & jnp.any(entries.present), solve, skip)
 
 
 @jax.tree_util.register_dataclass

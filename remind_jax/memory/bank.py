@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.control_flow import branch
 from remind_jax.perception.pooling import dot, to_unit
 
 NEVER = -1
@@ -264,7 +265,7 @@ def place(banks: DualBank, arrival: Arrival, room: Room, now: Int[Array, ""]) ->
     size = choose(banks.work.size, banks.stable.size)
     full = (arrival.to_work | stable) & (size >= capacity)
 
-    def free_slots(banks: DualBank) -> DualBank:
+    def free_slots() -> DualBank:
         target = jax.tree.map(choose, banks.work, banks.stable)
         make = jax.vmap(jax.vmap(make_room, (0, 0, 0, 0, None, None)), (0, 0, 0, 0, None, None))
         freed = make(
@@ -275,7 +276,7 @@ def place(banks: DualBank, arrival: Arrival, room: Room, now: Int[Array, ""]) ->
             stable=jax.tree.map(choose, banks.stable, freed),
         )
 
-    banks = jax.lax.cond(jnp.any(full), free_slots, lambda same: same, banks)
+    banks = branch(jnp.any(full), free_slots, lambda: banks)
     add = jax.vmap(jax.vmap(append))
     return DualBank(
         add(banks.work, arrival.value, arrival.to_work),

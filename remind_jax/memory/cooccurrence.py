@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, Num
 
 from remind_jax.config.relation_thresholds import Cooccurrence as Rules
 from remind_jax.config.static import Static
+from remind_jax.control_flow import branch
 from remind_jax.memory.bank import NEVER
 from remind_jax.rounding import divide
 
@@ -177,7 +178,7 @@ def _count_neighbours(
     if not 0 < most < slots - 1:
         return rows
     full = jnp.sum(rows.count > 0, axis=1, keepdims=True) > most
-    return jax.lax.cond(jnp.any(full), lambda: _trim(rows, full, static), lambda: rows)
+    return branch(jnp.any(full), lambda: _trim(rows, full, static), lambda: rows)
 
 
 def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> CooccurrenceGraph:

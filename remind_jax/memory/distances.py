@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.relation_thresholds import Relations as Rules
+from remind_jax.control_flow import branch
 from remind_jax.memory.cooccurrence import Sightings
 from remind_jax.perception.relations import Contact, Relations
 
@@ -310,4 +311,4 @@ def reorder_distances(
     known = (graph.edges.count > 0) | (graph.pending.count > 0)
     gone = jnp.any(known & ~(alive[:, None] & alive))
     moves = gone | jnp.any(order != slots)
-    return jax.lax.cond(moves, move_all, lambda: graph)
+    return branch(moves, move_all, lambda: graph)

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.outcome_thresholds import Pending as Rules
+from remind_jax.control_flow import branch
 from remind_jax.decision import NO_ID, NUM_OPTIONS
 from remind_jax.solvers.assignment import UNASSIGNED, assign
 
@@ -84,25 +85,30 @@ def join_tracks(
     solver: str,
 ) -> Int[Array, "N"]:
     """Finds the track that each undecided detection continues, -1 for none (15.3)."""
-    affinity, valid = _affinity(tracks, items, visual, rules)
+    affinity, valid, same = _affinity(tracks, items, visual, rules)
     # Non-items form a group of their own that has no allowed pair.
     waiting = items.kind != Kind.FREE
     group = jnp.where(waiting, 2 * items.class_id + items.kind, -1)
     nothing = jnp.zeros(len(group), affinity.dtype)
 
-    def solve(_: None) -> Int[Array, "N"]:
-        return assign(affinity, valid, group, nothing, jnp.zeros((), bool), solver=solver)
+    # Equal sums fall by the order of the tracks: that of their creation.
+    age = jnp.argsort(_creation_order(tracks), stable=True).astype(jnp.int32)
 
-    def skip(_: None) -> Int[Array, "N"]:
+    def solve() -> Int[Array, "N"]:
+        pairs = (affinity[:, age], valid[:, age], group, nothing, jnp.zeros((), bool))
+        column = assign(*pairs, same[:, age], solver=solver)
+        return jnp.where(column == UNASSIGNED, UNASSIGNED, age[column])
+
+    def skip() -> Int[Array, "N"]:
         return jnp.full(len(group), UNASSIGNED, jnp.int32)
 
-    return jax.lax.cond(jnp.any(valid), solve, skip, None)
+    return branch(jnp.any(valid), solve, skip)
 
 
 def _affinity(
     tracks: PendingTracks, items: Items, visual: Float[Array, "N P"], rules: Rules
-) -> tuple[Float[Array, "N P"], Bool[Array, "N P"]]:
-    """How well each track continues in each detection, and whether it may."""
+) -> tuple[Float[Array, "N P"], Bool[Array, "N P"], Bool[Array, "N P"]]:
+    """How well each track continues in each detection, whether it may, and which are of a kind."""
     ambiguous = (items.kind == Kind.AMBIGUOUS)[:, None]
     same = (items.kind[:, None] == tracks.kind[None]) & (items.kind != Kind.FREE)[:, None]
     same = same & (items.class_id[:, None] == tracks.class_id[None])
@@ -131,7 +137,12 @@ def _affinity(
     )
     enough = total >= jnp.where(ambiguous, r.ambiguous_min_total, r.provisional_min_total)
     switched = jnp.where(ambiguous, r.ambiguous_matching, r.provisional_matching)
-    return total, same & names_fit & looks_fit & enough & switched
+    return total, same & names_fit & looks_fit & enough & switched, same
+
+
+def _creation_order(tracks: PendingTracks) -> Int[Array, "P"]:
+    """Rises with the creation of tracks of one kind; free slots are last."""
+    return jnp.where(tracks.kind == Kind.FREE, jnp.iinfo(jnp.int32).max, tracks.id)
 
 
 def _dice(
@@ -246,23 +257,22 @@ def claim_origins(
         overlap, _, _ = _dice(support[None], tracks.known_id)
         fits = same & (overlap[0] >= rules.origin_min_overlap)
         # On equal overlap the later track wins.
-        key = jnp.where(fits, overlap[0], -1.0)
-        later = slots - 1 - jnp.argmax(key[::-1])
+        best = fits & (overlap[0] == jnp.max(jnp.where(fits, overlap[0], -1.0)))
+        latest = jnp.argmax(jnp.where(best, tracks.id, NO_ID))
         alone = same & ~tracks.from_parent
         named = jnp.any(support >= 0)
-        by_name = fits & (jnp.arange(slots) == later) & named
+        by_name = fits & (jnp.arange(slots) == latest) & named
         by_class = alone & ~named & (jnp.sum(alone) == 1)
         return free & ~(by_name | by_class), None
 
     waiting = tracks.kind == Kind.PROVISIONAL
 
-    def run(_: None) -> Bool[Array, "P"]:
+    def run() -> Bool[Array, "P"]:
         free, _ = jax.lax.scan(claim, waiting, (is_new, class_id, support_id))
         return waiting & ~free
 
-    return jax.lax.cond(
-        jnp.any(waiting) & jnp.any(is_new), run, lambda _: jnp.zeros(slots, bool), None
-    )
+    needed = jnp.any(waiting) & jnp.any(is_new)
+    return branch(needed, run, lambda: jnp.zeros(slots, bool))
 
 
 def end_tracks(tracks: PendingTracks, ended: Bool[Array, "P"]) -> PendingTracks:

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Background, Thresholds
+from remind_jax.control_flow import branch
 from remind_jax.memory.bank import (
     Arrival,
     Bank,
@@ -75,7 +76,7 @@ def observe_ring_prototypes(
         banks = place(banks, arrival, room, now)
         stable, value, enters = feed(banks, *prototype, permit)
         stable = enter(stable, value, enters, capacity[:, 1])
-        stable = jax.lax.cond(jnp.any(enters), join, lambda same, _: same, stable, enters)
+        stable = branch(jnp.any(enters), functools.partial(join, stable, enters), lambda: stable)
         return DualBank(banks.work, stable), None
 
     # [N R M ...] to [M R N ...]

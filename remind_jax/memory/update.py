@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.association.settlement import Settlement
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
+from remind_jax.control_flow import repeat
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Source, Status
 from remind_jax.memory.appearance import appearance_quality, observe_appearance
 from remind_jax.memory.background import observe_background, ring_quality
@@ -305,7 +306,7 @@ def _update_banks(
         )
         return jnp.where(done, none, rows), shown
 
-    _, banks = jax.lax.while_loop(lambda carry: jnp.any(carry[0] < none), show, (rows, banks))
+    _, banks = repeat(lambda carry: jnp.any(carry[0] < none), show, (rows, banks))
     names = ("appearance", "rings", "parts", "ring_prototypes")
     return dataclasses.replace(state, **dict(zip(names, banks, strict=True)))
 

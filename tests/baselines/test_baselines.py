@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from remind_jax import live
+from remind_jax.compiled_step import settle_types, step_once
 from remind_jax.config import Static, load_config
 from remind_jax.decision import Outcome
 from remind_jax.methods import get_method
@@ -30,14 +31,14 @@ NUM_FRAMES = 40  # banks of twelve are full long before
 @functools.cache
 def stepper(name: str):
     return jax.jit(
-        functools.partial(live._step_once, step=get_method(name).step), static_argnames="static"
+        functools.partial(step_once, step=get_method(name).step), static_argnames="static"
     )
 
 
 def track(name: str, frames, static: Static = STATIC, **changes):
     method = get_method(name)
     thresholds = dataclasses.replace(method.thresholds(), **changes)
-    state = live._settle_types(method.init(static))
+    state = settle_types(method.init(static))
     states = []
     for feats, masks in frames:
         state = stepper(name)(state, feats, masks, static=static, thresholds=thresholds)
@@ -96,7 +97,7 @@ def test_capacities_change_nothing(name):
 def test_a_frame_that_does_not_fit_changes_nothing_and_fits_after_growth(name):
     frames = world.make_frames(4, seed=1, share=1.0)
     tight = dataclasses.replace(STATIC, num_objects=4)
-    before = live._settle_types(get_method(name).init(tight))
+    before = settle_types(get_method(name).init(tight))
     after = track(name, frames[:1], tight)[0]
     assert after.overflow.objects == world.BOXES
     kept = dataclasses.replace(after, overflow=before.overflow)
