@@ -21,6 +21,7 @@ def assign(
     group: Int[Array, "N"],
     dummy: Float[Array, "N"],
     dummies: Bool[Array, ""],
+    present: Bool[Array, "N M"] | None = None,
     *,
     solver: str,
 ) -> Int[Array, "N"]:
@@ -36,6 +37,8 @@ def assign(
       group: Class of each row.
       dummy: Score of leaving a row without a column.
       dummies: Whether rows may be left without a column by choice.
+      present: Pairs that stand in the matrix of the row's group, allowed or not; `allowed` if left
+        out. A column that no row may have can still decide a tie.
       solver: `"host"`: SciPy in one callback for all groups and batch entries; `"jax"`: the same
         procedure in the graph, with equal results.
 
@@ -43,26 +46,26 @@ def assign(
       The column of each row, -1 if it has none.
     """
     if solver == "jax":
-        return assign_in_graph(scores, allowed, group, dummy, dummies)
+        return assign_in_graph(scores, allowed, group, dummy, dummies, present)
     if solver != "host":
         raise ConfigError(f"solver {solver!r} is unknown; use 'host' or 'jax'")
     out = jax.ShapeDtypeStruct(group.shape, jnp.int32)
-    return jax.pure_callback(
-        _assign_batched, out, scores, allowed, group, dummy, dummies, vmap_method="broadcast_all"
-    )
+    given = (scores, allowed, group, dummy, dummies, allowed if present is None else present)
+    return jax.pure_callback(_assign_batched, out, *given, vmap_method="broadcast_all")
 
 
-def _assign_batched(scores, allowed, group, dummy, dummies):
+def _assign_batched(scores, allowed, group, dummy, dummies, present):
     """Runs `assign_groups` over any leading batch axes."""
-    scores, allowed, group, dummy, dummies = map(
-        np.asarray, (scores, allowed, group, dummy, dummies)
+    scores, allowed, group, dummy, dummies, present = map(
+        np.asarray, (scores, allowed, group, dummy, dummies, present)
     )
     batch = group.shape[:-1]
     columns = np.empty(group.shape, np.int32)
     for index in np.ndindex(*batch):
         columns[index] = assign_groups(
-            scores[index], allowed[index], group[index], dummy[index], bool(dummies[index])
-        )
+            scores[index], allowed[index], group[index], dummy[index], bool(dummies[index]),
+            present[index],
+        )  # fmt: skip
     return columns
 
 
@@ -72,6 +75,7 @@ def assign_groups(
     group: Int[np.ndarray, "N"],
     dummy: Float[np.ndarray, "N"],
     dummies: bool,
+    present: Bool[np.ndarray, "N M"] | None = None,
 ) -> Int[np.ndarray, "N"]:
     """NumPy and SciPy form of `assign` for one frame."""
     column = np.full(len(group), UNASSIGNED, np.int32)
@@ -85,7 +89,7 @@ def assign_groups(
             if not dummies
             else np.flatnonzero((group == label) & active)
         )
-        columns = np.flatnonzero(allowed[rows].any(axis=0))
+        columns = np.flatnonzero((allowed if present is None else present)[rows].any(axis=0))
         cost = np.where(
             allowed[np.ix_(rows, columns)],
             -scores[np.ix_(rows, columns)].astype(np.float64),

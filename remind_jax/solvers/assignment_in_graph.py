@@ -60,13 +60,14 @@ def assign_in_graph(
     group: Int[Array, "N"],
     dummy: Float[Array, "N"],
     dummies: Bool[Array, ""],
+    present: Bool[Array, "N M"] | None = None,
 ) -> Int[Array, "N"]:
     """Column of each row, as `remind_jax.solvers.assignment.assign_groups` gives it, ties included.
 
     Arguments as there. Scores must be finite where allowed. At most one visit per pair of driver
     and slot; as a rule few more visits than rows.
     """
-    groups = _sort_groups(allowed, group, dummies)
+    groups = _sort_groups(allowed, allowed if present is None else present, group, dummies)
     cost = jnp.where(allowed, -scores, FORBIDDEN_COST)
     problem, crossed, object_of = _pose(cost, groups, -dummy, dummies)
     owner, settled = _search(problem, dummies, scores.shape[1])
@@ -91,7 +92,10 @@ class _Groups(NamedTuple):
 
 
 def _sort_groups(
-    allowed: Bool[Array, "N M"], group: Int[Array, "N"], dummies: Bool[Array, ""]
+    allowed: Bool[Array, "N M"],
+    present: Bool[Array, "N M"],
+    group: Int[Array, "N"],
+    dummies: Bool[Array, ""],
 ) -> _Groups:
     """Finds the rows that compete; one without allowed pair does so only where dummies do not."""
     active = jnp.any(allowed, axis=1)
@@ -100,7 +104,7 @@ def _sort_groups(
     order = jnp.lexsort((group, ~live)).astype(jnp.int32)
     live, allowed, group = live[order], allowed[order], group[order]
     same = (group[:, None] == group) & live[:, None] & live
-    reach = jnp.dot(same.astype(jnp.float32), allowed.astype(jnp.float32))
+    reach = jnp.dot(same.astype(jnp.float32), present[order].astype(jnp.float32))
     start = jnp.argmax(same, axis=1).astype(jnp.int32)
     return _Groups(order, live, allowed, same, start, reach > 0)
 
