@@ -64,6 +64,19 @@ def test_equals_scipy_pair_by_pair(num, columns, seed):
     np.testing.assert_array_equal(twin()(*problem), by_scipy(*problem))
 
 
+@pytest.mark.parametrize(("num", "columns"), SHAPES[1:])
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_columns_that_no_row_may_have_count_among_ties(num, columns, seed):
+    """The matrix of a group may be wider than what is allowed in it."""
+    rng = np.random.default_rng(seed)
+    problem = make_problem(rng, num, columns)
+    shared = problem[2][:, None] == rng.integers(problem[2].min(), 1, columns)
+    present = problem[1] | shared
+    expected = assign_groups(*problem[:4], bool(problem[4]), present)
+    np.testing.assert_array_equal(twin()(*problem, present), expected)
+
+
 @pytest.mark.parametrize(("num", "columns"), SHAPES)
 def test_batch_equals_scipy(num, columns):
     rng = np.random.default_rng(7)
