@@ -179,7 +179,9 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
         exact("n_close", int(d.num_close[i]), int(row["n_close"]))
         # Among exact ties the original names the first in the order of a set of ids.
         tied = d.candidate_id[i][d.candidate_score[i] == d.candidate_score[i, 0]].tolist()
-        report.note(frame, what, "best", tied, int(row["best"]), int(row["best"]) in tied)
+        unseen = len(tied) == len(d.candidate_id[i])  # the tie goes on beyond those shown
+        named = unseen or int(row["best"]) in tied
+        report.note(frame, what, "best", tied, int(row["best"]), named)
         close("score", d.score[i], row["score"], score_tolerance)
         close("s1", d.best_score[i], row["s1"], score_tolerance)
         close("s2", d.second_score[i], row["s2"], score_tolerance)
