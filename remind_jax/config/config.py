@@ -28,7 +28,9 @@ class Input:
 
     max_width_px: int = 1280  # wider frames are reduced to this width
     center_crop: bool = True  # crop to whole patches around the centre, else at the top left
+    # Detections of these classes are left out.
     ignored_classes: tuple[str, ...] = ("wall", "floor", "ceiling", "object")
+    # How a mask is filled before its surroundings are described.
     sanitize: typing.Literal["convex_hull", "morphology", "none"] = "convex_hull"
     keep_largest: bool = False  # look at the background around the largest piece of a mask only
     fill_holes: bool = True  # "morphology": fill holes

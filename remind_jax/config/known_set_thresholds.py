@@ -18,7 +18,7 @@ class KnownSets:
     Distances are in units of object size: pixels divided by the mean size of the two objects.
     """
 
-    enabled: Gate = True
+    enabled: Gate = True  # tell look-alikes apart by distances at all
     # which undecided detections form one group
     link_distance: Real = 1.75  # detections farther apart are linked by shared candidates only
     link_score: Real = 0.08  # least agreement with remembered distances that links detections
@@ -47,7 +47,7 @@ class KnownSets:
     margin_weight: Real = 0.35  # agreement of the margin, against the order
     min_consistency: Real = 0.60  # least share of the usual order that recommends an anchor
     consistency_floor: Real = 0.45  # weight of an order that was never consistent
-    consistency_power: Real = 0.75
+    consistency_power: Real = 0.75  # how sharply that weight rises
     # when an assignment is accepted
     anchor_weight: Real = 0.55  # share of the anchors in the score
     visual_weight: Real = 0.10  # share of the appearance in the score

@@ -14,7 +14,7 @@ from remind_jax.config.kinds import Gate, Real, Whole
 class Stability:
     """When an assignment among look-alikes is too close to call (association notes 14.2)."""
 
-    enabled: Gate = True
+    enabled: Gate = True  # look for assignments that are too close to call
     assignment_gap: Real = 0.05  # two best joint assignments closer than this are ambiguous
     alternative_margin: Real = 0.05  # lead of a rival that makes a rescued pair fragile
     keep_margin: Real = 0.03  # lead that lets a rescued pair stand after all
@@ -25,15 +25,15 @@ class Stability:
 class Competition:
     """When a new detection and a match claim one object (association notes 14.4)."""
 
-    enabled: Gate = True
+    enabled: Gate = True  # new detections may take a match into doubt
     young_only: Gate = True  # unconfirmed parents must be young
-    max_parent_age: Whole = 2  # frames
+    max_parent_age: Whole = 2  # frames since the birth of a young parent
     confirmed_parents: Gate = True  # confirmed objects may be parents as well
     single_create: Gate = True  # at most one new detection per parent
-    min_score: Real = 0.75
-    max_gap: Real = 0.05  # of the two scores
-    confirmed_min_score: Real = 0.85
-    confirmed_max_gap: Real = 0.03
+    min_score: Real = 0.75  # least score of both detections with the parent
+    max_gap: Real = 0.05  # largest difference of the two scores
+    confirmed_min_score: Real = 0.85  # as min_score, for confirmed parents
+    confirmed_max_gap: Real = 0.03  # as max_gap, for confirmed parents
 
 
 @jax.tree_util.register_dataclass
@@ -41,27 +41,27 @@ class Competition:
 class Ambiguous:
     """When a detection could be one of several known objects (association notes 14.1, 14.5)."""
 
-    enabled: Gate = True
+    enabled: Gate = True  # detections may stay undecided between known objects
     max_candidates: Whole = 3  # at most static three
     supported_only: Gate = True  # only candidates that context supports, or visual near-ties
     max_supported: Whole = 3  # with more supported candidates nothing is said
     known_set_score: Gate = True  # compare candidates on the evidence that all have
-    min_top: Real = 0.45
-    min_candidate: Real = 0.40
+    min_top: Real = 0.45  # least score of the best candidate
+    min_candidate: Real = 0.40  # least score of every candidate
     gap: Real = 0.05  # candidates this close to the best are plausible,
     relative_gap: Real = 0.10  # or this close as a share of the best
-    gap_slack: Real = 1e-4
+    gap_slack: Real = 1e-4  # tolerance of both
     min_relative_support: Real = 0.65  # support relative to the class that counts as support
     min_net_support: Real = 0.20  # support less contradiction that counts as support
     clear_margin: Real = 0.08  # unsupported match and supported rival closer than this
-    require_context: Gate = True
+    require_context: Gate = True  # only if context supports a candidate, or by the fallback
     override_match: Gate = True  # a match may become ambiguous
     visual_fallback: Gate = True  # near-ties of the visual score count without context
-    visual_only_without_context: Gate = True
-    visual_min_top: Real = 0.75
-    visual_gap: Real = 0.03
-    visual_slack: Real = 1e-4
-    visual_max: Whole = 3
+    visual_only_without_context: Gate = True  # fallback only where context supports nobody
+    visual_min_top: Real = 0.75  # fallback: least visual score of the best candidate
+    visual_gap: Real = 0.03  # fallback: candidates this close to the best are near-ties
+    visual_slack: Real = 1e-4  # fallback: tolerance of that
+    visual_max: Whole = 3  # fallback: most near-ties that are named
 
 
 @jax.tree_util.register_dataclass
@@ -69,21 +69,21 @@ class Ambiguous:
 class Provisional:
     """When an unmatched detection may still be a known object (association notes 14.1, 16)."""
 
-    enabled: Gate = True
-    min_top: Real = 0.60
-    min_candidate: Real = 0.50
-    gap: Real = 0.10
-    relative_gap: Real = 0.12
-    gap_slack: Real = 1e-4
+    enabled: Gate = True  # unmatched detections may stay provisional
+    min_top: Real = 0.60  # least score of the best supported object
+    min_candidate: Real = 0.50  # least score of every object named as support
+    gap: Real = 0.10  # objects this close to the best are support,
+    relative_gap: Real = 0.12  # or this close as a share of the best
+    gap_slack: Real = 1e-4  # tolerance of both
     max_support: Whole = 3  # known objects named as support
-    require_context: Gate = True
+    require_context: Gate = True  # only if context supports an object, or by the fallback
     visual_fallback: Gate = True  # a near miss of the match threshold counts without context
-    visual_only_without_context: Gate = True
+    visual_only_without_context: Gate = True  # fallback only where context supports nobody
     visual_single_only: Gate = False  # only for detections with a single candidate
-    visual_margin: Real = 0.02  # below the match threshold
-    visual_min_score: Real = 0.70
-    visual_min_gap: Real = 0.08
-    visual_max_close: Whole = 1
+    visual_margin: Real = 0.02  # how far below the match threshold a near miss may be
+    visual_min_score: Real = 0.70  # least visual score of a near miss
+    visual_min_gap: Real = 0.08  # least lead of a near miss
+    visual_max_close: Whole = 1  # most candidates close to the best
 
 
 @jax.tree_util.register_dataclass
@@ -93,21 +93,21 @@ class Pending:
 
     ambiguous_enabled: Gate = True  # remember ambiguous detections
     ambiguous_matching: Gate = True  # and join them over time
-    ambiguous_min_overlap: Real = 0.5  # of the candidates (Dice)
-    ambiguous_min_visual: Real = 0.55
-    ambiguous_min_total: Real = 0.62
-    ambiguous_overlap_weight: Real = 0.18
-    ambiguous_scores_weight: Real = 0.10
-    ambiguous_place_weight: Real = 0.08
-    provisional_enabled: Gate = True
-    provisional_matching: Gate = True
-    provisional_min_visual: Real = 0.60
-    provisional_min_total: Real = 0.62
-    provisional_overlap_weight: Real = 0.08
-    provisional_scores_weight: Real = 0.08
-    provisional_place_weight: Real = 0.06
+    ambiguous_min_overlap: Real = 0.5  # least overlap of the candidates (Dice)
+    ambiguous_min_visual: Real = 0.55  # least visual similarity to an ambiguous track
+    ambiguous_min_total: Real = 0.62  # least score of a join with the terms below
+    ambiguous_overlap_weight: Real = 0.18  # weight of the overlap of candidates in it
+    ambiguous_scores_weight: Real = 0.10  # weight of the agreement of their scores
+    ambiguous_place_weight: Real = 0.08  # weight of the place in the frame
+    provisional_enabled: Gate = True  # remember provisional detections
+    provisional_matching: Gate = True  # and join them over time
+    provisional_min_visual: Real = 0.60  # least visual similarity to a provisional track
+    provisional_min_total: Real = 0.62  # least score of a join with the terms below
+    provisional_overlap_weight: Real = 0.08  # weight of the overlap of supporting objects in it
+    provisional_scores_weight: Real = 0.08  # weight of the agreement of their scores
+    provisional_place_weight: Real = 0.06  # weight of the place in the frame
     provisional_without_parent: Gate = True  # join tracks that name no known object
-    origin_min_overlap: Real = 0.5  # of the support, for a birth from a provisional track
+    origin_min_overlap: Real = 0.5  # least overlap of support that lets an object grow out of it
 
 
 _H = "association.matching.hungarian"

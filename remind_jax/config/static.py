@@ -35,7 +35,7 @@ class Static:
     num_pending: int = 32  # slots of ambiguous and of provisional tracks each; grows
     feature_dim: int = 0  # width of the patch features; 0: taken from the backbone
     num_candidates: int = 5  # candidates shown per detection in the decisions
-    first_object_id: int = 0
+    first_object_id: int = 0  # id of the first object
 
     precision: Literal["float32", "float64"] = "float32"  # of scores and qualities
     solver: Literal["host", "jax"] = "jax"  # in-graph twins, or SciPy and NumPy by callbacks
@@ -53,11 +53,11 @@ class Static:
     attention_heads: tuple[int, ...] = ()  # heads that attention is averaged over; (): all
     attention_seeds: int = 3  # parts by attention, most
     attention_seed: Literal["attended", "attending"] = "attended"  # what makes a patch matter
-    attention_weighted: bool = True
-    attention_mean: Literal["plain", "trimmed"] = "plain"
+    attention_weighted: bool = True  # coverage weighs the patches of a part by attention
+    attention_mean: Literal["plain", "trimmed"] = "plain"  # as part_mean, for parts by attention
 
     global_weighted: bool = True  # coverage weighs the patches of the global descriptor
-    trimmed_weighted: bool = True
+    trimmed_weighted: bool = True  # coverage weighs the patches of the trimmed descriptor
     ring_max_radius: int = 10  # patches; rings grow up to this distance
 
     ring_prototypes: bool = False  # describe rings by typical patches as well
@@ -71,20 +71,20 @@ class Static:
     ring_prototype_top: int = 2  # best prototypes of a ring that are averaged into its score
 
     appearance_slots: tuple[int, int] = (20, 20)  # prototypes, work and stable bank
-    part_slots: tuple[int, int] = (80, 80)
-    inner_ring_slots: tuple[int, int] = (20, 20)
-    outer_ring_slots: tuple[int, int] = (30, 30)
-    inner_prototype_slots: tuple[int, int] = (60, 60)
-    outer_prototype_slots: tuple[int, int] = (80, 80)
+    part_slots: tuple[int, int] = (80, 80)  # the same for parts, each channel
+    inner_ring_slots: tuple[int, int] = (20, 20)  # the same for the inner ring
+    outer_ring_slots: tuple[int, int] = (30, 30)  # the same for the outer ring
+    inner_prototype_slots: tuple[int, int] = (60, 60)  # the same for ring prototypes, inner ring
+    outer_prototype_slots: tuple[int, int] = (80, 80)  # the same for ring prototypes, outer ring
 
-    appearance_insert: Literal["always", "novel"] = "always"
+    appearance_insert: Literal["always", "novel"] = "always"  # what enters the work bank
     appearance_evict: Literal["redundant", "oldest"] = "redundant"  # from a full work bank
-    appearance_stable_evict: Literal["redundant", "oldest"] = "redundant"
+    appearance_stable_evict: Literal["redundant", "oldest"] = "redundant"  # from a full stable bank
     appearance_merge: Literal["equal", "capped"] = "equal"  # weights of two merged prototypes
-    part_insert: Literal["always", "novel"] = "always"
-    part_evict: Literal["redundant", "oldest"] = "oldest"
-    part_merge: Literal["equal", "capped"] = "capped"
-    ring_evict: Literal["redundant", "oldest"] = "redundant"
+    part_insert: Literal["always", "novel"] = "always"  # what enters the work bank of parts
+    part_evict: Literal["redundant", "oldest"] = "oldest"  # from a full work bank of parts
+    part_merge: Literal["equal", "capped"] = "capped"  # weights of two merged part prototypes
+    ring_evict: Literal["redundant", "oldest"] = "redundant"  # from a full work bank of a ring
 
     max_neighbours: int = 20  # edges kept per object in the co-occurrence graph
     neighbour_trim: Literal["weight", "recent"] = "weight"  # which edges are kept
@@ -107,8 +107,9 @@ class Static:
 
     assignment: Literal["joint", "greedy"] = "joint"  # all pairs at once, or the best pair first
     banks_read: Literal["both", "work"] = "both"  # banks that the similarity reads
-    object_channel: Literal["best", "global", "trimmed"] = "best"
-    ring_channel: Literal["combined", "inner", "outer"] = "combined"
+    object_channel: Literal["best", "global", "trimmed"] = "best"  # which descriptor is compared
+    ring_channel: Literal["combined", "inner", "outer"] = "combined"  # which ring is compared
+    # How the lead of the best candidate enters the confidence.
     margin: Literal["sigmoid", "linear", "linear_relative", "sigmoid_relative"] = "sigmoid"
     remove_objects: bool = False  # forget objects that stay away too long
 

@@ -97,8 +97,8 @@ class Background:
     merge: Real = 0.94  # closest pair of a full work bank merged from here on [tau_merge,int]
     inner_min_patches: Real = 8.0  # ring patches at quality 0
     inner_full_patches: Real = 20.0  # ring patches at quality 1
-    outer_min_patches: Real = 12.0
-    outer_full_patches: Real = 28.0
+    outer_min_patches: Real = 12.0  # the same for the outer ring
+    outer_full_patches: Real = 28.0  # the same for the outer ring
     min_mask_quality: Real = 0.50  # solidity of the mask at quality 0
     create_quality: Real = 0.40  # least quality of an inserted observation
     work_quality: Real = 0.20  # least quality that changes a work prototype
@@ -109,9 +109,9 @@ class Background:
     update_rate_min: Real = 0.02  # step at the margin [alpha]
     update_rate_max: Real = 0.10  # step at similarity 1
     stable_update: Gate = True  # stable prototypes change at all
-    stable_margin: Real = 0.02
-    stable_rate_min: Real = 0.01
-    stable_rate_max: Real = 0.05
+    stable_margin: Real = 0.02  # as update_margin, of stable prototypes above `stable_duplicate`
+    stable_rate_min: Real = 0.01  # step of stable prototypes at that margin
+    stable_rate_max: Real = 0.05  # step of stable prototypes at similarity 1
     merge_cap: Whole = 10  # hits count up to this weight when two prototypes merge
 
 
@@ -121,9 +121,9 @@ class Parts:
     """Part banks (perception notes 9, 12)."""
 
     duplicate: Real = 0.93  # work prototype refreshed from this similarity on [tau_dup]
-    stable_duplicate: Real = 0.95
+    stable_duplicate: Real = 0.95  # stable prototype refreshed from this similarity on
     merge: Real = 0.92  # closest pair of a full work bank merged from here on [tau_merge,int]
-    stable_merge: Real = 0.96
+    stable_merge: Real = 0.96  # the same for a full stable bank
     novel: Real = 0.78  # with insert "novel": nothing closer enters a full bank
     one_to_one: Gate = True  # parts of one detection refresh different prototypes
     promote_hits: Whole = 5  # hits from which a work prototype feeds the stable bank; 0: never
@@ -149,36 +149,36 @@ class Lifecycle:
 class Similarity:
     """One visual score from the channels (association notes 5 to 7)."""
 
-    object_weight: Real = 0.60  # [w_obj]
-    background_weight: Real = 0.25  # [w_bg]
-    parts_weight: Real = 0.10  # [w_parts]
-    ring_prototypes_weight: Real = 0.05  # only with static.ring_prototypes
+    object_weight: Real = 0.60  # weight of the appearance [w_obj]
+    background_weight: Real = 0.25  # weight of the background rings [w_bg]
+    parts_weight: Real = 0.10  # weight of the parts [w_parts]
+    ring_prototypes_weight: Real = 0.05  # weight of typical patches of the rings
     renormalize: Gate = True  # divide by the weights of the channels that are present
     inner_share: Real = 0.60  # weight of the inner ring in the background score
-    outer_share: Real = 0.40
+    outer_share: Real = 0.40  # weight of the outer ring in it
 
     quality_enabled: Gate = True  # weigh channels by the quality of the observation
     object_floor: Real = 0.65  # share of the object weight that quality cannot take away
-    background_floor: Real = 0.35
-    parts_floor: Real = 0.0
+    background_floor: Real = 0.35  # the same for the background weight
+    parts_floor: Real = 0.0  # the same for the parts weight
     object_min_patches: Real = 8.0  # effective patches at quality 0
     object_full_patches: Real = 32.0  # effective patches at quality 1
     object_min_density: Real = 0.15  # mean coverage of the patches at weight 0
-    object_full_density: Real = 0.60
+    object_full_density: Real = 0.60  # mean coverage of the patches at full weight
     parts_disabled_below: Real = 8.0  # effective patches below which parts do not count
-    parts_min_patches: Real = 12.0
-    parts_full_patches: Real = 32.0
-    parts_min_count: Real = 2.0
-    parts_full_count: Real = 4.0
-    parts_min_support: Real = 0.15  # share of the object that its parts cover
-    parts_full_support: Real = 0.45
-    parts_min_density: Real = 0.15
-    parts_full_density: Real = 0.60
-    background_min_inner: Real = 8.0  # ring patches at quality 0
-    background_full_inner: Real = 20.0
-    background_min_outer: Real = 12.0
-    background_full_outer: Real = 32.0
-    background_min_mask_quality: Real = 0.50
+    parts_min_patches: Real = 12.0  # effective patches at which parts have quality 0
+    parts_full_patches: Real = 32.0  # effective patches at which parts have quality 1
+    parts_min_count: Real = 2.0  # number of parts at quality 0
+    parts_full_count: Real = 4.0  # number of parts at quality 1
+    parts_min_support: Real = 0.15  # share of the object that its parts cover, at quality 0
+    parts_full_support: Real = 0.45  # the same at quality 1
+    parts_min_density: Real = 0.15  # mean coverage of the patches at which parts have weight 0
+    parts_full_density: Real = 0.60  # the same at full weight
+    background_min_inner: Real = 8.0  # patches of the inner ring at quality 0
+    background_full_inner: Real = 20.0  # patches of the inner ring at quality 1
+    background_min_outer: Real = 12.0  # patches of the outer ring at quality 0
+    background_full_outer: Real = 32.0  # patches of the outer ring at quality 1
+    background_min_mask_quality: Real = 0.50  # solidity of the mask at quality 0
 
 
 @jax.tree_util.register_dataclass
@@ -188,18 +188,18 @@ class Diagnosis:
 
     anchor_score: Real = 0.75  # least best score of a reliable anchor
     anchor_margin: Real = 0.08  # least lead of a reliable anchor [delta_confirm]
-    enabled: Gate = True
+    enabled: Gate = True  # tell STRONG, AMBIGUOUS and WEAK detections apart
     close: Real = 0.03  # candidates within this distance of the best are close
     strong_score: Real = 0.80  # least best score of STRONG
     strong_gap: Real = 0.08  # least lead of STRONG
     ambiguous_score: Real = 0.75  # least best score of AMBIGUOUS, WEAK below
-    confidence_enabled: Gate = True
+    confidence_enabled: Gate = True  # rate how sure a decision is; off: confidence 0
     small: Real = 1e-6  # what the confidence does not divide by less than
-    temperature: Real = 0.05
+    temperature: Real = 0.05  # lead that counts clearly in the confidence, as a softness
     temperature_least: Real = 0.05  # replaces a temperature that is too small
     coverage_target: Real = 0.60  # share of the four channels that is enough
-    gap_center: Real = 0.10
-    gap_scale: Real = 0.05
+    gap_center: Real = 0.10  # lead that counts half, with static.margin "sigmoid"
+    gap_scale: Real = 0.05  # softness of that step
     gap_scale_least: Real = 0.05  # replaces a scale that is too small
 
 
@@ -213,16 +213,16 @@ class Matching:
     gate_match: Gate = True  # pairs below `match` do not enter the assignment
     gate_min_visual: Gate = True  # pairs below `min_visual` do not enter the assignment
     locks: Gate = True  # clear wins are settled before the assignment
-    object_locks: Gate = True
-    detection_locks: Gate = True
+    object_locks: Gate = True  # an object's clear best detection may lock
+    detection_locks: Gate = True  # a detection's clear best object may lock
     lock_score: Real = 0.90  # least score of a lock [tau_lock]
     lock_gap: Real = 0.10  # least lead of a lock
     lock_relative_gap: Real = 0.10  # least lead as a share of the score
     dummies: Gate = True  # a detection may stay unassigned at a cost
     dummy_score: Real = 0.05  # score of staying unassigned
     dummy_by_confidence: Gate = True  # uncertain detections give way more easily
-    dummy_confidence_gain: Real = 0.20
-    dummy_cap: Real = 0.72
+    dummy_confidence_gain: Real = 0.20  # what full uncertainty adds to dummy_score
+    dummy_cap: Real = 0.72  # largest score of staying unassigned
     one_detection_each: Gate = False  # an object goes to one detection of a frame at most
 
 
