@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.evidence import Shortlist, mix
+from remind_jax.plus.evidence import PARTS, Shortlist, mix
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.state import UNRELATED, Objects, Pairs
 
@@ -58,16 +58,17 @@ def weigh_jointly(
     related = usable & (pairs.spread[o, p] < NO_RELATION)
     layout = jnp.where(related, _layout_evidence(o, p, geometry, pairs, t.layout), 0)
 
-    base = shortlist.base
+    base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
 
     def weigh(weight: Float[Array, "N C"]) -> Float[Array, "N C"]:
         w = weight.reshape(-1)
-        said = t.layout.weight * _pooled(layout, related, w, t.layout.partners, t.layout.best)
-        unbounded = jnp.inf
-        said += t.layout.covisible_weight * _pooled(
-            covisible, usable, w, t.layout.covisible_partners, unbounded
+        lies = t.layout.weight * _pooled(layout, related, w, t.layout.partners, t.layout.best)
+        companions = t.layout.covisible_weight * _pooled(
+            covisible, usable, w, t.layout.covisible_partners, jnp.inf
         )
-        return base + said.reshape(num, width)
+        # Whatever lies wrong may have been moved: looks can still tell it.
+        spatial = jnp.maximum(place + lies.reshape(num, width), t.layout.moved)
+        return base - place + spatial + companions.reshape(num, width)
 
     def believe(odds: Float[Array, "N C"], handicap: Array | float) -> Float[Array, "N C"]:
         new = jnp.broadcast_to(t.decision.new - handicap, (num, 1))

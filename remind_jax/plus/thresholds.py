@@ -85,9 +85,9 @@ class Looks:
     total_share: Real = 0.02  # of the total scatter that is added
     scatter_decay: Real = 0.9995  # per sample
     mean_samples: Real = 3000.0  # running means forget beyond this many
-    gain: Real = 0.7  # log odds per calibrated log odd
+    gain: Real = 0.8  # log odds per calibrated log odd
     worst: Real = -5.0
-    best: Real = 2.5
+    best: Real = 3.0
     sure_patches: Real = 2.0  # sides of a mask in patches from which on looks count in full
     least_weight: Real = 0.25  # of smaller masks
     ring_weight: Real = 0.3
@@ -125,6 +125,7 @@ class Layout:
 
     weight: Real = 0.8  # of the relative layout
     best: Real = 6.0  # limit of the layout evidence to both sides before weighting
+    moved: Real = -3.0  # log odds of an object that lies where it should not, place included
     partners: Real = 6.0  # that speak in full; more share this
     near_error: Real = 0.6  # standard deviation of a relation in sizes
     rate_error: Real = 0.2  # more of it per distance in sizes

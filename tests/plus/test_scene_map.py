@@ -1,0 +1,96 @@
+"""Places of objects out of view, and that rounding never breaks what is known of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from remind_jax.plus.observation import Motion
+from remind_jax.plus.scene_map import correct_map, move_map
+from remind_jax.plus.state import init
+from remind_jax.plus.thresholds import PlusThresholds
+from tests.plus.walls import STATIC, pan
+
+T = PlusThresholds().as_arrays()
+CENTER = jnp.array([3.2, 2.4])
+
+
+def memory(position: np.ndarray, covariance: np.ndarray):
+    """Objects in the first slots of an empty memory."""
+    state = init(STATIC)
+    num, room = len(position), STATIC.num_objects
+    objects = dataclasses.replace(
+        state.objects,
+        id=jnp.where(jnp.arange(room) < num, jnp.arange(room), -1),
+        last=jnp.zeros(room, jnp.int32),
+        position=state.objects.position.at[:num].set(position),
+    )
+    full = state.pairs.covariance.at[:num, :num].set(covariance)
+    return objects, dataclasses.replace(state.pairs, covariance=full)
+
+
+def motion(shift, score: float) -> Motion:
+    matrix = np.concatenate([np.eye(2), np.reshape(shift, (2, 1))], axis=1)
+    return Motion(jnp.asarray(matrix, jnp.float32), jnp.float32(score), jnp.array([480, 640]))
+
+
+def test_places_move_with_the_image_and_doubt_grows_faster_without_trust():
+    objects, pairs = memory(np.array([[1.0, 1.0], [9.0, 2.0]]), 0.01 * np.eye(2))
+    moved, trusted = move_map(
+        objects, pairs, motion((-0.5, 0.1), 0.9), CENTER, jnp.int32(1), T.motion
+    )
+    _, doubted = move_map(objects, pairs, motion((-0.5, 0.1), 0.0), CENTER, jnp.int32(1), T.motion)
+    np.testing.assert_allclose(moved.position[:2], [[0.5, 1.1], [8.5, 2.1]], atol=1e-5)
+    before, sure, unsure = (p.covariance[0, 0] for p in (pairs, trusted, doubted))
+    assert before < sure < unsure
+    assert trusted.covariance[0, 1] > 0  # one error moves all
+
+
+def test_an_object_in_view_corrects_one_out_of_view():
+    shared = np.array([[1.0, 0.99], [0.99, 1.0]])
+    objects, pairs = memory(np.array([[1.0, 1.0], [9.0, 2.0]]), shared)
+    sightings = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), pan().sightings)
+    seen = sightings.center.at[0].set(jnp.array([1.5, 1.0]))
+    sightings = dataclasses.replace(sightings, center=seen)
+    sure = jnp.arange(len(seen)) == 0
+    slot = jnp.zeros(len(seen), jnp.int32)
+    after, left = correct_map(objects, pairs, slot, sure, sure, sightings, T.place)
+    # Nearly all of the error is shared, so the other moves nearly as far.
+    np.testing.assert_allclose(after.position[1], [9.5, 2.0], atol=0.05)
+    assert left.covariance[1, 1] < 0.1
+
+
+def test_rounding_leaves_a_covariance_through_years_of_doubt():
+    rng = np.random.default_rng(0)
+    num = 12
+    objects, pairs = memory(rng.uniform(-20, 20, (num, 2)), 0.01 * np.eye(num))
+    sightings = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), pan().sightings)
+    slots = STATIC.num_detections
+
+    @jax.jit
+    def frame(objects, pairs, moved, now, chosen, score):
+        objects, pairs = move_map(objects, pairs, motion_of(moved, score), CENTER, now, T.motion)
+        sure = jnp.arange(slots) < 4
+        place = objects.position[chosen] + 0.05
+        seen = dataclasses.replace(sightings, center=place)
+        objects = dataclasses.replace(objects, last=objects.last.at[chosen].set(now))
+        return correct_map(objects, pairs, chosen, sure, sure, seen, T.place)
+
+    def motion_of(moved, score):
+        matrix = jnp.concatenate([jnp.eye(2), moved[:, None]], axis=1)
+        return Motion(matrix, score, jnp.array([480, 640]))
+
+    for now in range(1, 400):
+        chosen = jnp.asarray(rng.choice(num, slots, replace=False), jnp.int32)
+        moved = jnp.asarray(rng.normal(0, 1, 2), jnp.float32)
+        objects, pairs = frame(objects, pairs, moved, jnp.int32(now), chosen, jnp.float32(now % 2))
+    covariance = np.asarray(pairs.covariance)[:num, :num]
+    own = np.diag(covariance)
+    assert np.all(np.isfinite(covariance))
+    assert np.all(np.isfinite(objects.position))
+    assert np.all(own > 0)
+    # Correlations are clipped at one; float32 division may round up by one part in 10 million.
+    assert np.all(np.abs(covariance) <= np.sqrt(np.outer(own, own)) * (1 + 1e-6))

@@ -1,0 +1,170 @@
+"""The whole step: who is who along a wall, and what must never happen."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.plus.observation import Motion
+from remind_jax.plus.state import init
+from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.plus.tracker import advance
+from tests.plus.walls import NO_TRUTH, STATIC, Walk, follow, pan
+
+
+def share_right(thing: np.ndarray, answer: np.ndarray) -> float:
+    """Share of detections that carry the id that their thing carries most often."""
+    known = thing != NO_TRUTH
+    pairs = list(zip(thing[known], answer[known], strict=True))
+    right = 0
+    for one in np.unique(thing[known]):
+        ids = [answer for truth, answer in pairs if truth == one]
+        right += np.max(np.unique(ids, return_counts=True)[1])
+    return right / len(pairs)
+
+
+def num_repeated(ids: np.ndarray) -> int:
+    """Ids that are given more than once within a frame."""
+    told = [frame[frame != NO_ID] for frame in ids]
+    return sum(len(frame) - len(np.unique(frame)) for frame in told)
+
+
+def changed(thresholds: PlusThresholds, group: str, **values) -> PlusThresholds:
+    return dataclasses.replace(
+        thresholds, **{group: dataclasses.replace(getattr(thresholds, group), **values)}
+    )
+
+
+def test_things_get_their_identity_back_after_an_absence():
+    walk = pan()
+    _, verdicts, _, _ = follow(walk)
+    assert share_right(walk.thing, verdicts.answer_id) > 0.97
+    assert len(np.unique(verdicts.answer_id[walk.thing != NO_TRUTH])) <= 12
+
+
+def test_place_tells_apart_what_looks_the_same():
+    walk = pan(alike=True)
+    _, verdicts, _, _ = follow(walk)
+    blind = changed(PlusThresholds(), "place", weight=0.0)
+    blind = changed(blind, "layout", weight=0.0, covisible_weight=0.0)
+    _, without, _, _ = follow(walk, blind)
+    assert share_right(walk.thing, verdicts.answer_id) > 0.9
+    assert share_right(walk.thing, without.answer_id) < 0.8
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("alike", [False, True])
+def test_no_identity_is_given_twice_in_a_frame_at_thirty_percent_loss(seed, alike):
+    walk = pan(seed, lost=0.3, alike=alike)
+    _, verdicts, decisions, _ = follow(walk)
+    assert num_repeated(verdicts.answer_id) == 0
+    assert num_repeated(decisions.object_id) == 0
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_no_object_belongs_to_two_tracklets(hold):
+    walk = pan(3, lost=0.4, alike=True)
+    thresholds = changed(PlusThresholds(), "decision", hold_missed=hold)
+    state, verdicts, _, _ = follow(walk, thresholds)
+    slots = np.asarray(state.tracklets.slot)[np.asarray(state.tracklets.alive)]
+    slots = slots[slots >= 0]
+    assert len(slots) == len(np.unique(slots)) > 0
+    assert num_repeated(verdicts.answer_id) == 0
+
+
+def test_a_lying_image_motion_is_found_out():
+    walk = pan()
+    rng = np.random.default_rng(0)
+    matrix = walk.motion.matrix.copy()
+    lies = rng.random(len(matrix)) < 0.15
+    matrix[lies, :, 2] += rng.choice([-1, 1], (int(lies.sum()), 2)) * 1.5
+    motion = Motion(matrix, walk.motion.score, walk.motion.frame_size)
+    lied = Walk(walk.sightings, motion, walk.thing)
+    _, checked, _, _ = follow(lied)
+    _, trusting, _, _ = follow(lied, changed(PlusThresholds(), "motion", checked=False))
+    believed = share_right(walk.thing, trusting.answer_id)
+    assert share_right(walk.thing, checked.answer_id) > max(0.95, believed + 0.05)
+
+
+def test_capacities_change_nothing():
+    walk = pan(1, lost=0.1)
+    wide = dataclasses.replace(STATIC, num_objects=40)
+    _, verdicts, decisions, _ = follow(walk)
+    _, others, other_decisions, _ = follow(walk, static=wide)
+    assert np.array_equal(verdicts.answer_id, others.answer_id)
+    assert np.array_equal(decisions.outcome, other_decisions.outcome)
+
+
+def test_too_few_slots_are_flagged_and_change_nothing_else():
+    walk = pan()
+    tight = dataclasses.replace(STATIC, num_objects=8)
+    before = init(tight)
+    state, _, _, overflow = follow(walk, static=tight)
+    full = np.flatnonzero(overflow.objects)
+    assert full.size
+    assert overflow.objects[full[0]] > 8
+    assert int(state.frame) == len(overflow.objects) - len(full)  # a frame that overflows is none
+    assert np.all(overflow.pending == 0)
+    assert jax.tree.structure(before) == jax.tree.structure(state)
+
+
+def test_a_batch_of_walks_is_followed_like_each_of_them():
+    walks = [pan(seed, frames=30, num_things=6) for seed in (0, 1)]
+    alone = [follow(walk)[1] for walk in walks]
+    both = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(_inputs(walk) for walk in walks))
+
+    together = jax.device_get(jax.jit(jax.vmap(answers_of))(both))
+    for index, verdicts in enumerate(alone):
+        assert np.array_equal(together[index], verdicts.answer_id)
+
+
+def answers_of(pair):
+    def step(state, frame):
+        sightings, motion = frame
+        state = advance(
+            state,
+            sightings,
+            motion,
+            sightings.valid,
+            static=STATIC,
+            thresholds=PlusThresholds(),
+        )
+        return state, state.verdicts.answer_id
+
+    return jax.lax.scan(step, init(STATIC), pair)[1]
+
+
+def _inputs(walk: Walk):
+    return jax.tree.map(jnp.asarray, (walk.sightings, walk.motion))
+
+
+def test_open_tracklets_are_told_as_what_they_are():
+    walk = pan(2, alike=True)
+    _, verdicts, decisions, _ = follow(walk)
+    seen = walk.thing != NO_TRUTH
+    undecided = np.isin(decisions.outcome, [Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT])
+    assert np.all(decisions.outcome[~seen] == Outcome.EMPTY)
+    assert np.all((decisions.object_id == NO_ID)[seen] == undecided[seen])
+    assert np.all(decisions.option_id[undecided][:, 0] == verdicts.answer_id[undecided])
+    assert np.all(decisions.pending_id[undecided] == verdicts.tracklet_id[undecided])
+    assert np.all((decisions.confidence >= 0) & (decisions.confidence <= 1))
+    new = decisions.outcome == Outcome.NEW
+    ids = decisions.object_id[new]
+    assert len(ids) == len(np.unique(ids))  # an id is new once
+
+
+def test_an_empty_frame_is_survived():
+    walk = pan(frames=20)
+    valid = walk.sightings.valid.copy()
+    valid[8:11] = False
+    gap = dataclasses.replace(walk.sightings, valid=valid, has_ring=valid)
+    _, verdicts, _, _ = follow(Walk(gap, walk.motion, walk.thing))
+    before, after = verdicts.answer_id[7], verdicts.answer_id[11]
+    both = np.intersect1d(walk.thing[7], walk.thing[11])
+    for thing in both[both != NO_TRUTH]:
+        assert before[walk.thing[7] == thing] == after[walk.thing[11] == thing]

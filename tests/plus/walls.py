@@ -1,0 +1,121 @@
+"""A wall of things that a camera pans along: detections of REMIND plus without any image."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import jax
+import numpy as np
+
+from remind_jax.config import Static
+from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.state import PlusState, init
+from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.plus.tracker import advance
+
+DIM = 6
+STATIC = Static(num_detections=6, num_objects=24, feature_dim=DIM)
+NO_TRUTH = -1
+
+
+@dataclasses.dataclass(frozen=True)
+class Walk:
+    """Frames `[T, N]` and which thing every detection is."""
+
+    sightings: Sightings
+    motion: Motion
+    thing: np.ndarray  # [T, N], NO_TRUTH in empty slots
+
+
+def pan(
+    seed: int = 0,
+    *,
+    num_things: int = 10,
+    frames: int = 90,
+    lost: float = 0.0,
+    alike: bool = False,
+) -> Walk:
+    """There, back, and there again along things at random places, seen with noise.
+
+    Args:
+      seed: Of everything drawn.
+      num_things: Things on the wall.
+      frames: Frames in all.
+      lost: Share of the detections that are missing.
+      alike: All things look the same, so that only their places differ.
+    """
+    rng = np.random.default_rng(seed)
+    place = np.stack([np.linspace(1, 13, num_things), rng.uniform(1, 4, num_things)], axis=1)
+    look = rng.normal(size=(num_things, DIM)) * (0 if alike else 1) + 3
+    size = rng.uniform(0.4, 0.8, num_things)
+    camera = 4 + 4 * np.cos(np.linspace(0, 3 * np.pi, frames) + np.pi)
+    num = STATIC.num_detections
+    walk = _empty(frames, num)
+    thing = np.full((frames, num), NO_TRUTH)
+    for t in range(frames):
+        center = place - (camera[t], 0)
+        inside = (center[:, 0] > 0.4) & (center[:, 0] < 6.0)
+        seen = np.flatnonzero(inside & (rng.random(num_things) >= lost))[:num]
+        k = np.arange(len(seen))
+        thing[t, k] = seen
+        jitter = rng.normal(0, 0.02, (len(seen), 2))
+        half = size[seen, None] / 2
+        walk["center"][t, k] = center[seen] + jitter
+        walk["box"][t, k] = np.concatenate([center[seen] - half, center[seen] + half], 1)
+        walk["size"][t, k] = size[seen]
+        walk["look"][t, k] = look[seen] + rng.normal(0, 0.15, (len(seen), DIM))
+        walk["ring"][t, k] = 1 + rng.normal(0, 0.1, (len(seen), DIM))
+        walk["valid"][t, k] = walk["has_ring"][t, k] = True
+        walk["patches"][t, k] = 4.0
+    matrix = np.tile(np.eye(2, 3, dtype=np.float32), (frames, 1, 1))
+    matrix[1:, 0, 2] = -np.diff(camera)
+    walk["frame_center"][:] = (3.2, 2.4)
+    size_px = np.tile(np.int32([480, 640]), (frames, 1))
+    motion = Motion(matrix, np.full(frames, 0.9, np.float32), size_px)
+    return Walk(Sightings(**walk), motion, thing)
+
+
+def _empty(frames: int, num: int) -> dict[str, np.ndarray]:
+    def real(*shape: int) -> np.ndarray:
+        return np.zeros((frames, *shape), np.float32)
+
+    return {
+        "look": real(num, DIM),
+        "ring": real(num, DIM),
+        "has_ring": real(num).astype(bool),
+        "box": real(num, 4),
+        "center": real(num, 2),
+        "size": real(num) + np.float32(0.01),
+        "patches": real(num),
+        "class_id": real(num).astype(np.int32),
+        "touches": real(num).astype(bool),
+        "valid": real(num).astype(bool),
+        "frame_center": real(2),
+        "num_bad_patches": real().astype(np.int32),
+    }
+
+
+@functools.partial(jax.jit, static_argnames="static")
+def _scan(state, walk, thresholds, static):
+    def one(state, frame):
+        sightings, motion = frame
+        state = advance(
+            state, sightings, motion, sightings.valid, static=static, thresholds=thresholds
+        )
+        return state, (state.verdicts, state.decisions, state.overflow)
+
+    return jax.lax.scan(one, state, walk)
+
+
+def follow(
+    walk: Walk,
+    thresholds: PlusThresholds | None = None,
+    static: Static = STATIC,
+    state: PlusState | None = None,
+):
+    """The memory in the end, and verdicts, decisions and overflow of every frame."""
+    state = init(static) if state is None else state
+    pairs = (walk.sightings, walk.motion)
+    after, told = _scan(state, pairs, thresholds or PlusThresholds(), static)
+    return after, *jax.device_get(told)
