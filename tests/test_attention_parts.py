@@ -11,7 +11,7 @@ import pytest
 
 from remind_jax import live
 from remind_jax.backbone import get_backbone
-from remind_jax.config import Config
+from remind_jax.config import load_config
 from remind_jax.errors import ConfigError
 from remind_jax.live import Tracker
 from remind_jax.tracker import init, step
@@ -118,10 +118,14 @@ def test_a_backbone_without_attention_is_refused_at_once():
 
 @pytest.mark.slow
 def test_both_kinds_of_parts_are_remembered(backbone, frame):
-    config = Config().updated(
+    config = load_config("default").updated(
         {
             "static": {**STATIC, "part_source": "both"},
-            "thresholds": {"perception": {"part_min_patches": 1}},
+            "thresholds": {
+                "perception": {"part_min_patches": 1},
+                "appearance": {"patches_min": 0.0, "patches_full": 1.0},
+                "similarity": {"object_min_patches": 1.0, "object_full_patches": 2.0},
+            },
         }
     )
     tracker = Tracker(config, backbone[0])

@@ -42,6 +42,7 @@ def steps():
     return seen
 
 
+@pytest.mark.slow
 def test_visual_score_has_a_fourth_term(steps):
     checked = 0
     for _, trace in steps:
@@ -59,12 +60,14 @@ def test_visual_score_has_a_fourth_term(steps):
     assert checked > 50
 
 
+@pytest.mark.slow
 def test_banks_fill_up_to_their_capacities(steps):
     banks = steps[-1][0].ring_prototypes
     assert banks.work.size.max(axis=1).tolist() == [3, 4]
     assert banks.stable.size.max(axis=1).tolist() == [2, 2]
 
 
+@pytest.mark.slow
 def test_they_survive_growth_and_files(steps, tmp_path):
     state = steps[-1][0]
     path = tmp_path / "memory.safetensors"
