@@ -237,6 +237,8 @@ class Tracker:
         self.notices = self._say_ignored(prepared)
         outlines = self._step(FrameFeats(patches, size, attention), prepared)
         tracks = self._read(prepared, outlines)
+        if self.method.report is not None:
+            self.notices += [Notice(*told) for told in self.method.report(self._state)]
         done = time.perf_counter()
         self.stage_ms = {
             **prepared.stage_ms,

@@ -47,6 +47,11 @@ class Method:
     # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
     # previous one is None in the first frame, both are None where frames come as features.
     observe: Callable[[Any, Any], Any] | None = None
+    # What the last frame did besides its decisions: `report(state) -> [(kind, message), ...]`.
+    report: Callable[[Any], list[tuple[str, str]]] | None = None
+    # `delayed(delay)` makes what revises answers that wait: an object with
+    # `push(frame, tracks, state) -> [(frame, tracks), ...]` and `flush()`, which gives the rest.
+    delayed: Callable[[int], Any] | None = None
 
     def enlarge(self, state: Any, static: Static) -> Any:
         """The memory with the larger capacities of `static`; results do not change."""

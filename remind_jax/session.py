@@ -21,7 +21,7 @@ from remind_jax.config import Config
 from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
-from remind_jax.errors import RemindError, SourceError
+from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.explanation.archive import TraceArchive
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
@@ -62,6 +62,7 @@ def run(
     out: str | Path | None = None,
     overlay: bool = True,
     trace: bool = False,
+    delay: int = 0,
     overwrite: bool = False,
     progress: Callable[[Progress], None] | None = None,
     **source_options: Any,
@@ -89,6 +90,8 @@ def run(
       out: Folder for everything the run leaves behind; nothing is written if left out.
       overlay: False leaves out the overlay video.
       trace: Keep what every decision was made of, for `Result.explain`.
+      delay: Frames that answers wait, to be revised by what turns out meanwhile; only trackers that
+        decide late, such as "plus", can do so.
       overwrite: Allow an output folder with files in it.
       progress: Called after every frame.
       **source_options: Further options of `open_source`.
@@ -108,7 +111,7 @@ def run(
     frames = open_source(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
-    session = _Session(live, frames, finder, progress)
+    session = _Session(live, frames, finder, progress, _delay_answers(live, delay))
     with contextlib.closing(
         prefetch(_decode(frames, finder), lambda timed: _prepare(live, timed), depth=_AHEAD)
     ) as ahead:
@@ -124,9 +127,24 @@ def run(
             except Exception:
                 # What was done is finished; what went wrong first is what is told.
                 with contextlib.suppress(RemindError):
+                    session.release(writer)
                     _finish(session.conclude(info, complete=False), live, writer)
                 raise
             return _finish(session.conclude(info, complete), live, writer)
+
+
+def _delay_answers(tracker: Tracker, delay: int) -> Any:
+    """What revises answers, None if they are given at once."""
+    if delay < 0:
+        raise ConfigError(f"delay is {delay}; give 0 or more frames")
+    if not delay:
+        return None
+    if tracker.method.delayed is None:
+        raise ConfigError(
+            f"tracker '{tracker.method.name}' never revises an answer; leave out delay, or use "
+            "tracker 'plus'"
+        )
+    return tracker.method.delayed(delay)
 
 
 def _finish(result: Result, tracker: Tracker, writer: RunWriter) -> Result:
@@ -146,7 +164,9 @@ class _Session:
         source: Source,
         detector: Detector | None,
         progress: Callable[[Progress], None] | None,
+        delayed: Any = None,
     ) -> None:
+        self._delayed = delayed  # revises answers that wait, None if they are given at once
         self._tracker, self._source, self._detector = tracker, source, detector
         self._progress = progress
         self._tracks: list[Tracks] = []
@@ -159,13 +179,20 @@ class _Session:
 
     def consume(self, first: Prepared, ahead: Iterator[Prepared], writer: RunWriter | None) -> bool:
         """Tracks every frame; Ctrl-C ends the loop. Returns whether there was none."""
+        complete = True
         try:
             self._take(first, writer)
             for prepared in ahead:
                 self._take(prepared, writer)
         except KeyboardInterrupt:
-            return False
-        return True
+            complete = False
+        self.release(writer)
+        return complete
+
+    def release(self, writer: RunWriter | None) -> None:
+        """Gives the answers that still wait."""
+        if self._delayed is not None:
+            self._keep(self._delayed.flush(), writer)
 
     def conclude(self, info: RunInfo, complete: bool) -> Result:
         """What was found so far."""
@@ -188,18 +215,27 @@ class _Session:
         if self._first_frame_ms is None:
             before = sum(prepared.stage_ms.values())
             self._first_frame_ms = before + 1000 * (tracked - start)
-        if writer is not None:
-            writer.add(prepared.frame, tracks)
+        if self._delayed is None:
+            self._keep([(prepared.frame, tracks)], writer)
+        else:
+            told = self._delayed.push(prepared.frame, tracks, self._tracker.state)
+            self._keep(told, writer)
         spent = {**self._tracker.stage_ms, "write": 1000 * (time.perf_counter() - tracked)}
         for stage, milliseconds in spent.items():
             self._timings.setdefault(stage, []).append(milliseconds)
-        self._tracks.append(tracks)
         self._record(tracks)
         self._events += [
             Event(tracks.frame_index, notice.kind, notice.message)
             for notice in self._tracker.notices
         ]
         self._report(tracks)
+
+    def _keep(self, told: list[tuple[Frame, Tracks]], writer: RunWriter | None) -> None:
+        """Writes and collects what is told now."""
+        for frame, tracks in told:
+            if writer is not None:
+                writer.add(frame, tracks)
+            self._tracks.append(tracks)
 
     def _record(self, tracks: Tracks) -> None:
         """Keeps the account of the frame, if the tracker gives one."""
@@ -221,7 +257,7 @@ class _Session:
             recent = [self._timings[stage][-20:] for stage in ("backbone", "step", "write")]
             self._progress(
                 Progress(
-                    num_done=len(self._tracks),
+                    num_done=len(self._timings["step"]),
                     num_frames=self._source.num_frames,
                     ms_per_frame=float(np.median(np.sum(recent, axis=0))),
                     num_identities=len(self._identities),

@@ -75,6 +75,7 @@ class Run:
     overwrite: bool = False  # allow an output folder with files in it
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
+    delay: int = 0  # frames that answers wait to be revised (tracker 'plus')
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
     sampling: Sampling = dataclasses.field(default_factory=Sampling)
@@ -106,6 +107,7 @@ class Run:
             memory=self.memory,
             overlay=not self.no_overlay,
             trace=self.trace,
+            delay=self.delay,
             overwrite=self.overwrite,
         )
         if self.json:

@@ -74,7 +74,7 @@ def tell(
     present: Bool[Array, "N"],
     num_bad_patches: Int[Array, ""],
     static: Static,
-    t: th.Decision,
+    t: th.PlusThresholds,
 ) -> Decisions:
     """Fills in what all trackers tell.
 
@@ -90,14 +90,15 @@ def tell(
       present: Detection slots that hold a mask.
       num_bad_patches: Patches that were left out.
       static: Capacities.
-      t: When an answer is firm.
+      t: When an answer is firm, and how often answers are right.
     """
     seen = verdicts.tracklet_id != NO_ID
     is_own = verdicts.answer_id == verdicts.tracklet_id
     undecided = seen & ~verdicts.is_decided
+    confidence = jnp.where(seen, _calibrate(verdicts, is_own, t.confidence), 0.0)
     option_id, option_score = _rank_options(verdicts, belief, undecided)
-    could_be = option_score >= t.possible
-    doubtful = undecided & (verdicts.probability < t.firm)
+    could_be = option_score >= t.decision.possible
+    doubtful = undecided & (confidence < t.decision.firm)
     alone = jnp.sum(could_be[:, :NUM_OPTIONS], axis=1) <= 1
     undecided_outcome = jnp.where(
         alone & ~is_own, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
@@ -130,10 +131,10 @@ def tell(
         reason=reason.astype(jnp.int32),
         object_id=firm_id,
         pending_id=jnp.where(doubtful, verdicts.tracklet_id, NO_ID),
-        score=jnp.where(seen, verdicts.probability, 0.0),
+        score=confidence,
         status=status,
         status_final=status,
-        confidence=jnp.where(seen, verdicts.probability, 0.0),
+        confidence=confidence,
         best_score=ordered[:, 0],
         second_score=ordered[:, 1],
         num_close=jnp.sum(could_be, axis=1, dtype=jnp.int32),
@@ -147,6 +148,18 @@ def tell(
         **listed,
     )
     return decisions
+
+
+def _calibrate(verdicts: Verdicts, is_own: Bool[Array, "N"], t: th.Confidence) -> Float[Array, "N"]:
+    """How often answers of this kind and belief are right."""
+
+    def by_kind(known: Array, new: Array, open_known: Array, open_new: Array) -> Array:
+        decided = jnp.where(is_own, new, known)
+        return jnp.where(verdicts.is_decided, decided, jnp.where(is_own, open_new, open_known))
+
+    low = by_kind(t.known, t.new, t.open_known, t.open_new)
+    high = by_kind(t.known_sure, t.new_sure, t.open_known_sure, t.open_new_sure)
+    return low + (high - low) * verdicts.probability
 
 
 def _rank_options(

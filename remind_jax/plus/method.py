@@ -2,8 +2,17 @@
 
 from remind_jax.image_motion import observe_motion
 from remind_jax.methods import Method
+from remind_jax.plus.revision import DelayedAnswers, report_merges
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import step
 
-METHOD = Method("plus", PlusThresholds, init, step, observe=observe_motion)
+METHOD = Method(
+    "plus",
+    PlusThresholds,
+    init,
+    step,
+    observe=observe_motion,
+    report=report_merges,
+    delayed=DelayedAnswers,
+)

@@ -172,6 +172,24 @@ class Decision:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Confidence:
+    """How often answers are right: at belief 0 and at belief 1, linear between (docs/plus.md).
+
+    The belief is that of the evidence; what it does not know of, it cannot doubt.
+    """
+
+    open_known: Real = 0.30  # not decided yet, a known object
+    open_known_sure: Real = 0.92
+    open_new: Real = 0.30  # not decided yet, a new object
+    open_new_sure: Real = 0.82
+    known: Real = 0.55  # decided, a known object
+    known_sure: Real = 0.98
+    new: Real = 0.60  # decided, a new object
+    new_sure: Real = 0.96
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Memory:
     """What is kept of an object (5.7)."""
 
@@ -194,6 +212,7 @@ class PlusThresholds:
     layout: Layout = dataclasses.field(default_factory=Layout)
     decision: Decision = dataclasses.field(default_factory=Decision)
     memory: Memory = dataclasses.field(default_factory=Memory)
+    confidence: Confidence = dataclasses.field(default_factory=Confidence)
 
     def as_arrays(self) -> PlusThresholds:
         """The same numbers as arrays, so that arithmetic never falls back to Python's."""

@@ -149,7 +149,7 @@ def _advance(
     verdicts = conclude(here, objects, rows, candidates, odds, belief, choice)
     decisions = tell(
         verdicts, belief, candidates.base, here, rows.late, present, sightings.num_bad_patches,
-        static, t.decision,
+        static, t,
     )  # fmt: skip
     # What does that teach?
     scene = learn_familiarity(scene, choice, t.decision)

@@ -1,0 +1,114 @@
+"""Answers that are given some frames late, and what turned out since (host).
+
+A tracklet is decided after a few frames, and a new object may turn out to be a known one for many
+more. Whoever can wait gets what is known by then.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.plus.state import Verdicts
+from remind_jax.tracks import Tracks
+
+
+class _Latest(NamedTuple):
+    """What is told of a tracklet now."""
+
+    object_id: int  # NO_ID while it is undecided
+    outcome: int
+    reason: int
+    confidence: float
+
+
+def report_merges(state: Any) -> list[tuple[str, str]]:
+    """Objects that turned out to be known ones in the last frame, as kind and message."""
+    verdicts: Verdicts = state.verdicts
+    gone, kept = np.asarray(verdicts.merged_id), np.asarray(verdicts.answer_id)
+    return [
+        ("merged", f"object {gone[row]} turned out to be object {kept[row]}")
+        for row in np.flatnonzero(gone != NO_ID)
+    ]
+
+
+class DelayedAnswers:
+    """Holds back the answers of some frames and revises them by what is known then.
+
+    No id is given twice in a frame: where a revision would do so, the earlier answer stays.
+    """
+
+    def __init__(self, delay: int) -> None:
+        """`delay`: frames that an answer waits."""
+        self._delay = delay
+        self._waiting: deque[tuple[Any, Tracks, Int[np.ndarray, "N"]]] = deque()
+        self._latest: dict[int, _Latest] = {}  # by tracklet
+        self._merged: dict[int, int] = {}  # object, and which it turned out to be
+
+    def push(self, frame: Any, tracks: Tracks, state: Any) -> list[tuple[Any, Tracks]]:
+        """Takes the answers of a frame; gives those that waited long enough, with their frames."""
+        verdicts: Verdicts = state.verdicts
+        tracklet = np.asarray(verdicts.tracklet_id)[: len(tracks)]
+        merged = np.asarray(verdicts.merged_id)[: len(tracks)]
+        for row in range(len(tracks)):
+            if tracklet[row] == NO_ID:
+                continue
+            self._latest[int(tracklet[row])] = _Latest(
+                int(tracks.object_id[row]),
+                int(tracks.outcome[row]),
+                int(tracks.reason[row]),
+                float(tracks.confidence[row]),
+            )
+            if merged[row] != NO_ID:
+                self._merged[int(merged[row])] = int(tracks.object_id[row])
+        self._waiting.append((frame, tracks, tracklet))
+        return [self._release() for _ in range(len(self._waiting) - self._delay)]
+
+    def flush(self) -> list[tuple[Any, Tracks]]:
+        """What still waits at the end."""
+        return [self._release() for _ in range(len(self._waiting))]
+
+    def _release(self) -> tuple[Any, Tracks]:
+        frame, tracks, tracklet = self._waiting.popleft()
+        told = [self._latest.get(int(one)) for one in tracklet]
+        revised = [
+            NO_ID if one is None or one.object_id == NO_ID else self._survivor(one.object_id)
+            for one in told
+        ]
+        object_id, outcome = tracks.object_id.copy(), tracks.outcome.copy()
+        reason, confidence = tracks.reason.copy(), tracks.confidence.copy()
+        taken = {int(now) for now in object_id if now != NO_ID}
+        # One that waits for an id that another gives up comes after that one.
+        for row in [*range(len(revised)), *range(len(revised))]:
+            one, now = told[row], revised[row]
+            if one is None or now in (NO_ID, object_id[row]) or now in taken:
+                continue
+            taken.discard(int(object_id[row]))
+            taken.add(now)
+            object_id[row], confidence[row] = now, one.confidence
+            is_new = outcome[row] == Outcome.NEW and now == tracklet[row]
+            outcome[row] = Outcome.NEW if is_new else Outcome.MATCH
+            reason[row] = Reason.CREATED_NEW if is_new else Reason.ASSIGNED
+        settled = object_id != NO_ID
+        changed = dataclasses.replace(
+            tracks,
+            object_id=object_id,
+            outcome=outcome,
+            reason=reason,
+            confidence=confidence,
+            pending_id=np.where(settled, NO_ID, tracks.pending_id),
+            candidate_id=np.where(settled[:, None], NO_ID, tracks.candidate_id),
+            candidate_score=np.where(settled[:, None], 0.0, tracks.candidate_score),
+        )
+        return frame, changed
+
+    def _survivor(self, object_id: int) -> int:
+        """The object that it turned out to be, if any."""
+        while object_id in self._merged:
+            object_id = self._merged[object_id]
+        return object_id

@@ -1,0 +1,87 @@
+"""REMIND plus as users run it: by name, saved and resumed, with answers that wait."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import remind_jax as rj
+from remind_jax.decision import NO_ID
+from remind_jax.errors import ConfigError
+from remind_jax.frame import Detections, Frame
+from remind_jax.metrics import evaluate_tracks
+
+SIDE = 96
+COLOURS = ((220, 40, 40), (40, 200, 60), (50, 80, 230), (230, 210, 50), (200, 60, 220))
+
+
+def pan_frames(frames: int = 44, seed: int = 0) -> list[Frame]:
+    """A camera that pans along five coloured squares on a speckled wall, there and back."""
+    rng = np.random.default_rng(seed)
+    wall = rng.integers(60, 190, (SIDE, 5 * SIDE // 2, 1), np.uint8).repeat(3, axis=2)
+    lefts = np.linspace(12, 5 * SIDE // 2 - 52, 5).astype(int)
+    instance = np.zeros(wall.shape[:2], int)
+    for number, left in enumerate(lefts):
+        wall[28:66, left : left + 36] = COLOURS[number]
+        instance[28:66, left : left + 36] = number + 1
+    reach = wall.shape[1] - SIDE
+    at = np.rint(reach * (0.5 - 0.5 * np.cos(np.linspace(0, 2 * np.pi, frames)))).astype(int)
+    made = []
+    for index, left in enumerate(at):
+        view = instance[:, left : left + SIDE]
+        ids = [i for i in np.unique(view) if i and (view == i).sum() > 100]
+        masks = np.array([view == i for i in ids]).reshape(-1, SIDE, SIDE)
+        found = Detections.create(masks, ["square"] * len(ids), instance_ids=ids)
+        image = np.ascontiguousarray(wall[:, left : left + SIDE])
+        made.append(Frame(index, index, float(index), str(index), image, found))
+    return made
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Frame]:
+    return pan_frames()
+
+
+@pytest.fixture(scope="module")
+def result(frames) -> rj.Result:
+    return rj.run(frames, config="plus")
+
+
+def labels(tracks) -> list[list[int]]:
+    return [frame.object_id.tolist() for frame in tracks]
+
+
+def test_squares_are_recognised_on_the_way_back(result):
+    assert evaluate_tracks(result.tracks).scores()["IDF1"] > 0.9
+
+
+def test_the_tracker_by_name_is_the_configuration_by_name(frames, result):
+    again = rj.run(frames[:10], tracker="plus", config={"input": {"ignored_classes": []}})
+    assert labels(again.tracks) == labels(result.tracks[:10])
+
+
+def test_a_saved_memory_goes_on_as_if_nothing_had_happened(frames, result, tmp_path):
+    first = rj.Tracker("plus")
+    half = len(frames) // 2
+    told = [first.update(frame) for frame in frames[:half]]
+    first.save(tmp_path / "memory.safetensors")
+    second = rj.Tracker("plus")
+    second.load(tmp_path / "memory.safetensors")
+    second.prepare(frames[half - 1])  # the image that the next one is compared with
+    told += [second.update(frame) for frame in frames[half:]]
+    assert labels(told) == labels(result.tracks)
+
+
+def test_answers_that_wait_are_as_many_and_no_worse(frames, result):
+    late = rj.run(frames, config="plus", delay=8)
+    assert [t.frame_index for t in late.tracks] == [t.frame_index for t in result.tracks]
+    scores = [evaluate_tracks(run.tracks).scores()["IDF1"] for run in (late, result)]
+    assert scores[0] >= scores[1]
+    for tracks in late.tracks:
+        ids = tracks.object_id[tracks.object_id != NO_ID]
+        assert len(ids) == len(np.unique(ids))
+
+
+def test_other_trackers_do_not_revise(frames):
+    with pytest.raises(ConfigError, match="never revises"):
+        rj.run(frames, tracker="iou", delay=3)
