@@ -34,6 +34,7 @@ CORE = (
     "decision",
     "trace",
     "rounding",
+    "control_flow",
     "errors",
 )
 ALLOWED = {"jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}

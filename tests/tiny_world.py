@@ -7,7 +7,7 @@ three looks. Which boxes are in view, where exactly and how they look is drawn f
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -15,6 +15,8 @@ import numpy as np
 
 from remind_jax.compiled_step import settle_types, step_once
 from remind_jax.config import Config, Static, Thresholds
+from remind_jax.frame import Detections
+from remind_jax.frame import Frame as SceneFrame
 from remind_jax.mask_reduction import reduce_masks
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.state import TrackerState, init
@@ -67,13 +69,36 @@ def make_frames(num: int, seed: int = 0, share: float = 0.8, order: Any = None) 
 
     `order` maps a frame's boxes in view to their detection order, e.g. `reversed`.
     """
+    return [draw_frame(*view) for view in _draw_views(num, seed, share, order)]
+
+
+def make_scene(num: int, seed: int = 0, share: float = 0.8) -> list[SceneFrame]:
+    """The same sequence as a source would give it: features, masks and who is who."""
+    scene = []
+    for index, (boxes, corners, shown, ground) in enumerate(_draw_views(num, seed, share)):
+        feats, _ = draw_frame(boxes, corners, shown, ground)
+        detections = Detections.create(
+            draw_masks(boxes, corners),
+            [f"kind {CLASS_IDS[box]}" for box in boxes],
+            instance_ids=np.array(boxes, np.int64) + 1,
+        )
+        scene.append(
+            SceneFrame(
+                index, index, float(index), str(index), detections=detections,
+                features=np.asarray(feats.patches),
+            )
+        )  # fmt: skip
+    return scene
+
+
+def _draw_views(num: int, seed: int, share: float, order: Any = None) -> Iterator[tuple]:
+    """Boxes in view, the corners of all, their looks and the ground, frame by frame."""
     rng = np.random.default_rng(seed)
     codes = rng.standard_normal((BOXES, DIM))
     codes[1] = codes[0] + 0.3 * rng.standard_normal(DIM)
     looks = codes[:, None] + LOOK_SPREAD * rng.standard_normal((BOXES, 3, DIM))
     ground = rng.standard_normal((HEIGHT, WIDTH, DIM)).reshape(GRID[0], PATCH, GRID[1], PATCH, DIM)
     ground = 0.5 * ground.mean(axis=(1, 3)) + 0.5 * rng.standard_normal(DIM)
-    frames = []
     for _ in range(num):
         boxes = [box for box in range(BOXES) if rng.random() < share]
         corners = [(3 + 15 * (box // 3), 1 + 13 * (box % 3)) for box in range(BOXES)]
@@ -82,24 +107,32 @@ def make_frames(num: int, seed: int = 0, share: float = 0.8, order: Any = None) 
         shown = looks[np.arange(BOXES), rng.integers(0, 3, BOXES)]
         if order is not None:
             boxes = list(order(boxes))
-        frames.append(draw_frame(boxes, corners, shown, ground + noise))
-    return frames
+        yield boxes, corners, shown, ground + noise
 
 
 def draw_frame(boxes: Sequence[int], corners: Any, codes: Any, ground: Any) -> Frame:
     """One frame with the given boxes in view, in detection order."""
-    masks = np.zeros((len(boxes), HEIGHT, WIDTH), bool)
-    for row, box in enumerate(boxes):
-        top, left = corners[box]
-        masks[row, top : top + SIDE, left : left + SIDE] = True
     reduced = reduce_masks(
-        masks, CLASS_IDS[list(boxes)], np.ones(len(boxes)), num_slots=BOXES, patch_px=PATCH
+        draw_masks(boxes, corners),
+        CLASS_IDS[list(boxes)],
+        np.ones(len(boxes)),
+        num_slots=BOXES,
+        patch_px=PATCH,
     )
     features = np.array(ground)
     for row in np.argsort(boxes):  # neighbours share patches: the picture has no detection order
         box, share = boxes[row], reduced.coverage[row][..., None]
         features = (1 - share) * features + share * codes[box]
     return FrameFeats(features.astype(np.float32), np.array([HEIGHT, WIDTH], np.int32)), reduced
+
+
+def draw_masks(boxes: Sequence[int], corners: Any) -> np.ndarray:
+    """Pixel masks of the boxes in view, `[N, H, W]`."""
+    masks = np.zeros((len(boxes), HEIGHT, WIDTH), bool)
+    for row, box in enumerate(boxes):
+        top, left = corners[box]
+        masks[row, top : top + SIDE, left : left + SIDE] = True
+    return masks
 
 
 def pad(frames: Iterable[Frame], num_slots: int) -> list[Frame]:

@@ -214,7 +214,10 @@ def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, 
     """Joins two prototypes; weights are equal, or the hits up to `cap` (notes 9.6)."""
     weights = [1.0, 1.0]
     if cap is not None:
-        weights = [jnp.minimum(side.hits, cap).astype(jnp.float32) for side in (left, right)]
+        weights = [
+            jnp.minimum(side.hits, jnp.maximum(1, cap)).astype(jnp.float32)
+            for side in (left, right)
+        ]
     joined = Bank(
         embedding=to_unit(weights[0] * left.embedding + weights[1] * right.embedding),
         hits=left.hits + right.hits,

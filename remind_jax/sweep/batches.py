@@ -1,0 +1,126 @@
+"""Runs one scene under many settings, as many at once as memory allows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from remind_jax.compiled_step import settle_types
+from remind_jax.config import Static
+from remind_jax.state import init
+from remind_jax.sweep.program import (
+    Answers,
+    compile_follow,
+    compiled_score,
+    empty_memories,
+)
+from remind_jax.sweep.scene_arrays import DescribedFrames, SceneFrames
+from remind_jax.sweep.settings import Setting, stack
+
+FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all lengths share it
+# On a CPU more settings side by side gain nothing: their memories leave the caches.
+_MOST = {"cpu": 32}
+_COPIES = 3.0  # memories that the program holds per setting, before it is measured
+_LABELS_PER_SLOT = 2  # ids that are told apart per object slot
+
+
+def plan_batch(
+    frames: DescribedFrames, thresholds: Any, static: Static, num_settings: int, budget_bytes: int
+) -> tuple[int, int]:
+    """How many settings go side by side within a budget, at least one, and the bytes they take.
+
+    A first guess from the size of a memory is corrected by what the compiled program needs.
+    """
+    batch = _guess_batch(static, num_settings, budget_bytes)
+    part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, len(frames.masks.valid)))))
+    while True:
+        shapes = stack(thresholds, [{}] * batch, static.scalar)
+        needed = compile_follow(static, batch, shapes, part).num_bytes
+        if batch == 1 or needed <= budget_bytes:
+            return batch, needed
+        batch = max(1, min(batch - 1, int(batch * budget_bytes / needed)))
+
+
+def _guess_batch(static: Static, num_settings: int, budget_bytes: int) -> int:
+    memory = jax.eval_shape(lambda: settle_types(init(static)))
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
+    most = min(num_settings, _MOST.get(jax.default_backend(), num_settings))
+    return int(np.clip(budget_bytes // (_COPIES * size), 1, max(1, most)))
+
+
+def pad_frames(frames: DescribedFrames, length: int) -> DescribedFrames:
+    """Adds empty frames at the end."""
+
+    def pad(leaf: np.ndarray) -> np.ndarray:
+        missing = [(0, length - len(leaf)), *((0, 0),) * (leaf.ndim - 1)]
+        return np.pad(leaf, missing)
+
+    return jax.tree.map(pad, frames)
+
+
+def run_batch(
+    frames: DescribedFrames, thresholds: Any, settings: Sequence[Setting], static: Static
+) -> tuple[Answers, Static]:
+    """Runs settings side by side; capacities grow until every frame fits every setting.
+
+    Args:
+      frames: A whole scene.
+      thresholds: Values of what a setting does not name.
+      settings: Settings of one batch.
+      static: Capacities to start with.
+
+    Returns:
+      The answers of all frames and the capacities that they needed.
+    """
+    length = len(frames.masks.valid)
+    padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
+    stacked = jax.device_put(stack(thresholds, settings, static.scalar))
+    while True:
+        states, told = empty_memories(static, len(settings)), []
+        lacking = (0, 0)
+        for part in _parts(padded):
+            program = compile_follow(static, len(settings), stacked, part)
+            states, answers = program.run(states, stacked, part)
+            told.append(jax.device_get(answers))
+            lacking = (int(told[-1].needed_objects.max()), int(told[-1].needed_pending.max()))
+            if any(lacking):
+                break
+        if not any(lacking):
+            answers = jax.tree.map(lambda *parts: np.concatenate(parts)[:length], *told)
+            return answers, static
+        static = static.grow(num_objects=lacking[0], num_pending=lacking[1])
+
+
+def _parts(frames: DescribedFrames) -> Iterator[DescribedFrames]:
+    for first in range(0, len(frames.masks.valid), FRAMES_AT_ONCE):
+        part = slice(first, first + FRAMES_AT_ONCE)
+        yield jax.tree.map(lambda leaf, part=part: leaf[part], frames)
+
+
+def score_batch(scene: SceneFrames, answers: Answers, static: Static) -> list[dict[str, float]]:
+    """Scores of every setting of a batch, on the device."""
+    truth, slots = scene.truth, answers.outcome.shape[-1]
+    lacking = slots - truth.object_index.shape[1]
+    widen = lambda leaf: np.pad(leaf, ((0, 0), (0, lacking)), constant_values=-1)  # noqa: E731
+    num_labels = _LABELS_PER_SLOT * static.num_objects
+    while True:
+        scores = jax.device_get(
+            compiled_score(
+                widen(truth.object_index),
+                widen(truth.class_id),
+                answers,
+                num_objects=truth.num_objects,
+                num_labels=num_labels,
+            )
+        )
+        if not scores["overflow"].any():
+            break
+        num_labels *= 2
+    names = [name for name in scores if name != "overflow"]
+    return [
+        {name: scores[name][index].item() for name in names}
+        for index in range(answers.outcome.shape[1])
+    ]

@@ -1,0 +1,156 @@
+"""The compiled part of a sweep: many settings go through the same frames side by side.
+
+Letters: `S` settings, `T` frames, `N` detection slots.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from remind_jax.compiled_step import COMPILER_OPTIONS, settle_types
+from remind_jax.config import Static
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.metrics.in_graph import GraphScores, score_labels
+from remind_jax.state import TrackerState, init
+from remind_jax.sweep.scene_arrays import DescribedFrames
+from remind_jax.tracker import step_described
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """What every setting said about every detection."""
+
+    outcome: Int[Array, "T S N"]  # decision.Outcome
+    object_id: Int[Array, "T S N"]  # -1 where undecided
+    score: Float[Array, "T S N"]
+    needed_objects: Int[Array, "T S"]  # slots that the frame lacked, 0 if they sufficed
+    needed_pending: Int[Array, "T S"]
+
+
+def empty_memories(static: Static, num_settings: int) -> TrackerState:
+    """One empty memory per setting, leading axis `S`."""
+    empty = settle_types(init(static))
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_settings, *leaf.shape)), empty)
+
+
+def follow(
+    states: TrackerState, thresholds: Any, frames: DescribedFrames, *, static: Static
+) -> tuple[TrackerState, Answers]:
+    """Takes the memories of all settings through some frames.
+
+    Args:
+      states: One memory per setting.
+      thresholds: Thresholds of all settings, each `[S]`.
+      frames: Frames, leading axis `T`.
+      static: Capacities of the memories.
+    """
+    step = functools.partial(step_described, static=static)
+
+    def one(state: TrackerState, t: Any, frame: DescribedFrames) -> TrackerState:
+        return settle_types(step(state, frame.descriptors, frame.masks, thresholds=t))
+
+    def next_frame(states: TrackerState, frame: DescribedFrames) -> tuple[TrackerState, Answers]:
+        states = jax.vmap(one, in_axes=(0, 0, None))(states, thresholds, frame)
+        said, lacks = states.decisions, states.overflow
+        answers = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
+        return states, answers
+
+    return jax.lax.scan(next_frame, states, frames)
+
+
+def score(
+    object_index: Int[Array, "T N"],
+    class_id: Int[Array, "T N"],
+    answers: Answers,
+    *,
+    num_objects: int,
+    num_labels: int,
+) -> dict[str, Array]:
+    """Scores of every setting, each `[S]`, by the rules of `metrics`, undecided ones strictly.
+
+    Args:
+      object_index: True object of each detection.
+      class_id: Its class.
+      answers: What the settings said.
+      num_objects: True objects.
+      num_labels: Ids that are told apart.
+    """
+    is_firm = (answers.outcome == Outcome.MATCH) | (answers.outcome == Outcome.NEW)
+    firm = jnp.where(is_firm, answers.object_id, NO_ID)
+    real = object_index >= 0
+
+    def one(ids: Array, certainty: Array) -> tuple[GraphScores, Array]:
+        scores = score_labels(
+            object_index, ids, score=certainty, gt_class=class_id,
+            num_objects=num_objects, num_labels=num_labels,
+        )  # fmt: skip
+        return scores, jnp.sum(
+            jnp.zeros(num_labels, jnp.int32)
+            .at[jnp.where(ids >= 0, ids, num_labels)]
+            .set(1, mode="drop")
+        )
+
+    scores, num_ids = jax.vmap(one, in_axes=(1, 1))(firm, answers.score)
+    num_real = jnp.maximum(1, jnp.sum(real))
+    share = lambda told: jnp.sum(told & real[:, None], axis=(0, 2)) / num_real  # noqa: E731
+    ambiguous = answers.outcome == Outcome.AMBIGUOUS
+    provisional = (answers.outcome == Outcome.PROVISIONAL_NEW) | (
+        answers.outcome == Outcome.PROVISIONAL_PARENT
+    )
+    return {
+        "IDF1": scores.idf1,
+        "HOTA": scores.hota,
+        "AssA": scores.ass_a,
+        "Recovery": scores.recovery,
+        "HardRecovery": scores.hard_recovery,
+        "Ambiguous": share(ambiguous),
+        "Provisional": share(provisional),
+        "Firm": share(is_firm),
+        "Identities": num_ids,
+        "overflow": scores.overflow,
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """`follow` for so many settings, compiled; the memories that it is given are used up."""
+
+    run: Callable[[TrackerState, Any, DescribedFrames], tuple[TrackerState, Answers]]
+    num_bytes: int  # that it needs: arguments, results and scratch space, as the compiler counts
+
+
+def compile_follow(
+    static: Static, num_settings: int, thresholds: Any, frames: DescribedFrames
+) -> Program:
+    """Compiles `follow` for the shapes of the arguments, once per process."""
+    leaves, structure = jax.tree.flatten((thresholds, frames))
+    shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+    return _compile(static, num_settings, shapes, structure)
+
+
+@functools.lru_cache(maxsize=4)
+def _compile(static: Static, num_settings: int, shapes: tuple, structure: Any) -> Program:
+    thresholds, frames = jax.tree.unflatten(structure, shapes)
+    states = jax.eval_shape(lambda: empty_memories(static, num_settings))
+    program = jax.jit(
+        functools.partial(follow, static=static),
+        donate_argnums=0,
+        compiler_options=COMPILER_OPTIONS.get(jax.default_backend()),
+    )
+    compiled = program.lower(states, thresholds, frames).compile()
+    used = compiled.memory_analysis()
+    if used is None:  # not every device tells
+        return Program(compiled, 0)
+    total = used.argument_size_in_bytes + used.output_size_in_bytes + used.temp_size_in_bytes
+    return Program(compiled, int(total - used.alias_size_in_bytes))
+
+
+compiled_score = jax.jit(score, static_argnames=("num_objects", "num_labels"))

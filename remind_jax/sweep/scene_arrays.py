@@ -1,0 +1,131 @@
+"""A whole scene as arrays on the device: described once per set of descriptor thresholds.
+
+Letters: `T` frames, `N` detection slots.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from remind_jax.backbone.registry import Backbone
+from remind_jax.config import Config, Static
+from remind_jax.errors import SourceError
+from remind_jax.frame import NO_INSTANCE
+from remind_jax.live import Tracker
+from remind_jax.mask_reduction import pad_masks
+from remind_jax.observation import Descriptors, FrameFeats, Masks
+from remind_jax.perception.description import describe
+from remind_jax.sources.source import Source
+
+NONE = -1
+
+
+@dataclasses.dataclass(frozen=True)
+class Truth:
+    """Which true object each detection shows."""
+
+    object_index: Int[np.ndarray, "T N"]  # 0, 1, ...; -1 where there is none
+    class_id: Int[np.ndarray, "T N"]
+    num_objects: int
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneFrames:
+    """What the tracker is shown of a scene, reduced on the host."""
+
+    name: str
+    feats: list[FrameFeats]
+    masks: list[Masks]  # one slot per detection
+    truth: Truth
+
+    @property
+    def num_frames(self) -> int:
+        """Frames."""
+        return len(self.masks)
+
+    @property
+    def most_detections(self) -> int:
+        """Detections of the fullest frame."""
+        return max((len(masks.valid) for masks in self.masks), default=0)
+
+
+def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrames:
+    """Reads a scene and its features.
+
+    Args:
+      source: Frames with masks of known objects.
+      config: How masks are reduced.
+      backbone: What features come from; one that caches them does so once.
+
+    Raises:
+      SourceError: If the source is empty, or does not say which objects its masks show.
+    """
+    reader = Tracker(config, backbone)
+    feats, masks, instances = [], [], []
+    for frame in source:
+        prepared = reader.prepare(frame)
+        patches = prepared.features
+        if patches is None:
+            assert prepared.image is not None
+            patches = backbone.extract(prepared.image[None])[0]
+        feats.append(FrameFeats(np.asarray(patches), np.array(frame.size, np.int32)))
+        masks.append(prepared.masks)
+        instances.append(prepared.detections.instance_ids)
+    if not masks:
+        raise SourceError(f"'{source.name}' has no frames")
+    found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
+    if not found:
+        raise SourceError(
+            f"'{source.name}' does not say which object a mask shows; a sweep is scored against "
+            "annotated masks"
+        )
+    return SceneFrames(source.name, feats, masks, _truth(instances, masks, found))
+
+
+def _truth(instances: list[np.ndarray], masks: list[Masks], found: list[int]) -> Truth:
+    number = {instance: index for index, instance in enumerate(found)}
+    shape = (len(instances), max(len(ids) for ids in instances))
+    index, classes = np.full(shape, NONE, np.int32), np.full(shape, NONE, np.int32)
+    for frame, ids in enumerate(instances):
+        index[frame, : len(ids)] = [number.get(int(instance), NONE) for instance in ids]
+        classes[frame, : len(ids)] = masks[frame].class_id
+    return Truth(index, classes, len(found))
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class DescribedFrames:
+    """Frames ready for `tracker.step_described`; leading axis `T`."""
+
+    descriptors: Descriptors
+    masks: Masks  # without patch coverage, which nothing reads after the description
+
+
+def describe_scene(scene: SceneFrames, static: Static, thresholds: Any) -> DescribedFrames:
+    """Describes every detection of a scene, frame by frame.
+
+    Args:
+      scene: What is to be described.
+      static: Capacities; `num_detections` fits the scene.
+      thresholds: Of one setting; only those of `DESCRIPTION_SECTIONS` matter.
+    """
+    t = thresholds.as_arrays(static.scalar)
+    frames = []
+    for feats, masks in zip(scene.feats, scene.masks, strict=True):
+        padded = pad_masks(masks, static.num_detections)
+        descriptors = _describe(feats, padded, static, t)
+        nothing = np.zeros((static.num_detections, 0, 0), np.float32)
+        bare = dataclasses.replace(padded, coverage=nothing, filled_coverage=nothing)
+        frames.append(DescribedFrames(jax.device_get(descriptors), bare))
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *frames)
+
+
+_describe = jax.jit(describe, static_argnames="static")
+
+# Sections of the thresholds that the description of a detection reads.
+DESCRIPTION_SECTIONS = ("perception", "ring_prototypes", "attention_parts")
