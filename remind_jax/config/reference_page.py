@@ -248,6 +248,11 @@ def _show_symbol(symbol: str) -> str:
     return f"{shown}<sub>{index}</sub>" if index else shown
 
 
+def _show_key(key: str) -> str:
+    """A key that may break between its words."""
+    return re.sub(r"([._])", r"\1<wbr>", key)
+
+
 def _symbol_table(sections: list[Section]) -> Iterator[str]:
     yield "| symbol | setting | default |"
     yield "| --- | --- | --- |"
@@ -265,7 +270,7 @@ def _section_lines(section: Section) -> Iterator[str]:
     yield "| setting | default | unit | meaning |" + (" larger means |" if has_effects else "")
     yield "| --- | --- | --- | --- |" + (" --- |" if has_effects else "")
     for row in section.settings:
-        keys = "".join(f"<br><small>{key}</small>" for key in row.keys)
+        keys = "".join(f"<br><small>{_show_key(key)}</small>" for key in row.keys)
         meaning = row.meaning + (f" {_show_symbol(row.symbol)}" if row.symbol else "")
         cells = [f"`{row.name}`{keys}", f"`{row.default}`", row.unit, meaning]
         cells += [row.effect] if has_effects else []
