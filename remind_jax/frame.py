@@ -73,7 +73,8 @@ class Detections:
 
     def select(self, keep: Any) -> Detections:
         """The detections at `keep` (indices or a boolean mask), in that order."""
-        rows = np.arange(len(self))[np.asarray(keep)]
+        keep = np.asarray(keep)
+        rows = np.arange(len(self))[keep if keep.size else keep.astype(int)]
         return Detections(
             self.masks[rows],
             tuple(self.labels[row] for row in rows),
