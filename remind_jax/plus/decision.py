@@ -49,7 +49,11 @@ def decide(
     index = jnp.arange(num)[:, None]
     usable = shortlist.valid & rows.any[:, None]
     column = jnp.where(usable, shortlist.slot, num_objects)
-    score = jnp.zeros((num, num_objects + 1)).at[index, column].set(jnp.where(usable, odds, 0.0))
+    score = (
+        jnp.zeros((num, num_objects + 1), odds.dtype)
+        .at[index, column]
+        .set(jnp.where(usable, odds, 0.0))
+    )
     allowed = jnp.zeros((num, num_objects + 1), bool).at[index, column].set(usable)
     slot = assign_in_graph(
         score[:, :num_objects],

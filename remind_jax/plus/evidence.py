@@ -82,7 +82,9 @@ def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Arra
 def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
     """Mean cosine of other objects and of the same one, and their common variance."""
     assumed = jnp.stack([t.other_mean, t.same_mean])
-    prior = jnp.stack([jnp.ones(2), assumed, t.variance + assumed**2], axis=1) * t.samples
+    prior = (
+        jnp.stack([jnp.ones_like(assumed), assumed, t.variance + assumed**2], axis=1) * t.samples
+    )
     # What was assumed fades like what was seen.
     sums = scene.cosines + prior * scene.faded[:, None]
     mean = sums[:, 1] / sums[:, 0]

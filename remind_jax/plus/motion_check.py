@@ -39,7 +39,7 @@ def check_motion(
       frame: Number of this frame.
       t: Weights.
     """
-    still = Motion(jnp.eye(2, 3), jnp.float32(0), motion.frame_size)
+    still = Motion(jnp.eye(2, 3, dtype=jnp.float32), jnp.float32(0), motion.frame_size)
     implied = dataclasses.replace(
         motion, **imply_motion(tracklets, sightings, cosine, frame, t.motion)
     )
@@ -78,7 +78,9 @@ def imply_motion(
     num = jnp.max(votes).astype(jnp.float32)
     mean = jnp.sum(jnp.where(chosen[:, None], shift, 0.0), axis=0) / jnp.maximum(num, 1.0)
     enough = num >= t.agreement_least
-    matrix = jnp.concatenate([jnp.eye(2), jnp.where(enough, mean, 0.0)[:, None]], axis=1)
+    matrix = jnp.concatenate(
+        [jnp.eye(2, dtype=mean.dtype), jnp.where(enough, mean, 0.0)[:, None]], axis=1
+    )
     return {"matrix": matrix, "score": jnp.where(enough, t.implied_score, 0.0)}
 
 

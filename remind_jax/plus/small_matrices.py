@@ -36,5 +36,7 @@ def orthonormalise(columns: Float[Array, "m n"], jitter: float = 1e-5) -> Float[
     """
     length = jnp.sqrt(jnp.sum(columns**2, axis=0))
     unit = columns / jnp.maximum(length, 1e-20)
-    gram = jnp.matmul(unit.T, unit, precision="highest") + jitter * jnp.eye(columns.shape[1])
+    gram = jnp.matmul(unit.T, unit, precision="highest") + jitter * jnp.eye(
+        columns.shape[1], dtype=columns.dtype
+    )
     return jnp.matmul(unit, jnp.linalg.cholesky(invert(gram)), precision="highest")

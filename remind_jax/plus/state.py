@@ -11,6 +11,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.static import Static
@@ -176,7 +177,7 @@ def init(static: Static) -> PlusState:
             total_weight=real(),
             within=real(dim, dim),
             within_weight=real(),
-            basis=jnp.linalg.qr(jax.random.normal(jax.random.key(0), (dim, white)))[0],
+            basis=_any_basis(dim, white),
             whitener=jnp.eye(white, dim, dtype=jnp.float32),
             white_mean=real(dim),
             ring_mean=real(dim),
@@ -193,23 +194,29 @@ def init(static: Static) -> PlusState:
     )
 
 
+def _any_basis(dim: int, num: int) -> Float[Array, "D E"]:
+    """Directions to start from; the same on every device."""
+    drawn = np.random.default_rng(0).normal(size=(dim, num))
+    return jnp.asarray(np.linalg.qr(drawn)[0], jnp.float32)
+
+
 def no_tracklets(num: int, dim: int) -> Tracklets:
     """`num` free places."""
     return Tracklets(
         alive=jnp.zeros(num, bool),
-        box=jnp.zeros((num, 4)),
-        center=jnp.zeros((num, 2)),
-        size=jnp.ones(num),
+        box=jnp.zeros((num, 4), jnp.float32),
+        center=jnp.zeros((num, 2), jnp.float32),
+        size=jnp.ones(num, jnp.float32),
         class_id=jnp.full(num, NO_ID, jnp.int32),
         last=jnp.full(num, NEVER, jnp.int32),
         age=jnp.zeros(num, jnp.int32),
-        look=jnp.zeros((num, dim)),
-        ring=jnp.zeros((num, dim)),
+        look=jnp.zeros((num, dim), jnp.float32),
+        ring=jnp.zeros((num, dim), jnp.float32),
         ring_count=jnp.zeros(num, jnp.int32),
-        first_look=jnp.zeros((num, dim)),
+        first_look=jnp.zeros((num, dim), jnp.float32),
         slot=jnp.full(num, NOWHERE, jnp.int32),
         fresh=jnp.zeros(num, bool),
-        belief=jnp.zeros(num),
+        belief=jnp.zeros(num, jnp.float32),
         named=jnp.zeros(num, bool),
         id=jnp.full(num, NO_ID, jnp.int32),
     )
@@ -222,11 +229,11 @@ def no_verdicts(num: int) -> Verdicts:
         tracklet_id=jnp.full(num, NO_ID, jnp.int32),
         answer_id=jnp.full(num, NO_ID, jnp.int32),
         is_decided=jnp.zeros(num, bool),
-        probability=jnp.zeros(num),
-        margin=jnp.zeros(num),
+        probability=jnp.zeros(num, jnp.float32),
+        margin=jnp.zeros(num, jnp.float32),
         merged_id=jnp.full(num, NO_ID, jnp.int32),
         option_id=jnp.full(shown, NO_ID, jnp.int32),
-        option_odds=jnp.zeros(shown),
-        option_parts=jnp.zeros((*shown, NUM_PARTS)),
-        new_odds=jnp.zeros(num),
+        option_odds=jnp.zeros(shown, jnp.float32),
+        option_parts=jnp.zeros((*shown, NUM_PARTS), jnp.float32),
+        new_odds=jnp.zeros(num, jnp.float32),
     )

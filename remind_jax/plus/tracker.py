@@ -92,15 +92,28 @@ def advance(
 ) -> PlusState:
     """`step` on detections that are described already; `present`: slots that hold a mask."""
     t = thresholds.as_arrays()
+    sightings, motion = jax.tree.map(_single, (sightings, motion))
     needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid)
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed.astype(jnp.int32), pending=jnp.int32(0))
     return jax.lax.cond(
         fits,
-        lambda state: _advance(state, sightings, motion, present, static, t),
+        lambda state: jax.tree.map(
+            lambda new, old: new.astype(old.dtype),
+            _advance(state, sightings, motion, present, static, t),
+            state,
+        ),
         lambda state: dataclasses.replace(state, overflow=lacking),
         state,
     )
+
+
+def _single(leaf: Array) -> Array:
+    """In 32 bits, also where JAX computes in 64: the memory holds nothing else."""
+    leaf = jnp.asarray(leaf)
+    if jnp.issubdtype(leaf.dtype, jnp.floating):
+        return leaf.astype(jnp.float32)
+    return leaf.astype(jnp.int32) if jnp.issubdtype(leaf.dtype, jnp.integer) else leaf
 
 
 def _advance(

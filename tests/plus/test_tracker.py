@@ -168,3 +168,11 @@ def test_an_empty_frame_is_survived():
     both = np.intersect1d(walk.thing[7], walk.thing[11])
     for thing in both[both != NO_TRUTH]:
         assert before[walk.thing[7] == thing] == after[walk.thing[11] == thing]
+
+
+def test_the_memory_stays_in_32_bits_where_jax_computes_in_64(x64):
+    del x64
+    state, verdicts, _, _ = follow(pan(frames=12))
+    wide = [leaf.dtype for leaf in jax.tree.leaves(state) if leaf.dtype.itemsize > 4]
+    assert not wide
+    assert np.all(np.isfinite(verdicts.probability))
