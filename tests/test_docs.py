@@ -13,7 +13,7 @@ import pytest
 
 from remind_jax import methods
 from remind_jax.backbone import registry
-from remind_jax.mask_reduction import pad_masks, reduce_masks
+from remind_jax.mask_reduction import reduce_masks
 from remind_jax.observation import FrameFeats
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -71,9 +71,8 @@ def test_a_rule_inside_remind_works(page):
 def test_settings_side_by_side_are_one_program(page):
     run(code_of("performance.md", "Many settings at once"), page)
     feats = FrameFeats(np.zeros((4, 6, 8), np.float32), np.array([64, 96], np.int32))
-    masks = pad_masks(
-        reduce_masks(np.ones((1, 64, 96), bool), np.zeros(1, np.int32), np.ones(1), patch_px=16), 2
-    )
+    whole, one = np.ones((1, 64, 96), bool), np.ones(1)
+    masks = reduce_masks(whole, np.zeros(1, np.int32), one, num_slots=2, patch_px=16)
     after = jax.eval_shape(page.many, page.thresholds, page.start, feats, masks)
     assert after.decisions.outcome.shape == (16, 2)
 

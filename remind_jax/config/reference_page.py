@@ -42,7 +42,8 @@ the section and the row, joined by a dot.
   `remind config import-reference` translates.
 * The *symbols* are those of the paper.
 * `input` is read on the host. `static` fixes the compiled program: another value compiles anew.
-  `thresholds` are traced: another value does not, and many can run at once.
+  `thresholds` are traced: another value does not, and
+  [many can run at once](performance.md#many-settings-at-once).
 * Scores, similarities, shares and qualities lie in [0, 1]. *Effective patches* are patches weighed
   by how much of each the mask covers. An *object size* is the mean side of the two objects between
   which a distance is measured.
