@@ -30,7 +30,7 @@ bench: $(VENV)/.dev  ## what is claimed about speed
 
 docs: $(VENV)/.docs  ## the documentation as a site, in build/docs
 	$(BIN)/python -m remind_jax.config.reference_page docs/thresholds.md
-	$(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "open build/docs/index.html"
 
 clean:  ## remove the environment and everything that was made

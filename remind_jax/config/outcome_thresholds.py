@@ -42,7 +42,7 @@ class Ambiguous:
     """When a detection could be one of several known objects (association notes 14.1, 14.5)."""
 
     enabled: Gate = True  # detections may stay undecided between known objects
-    max_candidates: Whole = 3  # at most static three
+    max_candidates: Whole = 3  # most candidates that are named, three at most
     supported_only: Gate = True  # only candidates that context supports, or visual near-ties
     max_supported: Whole = 3  # with more supported candidates nothing is said
     known_set_score: Gate = True  # compare candidates on the evidence that all have
