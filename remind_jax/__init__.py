@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from remind_jax.sources import Sampling as Sampling
     from remind_jax.sources import open_source as open_source
     from remind_jax.state import TrackerState as TrackerState
+    from remind_jax.sweep import sweep as sweep
     from remind_jax.tracker import init as init
     from remind_jax.tracker import step as step
     from remind_jax.tracks import Tracks as Tracks
@@ -61,6 +62,7 @@ _HOMES = {
     "open_source": "sources",
     "run": "session",
     "step": "tracker",
+    "sweep": "sweep",
 }
 
 __all__ = sorted(_HOMES)
@@ -69,7 +71,10 @@ __all__ = sorted(_HOMES)
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'remind_jax' has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"remind_jax.{_HOMES[name]}"), name)
+    home = importlib.import_module(f"remind_jax.{_HOMES[name]}")
+    if name == "sweep":  # a package of this name, which can be called
+        return home
+    value = getattr(home, name)
     globals()[name] = value
     return value
 

@@ -21,6 +21,7 @@ from remind_jax.cli.eval import Eval
 from remind_jax.cli.explain import Explain
 from remind_jax.cli.features import Features
 from remind_jax.cli.run import Run
+from remind_jax.cli.sweep import Sweep
 from remind_jax.cli.view import View
 from remind_jax.errors import RemindError, nearest_names
 
@@ -35,7 +36,7 @@ First steps:
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
 
-Verb = Run | Demo | View | Explain | Eval | Benchmark | Convert | Features | ConfigVerb
+Verb = Run | Demo | View | Explain | Eval | Benchmark | Sweep | Convert | Features | ConfigVerb
 
 VERBS: dict[str, type[Verb]] = {
     "run": Run,
@@ -44,6 +45,7 @@ VERBS: dict[str, type[Verb]] = {
     "explain": Explain,
     "eval": Eval,
     "benchmark": Benchmark,
+    "sweep": Sweep,
     "convert": Convert,
     "features": Features,
     "config": ConfigVerb,

@@ -18,6 +18,7 @@ from rich.progress import Progress as Bars
 
 if TYPE_CHECKING:
     from remind_jax.session import Progress
+    from remind_jax.sweep.worker import Progress as SweepProgress
 
 
 class RunDisplay:
@@ -91,3 +92,41 @@ class RunDisplay:
             raise KeyboardInterrupt
         self.stop_requested = True
         self._bars.update(self._task, description=f"{self._title}: stopping after this frame")
+
+
+class SweepDisplay:
+    """Progress bar of a sweep on a terminal, silence elsewhere."""
+
+    def __init__(self, is_shown: bool) -> None:
+        console = Console(stderr=True)
+        self._bars = Bars(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(compact=True),
+            console=console,
+            disable=not (is_shown and console.is_terminal),
+            transient=True,
+        )
+        self._task = self._bars.add_task("reading scenes, compiling", total=None)
+
+    def __enter__(self) -> SweepDisplay:
+        self._bars.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
+    ) -> None:
+        self._bars.stop()
+
+    def __call__(self, progress: SweepProgress) -> None:
+        """Takes note of rows."""
+        self._bars.update(
+            self._task,
+            completed=progress.num_done,
+            total=progress.num_rows,
+            description=f"settings x scenes: {progress.scene}",
+        )

@@ -16,6 +16,8 @@ from remind_jax.sweep.program import (
     compile_follow,
     compiled_score,
     empty_memories,
+    repeat,
+    spread,
 )
 from remind_jax.sweep.scene_arrays import DescribedFrames, SceneFrames
 from remind_jax.sweep.settings import Setting, stack
@@ -27,28 +29,37 @@ _COPIES = 3.0  # memories that the program holds per setting, before it is measu
 _LABELS_PER_SLOT = 2  # ids that are told apart per object slot
 
 
-def plan_batch(
-    frames: DescribedFrames, thresholds: Any, static: Static, num_settings: int, budget_bytes: int
-) -> tuple[int, int]:
-    """How many settings go side by side within a budget, at least one, and the bytes they take.
+def most_at_once(static: Static, budget_bytes: int) -> int:
+    """Settings that memory may have room for, from the size of a memory; at least one."""
+    memory = jax.eval_shape(lambda: settle_types(init(static)))
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
+    room = max(1, int(budget_bytes // (_COPIES * size)))
+    return jax.local_device_count() * min(room, _MOST.get(jax.default_backend(), room))
 
-    A first guess from the size of a memory is corrected by what the compiled program needs.
+
+def plan_batch(
+    frames: DescribedFrames, thresholds: Any, static: Static, wanted: int, budget_bytes: int
+) -> tuple[int, int]:
+    """How many settings go side by side within a budget, and the bytes that they take per device.
+
+    Args:
+      frames: A scene.
+      thresholds: Of any setting.
+      static: Capacities.
+      wanted: Settings, a multiple of the number of devices; fewer if the compiled program needs
+        more than the budget, but at least one per device.
+      budget_bytes: Of each device.
     """
-    batch = _guess_batch(static, num_settings, budget_bytes)
+    devices = jax.local_device_count()
+    batch = min(wanted, most_at_once(static, budget_bytes))
     part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, len(frames.masks.valid)))))
     while True:
         shapes = stack(thresholds, [{}] * batch, static.scalar)
         needed = compile_follow(static, batch, shapes, part).num_bytes
-        if batch == 1 or needed <= budget_bytes:
+        if batch == devices or needed <= budget_bytes:
             return batch, needed
-        batch = max(1, min(batch - 1, int(batch * budget_bytes / needed)))
-
-
-def _guess_batch(static: Static, num_settings: int, budget_bytes: int) -> int:
-    memory = jax.eval_shape(lambda: settle_types(init(static)))
-    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
-    most = min(num_settings, _MOST.get(jax.default_backend(), num_settings))
-    return int(np.clip(budget_bytes // (_COPIES * size), 1, max(1, most)))
+        fitting = int(batch * budget_bytes / needed) // devices * devices
+        batch = max(devices, min(batch - devices, fitting))
 
 
 def pad_frames(frames: DescribedFrames, length: int) -> DescribedFrames:
@@ -77,13 +88,13 @@ def run_batch(
     """
     length = len(frames.masks.valid)
     padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
-    stacked = jax.device_put(stack(thresholds, settings, static.scalar))
+    stacked = spread(stack(thresholds, settings, static.scalar))
     while True:
-        states, told = empty_memories(static, len(settings)), []
+        states, told = spread(empty_memories(static, len(settings))), []
         lacking = (0, 0)
         for part in _parts(padded):
             program = compile_follow(static, len(settings), stacked, part)
-            states, answers = program.run(states, stacked, part)
+            states, answers = program.run(states, stacked, repeat(part))
             told.append(jax.device_get(answers))
             lacking = (int(told[-1].needed_objects.max()), int(told[-1].needed_pending.max()))
             if any(lacking):

@@ -12,6 +12,8 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
 from remind_jax.compiled_step import COMPILER_OPTIONS, settle_types
@@ -21,6 +23,8 @@ from remind_jax.metrics.in_graph import GraphScores, score_labels
 from remind_jax.state import TrackerState, init
 from remind_jax.sweep.scene_arrays import DescribedFrames
 from remind_jax.tracker import step_described
+
+_AXIS = "settings"  # that devices share
 
 
 @jax.tree_util.register_dataclass
@@ -119,12 +123,36 @@ def score(
     }
 
 
+def spread(tree: Any) -> Any:
+    """Puts arrays on the devices, each of which takes an equal share of the settings."""
+    where = _shardings()
+    return jax.device_put(tree) if where is None else jax.device_put(tree, where[0])
+
+
+def repeat(tree: Any) -> Any:
+    """Puts arrays on the devices, each of which takes all of them."""
+    where = _shardings()
+    return jax.device_put(tree) if where is None else jax.device_put(tree, where[1])
+
+
+@functools.cache
+def _shardings() -> tuple[NamedSharding, NamedSharding, NamedSharding] | None:
+    """Settings along the first axis, none, settings along the second; None with one device."""
+    devices = jax.local_devices()
+    if len(devices) == 1:
+        return None
+    mesh = Mesh(np.array(devices), (_AXIS,))
+    first, none, second = PartitionSpec(_AXIS), PartitionSpec(), PartitionSpec(None, _AXIS)
+    return NamedSharding(mesh, first), NamedSharding(mesh, none), NamedSharding(mesh, second)
+
+
 @dataclasses.dataclass(frozen=True)
 class Program:
     """`follow` for so many settings, compiled; the memories that it is given are used up."""
 
     run: Callable[[TrackerState, Any, DescribedFrames], tuple[TrackerState, Answers]]
-    num_bytes: int  # that it needs: arguments, results and scratch space, as the compiler counts
+    # That it needs on each device: arguments, results and scratch space, as the compiler counts.
+    num_bytes: int
 
 
 def compile_follow(
@@ -136,14 +164,30 @@ def compile_follow(
     return _compile(static, num_settings, shapes, structure)
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=8)
 def _compile(static: Static, num_settings: int, shapes: tuple, structure: Any) -> Program:
-    thresholds, frames = jax.tree.unflatten(structure, shapes)
     states = jax.eval_shape(lambda: empty_memories(static, num_settings))
+    thresholds, frames = jax.tree.unflatten(structure, shapes)
+    run, options = functools.partial(follow, static=static), {}
+    if (where := _shardings()) is not None:
+        settings, frame, answers = where
+        # Every device goes its own way: a branch is taken where one of its own settings needs it.
+        run = jax.shard_map(
+            run,
+            mesh=settings.mesh,
+            in_specs=(settings.spec, settings.spec, frame.spec),
+            out_specs=(settings.spec, answers.spec),
+            check_vma=False,
+        )
+        options = {
+            "in_shardings": (settings, settings, frame),
+            "out_shardings": (settings, answers),
+        }
     program = jax.jit(
-        functools.partial(follow, static=static),
+        run,
         donate_argnums=0,
         compiler_options=COMPILER_OPTIONS.get(jax.default_backend()),
+        **options,
     )
     compiled = program.lower(states, thresholds, frames).compile()
     used = compiled.memory_analysis()

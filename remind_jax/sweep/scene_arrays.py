@@ -6,6 +6,8 @@ Letters: `T` frames, `N` detection slots.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import hashlib
 from typing import Any
 
 import jax
@@ -52,6 +54,24 @@ class SceneFrames:
     def most_detections(self) -> int:
         """Detections of the fullest frame."""
         return max((len(masks.valid) for masks in self.masks), default=0)
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """Hash of all that the tracker is shown, and of the truth."""
+        digest = hashlib.sha256()
+        for leaf in jax.tree.leaves((self.feats, self.masks)):
+            digest.update(np.ascontiguousarray(leaf).data)
+        digest.update(np.ascontiguousarray(self.truth.object_index).data)
+        return digest.hexdigest()
+
+    def first(self, num_frames: int) -> SceneFrames:
+        """The scene as if it had ended earlier."""
+        truth = dataclasses.replace(
+            self.truth,
+            object_index=self.truth.object_index[:num_frames],
+            class_id=self.truth.class_id[:num_frames],
+        )
+        return SceneFrames(self.name, self.feats[:num_frames], self.masks[:num_frames], truth)
 
 
 def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrames:

@@ -6,29 +6,18 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone.registry import get_backbone
-from remind_jax.config import Config
 from remind_jax.decision import Outcome
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections
 from remind_jax.mask_reduction import pad_masks
 from remind_jax.sources import open_source
-from remind_jax.sweep import batches, draw, sweep
+from remind_jax.sweep import batches, sweep
 from remind_jax.sweep.batches import run_batch
 from remind_jax.sweep.scene_arrays import describe_scene, load_scene
 from tests import tiny_world as world
+from tests.sweep.tiny_sweep import CONFIG, SCENES, SETTINGS
 
-CONFIG = dataclasses.replace(Config(), thresholds=world.THRESHOLDS, static=world.STATIC)
-SPACE = {
-    "matching.match": (0.5, 0.9),
-    "appearance.duplicate": (0.6, 0.95),
-    "diagnosis.close": (0.01, 0.2),
-    "influence.enabled": (False, True),
-    "known_sets.enabled": (False, True),
-    "perception.trim_keep": (0.5, 0.7, 0.9),
-}
-SETTINGS = draw(SPACE, 7, seed=1)
 FIRM = (Outcome.MATCH, Outcome.NEW)
-SCENES = [world.make_scene(9, seed=seed) for seed in (3, 4)]
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +77,7 @@ def test_nothing_is_done_twice(tmp_path, monkeypatch):
     calls = []
     run = batches.run_batch
     monkeypatch.setattr(
-        "remind_jax.sweep.sweeping.run_batch", lambda *args: calls.append(args) or run(*args)
+        "remind_jax.sweep.worker.run_batch", lambda *args: calls.append(args) or run(*args)
     )
     with (tmp_path / "rows.jsonl").open("a") as stream:
         stream.write('{"key": "cut o')

@@ -1,0 +1,269 @@
+"""`remind sweep`: many settings on many annotated scenes, in one table."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.cli.progress import SweepDisplay
+from remind_jax.cli.run import DEFAULT_FOLDER, Layout
+from remind_jax.errors import OutputError, SweepError
+from remind_jax.sources.sampling import Sampling
+
+if TYPE_CHECKING:
+    from remind_jax.sweep import SweepResult
+    from remind_jax.sweep.bench import SceneBench
+    from remind_jax.sweep.result import Standing
+    from remind_jax.sweep.settings import Setting, Value
+
+SUMMARY_FILE, TABLE_FILE = "summary.md", "rows.csv"
+
+Ranges = Annotated[
+    UseAppendAction[tuple[tuple[str, ...], ...]],
+    arg(
+        name="set",
+        metavar="KEY=VALUES ...",
+        help="thresholds and their values: 0.5,0.6 or true,false or first:last:step; two numbers "
+        "are the ends of a range to draw from with --random, --search and --sensitivity",
+    ),
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """Score many settings on annotated scenes: a table, the best ones, what they trade.
+
+    A row equals the run with that setting. Rows are written as they come; the same command again
+    goes on where it was stopped. The first row is the configuration as it stands.
+
+    Examples:
+      remind sweep rooms/ --set matching.match=0.5:0.8:0.05
+      remind sweep a/ b/ c/ --set matching.match=0.6,0.9 similarity.parts_weight=0,0.3 --random 256
+      remind sweep a/ b/ c/ --set matching.match=0.6,0.9 --search tpe --number 128
+      remind sweep a/ b/ c/ --search nsga2 --set ... --objectives IDF1 Ambiguous
+      remind sweep a/ b/ c/ --sensitivity sobol     thresholds of the paper's table
+      remind sweep a/ b/ c/ --settings mine.csv --workers 8
+    """
+
+    # folders, archives or feature files whose masks say which object they show
+    sources: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE")]
+    ranges: Ranges = ()
+    random: int | None = None  # draw so many settings instead of trying all combinations
+    settings: Path | None = None  # CSV with one column per threshold, or JSON with a list
+    # propose settings by what was found (needs Optuna); nsga2 for several objectives
+    search: Literal["tpe", "cmaes", "nsga2", "hyperband"] | None = None
+    # how much every threshold matters, by itself or among the others
+    sensitivity: Literal["curves", "sobol"] | None = None
+    # settings of a search, values of a curve, points of Sobol indices; chosen if left out
+    number: int | None = None
+    at_once: int = 16  # settings that a search proposes together
+    objectives: tuple[str, ...] = ("IDF1",)  # of a search
+    metric: str = "IDF1"  # what is best
+    seed: int = 0  # of everything random
+    config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # what a setting does not name
+    # what patch features come from, e.g. dinov3-vits16
+    backbone: Annotated[str, arg(metavar="NAME")] = "patch-statistics"
+    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
+    masks: Path | None = None  # of the scene, if there is only one and its layout holds none
+    memory_gib: float = 2.0  # that the compiled program may take, on each device
+    batch: int | None = None  # settings side by side; chosen by memory if left out
+    workers: int | None = None  # processes (needs Ray); this one does all if left out
+    cluster: Annotated[str | None, arg(metavar="ADDRESS")] = None  # of a Ray cluster, e.g. auto
+    # folder of rows.jsonl, rows.csv and summary.md; runs/sweep if left out
+    out: Annotated[Path | None, arg(aliases=("-o",))] = None
+    top: int = 10  # settings shown
+    quiet: bool = False  # say nothing but errors
+    json: bool = False  # print the summary as JSON on stdout
+    sampling: Sampling = dataclasses.field(default_factory=Sampling)
+    layout: Layout = dataclasses.field(default_factory=Layout)
+
+    def execute(self) -> int:
+        """Sweeps, writes the tables, prints the summary; returns the exit code.
+
+        Raises:
+          RemindError: If a scene, a setting or the configuration is not accepted.
+        """
+        silence_libraries()
+        plan = self._plan()
+        keep_compiled_programs()
+        out = self.out or DEFAULT_FOLDER / "sweep"
+        display = SweepDisplay(is_shown=not self.quiet)
+        with display:
+            bench = self._open(out, display)
+            result, sections = plan(bench)
+        if not result.complete and not result.rows:
+            return exit_codes.INTERRUPTED
+        sections = [self._describe(result), *sections]
+        result.to_csv(out / TABLE_FILE)
+        _write(out / SUMMARY_FILE, "\n\n".join(sections) + "\n")
+        if self.json:
+            print(json.dumps(self._facts(result, out), indent=1))
+        elif not self.quiet:
+            print("\n\n".join(sections))
+            print(f"\nAll {len(result.settings)} settings: {out / TABLE_FILE}")
+        return exit_codes.FINE if result.complete else exit_codes.INTERRUPTED
+
+    def _plan(self) -> Any:
+        """What is to be done with the bench, checked before any work."""
+        ways = [self.random, self.settings, self.search, self.sensitivity]
+        if sum(way is not None for way in ways) > 1:
+            raise SweepError(
+                "--random, --settings, --search and --sensitivity exclude each other; give one"
+            )
+        space = _parse_space(self.ranges)
+        if self.settings is not None and space:
+            raise SweepError("--settings and --set exclude each other; give one of them")
+        if not (space or self.settings or self.sensitivity):
+            raise SweepError(
+                "there is nothing to sweep over; give --set KEY=VALUES, for example "
+                "--set matching.match=0.5:0.8:0.05, or --settings FILE"
+            )
+        if self.search is not None:
+            return lambda bench: (self._search(bench, space), [])
+        if self.sensitivity is not None:
+            return lambda bench: self._vary(bench, space)
+        settings = self._list_settings(space)
+        return lambda bench: self._try(bench, settings)
+
+    def _list_settings(self, space: dict[str, list[Value]]) -> list[Setting]:
+        from remind_jax.sweep import draw, grid, read_settings
+
+        if self.settings is not None:
+            return read_settings(self.settings)
+        return grid(space) if self.random is None else draw(space, self.random, self.seed)
+
+    def _open(self, out: Path, display: SweepDisplay) -> SceneBench:
+        from remind_jax.sweep.bench import SceneBench
+
+        more = dataclasses.asdict(self.layout)
+        if self.masks is not None:
+            if len(self.sources) > 1:
+                raise SweepError("--masks are those of one scene; leave out the other scenes")
+            more["masks"] = self.masks
+        return SceneBench(
+            list(self.sources),
+            config=self.config,
+            backbone=self.backbone,
+            weights=self.weights,
+            feature_cache=self.feature_cache,
+            sampling=self.sampling,
+            memory_gib=self.memory_gib,
+            batch=self.batch,
+            out=out,
+            progress=display,
+            workers=self.workers,
+            cluster=self.cluster,
+            keep_scenes=self.search is not None or self.sensitivity is not None,
+            **more,
+        )
+
+    def _try(self, bench: SceneBench, settings: list[Setting]) -> tuple[SweepResult, list[str]]:
+        from remind_jax.sweep.cross_validation import cross_validate
+        from remind_jax.sweep.search import GIVEN
+
+        result = bench.run([GIVEN, *settings])
+        if len(bench.scenes) < 2 or not result.complete:
+            return result, []
+        table = cross_validate(result, self.metric).to_markdown()
+        return result, [f"## Chosen on the other scenes\n\n{table}"]
+
+    def _search(self, bench: SceneBench, space: dict[str, list[Value]]) -> SweepResult:
+        from remind_jax.sweep.search import hyperband, search
+
+        if self.search == "hyperband":
+            return hyperband(
+                bench, space, widest=self.number or 27, objective=self.objectives[0], seed=self.seed
+            )
+        assert self.search is not None
+        return search(
+            bench,
+            space,
+            number=self.number or 128,
+            at_once=self.at_once,
+            sampler=self.search,
+            objectives=self.objectives,
+            seed=self.seed,
+        )
+
+    def _vary(
+        self, bench: SceneBench, space: dict[str, list[Value]]
+    ) -> tuple[SweepResult, list[str]]:
+        from remind_jax.sweep.sensitivity import (
+            curves_to_markdown,
+            estimate_sobol,
+            move_one_at_a_time,
+            sobol_to_markdown,
+        )
+
+        if self.sensitivity == "curves":
+            curves, result = move_one_at_a_time(
+                bench, space or None, number=self.number or 7, metric=self.metric
+            )
+            return result, [f"## One threshold at a time\n\n{curves_to_markdown(curves)}"]
+        indices, result = estimate_sobol(
+            bench, space or None, number=self.number or 64, metric=self.metric, seed=self.seed
+        )
+        return result, [f"## Sobol indices of {self.metric}\n\n{sobol_to_markdown(indices)}"]
+
+    def _describe(self, result: SweepResult) -> str:
+        best = result.best(self.metric, self.top)
+        scenes = ", ".join(result.scenes)
+        parts = [
+            f"# {len(result.settings)} settings on {len(result.scenes)} scenes",
+            f"Scenes: {scenes}. Means over scenes. Settings were chosen by the same scenes that "
+            "they are reported on here.",
+            f"## Best {self.metric}\n\n{result.to_markdown(best)}",
+            f"## As it stands\n\n{result.to_markdown(_given(result))}",
+            "## IDF1 against the share of ambiguous detections\n\n"
+            + result.to_markdown(result.pareto()),
+        ]
+        return "\n\n".join(parts)
+
+    def _facts(self, result: SweepResult, out: Path) -> dict[str, Any]:
+        return {
+            "settings": len(result.settings),
+            "scenes": list(result.scenes),
+            "metric": self.metric,
+            "best": [dataclasses.asdict(s) for s in result.best(self.metric, self.top)],
+            "as_it_stands": [dataclasses.asdict(s) for s in _given(result)],
+            "pareto": [dataclasses.asdict(s) for s in result.pareto()],
+            "batch": result.batch,
+            "program_bytes": result.program_bytes,
+            "complete": result.complete,
+            "out": str(out),
+        }
+
+
+def _given(result: SweepResult) -> list[Standing]:
+    """The configuration as it stands, if it was run."""
+    return [standing for standing in result.standings() if not standing.setting][:1]
+
+
+def _parse_space(ranges: tuple[tuple[str, ...], ...]) -> dict[str, list[Value]]:
+    from remind_jax.sweep import parse_values
+
+    space: dict[str, list[Value]] = {}
+    for text in itertools.chain(*ranges):
+        name, equals, values = text.partition("=")
+        if not equals or not name:
+            raise SweepError(
+                f"{text!r} gives no values; write --set KEY=VALUES, for example "
+                "--set matching.match=0.5:0.8:0.05"
+            )
+        space[name] = parse_values(values)
+    return space
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"cannot write '{path}': {error.strerror}") from error

@@ -1,0 +1,141 @@
+"""Runs settings on a scene, in this process and on all its devices."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import jax
+import numpy as np
+
+from remind_jax.config import Config
+from remind_jax.config.dotted_keys import nest
+from remind_jax.sweep.batches import most_at_once, plan_batch, run_batch, score_batch
+from remind_jax.sweep.scene_arrays import (
+    DESCRIPTION_SECTIONS,
+    DescribedFrames,
+    SceneFrames,
+    describe_scene,
+)
+from remind_jax.sweep.settings import Setting
+
+GIB = 1 << 30
+# What a batch costs beside its settings, in settings.
+_COST_OF_BATCH = {"cpu": 1}
+_USUAL_COST = 64
+# A program that is there is used unless another one would save a third of the work.
+_WORTH_COMPILING = 1.5
+
+
+# Takes the numbers of settings and their scores.
+Keep = Callable[[Sequence[int], Sequence[dict[str, float]]], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class Progress:
+    """How far a sweep is; handed to the caller's function after every batch."""
+
+    scene: str
+    num_done: int  # rows
+    num_rows: int
+
+
+class Worker:
+    """Keeps what the next settings may need again: capacities, batch size, described frames."""
+
+    def __init__(self, config: Config, memory_gib: float, batch: int | None = None) -> None:
+        """Prepares a worker.
+
+        Args:
+          config: What a setting does not name.
+          memory_gib: Memory that the compiled program may take, on each device.
+          batch: Settings side by side; chosen by memory if left out.
+        """
+        self.batch, self.program_bytes = 0, 0
+        self._config, self._static = config, config.static
+        self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
+        self._described: tuple[tuple, DescribedFrames] | None = None
+
+    def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
+        """Runs settings.
+
+        Args:
+          scene: What they are shown.
+          jobs: Settings by number; those of a job have the same descriptors.
+          keep: Called with numbers and scores of every batch.
+        """
+        for job in jobs:
+            numbers = list(job)
+            frames = self._describe(scene, job[numbers[0]])
+            self._choose_batch(frames, [len(job) for job in jobs])
+            for first in range(0, len(job), self.batch):
+                part = numbers[first : first + self.batch]
+                # The last setting again until the batch is full: one program serves all batches.
+                filled = [job[i] for i in part + part[-1:] * (self.batch - len(part))]
+                answers, self._static = run_batch(
+                    frames, self._config.thresholds, filled, self._static
+                )
+                keep(part, score_batch(scene, answers, self._static)[: len(part)])
+
+    def finish(self) -> None:
+        """Nothing is left to do: `start` returns when all is done."""
+
+    def stop(self) -> None:
+        """Nothing goes on by itself."""
+
+    def _describe(self, scene: SceneFrames, setting: Setting) -> DescribedFrames:
+        dim = scene.feats[0].patches.shape[-1]
+        static = dataclasses.replace(self._static, feature_dim=dim)
+        self._static = static.grow(num_detections=scene.most_detections)
+        seen = _of_description(setting)
+        what = (scene.digest, seen, self._static.num_detections)
+        if self._described is None or self._described[0] != what:
+            thresholds = self._config.updated({"thresholds": nest(seen)}).thresholds
+            self._described = what, describe_scene(scene, self._static, thresholds)
+        return self._described[1]
+
+    def _choose_batch(self, frames: DescribedFrames, sizes: Sequence[int]) -> None:
+        if self._wanted is not None:
+            self.batch = round_to_devices(self._wanted)
+            return
+        most = most_at_once(self._static, self._budget_bytes)
+        best = fit_batch(sizes, most)
+        if self.batch and _cost(sizes, self.batch) <= _WORTH_COMPILING * _cost(sizes, best):
+            return
+        self.batch, self.program_bytes = plan_batch(
+            frames, self._config.thresholds, self._static, best, self._budget_bytes
+        )
+
+
+def group_by_description(settings: Sequence[Setting]) -> list[list[int]]:
+    """Indices of settings that share descriptors."""
+    groups: dict[tuple, list[int]] = {}
+    for index, setting in enumerate(settings):
+        groups.setdefault(tuple(sorted(_of_description(setting).items())), []).append(index)
+    return list(groups.values())
+
+
+def fit_batch(sizes: Sequence[int], most: int) -> int:
+    """The batch size up to `most` that serves groups of these sizes at least cost."""
+    most = min(most, round_to_devices(max(sizes)))
+    step = jax.local_device_count()
+    candidates = range(step, max(step, most) + 1, step)
+    return min(candidates, key=lambda batch: _cost(sizes, batch))
+
+
+def round_to_devices(batch: int) -> int:
+    """The next multiple of the number of devices, which share a batch evenly."""
+    devices = jax.local_device_count()
+    return -(-batch // devices) * devices
+
+
+def _cost(sizes: Sequence[int], batch: int) -> int:
+    beside = _COST_OF_BATCH.get(jax.default_backend(), _USUAL_COST)
+    return int(np.sum(-(-np.asarray(sizes) // batch)) * (batch + beside))
+
+
+def _of_description(setting: Setting) -> Setting:
+    """The part of a setting that changes descriptors."""
+    return {
+        name: value for name, value in setting.items() if name.split(".")[0] in DESCRIPTION_SECTIONS
+    }

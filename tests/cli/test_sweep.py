@@ -1,0 +1,138 @@
+"""`remind sweep` writes its tables, keeps to what was asked, and refuses in one sentence."""
+
+import csv
+import json
+import sys
+
+import pytest
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.main import main
+from tests.sweep.fake_bench import FakeBench, hill
+
+
+@pytest.fixture
+def benches(monkeypatch, tmp_path):
+    """Benches that the command opened, with the options that it opened them with."""
+    opened = []
+
+    def open_bench(scenes, **options):
+        bench = FakeBench(hill, tuple("abcdef"[: len(scenes)]))
+        options["out"].mkdir(parents=True, exist_ok=True)
+        opened.append((bench, options))
+        return bench
+
+    monkeypatch.setattr("remind_jax.sweep.bench.SceneBench", open_bench)
+    monkeypatch.chdir(tmp_path)
+    return opened
+
+
+def test_grid_writes_table_and_summary(benches, capsys, tmp_path):
+    words = [
+        "sweep",
+        "a",
+        "b",
+        "--set",
+        "matching.match=0.5:0.8:0.1",
+        "influence.enabled=false,true",
+    ]
+    assert main([*words, "-o", "out", "--memory-gib", "1", "--batch", "4"]) == exit_codes.FINE
+    bench, options = benches[0]
+    assert (options["memory_gib"], options["batch"], options["workers"]) == (1.0, 4, None)
+    assert bench.asked[0][0][0] == {}
+    rows = list(csv.DictReader((tmp_path / "out/rows.csv").read_text().splitlines()))
+    assert len(rows) == (1 + 4 * 2) * 2
+    summary = (tmp_path / "out/summary.md").read_text()
+    assert "9 settings on 2 scenes" in summary
+    assert "scene held out" in summary
+    assert "as it stands" in summary
+    assert "0.7" in capsys.readouterr().out
+
+
+def test_json_holds_the_best_and_the_front(benches, capsys):
+    assert main(["sweep", "a", "--set", "matching.match=0.5:0.8:0.1", "--json"]) == exit_codes.FINE
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["settings"] == 5
+    assert facts["best"][0]["setting"] == {"matching.match": 0.7}
+    assert facts["as_it_stands"][0]["setting"] == {}
+    assert facts["pareto"]
+    assert facts["complete"] is True
+
+
+def test_random_settings_lie_in_the_range(benches):
+    words = [
+        "sweep",
+        "a",
+        "--set",
+        "matching.match=0.5,0.9",
+        "--random",
+        "20",
+        "--seed",
+        "3",
+        "--quiet",
+    ]
+    assert main(words) == exit_codes.FINE
+    given, *drawn = benches[0][0].asked[0][0]
+    assert given == {}
+    assert len({s["matching.match"] for s in drawn}) == 20
+    assert all(0.5 <= s["matching.match"] <= 0.9 for s in drawn)
+
+
+def test_settings_come_from_a_file(benches, tmp_path):
+    (tmp_path / "mine.csv").write_text("matching.match,influence.enabled\n0.6,true\n0.7,false\n")
+    assert main(["sweep", "a", "--settings", "mine.csv", "--quiet"]) == exit_codes.FINE
+    assert benches[0][0].asked[0][0][1:] == [
+        {"matching.match": 0.6, "influence.enabled": True},
+        {"matching.match": 0.7, "influence.enabled": False},
+    ]
+
+
+@pytest.mark.parametrize("method", ["tpe", "nsga2", "hyperband"])
+def test_search_proposes_settings(benches, method):
+    pytest.importorskip("optuna")
+    words = ["sweep", "a", "b", "--set", "matching.match=0.3,1.0", "--search", method, "--quiet"]
+    assert main([*words, "--number", "9", "--at-once", "3"]) == exit_codes.FINE
+    bench, options = benches[0]
+    assert options["keep_scenes"]
+    assert len(bench.asked) >= 3
+
+
+@pytest.mark.parametrize(("kind", "number"), [("curves", "3"), ("sobol", "2")])
+def test_sensitivity_is_of_the_paper_s_table_by_default(benches, capsys, kind, number):
+    assert main(["sweep", "a", "--sensitivity", kind, "--number", number]) == exit_codes.FINE
+    assert "| matching.match |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "nothing to sweep over"),
+        (["--set", "matching.match"], "gives no values"),
+        (["--set", "matching.match=0.5:0.4"], "first:last:step"),
+        (["--set", "matching.match=1,2", "--random", "3", "--search", "tpe"], "exclude each other"),
+        (["--set", "matching.match=1,2", "--settings", "x.csv"], "exclude each other"),
+        (["--settings", "absent.csv"], "absent.csv"),
+        (["--set", "matching.match=0.5,0.6", "--metric", "MOTA"], "no score 'MOTA'"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_in_one_sentence(benches, capsys, words, said):
+    assert main(["sweep", "a", *words]) == exit_codes.ERROR
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_absent_scenes_are_told(capsys, tmp_path):
+    words = ["sweep", str(tmp_path / "nowhere"), "--set", "matching.match=0.5"]
+    assert main([*words, "-o", str(tmp_path / "out")]) == exit_codes.ERROR
+    assert "nowhere" in capsys.readouterr().err
+
+
+def test_help_needs_no_jax():
+    import subprocess
+
+    code = (
+        "import sys; from remind_jax.cli.main import main; main(['sweep', '--help']); "
+        "assert 'jax' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=60)
