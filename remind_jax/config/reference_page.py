@@ -110,7 +110,7 @@ class Setting:
 class Section:
     """Settings under one prefix."""
 
-    path: str  # dotted, "" for fields of the method itself
+    path: str  # dotted
     words: str  # what the section is about
     settings: tuple[Setting, ...]
 
