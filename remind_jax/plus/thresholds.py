@@ -166,7 +166,7 @@ class Decision:
     early_age: Whole = 2  # a clear win is decided from here on
     early_margin: Real = 4.0
     late_frames: Whole = 60  # detections for which a new object may turn out to be known
-    late_margin: Real = 2.0  # more than `new` that this takes
+    late_margin: Real = 4.0  # more than `new` that this takes
     hold_missed: Gate = True  # the object of a tracklet that may resume cannot be taken
 
 
