@@ -68,14 +68,15 @@ class Worker:
             numbers = list(job)
             frames = self._describe(scene, job[numbers[0]])
             self._choose_batch(frames, [len(job) for job in jobs])
-            for first in range(0, len(job), self.batch):
-                part = numbers[first : first + self.batch]
+            while numbers:
+                part, numbers = numbers[: self.batch], numbers[self.batch :]
                 # The last setting again until the batch is full: one program serves all batches.
                 filled = [job[i] for i in part + part[-1:] * (self.batch - len(part))]
-                answers, self._static = run_batch(
-                    frames, self._config.thresholds, filled, self._static
-                )
-                keep(part, score_batch(scene, answers, self._static)[: len(part)])
+                answers, grown = run_batch(frames, self._config.thresholds, filled, self._static)
+                keep(part, score_batch(scene, answers, grown)[: len(part)])
+                if grown != self._static:
+                    self._static = grown
+                    self._plan(frames, self.batch)
 
     def finish(self) -> None:
         """Nothing is left to do: `start` returns when all is done."""
@@ -102,9 +103,14 @@ class Worker:
         best = fit_batch(sizes, most)
         if self.batch and _cost(sizes, self.batch) <= _WORTH_COMPILING * _cost(sizes, best):
             return
-        self.batch, self.program_bytes = plan_batch(
-            frames, self._config.thresholds, self._static, best, self._budget_bytes
-        )
+        self._plan(frames, best)
+
+    def _plan(self, frames: DescribedFrames, wanted: int) -> None:
+        """Sets the batch size to what is wanted, or to less where memory has no room for it."""
+        if self._wanted is None:
+            self.batch, self.program_bytes = plan_batch(
+                frames, self._config.thresholds, self._static, wanted, self._budget_bytes
+            )
 
 
 def group_by_description(settings: Sequence[Setting]) -> list[list[int]]:
@@ -120,7 +126,7 @@ def fit_batch(sizes: Sequence[int], most: int) -> int:
     most = min(most, round_to_devices(max(sizes)))
     step = jax.local_device_count()
     candidates = range(step, max(step, most) + 1, step)
-    return min(candidates, key=lambda batch: _cost(sizes, batch))
+    return min(candidates, key=lambda batch: (_cost(sizes, batch), -batch))
 
 
 def round_to_devices(batch: int) -> int:
