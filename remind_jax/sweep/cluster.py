@@ -153,7 +153,7 @@ def _worker_of(same: _Same, memory_gib: float, batch: int | None) -> Worker:
 
 def _join(address: str | None, workers: int | None) -> Any:
     try:
-        import ray
+        import ray  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise SweepError(
             "workers need Ray, which is not installed; pip install 'remind-jax[cluster]'"

@@ -36,7 +36,7 @@ def test_no_workers_are_no_crew():
 def two_nodes(monkeypatch):
     """Address of a cluster of two nodes with one CPU each."""
     ray = pytest.importorskip("ray")
-    from ray.cluster_utils import Cluster
+    from ray.cluster_utils import Cluster  # pyright: ignore[reportMissingImports]
 
     # Workers have to find the tests' package, which is not installed.
     monkeypatch.setenv("PYTHONPATH", os.getcwd())
