@@ -40,3 +40,13 @@ def optimized():
     jax.config.update("jax_disable_most_optimizations", False)
     yield
     jax.config.update("jax_disable_most_optimizations", True)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _let_programs_go():
+    """Every compiled program holds hundreds of memory maps, of which Linux allows 65,530.
+
+    Those that another module needs come back from the compilation cache on disk.
+    """
+    yield
+    jax.clear_caches()
