@@ -18,6 +18,7 @@ from remind_jax.config.relation_thresholds import Cooccurrence as Rules
 from remind_jax.config.static import Static
 from remind_jax.control_flow import branch
 from remind_jax.memory.bank import NEVER
+from remind_jax.memory.set_order import copied_size, iteration_rank
 from remind_jax.rounding import divide
 
 _TINY = 1e-12
@@ -48,6 +49,7 @@ class Sightings:
     detection: Int[Array, "O"]  # detection that shows the object; N: not visible
     visible: Bool[Array, "O"]
     allowed: Bool[Array, "O"]  # visible, and the sighting may become an episode
+    place: Int[Array, "O"]  # position among the visible objects as decided; O: not visible
 
 
 def gather_sightings(
@@ -67,11 +69,14 @@ def gather_sightings(
     visible = jnp.any(shows, axis=0)
     detection = jnp.where(visible, jnp.argmax(rank, axis=0), num).astype(jnp.int32)
     chosen = shows & (detection == jnp.arange(num)[:, None])
+    first = jnp.min(jnp.where(shows, order[:, None], jnp.iinfo(jnp.int32).max), axis=0)
+    place = jnp.sum(first[:, None] < first, axis=0, dtype=jnp.int32)
     return Sightings(
         row=jnp.where(jnp.any(chosen, axis=1), slot, num_objects).astype(jnp.int32),
         detection=detection,
         visible=visible,
         allowed=jnp.any(chosen & allowed[:, None], axis=0),
+        place=jnp.where(visible, place, num_objects),
     )
 
 
@@ -94,11 +99,20 @@ def empty_cooccurrence(num_objects: int, scalar: jnp.dtype) -> CooccurrenceGraph
 def update_cooccurrence(
     graph: CooccurrenceGraph,
     sightings: Sightings,
+    ids: Int[Array, "O"],
     frame: Int[Array, ""],
     static: Static,
     t: Rules,
 ) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
     """Lets every visible object decide whether this frame is an episode (notes 4.1 to 4.4).
+
+    Args:
+      graph: Graph before the frame.
+      sightings: Objects of the frame.
+      ids: Ids of the objects, which break ties (notes 17.4).
+      frame: Number of the frame.
+      static: How many neighbours are kept.
+      t: Thresholds.
 
     Returns:
       The graph, and which detections show an object that accepted an episode. Its context is
@@ -111,7 +125,8 @@ def update_cooccurrence(
     allowed = jnp.any(own & sightings.allowed, axis=1) & t.enabled
     old = jax.tree.map(lambda leaf: leaf[jnp.minimum(row, slots - 1)], graph)
     decided, accepted = _decide_episodes(old, around, allowed, frame, t)
-    updated = _count_neighbours(decided, around, accepted, frame, static, t)
+    order = _entry_order(decided, accepted[:, None] & around, sightings, ids)
+    updated = _count_neighbours(decided, around, accepted, order, frame, static, t)
     graph = jax.tree.map(lambda leaf, new: leaf.at[row].set(new, mode="drop"), graph, updated)
     return graph, accepted
 
@@ -148,19 +163,45 @@ def _decide_episodes(
     return rows, accepted
 
 
+def _entry_order(
+    rows: CooccurrenceGraph,
+    hit: Bool[Array, "N O"],
+    sightings: Sightings,
+    ids: Int[Array, "O"],
+) -> Int[Array, "N O"]:
+    """Rises in the order in which the edges of an episode are made, that of a set (notes 17.4)."""
+    num, slots = hit.shape
+    others = jnp.sum(sightings.visible, dtype=jnp.int32) - 1
+    several = jnp.sum(hit & (rows.count == 0), axis=1) > 1
+    largest = jnp.max(jnp.where(hit & several[:, None], ids, 0))
+    by_id = jnp.broadcast_to(jnp.arange(slots, dtype=jnp.int32), hit.shape)
+
+    def by_hash() -> Array:
+        at = sightings.place == jnp.arange(num)[:, None]
+        listed = jnp.where(jnp.any(at, axis=1), jnp.argmax(at, axis=1), slots)
+        own = sightings.place[jnp.minimum(sightings.row, slots - 1)][:, None]
+        among = jnp.arange(num - 1) + (jnp.arange(num - 1) >= own)
+        rank = jax.vmap(iteration_rank, in_axes=(0, None))(
+            ids.at[listed].get(mode="fill", fill_value=0)[among], others
+        )
+        place = sightings.place - (sightings.place > own)
+        return jnp.take_along_axis(rank, jnp.clip(place, 0, num - 2), axis=1)
+
+    if num < 2:
+        return by_id
+    return branch(largest >= copied_size(others), by_hash, lambda: by_id)
+
+
 def _count_neighbours(
     rows: CooccurrenceGraph,
     around: Bool[Array, "N O"],
     accepted: Bool[Array, "N"],
+    order: Int[Array, "N O"],
     frame: Int[Array, ""],
     static: Static,
     t: Rules,
 ) -> CooccurrenceGraph:
-    """Strengthens the edges to the neighbours of an episode (notes 4.3, 4.4).
-
-    New edges of one episode are ordered by rising id; the original's order among them is that of
-    a Python set.
-    """
+    """Strengthens the edges to the neighbours of an episode (notes 4.3, 4.4)."""
     slots = rows.count.shape[1]
     hit, known = accepted[:, None] & around, rows.count > 0
     weight = jnp.where(accepted[:, None], rows.weight * t.decay, rows.weight)
@@ -170,9 +211,7 @@ def _count_neighbours(
         count=rows.count + hit,
         weight=jnp.where(hit, jnp.where(known, weight, 0.0) + 1.0, weight),
         edge_time=jnp.where(hit, frame, rows.edge_time),
-        edge_order=jnp.where(
-            hit & ~known, newest + 1 + jnp.arange(slots, dtype=jnp.int32), rows.edge_order
-        ),
+        edge_order=jnp.where(hit & ~known, newest + 1 + order, rows.edge_order),
     )
     most = static.max_neighbours
     if not 0 < most < slots - 1:

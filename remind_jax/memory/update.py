@@ -17,17 +17,12 @@ from remind_jax.association.settlement import Settlement
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.control_flow import repeat
-from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Source, Status
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
 from remind_jax.memory.appearance import appearance_quality, observe_appearance
 from remind_jax.memory.background import observe_background, ring_quality
 from remind_jax.memory.bank import DualBank, Permit, Room, place
-from remind_jax.memory.cooccurrence import (
-    CooccurrenceGraph,
-    gather_sightings,
-    update_cooccurrence,
-)
-from remind_jax.memory.distances import DistanceGraph, update_distances
 from remind_jax.memory.lifecycle import create_objects, mark_missed, mark_seen, remove_objects
+from remind_jax.memory.neighbours import decided_rank, update_graphs
 from remind_jax.memory.parts import observe_part
 from remind_jax.memory.pending import (
     Items,
@@ -125,10 +120,17 @@ def remember(
     row = jnp.where(slot < slots, slot, row)
     row = jnp.where(learns & descriptors.valid, row, slots + num_pending)
     founder_row = jnp.where(founder_slot < slots, founder_slot, slots + num_pending)
-    cooccurrence, distances = _update_graphs(
-        state, decisions, settlement, jnp.where(descriptors.valid, slot, slots), permit, learns,
-        relations, static, t,
-    )  # fmt: skip
+    allowed = ~t.update.gated | ((decisions.outcome == Outcome.MATCH) & learns & permit.insert)
+    cooccurrence, distances = update_graphs(
+        state,
+        jnp.where(descriptors.valid & t.cooccurrence.enabled, slot, slots),
+        decided_rank(decisions, settlement.source, descriptors.class_id),
+        objects.id,
+        allowed,
+        relations,
+        static,
+        t,
+    )
     cleared = _clear_rows(state, jnp.concatenate([jnp.zeros(slots, bool), ended & fits]))
     updated = dataclasses.replace(
         _update_banks(cleared, jnp.stack([row, founder_row]), descriptors, permit, static, t),
@@ -147,33 +149,6 @@ def remember(
     if static.remove_objects:
         return remove_objects(updated, forgotten & fits)
     return updated
-
-
-def _update_graphs(
-    state: TrackerState,
-    decisions: Decisions,
-    settlement: Settlement,
-    slot: Int[Array, "N"],
-    permit: Permit,
-    learns: Bool[Array, "N"],
-    relations: Relations,
-    static: Static,
-    t: Thresholds,
-) -> tuple[CooccurrenceGraph, DistanceGraph]:
-    """Notes who was seen with whom; matches count before births (context notes 4, 6)."""
-    num = len(slot)
-    late = (settlement.source > Source.ASSOCIATION).astype(jnp.int32)
-    late = jnp.where(decisions.outcome == Outcome.NEW, 2, late)
-    order = jnp.arange(num, dtype=jnp.int32) + num * late
-    matched = decisions.outcome == Outcome.MATCH
-    allowed = ~t.update.gated | (matched & learns & permit.insert)
-    slot = jnp.where(t.cooccurrence.enabled, slot, static.num_objects)
-    sightings = gather_sightings(slot, order, allowed, static.num_objects)
-    cooccurrence, accepted = update_cooccurrence(
-        state.cooccurrence, sightings, state.frame, static, t.cooccurrence
-    )
-    distances = update_distances(state.distances, relations, sightings, accepted, t.relations)
-    return cooccurrence, distances
 
 
 def _mark(slot: Int[Array, "N"], slots: int) -> Bool[Array, "O"]:

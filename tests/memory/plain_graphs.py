@@ -42,7 +42,7 @@ class PlainNeighbours:
         self.episodes, self.context, self.last = self.episodes + 1, others, frame
         for edge in self.edges.values():
             edge[1] *= self.decay
-        for other in sorted(others):
+        for other in set(others):  # the order of a set is that of the original
             count, weight, _ = self.edges.get(other, (0, 0.0, 0))
             self.edges[other] = [count + 1, weight + 1.0, frame]
         if 0 < self.most < len(self.edges):

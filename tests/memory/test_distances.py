@@ -97,6 +97,7 @@ def test_chairs_and_lamp_of_the_notes(x64):
         neighbours, accepted = update_cooccurrence(
             neighbours,
             seen,
+            jnp.arange(4, dtype=jnp.int32),
             frame,
             Static(precision="float64"),
             arrays(Cooccurrence(), jnp.float64),
@@ -301,7 +302,9 @@ def test_graphs_of_the_original(x64):
             unused, unused, unused, box, center, area, unused, unused, relations, area > 0
         )
         seen = gather_sightings(found, jnp.arange(num), jnp.ones(num, bool), slots)
-        neighbours, accepted = update_cooccurrence(neighbours, seen, at, static, rules[0])
+        neighbours, accepted = update_cooccurrence(
+            neighbours, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules[0]
+        )
         relations = observe_relations(masks, relations, rules[1])
         graph = update_distances(graph, relations, seen, accepted, rules[1])
         degrees = [jnp.sum(count > 0, axis=1) for count in (neighbours.count, graph.edges.count)]

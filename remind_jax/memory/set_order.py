@@ -1,0 +1,97 @@
+"""The order in which CPython iterates a set of ids, by which the original breaks ties.
+
+The original keeps the surroundings of an object as a set, and the edges of one episode enter in
+the order of its hash table (context notes 17.4). It is rising by id while every id is smaller
+than the table; a memory of some tens of objects is past that.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+_SMALLEST = 8  # slots of the smallest table
+_RUN = 10  # neighbouring slots tried before the probe jumps
+_SHIFT = 5  # bits of the id that leave the jump at every probe
+
+
+def copied_size(num: Int[Array, "..."]) -> Int[Array, "..."]:
+    """Slots of the table that a copy of a set of `num` ids gets."""
+    powers = 1 << jnp.arange(3, 31, dtype=jnp.int32)
+    fitting = powers > 2 * num[..., None]
+    return jnp.where(num < 5, _SMALLEST, powers[jnp.argmax(fitting, axis=-1)])
+
+
+def iteration_rank(ids: Int[Array, "K"], num: Int[Array, ""]) -> Int[Array, "K"]:
+    """Position of every id in the iteration over a copy of the set that was filled with them.
+
+    Args:
+      ids: Different ids, in the order in which they were added; from 0.
+      num: How many of them count; the others keep their places behind.
+    """
+    most = ids.shape[0]
+    sizes, limits = _growth(most)
+    grown = jnp.array([0, *limits[:-1]], jnp.int32) <= num
+    filled = jnp.where(grown, jnp.minimum(num, jnp.array(limits, jnp.int32)), 0)
+    last = jnp.array(sizes, jnp.int32)[jnp.sum(grown) - 1]
+    copied = copied_size(num)
+    tables = jnp.array([*sizes, 0], jnp.int32).at[-1].set(copied)
+    filled = jnp.concatenate([filled, jnp.where(copied == last, 0, num)[None]])
+    # The largest table of all: a copy of `most` ids, or the one that was grown.
+    room = max(sizes[-1], _SMALLEST, 1 << (2 * most).bit_length())
+
+    def rebuild(order: Array, table: tuple[Array, Array]) -> tuple[Array, None]:
+        size, count = table
+        slot = _fill_table(ids[order], count, size, room)
+        return order[jnp.argsort(slot)], None
+
+    order, _ = jax.lax.scan(rebuild, jnp.arange(most, dtype=jnp.int32), (tables, filled))
+    return jnp.argsort(order).astype(jnp.int32)
+
+
+def _growth(most: int) -> tuple[list[int], list[int]]:
+    """Tables that a set passes through while ids are added, and the fill that outgrows each."""
+    sizes, limits = [_SMALLEST], []
+    while True:
+        limits.append(-(-3 * (sizes[-1] - 1) // 5))
+        if limits[-1] > most:
+            return sizes, limits
+        sizes.append(1 << (4 * limits[-1]).bit_length())
+
+
+def _fill_table(
+    ids: Int[Array, "K"], count: Int[Array, ""], size: Int[Array, ""], room: int
+) -> Int[Array, "K"]:
+    """Slot of each of the first `count` ids in an empty table; the others follow in order."""
+
+    def add(index: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        taken, slot = carry
+        found = _free_slot(taken, ids[index], size)
+        return taken.at[found].set(True), slot.at[index].set(found)
+
+    behind = room + jnp.arange(ids.shape[0], dtype=jnp.int32)
+    # Room for the run of the last slots.
+    taken = jnp.zeros(room + _RUN, bool)
+    return jax.lax.fori_loop(0, count, add, (taken, behind))[1]
+
+
+def _free_slot(
+    taken: Bool[Array, "R"], number: Int[Array, ""], size: Int[Array, ""]
+) -> Int[Array, ""]:
+    """First free slot on the probe sequence of an id."""
+    steps = jnp.arange(_RUN, dtype=jnp.int32)
+
+    def free(start: Array) -> Array:
+        tried = (steps == 0) | (start + _RUN <= size)
+        return tried & ~jax.lax.dynamic_slice(taken, (start,), (_RUN,))
+
+    def jump(probe: tuple[Array, Array]) -> tuple[Array, Array]:
+        start, perturb = probe
+        perturb = perturb >> _SHIFT
+        return (5 * start + 1 + perturb) & (size - 1), perturb
+
+    start, _ = jax.lax.while_loop(
+        lambda probe: ~jnp.any(free(probe[0])), jump, (number & (size - 1), number)
+    )
+    return start + jnp.argmax(free(start)).astype(jnp.int32)

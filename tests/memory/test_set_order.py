@@ -1,0 +1,47 @@
+import functools
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.memory.set_order import iteration_rank
+
+
+@functools.cache
+def rank_program(most):
+    return jax.jit(iteration_rank)
+
+
+def iterate(ids, most):
+    """The first ids in the order of our ranks, of `most` slots."""
+    padded = np.zeros(most, np.int32)
+    padded[: len(ids)] = ids
+    rank = np.asarray(rank_program(most)(padded, np.int32(len(ids))))
+    assert sorted(rank) == list(range(most))
+    return padded[np.argsort(rank)][: len(ids)].tolist()
+
+
+def python_order(ids):
+    grown = set()
+    for number in ids:
+        grown.add(number)
+    return list(set(grown))
+
+
+def test_example_of_the_notes():
+    assert iterate([3, 35, 67, 40, 8, 100, 64, 1], 8) == [64, 1, 35, 67, 3, 100, 40, 8]
+
+
+@pytest.mark.parametrize("most", [1, 2, 4, 5, 7, 18, 19, 40, 90])
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_order_is_that_of_a_python_set(most, data):
+    largest = data.draw(st.sampled_from([most, 3 * most, 2000]))
+    ids = data.draw(st.lists(st.integers(0, largest), max_size=most, unique=True))
+    assert iterate(ids, most) == python_order(ids)
+
+
+def test_small_ids_come_in_rising_order():
+    assert iterate([6, 2, 7, 0, 15], 6) == [0, 2, 6, 7, 15]
