@@ -12,14 +12,16 @@ from remind_jax.association.assignment import associate
 from remind_jax.association.diagnosis import diagnose, find_anchors
 from remind_jax.association.gating import read_context
 from remind_jax.association.outcome import decide
+from remind_jax.association.provisional import support_births
 from remind_jax.association.quality import assess
 from remind_jax.association.settlement import settle
 from remind_jax.association.similarity import compare, count_terms
-from remind_jax.association.temporal import Account, rank
+from remind_jax.association.temporal import Account
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.context.evidence import neighbour_evidence
 from remind_jax.context.reasoning import reason
+from remind_jax.decision import Outcome
 from remind_jax.memory.update import remember
 from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.perception.description import describe
@@ -130,7 +132,10 @@ def _advance(
         state.objects, masks, descriptors, account, anchors, evidence, final, assignment,
         settlement, static,
     )  # fmt: skip
-    birth_support, _ = rank(pairs.score_known, account.plausible)
+    birth_support = support_births(
+        pairs.score_known, account.plausible, state.objects, descriptors.class_id,
+        decisions.outcome == Outcome.NEW,
+    )  # fmt: skip
     after = remember(
         state, decisions, settlement, birth_support, comparison.pending_score, descriptors, masks,
         relations, static, t,

@@ -21,7 +21,10 @@ from remind_jax.association.temporal import (
 )
 from remind_jax.config.outcome_thresholds import Provisional
 from remind_jax.config.thresholds import Diagnosis, Matching
+from remind_jax.control_flow import branch
 from remind_jax.decision import Reason, Status
+from remind_jax.memory.set_order import iteration_rank
+from remind_jax.state import Objects
 
 
 @jax.tree_util.register_dataclass
@@ -137,6 +140,44 @@ def question_births(
         support_score=jnp.where(is_provisional[:, None], known_score, 0.0),
         blocked=blocked & is_provisional[:, None],
     )
+
+
+def support_births(
+    score: Float[Array, "N O"],
+    plausible: Bool[Array, "N O"],
+    objects: Objects,
+    class_id: Int[Array, "N"],
+    is_new: Bool[Array, "N"],
+) -> Int[Array, "N K"]:
+    """Slots of the known objects that speak for each new detection, the best first (15.5).
+
+    Which of equals are named follows the order of the original's set of a class (context notes
+    17.4); without any evidence all are equal.
+
+    Args:
+      score: Known score of each pair.
+      plausible: Pairs that context did not veto.
+      objects: Objects in memory.
+      class_id: Class of each detection.
+      is_new: Detections that found an object.
+    """
+    by_id, _ = rank(score, plausible)
+    last = jnp.take_along_axis(score, jnp.maximum(by_id[:, -1:], 0), axis=1)
+    equal, named = plausible & (score == last), to_mask(by_id, score.shape[1])
+    tie = is_new & (by_id[:, -1] != NO_SLOT) & jnp.any(equal & ~named, axis=1)
+
+    def by_set() -> Array:
+        same = objects.exists & (objects.class_id == class_id[:, None])
+        members = jnp.argsort(~same, axis=1, stable=True)
+        place = jax.vmap(iteration_rank)(objects.id[members], jnp.sum(same, axis=1))
+        order = jnp.take_along_axis(members, jnp.argsort(place, axis=1), axis=1)
+        at, _ = rank(
+            jnp.take_along_axis(score, order, axis=1), jnp.take_along_axis(plausible, order, axis=1)
+        )
+        slot = jnp.take_along_axis(order, jnp.maximum(at, 0), axis=1)
+        return jnp.where(at == NO_SLOT, NO_SLOT, slot).astype(jnp.int32)
+
+    return branch(jnp.any(tie), by_set, lambda: by_id)
 
 
 def _is_near_miss(

@@ -8,6 +8,7 @@ the first object axis is the one that remembers, the second the one remembered.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 
 import jax
@@ -181,7 +182,7 @@ def _entry_order(
         listed = jnp.where(jnp.any(at, axis=1), jnp.argmax(at, axis=1), slots)
         own = sightings.place[jnp.minimum(sightings.row, slots - 1)][:, None]
         among = jnp.arange(num - 1) + (jnp.arange(num - 1) >= own)
-        rank = jax.vmap(iteration_rank, in_axes=(0, None))(
+        rank = jax.vmap(functools.partial(iteration_rank, copied=True), in_axes=(0, None))(
             ids.at[listed].get(mode="fill", fill_value=0)[among], others
         )
         place = sightings.place - (sightings.place > own)

@@ -1,8 +1,9 @@
 """The order in which CPython iterates a set of ids, by which the original breaks ties.
 
-The original keeps the surroundings of an object as a set, and the edges of one episode enter in
-the order of its hash table (context notes 17.4). It is rising by id while every id is smaller
-than the table; a memory of some tens of objects is past that.
+The original keeps the surroundings of an object and the objects of a class as sets: the edges of
+one episode, and candidates without any evidence, come in the order of a hash table (context notes
+17.4). It is rising by id while every id is smaller than the table; a memory of some tens of
+objects is past that.
 """
 
 from __future__ import annotations
@@ -23,21 +24,25 @@ def copied_size(num: Int[Array, "..."]) -> Int[Array, "..."]:
     return jnp.where(num < 5, _SMALLEST, powers[jnp.argmax(fitting, axis=-1)])
 
 
-def iteration_rank(ids: Int[Array, "K"], num: Int[Array, ""]) -> Int[Array, "K"]:
-    """Position of every id in the iteration over a copy of the set that was filled with them.
+def iteration_rank(
+    ids: Int[Array, "K"], num: Int[Array, ""], *, copied: bool = False
+) -> Int[Array, "K"]:
+    """Position of every id in the iteration over the set that was filled with them.
 
     Args:
       ids: Different ids, in the order in which they were added; from 0.
       num: How many of them count; the others keep their places behind.
+      copied: It is a copy of that set, in a table of another size.
     """
     most = ids.shape[0]
     sizes, limits = _growth(most)
     grown = jnp.array([0, *limits[:-1]], jnp.int32) <= num
     filled = jnp.where(grown, jnp.minimum(num, jnp.array(limits, jnp.int32)), 0)
-    last = jnp.array(sizes, jnp.int32)[jnp.sum(grown) - 1]
-    copied = copied_size(num)
-    tables = jnp.array([*sizes, 0], jnp.int32).at[-1].set(copied)
-    filled = jnp.concatenate([filled, jnp.where(copied == last, 0, num)[None]])
+    tables = jnp.array(sizes, jnp.int32)
+    if copied:
+        size = copied_size(num)
+        again = jnp.where(size == tables[jnp.sum(grown) - 1], 0, num)
+        tables, filled = jnp.append(tables, size), jnp.append(filled, again)
     # The largest table of all: a copy of `most` ids, or the one that was grown.
     room = max(sizes[-1], _SMALLEST, 1 << (2 * most).bit_length())
 

@@ -10,15 +10,15 @@ from remind_jax.memory.set_order import iteration_rank
 
 
 @functools.cache
-def rank_program(most):
-    return jax.jit(iteration_rank)
+def rank_program(most, copied):
+    return jax.jit(functools.partial(iteration_rank, copied=copied))
 
 
-def iterate(ids, most):
+def iterate(ids, most, *, copied=True):
     """The first ids in the order of our ranks, of `most` slots."""
     padded = np.zeros(most, np.int32)
     padded[: len(ids)] = ids
-    rank = np.asarray(rank_program(most)(padded, np.int32(len(ids))))
+    rank = np.asarray(rank_program(most, copied)(padded, np.int32(len(ids))))
     assert sorted(rank) == list(range(most))
     return padded[np.argsort(rank)][: len(ids)].tolist()
 
@@ -27,7 +27,7 @@ def python_order(ids):
     grown = set()
     for number in ids:
         grown.add(number)
-    return list(set(grown))
+    return list(grown), list(set(grown))
 
 
 def test_example_of_the_notes():
@@ -40,7 +40,9 @@ def test_example_of_the_notes():
 def test_order_is_that_of_a_python_set(most, data):
     largest = data.draw(st.sampled_from([most, 3 * most, 2000]))
     ids = data.draw(st.lists(st.integers(0, largest), max_size=most, unique=True))
-    assert iterate(ids, most) == python_order(ids)
+    grown, copied = python_order(ids)
+    assert iterate(ids, most) == copied
+    assert iterate(ids, most, copied=False) == grown
 
 
 def test_small_ids_come_in_rising_order():
