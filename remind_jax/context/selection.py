@@ -55,16 +55,22 @@ def select_children(
         return jnp.broadcast_to(leaf[:, :, None, :], shape).reshape(-1, choices)
 
     rank = jnp.where(exists, by_choice(support), -jnp.inf)
-    order = jnp.argsort(-rank, axis=1, stable=True)
-    value = jnp.where(exists, by_choice(score), -jnp.inf)
-    value = jnp.take_along_axis(value, order, axis=1)
-    value = jnp.where(live[:, None], value[set_of], -jnp.inf).reshape(-1)
-    choice = order[set_of].reshape(-1)
+    order = jax.lax.top_k(rank, choices)[1]
+    by_index = jnp.where(exists, by_choice(score), -jnp.inf)
+    value = jnp.take_along_axis(by_index, order, axis=1)
+    value = jnp.where(live[:, None], value[set_of], -jnp.inf)
+    choice = order[set_of]
 
-    chosen = choice // VARIANTS**2 == jnp.arange(counts - 1, -1, -1)[:, None]
-    each = jnp.where(chosen, value, -jnp.inf)
-    leader = jnp.argmax(each, axis=1)
-    leads = (jnp.max(each, axis=1) >= 0.0) & diverse
+    # The first best row of each count, then its first best place there.
+    of_count = jnp.max(by_index.reshape(-1, counts, VARIANTS**2), axis=2)[:, ::-1]
+    of_count = jnp.where(live[:, None], of_count[set_of], -jnp.inf)
+    leading = jnp.argmax(of_count, axis=0)
+    top = jnp.max(of_count, axis=0)
+    chosen = choice[leading] // VARIANTS**2 == jnp.arange(counts - 1, -1, -1)[:, None]
+    place = jnp.argmax(chosen & (value[leading] == top[:, None]), axis=1)
+    leader = leading * choices + place
+    leads = (top >= 0.0) & diverse
+    value, choice = value.reshape(-1), choice.reshape(-1)
     value = value.at[jnp.where(leads, leader, value.shape[0])].set(-jnp.inf, mode="drop")
     best, rest = jax.lax.top_k(value, live.shape[0])
     child = jnp.concatenate([leader, rest]).astype(jnp.int32)

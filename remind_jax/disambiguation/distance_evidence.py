@@ -28,8 +28,7 @@ _TINY_REF = 1e-6
 class DistanceEvidence:
     """Remembered distances (context notes 3, 6); the edge from `o` to `a` is row o, column a.
 
-    Pair statistics at an anchor tell which of two objects used to be nearer to it: `[anchor, x, y]`
-    with slot x below slot y.
+    What an anchor knows of two others is laid out as in `memory.distances`: `[anchor, x, y]`.
     """
 
     rel_n: Int[Array, "O O"]  # episodes that saw both; 0: no edge
@@ -38,10 +37,8 @@ class DistanceEvidence:
     centre_mean: Float[Array, "O O"]  # mean distance of the centres, object sizes
     support_mean: Float[Array, "O O"]  # how much one looked like standing on the other, [0, 1]
     contact: Int[Array, "O O 4"]  # episodes by contact
-    pair_n: Int[Array, "O O O"]  # episodes that saw x and y beside the anchor
-    pair_first: Int[Array, "O O O"]  # of these, with x nearer than y
-    pair_margin_mean: Float[Array, "O O O"]  # mean difference of the two distances
-    pair_margin_m2: Float[Array, "O O O"]  # sum of its squared deviations
+    nearer: Int[Array, "O O O"]  # episodes with x nearer than y
+    margin: Float[Array, "O O O"]  # difference of both distances; x < y: mean, x > y: squares
 
 
 @jax.tree_util.register_dataclass
@@ -65,7 +62,7 @@ class FrameRelations:
 
 def distance_evidence(graph: DistanceGraph) -> DistanceEvidence:
     """The evidence that the distance graph holds."""
-    edges, other_way = graph.edges, jnp.swapaxes(graph.nearer, 1, 2)
+    edges = graph.edges
     return DistanceEvidence(
         rel_n=edges.count,
         gap_n=edges.gap_count,
@@ -73,10 +70,8 @@ def distance_evidence(graph: DistanceGraph) -> DistanceEvidence:
         centre_mean=edges.center_mean,
         support_mean=edges.support_mean,
         contact=edges.contact_count,
-        pair_n=graph.nearer + other_way,
-        pair_first=graph.nearer,
-        pair_margin_mean=graph.margin,
-        pair_margin_m2=jnp.swapaxes(graph.margin, 1, 2),
+        nearer=graph.nearer,
+        margin=graph.margin,
     )
 
 
@@ -178,16 +173,17 @@ def read_orders(
 
     `known` marks the pairs of two objects in memory; the others were never seen.
     """
-    scalar, size = evidence.pair_margin_mean.dtype, evidence.pair_n.shape[0]
-    cell = (anchor * size + jnp.minimum(x, y)) * size + jnp.maximum(x, y)
-    cell = jnp.where(known, cell, 0)
-    count = jnp.where(known, evidence.pair_n.reshape(-1)[cell], 0)
+    scalar, size = evidence.margin.dtype, evidence.margin.shape[0]
+    low, high = jnp.minimum(x, y), jnp.maximum(x, y)
+    cell = jnp.where(known, (anchor * size + low) * size + high, 0)
+    mirror = jnp.where(known, (anchor * size + high) * size + low, 0)
+    first = evidence.nearer.reshape(-1)[cell]
+    count = jnp.where(known, first + evidence.nearer.reshape(-1)[mirror], 0)
     seen = count > 0
-    first = evidence.pair_first.reshape(-1)[cell].astype(scalar)
-    first = jnp.where(seen, first, 0.0) / jnp.maximum(1, count).astype(scalar)
+    first = jnp.where(seen, first.astype(scalar), 0.0) / jnp.maximum(1, count).astype(scalar)
     consistency = jnp.maximum(first, 1.0 - first)
-    margin = jnp.where(seen, evidence.pair_margin_mean.reshape(-1)[cell], 0.0)
-    squares = jnp.maximum(0.0, evidence.pair_margin_m2.reshape(-1)[cell])
+    margin = jnp.where(seen, evidence.margin.reshape(-1)[cell], 0.0)
+    squares = jnp.maximum(0.0, evidence.margin.reshape(-1)[mirror])
     variance = squares / jnp.maximum(1, count - 1).astype(scalar)
     deviation = jnp.where(count > 1, jnp.sqrt(variance), 0.0)
     stable = margin / jnp.maximum(_TINY_REF, margin + deviation)

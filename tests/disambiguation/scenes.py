@@ -58,19 +58,18 @@ def load_scenes(precision: str = "float64") -> Scene:
         names = [field.name for field in dataclasses.fields(kind)]
         return kind(**{name: read(prefix + name) for name in names})
 
-    flat = read_all(DistanceEvidence, "evidence.")
-    first, second = np.triu_indices(NUM_OBJECTS, 1)
+    low, high = np.triu_indices(NUM_OBJECTS, 1)
 
-    def unfold(value: np.ndarray) -> np.ndarray:
-        cube = np.zeros((*value.shape[:-1], NUM_OBJECTS, NUM_OBJECTS), value.dtype)
-        cube[..., first, second] = value
+    def unfold(above: np.ndarray, below: np.ndarray) -> np.ndarray:
+        cube = np.zeros((*above.shape[:-1], NUM_OBJECTS, NUM_OBJECTS), above.dtype)
+        cube[..., low, high], cube[..., high, low] = above, below
         return cube
 
-    cubes = {
-        field.name: unfold(getattr(flat, field.name))
-        for field in dataclasses.fields(flat)
-        if field.name.startswith("pair_")
-    }
+    names = [field.name for field in dataclasses.fields(DistanceEvidence)][:-2]
+    squares = {name: read("evidence." + name) for name in names}
+    first = read("evidence.pair_first")
+    nearer = unfold(first, read("evidence.pair_n") - first)
+    mean, squares_sum = (read(f"evidence.pair_margin_{name}") for name in ("mean", "m2"))
     return Scene(
         Entries(read("present"), read("candidates"), read("class_id")),
         read("matched_slot"),
@@ -78,7 +77,7 @@ def load_scenes(precision: str = "float64") -> Scene:
         read_all(KnownScores, ""),
         read("object_exists"),
         read_all(FrameRelations, "relations."),
-        dataclasses.replace(flat, **cubes),
+        DistanceEvidence(**squares, nearer=nearer, margin=unfold(mean, squares_sum)),
     )
 
 

@@ -25,10 +25,8 @@ def empty(num=3):
         centre_mean=np.zeros(square),
         support_mean=np.zeros(square),
         contact=np.zeros((*square, 4), np.int32),
-        pair_n=np.zeros(cube, np.int32),
-        pair_first=np.zeros(cube, np.int32),
-        pair_margin_mean=np.zeros(cube),
-        pair_margin_m2=np.zeros(cube),
+        nearer=np.zeros(cube, np.int32),
+        margin=np.zeros(cube),
     )
 
 
@@ -48,9 +46,9 @@ def test_robustness_of_the_notes():
     """Margins 0.3, 0.5, 0.1, 0.4; the third time the other object was nearer (notes 19.2)."""
     evidence = empty()
     margins = np.array([0.3, 0.5, 0.1, 0.4])
-    evidence.pair_n[2, 0, 1], evidence.pair_first[2, 0, 1] = 4, 3
-    evidence.pair_margin_mean[2, 0, 1] = margins.mean()
-    evidence.pair_margin_m2[2, 0, 1] = np.sum((margins - margins.mean()) ** 2)
+    evidence.nearer[2, 0, 1], evidence.nearer[2, 1, 0] = 3, 1
+    evidence.margin[2, 0, 1] = margins.mean()
+    evidence.margin[2, 1, 0] = np.sum((margins - margins.mean()) ** 2)
     for x, y in ((0, 1), (1, 0)):
         order = read_orders(evidence, 2, x, y, np.array(True), thresholds())
         assert order.seen

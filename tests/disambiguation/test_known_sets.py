@@ -89,7 +89,7 @@ def test_capacities_and_padding_do_not_matter():
         return np.where(old, wide, noise.integers(0, 2, wide.shape).astype(value.dtype))
 
     def evidence_axes(name):
-        return [(axis, more) for axis in ((1, 2, 3) if name.startswith("pair_") else (1, 2))]
+        return [(axis, more) for axis in ((1, 2, 3) if name in ("nearer", "margin") else (1, 2))]
 
     candidates = widen(scenes.entries.candidates, (1, dets))
     virtual = candidates >= NUM_OBJECTS
@@ -212,10 +212,8 @@ def chairs_and_lamp(chair_scores):
         centre_mean=np.zeros(square),
         support_mean=np.zeros(square),
         contact=np.zeros((*square, 4), np.int32),
-        pair_n=put(cube, {(2, 0, 1): 3}, np.int32),
-        pair_first=np.zeros(cube, np.int32),
-        pair_margin_mean=put(cube, {(2, 0, 1): 2.022625}),
-        pair_margin_m2=put(cube, {(2, 0, 1): 2 * 0.002598**2}),
+        nearer=put(cube, {(2, 1, 0): 3}, np.int32),
+        margin=put(cube, {(2, 0, 1): 2.022625, (2, 1, 0): 2 * 0.002598**2}),
     )
     gaps = {(0, 2): 0.978875, (2, 0): 0.978875, (1, 2): 2.75, (2, 1): 2.75}
     frame = (num_detections,) * 2
