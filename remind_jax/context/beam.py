@@ -38,7 +38,7 @@ from remind_jax.context.options import (
     support_by_kernel,
     write_menu,
 )
-from remind_jax.context.selection import number_sets, select_children
+from remind_jax.context.selection import number_sets, rank_choices, select_children
 from remind_jax.context.set_score import FrameScale, Tally, empty_tally, score_sets, tally_choices
 
 
@@ -114,19 +114,18 @@ def expand_by_class(
     menu = write_menu(classes.pool_size[step], classes.num_detections[step], most, static, t)
     scale = FrameScale(total, step + 1)
 
-    def rate(rows: tuple[MemberSet, Tally]) -> tuple[Options, Rating]:
+    def rate(rows: tuple[MemberSet, Tally]) -> tuple[Options, Rating, Array]:
         sets, tally = rows
         support, has_kernel = support_by_kernel(
             sets.members, anchors, pool, evidence, links.maturity, static, t
         )
         options = list_options(support, has_kernel, pool, menu, t)
-        return options, _rate_choices(sets, tally, options, menu, scale, links, t)
+        rating = _rate_choices(sets, tally, options, menu, scale, links, t)
+        return options, rating, rank_choices(options.support, menu.allowed)
 
-    options, rating = by_chunks(rate, (beam.sets, beam.rating.tally), beam.num_sets)
+    options, rating, order = by_chunks(rate, (beam.sets, beam.rating.tally), beam.num_sets)
     diverse = menu.num_detections > 1
-    child = select_children(
-        rating.score, options.support, menu.allowed, beam.set_of, beam.valid, diverse
-    )
+    child = select_children(rating.score, order, menu.allowed, beam.set_of, beam.valid, diverse)
     taken = choice_mask(most + 1)[child.count, child.det_variant, :most]
     is_detection = classes.detections[step][:, None] == jnp.arange(beam.detections.shape[1])
     explained = jnp.any(taken[:, :, None] & is_detection[None], axis=1)

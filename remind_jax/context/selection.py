@@ -26,9 +26,17 @@ class Children:
     valid: Bool[Array, "W"]
 
 
+def rank_choices(
+    support: Float[Array, "S K+1 2"], allowed: Bool[Array, "K+1 2 2"]
+) -> Int[Array, "S choices"]:
+    """The choices of every set by falling support of their objects; those that exist first."""
+    support = jnp.where(allowed, support[:, :, None, :], -jnp.inf)
+    return jnp.argsort(-support.reshape(support.shape[0], -1), axis=1, stable=True)
+
+
 def select_children(
     score: Float[Array, "S K+1 2"],
-    support: Float[Array, "S K+1 2"],
+    order: Int[Array, "S choices"],
     allowed: Bool[Array, "K+1 2 2"],
     set_of: Int[Array, "W"],
     live: Bool[Array, "W"],
@@ -40,7 +48,7 @@ def select_children(
 
     Args:
       score: Of each set after each choice of objects.
-      support: Of each choice of objects.
+      order: Choices of each set as `rank_choices` gives them.
       allowed: Choices that exist, by detection variant and object variant.
       set_of: Set of each row.
       live: Rows in use.
@@ -48,21 +56,13 @@ def select_children(
     """
     counts = score.shape[1]
     choices = counts * VARIANTS * VARIANTS
-    exists = allowed.reshape(-1)
-
-    def by_choice(leaf: Float[Array, "S K+1 2"]) -> Float[Array, "S choices"]:
-        shape = (leaf.shape[0], counts, VARIANTS, VARIANTS)
-        return jnp.broadcast_to(leaf[:, :, None, :], shape).reshape(-1, choices)
-
-    rank = jnp.where(exists, by_choice(support), -jnp.inf)
-    order = jax.lax.top_k(rank, choices)[1]
-    by_index = jnp.where(exists, by_choice(score), -jnp.inf)
-    value = jnp.take_along_axis(by_index, order, axis=1)
+    by_index = jnp.where(allowed, score[:, :, None, :], -jnp.inf)
+    value = jnp.take_along_axis(by_index.reshape(-1, choices), order, axis=1)
     value = jnp.where(live[:, None], value[set_of], -jnp.inf)
     choice = order[set_of]
 
     # The first best row of each count, then its first best place there.
-    of_count = jnp.max(by_index.reshape(-1, counts, VARIANTS**2), axis=2)[:, ::-1]
+    of_count = jnp.max(by_index, axis=(2, 3))[:, ::-1]
     of_count = jnp.where(live[:, None], of_count[set_of], -jnp.inf)
     leading = jnp.argmax(of_count, axis=0)
     top = jnp.max(of_count, axis=0)

@@ -17,7 +17,7 @@ from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.state import NOWHERE, Objects, Pairs, Scene, Tracklets
-from remind_jax.plus.static import NUM_CANDIDATES
+from remind_jax.plus.static import MISSED_FRAMES, NUM_CANDIDATES
 
 PARTS = ("looks", "background", "place", "rivals")
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
@@ -54,6 +54,16 @@ def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
     decided = here.slot != NOWHERE
     late = valid & decided & here.fresh & (here.age <= t.late_frames)
     return Rows(young=valid & ~decided, late=late)
+
+
+def find_ended(tracklets: Tracklets, frame: Int[Array, ""], t: th.Decision) -> Bool[Array, "T"]:
+    """Tracklets that can hardly resume, not decided yet, that were last taken for a new object.
+
+    Without a memory of them, what they showed would get another identity at its next sight.
+    """
+    undecided = tracklets.alive & (tracklets.slot == NOWHERE) & tracklets.leans_new
+    long_enough = (t.ended_age > 0) & (tracklets.age >= t.ended_age)
+    return undecided & long_enough & (frame - tracklets.last == MISSED_FRAMES)
 
 
 def held_objects(slot: Int[Array, "M"], holds: Bool[Array, "M"], num: int) -> Bool[Array, "O"]:
@@ -171,7 +181,7 @@ def _place_evidence(
 ) -> Float[Array, "N O"]:
     offset = sightings.center[:, None] - objects.position[None]
     own = jnp.diag(pairs.covariance)[None]
-    measured = center_variance(sightings, t) + (t.size_error * sightings.size) ** 2
+    measured = center_variance(sightings.size, sightings.touches, t) + (t.size_error * sightings.size) ** 2
     squared = jnp.sum(offset**2, axis=-1)
     odds = mix(
         squared, own + measured[:, None], t.lost, t.least_doubt, t.doubt_bonus, th.FRAME_AREA

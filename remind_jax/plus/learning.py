@@ -134,20 +134,19 @@ def keep_looks(
 def create_objects(
     objects: Objects,
     pairs: Pairs,
-    here: Tracklets,
-    born: Bool[Array, "N"],
-    place_variance: Float[Array, "N"],
-    frame: Int[Array, ""],
-) -> tuple[Objects, Pairs, Int[Array, "N"]]:
-    """Gives new objects the lowest free slots, in the order of the detections.
+    tracklets: Tracklets,
+    born: Bool[Array, "T"],
+    place_variance: Float[Array, "T"],
+) -> tuple[Objects, Pairs, Int[Array, "T"]]:
+    """Gives new objects the lowest free slots, in the order of the tracklets.
 
     Returns:
-      Objects, pairs, and the slot of each detection (its own before where nothing was created).
+      Objects, pairs, and the slot of each tracklet (its own before where nothing was created).
     """
     num_o = len(objects.id)
     free = jnp.argsort(objects.exists, stable=True)
     rank = jnp.cumsum(born) - 1
-    slot = jnp.where(born, free[jnp.clip(rank, 0, num_o - 1)], here.slot).astype(jnp.int32)
+    slot = jnp.where(born, free[jnp.clip(rank, 0, num_o - 1)], tracklets.slot).astype(jnp.int32)
     at = jnp.where(born, slot, num_o)
 
     def put(values: Array, new: Array | float) -> Array:
@@ -155,15 +154,15 @@ def create_objects(
 
     objects = dataclasses.replace(
         objects,
-        id=put(objects.id, here.id),
-        class_id=put(objects.class_id, here.class_id),
+        id=put(objects.id, tracklets.id),
+        class_id=put(objects.class_id, tracklets.class_id),
         seen=put(objects.seen, 0),
-        last=put(objects.last, jnp.broadcast_to(frame, at.shape)),
-        size=put(objects.size, here.size),
+        last=put(objects.last, tracklets.last),
+        size=put(objects.size, tracklets.size),
         bank_count=put(objects.bank_count, 0),
         ring=put(objects.ring, 0.0),
         ring_count=put(objects.ring_count, 0),
-        position=put(objects.position, here.center),
+        position=put(objects.position, tracklets.center),
     )
     is_new = jnp.zeros(num_o, bool).at[at].set(True, mode="drop")
     pairs = forget_pairs(pairs, is_new)

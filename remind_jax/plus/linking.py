@@ -118,6 +118,7 @@ def advance_tracklets(
         fresh=linked & old.fresh,
         belief=jnp.where(linked, old.belief, 0.0),
         named=linked & old.named,
+        leans_new=linked & old.leans_new,
         id=jnp.where(linked, old.id, next_id + jnp.cumsum(starts, dtype=jnp.int32) - 1),
     )
     total = len(tracklets.alive)

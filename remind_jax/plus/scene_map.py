@@ -66,10 +66,12 @@ def move_map(
     )
 
 
-def center_variance(sightings: Sightings, t: th.Place) -> Float[Array, "N"]:
+def center_variance(
+    size: Float[Array, "N"], touches: Bool[Array, "N"] | bool, t: th.Place
+) -> Float[Array, "N"]:
     """Variance of measured centres."""
-    error = t.center_error + t.center_error_rate * sightings.size
-    return (error + t.center_error_border * sightings.touches) ** 2
+    error = t.center_error + t.center_error_rate * size
+    return (error + t.center_error_border * touches) ** 2
 
 
 def correct_map(
@@ -94,7 +96,7 @@ def correct_map(
     """
     covariance = pairs.covariance
     place = jnp.where(sure, slot, 0)
-    measured = center_variance(sightings, t)
+    measured = center_variance(sightings.size, sightings.touches, t)
     own = jnp.diag(covariance)[place] + measured
     squared = jnp.sum((sightings.center - objects.position[place]) ** 2, axis=-1)
     # An unexpected step of most objects at once is an error of the image motion, shared by all.

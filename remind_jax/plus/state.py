@@ -80,6 +80,7 @@ class Tracklets:
     fresh: Bool[Array, "T"]  # decided as a new object that may still turn out to be a known one
     belief: Float[Array, "T"]  # probability of its object when it was decided
     named: Bool[Array, "T"]  # its own id was shown before
+    leans_new: Bool[Array, "T"]  # last taken for a new object
     id: Int[Array, "T"]  # what it would be called as a new object
 
 
@@ -218,6 +219,7 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         fresh=jnp.zeros(num, bool),
         belief=jnp.zeros(num, jnp.float32),
         named=jnp.zeros(num, bool),
+        leans_new=jnp.zeros(num, bool),
         id=jnp.full(num, NO_ID, jnp.int32),
     )
 

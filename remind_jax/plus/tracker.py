@@ -21,6 +21,7 @@ from remind_jax.plus.decision import decide, learn_familiarity
 from remind_jax.plus.evidence import (
     admit,
     best_cosine,
+    find_ended,
     find_rows,
     held_objects,
     shortlist,
@@ -29,6 +30,7 @@ from remind_jax.plus.layout import weigh_jointly
 from remind_jax.plus.learning import (
     absorb,
     create_objects,
+    keep_looks,
     learn_cosines,
     learn_objects,
     learn_relations,
@@ -93,7 +95,10 @@ def advance(
     """`step` on detections that are described already; `present`: slots that hold a mask."""
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
-    needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid)
+    open_tracklets = state.tracklets.alive & (state.tracklets.slot == NOWHERE)
+    needed = (
+        jnp.sum(state.objects.exists) + jnp.sum(sightings.valid) + jnp.sum(open_tracklets)
+    )
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed.astype(jnp.int32), pending=jnp.int32(0))
     return jax.lax.cond(
@@ -166,9 +171,19 @@ def _advance(
     )  # fmt: skip
     # What does that teach?
     scene = learn_familiarity(scene, choice, t.decision)
-    objects, pairs, slot = create_objects(
-        objects, pairs, here, choice.born, center_variance(sightings, t.place), frame
+    ended = find_ended(tracklets, frame, t.decision).at[:num].set(False)
+    variance = center_variance(sightings.size, sightings.touches, t.place)
+    unseen_variance = center_variance(tracklets.size[num:], True, t.place)
+    objects, pairs, all_slots = create_objects(
+        objects,
+        pairs,
+        tracklets,
+        ended.at[:num].set(choice.born),
+        jnp.concatenate([variance, unseen_variance]),
     )
+    objects = keep_looks(objects, scene, all_slots, tracklets.look, ended, t.memory)
+    tracklets = dataclasses.replace(tracklets, slot=all_slots, fresh=tracklets.fresh | ended)
+    slot = all_slots[:num]
     objects, pairs = jax.lax.cond(
         jnp.any(choice.absorbed),
         lambda objects, pairs: absorb(
@@ -186,6 +201,7 @@ def _advance(
         fresh=fresh,
         belief=verdicts.probability,
         named=here.named | (decisions.outcome == int(Outcome.NEW)),
+        leans_new=choice.slot == NOWHERE,
     )
     sure = sightings.valid & (slot != NOWHERE)
     objects, pairs = correct_map(
