@@ -119,7 +119,7 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# [Every setting](https://github.com/ULMRM/remind-jax/blob/main/docs/thresholds.md) lists meaning,
+# [Every setting](../docs/thresholds.md) lists meaning,
 # unit, paper symbol and the key of the original.
 
 # %% [markdown]
@@ -196,7 +196,7 @@ print(len(as_in_the_paper.difference(published)), "settings differ from `publish
 
 # %% [markdown]
 # Rules without a setting, ties, rounding, and what we do differently on purpose: see
-# [Parity](https://github.com/ULMRM/remind-jax/blob/main/docs/parity.md).
+# [Parity](../docs/parity.md).
 #
 # ## Where things are now
 #
@@ -206,7 +206,7 @@ print(len(as_in_the_paper.difference(published)), "settings differ from `publish
 # | the YAML of some hundred keys | `remind config import-reference FILE` |
 # | DINOv3 through `torch.hub` | `remind convert`, then `--backbone dinov3-vits16 --weights FILE` |
 # | the evaluator | `remind eval GT RUN --protocol paper`, beside the standard definitions |
-# | result folders, videos | [Files](https://github.com/ULMRM/remind-jax/blob/main/docs/file_formats.md) |
+# | result folders, videos | [Files](../docs/file_formats.md) |
 #
 # **Take-away.** Import your file, run, and expect the same decisions; where you want the paper's rule
 # instead of the code's, it is a named setting.

@@ -66,9 +66,9 @@ def weigh_jointly(
         companions = t.layout.covisible_weight * _pooled(
             covisible, usable, w, t.layout.covisible_partners, jnp.inf
         )
-        # Whatever lies wrong may have been moved: looks can still tell it.
-        spatial = jnp.maximum(place + lies.reshape(num, width), t.layout.moved)
-        return base - place + spatial + companions.reshape(num, width)
+        # Whatever lies wrong, or has lost its companions, may have been moved: looks still tell it.
+        around = lies.reshape(num, width) + companions.reshape(num, width)
+        return base - place + jnp.maximum(place + around, t.layout.moved)
 
     def believe(odds: Float[Array, "N C"], handicap: Array | float) -> Float[Array, "N C"]:
         new = jnp.broadcast_to(t.decision.new - handicap, (num, 1))

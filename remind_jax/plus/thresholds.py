@@ -167,7 +167,7 @@ class Decision:
     early_margin: Real = 4.0
     late_frames: Whole = 60  # detections for which a new object may turn out to be known
     late_margin: Real = 4.0  # more than `new` that this takes
-    ended_age: Whole = 1  # one that ends undecided as new is remembered from here on; 0: never
+    ended_age: Whole = 2  # one that ends undecided as new is remembered from here on; 0: never
     hold_missed: Gate = True  # the object of a tracklet that may resume cannot be taken
 
 
