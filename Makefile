@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow lint types bench docs clean
+.PHONY: help demo test test-slow lint types bench notebooks docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -28,6 +28,9 @@ bench: $(VENV)/.dev  ## what is claimed about speed
 	$(BIN)/python benchmarks/step.py
 	$(BIN)/python benchmarks/metrics.py
 
+notebooks: $(VENV)/.dev  ## execute the notebooks and write their pages anew
+	$(BIN)/python notebooks/execute.py
+
 docs: $(VENV)/.docs  ## the documentation as a site, in build/docs
 	$(BIN)/python -m remind_jax.config.reference_page docs/thresholds.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
@@ -47,7 +50,7 @@ $(VENV)/.core: pyproject.toml | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev,detect]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev,detect,notebooks]"
 	@touch $@ $(VENV)/.core
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python
