@@ -76,12 +76,19 @@ options = SceneOptions(
     min_mask_px=300,  # smaller masks are left out
 )
 tour = render_sequence(options)
-(left, back), = tour.scene.path.away
+((left, back),) = tour.scene.path.away
 print(f"{len(tour.frames)} frames; away from the first room in frames {left} to {back - 1}")
 
 first = tour.frames[0]
-print("a frame:", first.image.shape, first.image.dtype, "with", len(first.detections), "masks of",
-      ", ".join(first.detections.labels))
+print(
+    "a frame:",
+    first.image.shape,
+    first.image.dtype,
+    "with",
+    len(first.detections),
+    "masks of",
+    ", ".join(first.detections.labels),
+)
 
 # %%
 SHOWN = (2, 8, 14, 20, 30, 40, 46, 50, 54)
@@ -98,8 +105,14 @@ show(tile([tour.frames[i].image for i in SHOWN]), 800)
 result = rj.run(tour.frames, out=work / "tour", name="tour", image_fps=options.fps)
 
 summary = result.summary()
-print(summary["detections"], "detections,", summary["identities"], "identities,",
-      summary["returns"], "returns")
+print(
+    summary["detections"],
+    "detections,",
+    summary["identities"],
+    "identities,",
+    summary["returns"],
+    "returns",
+)
 for outcome, share in summary["outcome_shares"].items():
     print(f"{outcome:20s} {share:6.1%}")
 
@@ -234,7 +247,9 @@ same = all(
     for a, b in zip(evening.tracks, result.tracks[35:], strict=True)
 )
 print("same identities as in one run:", same)
-print("size of the memory file:", (work / "morning/memory.safetensors").stat().st_size // 1000, "kB")
+print(
+    "size of the memory file:", (work / "morning/memory.safetensors").stat().st_size // 1000, "kB"
+)
 
 # %% [markdown]
 # In a robot's loop the same tracker takes one frame at a time, without files and threads:

@@ -55,7 +55,8 @@ tour = render_sequence(options)
 # `remind run ... --trace`, then `remind explain RUN --frame 46`.
 
 # %%
-config = rj.load_config("default").for_backbone("patch-statistics")  # thresholds that fit the features
+# The default thresholds, with those that fit the default features.
+config = rj.load_config("default").for_backbone("patch-statistics")
 result = rj.run(tour.frames, config=config, trace=True)
 
 # %% [markdown]
@@ -84,7 +85,9 @@ def crop(frame, row, margin_px=12):
     """The detection, cut out of its frame."""
     left, top, right, bottom = result.tracks[frame].boxes[row].astype(int)
     image = tour.frames[frame].image
-    return image[max(0, top - margin_px) : bottom + margin_px, max(0, left - margin_px) : right + margin_px]
+    return image[
+        max(0, top - margin_px) : bottom + margin_px, max(0, left - margin_px) : right + margin_px
+    ]
 
 
 def first_sight(object_id):
@@ -141,22 +144,32 @@ threshold = config.thresholds.matching.match
 figure, axis = plt.subplots(figsize=(9, 0.6 + 0.65 * len(told.candidates)))
 channels = {"object": BLUE, "background": GREEN, "parts": ORANGE}
 for place, candidate in enumerate(told.candidates):
-    terms = {name: candidate.terms[name] for name in channels if candidate.terms[name].score is not None}
+    terms = {
+        name: candidate.terms[name] for name in channels if candidate.terms[name].score is not None
+    }
     weights = sum(term.weight for term in terms.values())
     left = 0.0
     for name, term in terms.items():
         width = term.score * term.weight / weights
         axis.barh(place, width, left=left, color=channels[name], edgecolor="white")
         label = f"{term.score:.2f} x {term.weight / weights:.2f}"
-        axis.text(left + width / 2, place, label, ha="center", va="center", color="white", fontsize=9)
+        axis.text(
+            left + width / 2, place, label, ha="center", va="center", color="white", fontsize=9
+        )
         left += width
     axis.text(left + 0.01, place, f"{candidate.visual_score:.3f}", va="center")
 axis.axvline(threshold, color="black", linestyle="--", linewidth=1)
 axis.text(threshold, -0.75, f"match threshold {threshold:.2f}", ha="center", fontsize=9)
 axis.set_yticks(range(len(told.candidates)), [c.name for c in told.candidates])
-axis.set(xlim=(0, 1.1), ylim=(len(told.candidates) - 0.5, -0.9), xlabel="visual score: cosine x share of the weight")
+axis.set(
+    xlim=(0, 1.1),
+    ylim=(len(told.candidates) - 0.5, -0.9),
+    xlabel="visual score: cosine x share of the weight",
+)
 handles = [plt.Rectangle((0, 0), 1, 1, color=colour) for colour in channels.values()]
-axis.legend(handles, list(channels), ncols=3, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.4))
+axis.legend(
+    handles, list(channels), ncols=3, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.4)
+)
 plt.show()
 
 # %% [markdown]
@@ -223,7 +236,9 @@ axis.set_xticks(range(len(looks)), owners, rotation=90)
 axis.set_yticks(range(len(looks)), owners)
 for row, column in np.ndindex(cosine.shape):
     ink = "white" if cosine[row, column] > 0.7 else "black"
-    axis.text(column, row, f"{cosine[row, column]:.2f}", ha="center", va="center", color=ink, fontsize=9)
+    axis.text(
+        column, row, f"{cosine[row, column]:.2f}", ha="center", va="center", color=ink, fontsize=9
+    )
 axis.set_title("global descriptors")
 figure.colorbar(picture, label="cosine", shrink=0.8)
 axis.spines[:].set_visible(False)
@@ -257,7 +272,9 @@ for a, b in zip(*np.triu_indices(num, 1)):
         distance = apart[a, b] if measured[a, b] else apart[b, a]
         right.add_line(plt.Line2D(**ends, color=colours(distance / furthest), linewidth=2))
 for axis in (left, right):
-    axis.scatter(x, y, s=60, color=[ORANGE if i in asked else "black" for i in range(num)], zorder=2)
+    axis.scatter(
+        x, y, s=60, color=[ORANGE if i in asked else "black" for i in range(num)], zorder=2
+    )
     for place, name in enumerate(names):
         side = "left" if x[place] > 0.1 else "right" if x[place] < -0.1 else "center"
         axis.annotate(name, (1.12 * x[place], 1.12 * y[place]), va="center", ha=side)
@@ -304,14 +321,18 @@ if settled:
         axis.annotate(name, (usual, 1), (0, 10), textcoords="offset points", ha="center")
     for row, distance in now.items():
         axis.scatter(distance, 0, s=110, color=BLUE, marker="s", zorder=2)
-        axis.annotate(f"detection {row}", (distance, 0), (0, -18), textcoords="offset points", ha="center")
+        axis.annotate(
+            f"detection {row}", (distance, 0), (0, -18), textcoords="offset points", ha="center"
+        )
     axis.set_yticks([1, 0], ["remembered", "in this frame"])
     axis.set(ylim=(-0.7, 1.6), xlim=(0, 1.15 * max(*now.values(), *voter.remembered.values())))
     axis.set_xlabel(f"distance to {voter.name}, in object sizes")
     axis.grid(axis="x", alpha=0.3)
     figure.tight_layout()
     plt.show()
-    print(f"{vote.status.name.lower()}: score {vote.score:.2f}, the other way round {vote.second or 0:.2f}")
+    print(
+        f"{vote.status.name.lower()}: score {vote.score:.2f}, the other way round {vote.second or 0:.2f}"
+    )
 
 # %% [markdown]
 # One box has always been nearer to it than the other, and one detection is nearer now. That order
@@ -322,13 +343,15 @@ if settled:
 # Instance ids of the renderer say so: whose first sight carries the same id?
 
 # %%
-for row in (settled[-1].detections if settled else (told.detection,)):
+for row in settled[-1].detections if settled else (told.detection,):
     object_id = int(tracks.object_id[row])
     frame, first_row = first_sight(object_id)
     truth, then = tracks.instance_ids[row], result.tracks[frame].instance_ids[first_row]
     verdict = "right" if truth == then else "wrong"
-    print(f"detection {row}: {tracks.display_name(row)} is instance {truth}, "
-          f"at its first sight it was {then}: {verdict}")
+    print(
+        f"detection {row}: {tracks.display_name(row)} is instance {truth}, "
+        f"at its first sight it was {then}: {verdict}"
+    )
 
 # %% [markdown]
 # **Take-away.** Every decision can be taken apart: looks propose, the joint assignment arranges,

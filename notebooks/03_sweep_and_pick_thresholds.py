@@ -31,7 +31,6 @@ import numpy as np
 from IPython.display import Markdown
 
 import remind_jax as rj
-from remind_jax import sweep as sweeps
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 
 plt.rcParams.update({"figure.dpi": 80, "axes.spines.top": False, "axes.spines.right": False})
@@ -40,7 +39,7 @@ BLUE, ORANGE, GREEN, GREY = "#0072B2", "#E69F00", "#009E73", "0.7"
 scenes = [
     render_sequence(
         SceneOptions(
-            name=f"tour {seed}", seed=seed, width=320, height=240, frames=40, absence_frames=14,
+            name=f"tour {seed}", seed=seed, width=320, height=240, frames=32, absence_frames=12,
             objects_per_room=6, light_drop=0.3, min_mask_px=150,
             lookalikes=(LookalikeGroup("mug", 2, "glaze"), LookalikeGroup("box", 2, "identical")),
         )
@@ -56,16 +55,19 @@ print(", ".join(f"{len(frames)} frames" for frames in scenes))
 # `rj.sweep(scenes, {"matching.match": [...], ...})` is all that is needed. Names and meaning of all
 # thresholds: [every setting](../docs/thresholds.md).
 #
-# Two of them here: the score from which a detection is taken for a known object, and how close two
+# Capacities are large enough for strict settings too, which find many objects: if one overflows, it
+# grows, and the program is compiled again.
+#
+# Two thresholds here: the score from which a detection is taken for a known object, and how close two
 # joint assignments may be before look-alikes stay undecided.
 
 # %%
-capacities = {"num_detections": 8, "num_objects": 20, "num_pending": 12}  # they grow if need be
-bench = sweeps.SceneBench(scenes, config={"static": capacities}, batch=8)
+capacities = {"num_detections": 8, "num_objects": 48, "num_pending": 32}
+bench = rj.sweep.SceneBench(scenes, config={"static": capacities}, batch=8)
 
 match = [0.60, 0.65, 0.70, 0.75, 0.80]
-gap = [0.0, 0.02, 0.05, 0.10]
-settings = sweeps.grid({"matching.match": match, "stability.assignment_gap": gap})
+gap = [0.0, 0.05, 0.10]
+settings = rj.sweep.grid({"matching.match": match, "stability.assignment_gap": gap})
 
 start = time.perf_counter()
 found = bench.run([{}, *settings])  # {}: the configuration as it stands
@@ -81,7 +83,9 @@ print(f"{len(found.settings)} settings x {len(found.scenes)} scenes, {frames} se
 Markdown(found.to_markdown(found.best("IDF1", 5)))
 
 # %%
-scores = {metric: np.array([s.scores[metric] for s in found.standings()[1:]]) for metric in found.metrics}
+scores = {
+    metric: np.array([s.scores[metric] for s in found.standings()[1:]]) for metric in found.metrics
+}
 shape = (len(match), len(gap))
 
 figure, all_axes = plt.subplots(1, 3, figsize=(12, 3.6))
@@ -112,7 +116,9 @@ plt.show()
 front = found.pareto("IDF1", "Ambiguous")
 given = found.standings()[0].scores
 figure, axis = plt.subplots(figsize=(6.5, 4))
-axis.scatter(100 * scores["Ambiguous"], 100 * scores["IDF1"], color=GREY, label="settings of the grid")
+axis.scatter(
+    100 * scores["Ambiguous"], 100 * scores["IDF1"], color=GREY, label="settings of the grid"
+)
 ends = [(100 * s.scores["Ambiguous"], 100 * s.scores["IDF1"]) for s in front]
 axis.plot(*zip(*sorted(ends)), color=BLUE, marker="o", label="Pareto front")
 axis.scatter(100 * given["Ambiguous"], 100 * given["IDF1"], color=ORANGE, marker="*", s=180,
@@ -121,15 +127,19 @@ axis.set(xlabel="ambiguous detections, %", ylabel="IDF1, %")
 axis.legend(frameon=False)
 plt.show()
 for standing in front:
-    values = ", ".join(f"{name} = {value:g}" for name, value in standing.setting.items()) or "default"
-    print(f"IDF1 {standing.scores['IDF1']:.1%}, ambiguous {standing.scores['Ambiguous']:.1%}: {values}")
+    values = (
+        ", ".join(f"{name} = {value:g}" for name, value in standing.setting.items()) or "default"
+    )
+    print(
+        f"IDF1 {standing.scores['IDF1']:.1%}, ambiguous {standing.scores['Ambiguous']:.1%}: {values}"
+    )
 
 # %% [markdown]
 # ## Which thresholds matter?
 #
 # Each one moves through its range while all others stay. Most hardly matter; knowing which do saves a
-# search. (`sweeps.PAPER_SPACE` holds the ranges of the paper's whole table;
-# `sweeps.estimate_sobol` also finds interactions, with many more settings.)
+# search. (`rj.sweep.PAPER_SPACE` holds the ranges of the paper's whole table;
+# `rj.sweep.estimate_sobol` also finds interactions, with many more settings.)
 
 # %%
 space = {
@@ -138,14 +148,15 @@ space = {
     "similarity.background_weight": (0.0, 0.5),
     "appearance.duplicate": (0.80, 0.98),
     "lifecycle.confirm_hits": (1, 5),
-    "influence.positive_cap": (0.0, 0.40),
 }
-curves, _ = sweeps.move_one_at_a_time(bench, space, number=3)
+curves, _ = rj.sweep.move_one_at_a_time(bench, space, number=3)
 
 figure, axis = plt.subplots(figsize=(8, 3))
 for place, curve in enumerate(curves):
     values = 100 * np.array([*curve.scores, curve.given_score])
-    axis.plot([values.min(), values.max()], [place, place], color=GREY, linewidth=6, solid_capstyle="butt")
+    axis.plot(
+        [values.min(), values.max()], [place, place], color=GREY, linewidth=6, solid_capstyle="butt"
+    )
     for value, score in zip(curve.values, curve.scores):
         axis.scatter(100 * score, place, color=BLUE, zorder=2)
         axis.annotate(f"{value:g}", (100 * score, place), (0, 7), textcoords="offset points",
@@ -165,9 +176,12 @@ plt.show()
 # objectives it looks for the front itself. Rows that are known are not computed again.
 
 # %%
-tuned = sweeps.search(
+tuned = rj.sweep.search(
     bench,
-    {name: space[name] for name in ("matching.match", "similarity.object_weight", "similarity.background_weight")},
+    {
+        name: space[name]
+        for name in ("matching.match", "similarity.object_weight", "similarity.background_weight")
+    },
     number=16,
     at_once=8,
     sampler="tpe",
@@ -177,7 +191,9 @@ figure, axis = plt.subplots(figsize=(6.5, 4))
 for label, result, colour in (("grid", found, GREY), ("search", tuned, BLUE)):
     points = [(100 * s.scores["Ambiguous"], 100 * s.scores["IDF1"]) for s in result.standings()[1:]]
     axis.scatter(*zip(*points), color=colour, label=f"{label}, {len(points)} settings")
-axis.scatter(100 * given["Ambiguous"], 100 * given["IDF1"], color=ORANGE, marker="*", s=180, label="default")
+axis.scatter(
+    100 * given["Ambiguous"], 100 * given["IDF1"], color=ORANGE, marker="*", s=180, label="default"
+)
 axis.set(xlabel="ambiguous detections, %", ylabel="IDF1, %")
 axis.legend(frameon=False)
 plt.show()
@@ -189,7 +205,7 @@ plt.show()
 # chosen on all scenes but one, and reported on that one.
 
 # %%
-checked = sweeps.cross_validate(found, "IDF1")
+checked = rj.sweep.cross_validate(found, "IDF1")
 Markdown(checked.to_markdown())
 
 # %%
@@ -210,7 +226,9 @@ axis.set(ylabel="IDF1, %", ylim=(0, 115))
 axis.legend(frameon=False, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=9)
 plt.show()
 low, high = checked.interval(checked.gains)
-print(f"gain over the default on unseen scenes: {checked.gains.mean():+.3f} [{low:+.3f}, {high:+.3f}]")
+print(
+    f"gain over the default on unseen scenes: {checked.gains.mean():+.3f} [{low:+.3f}, {high:+.3f}]"
+)
 
 # %% [markdown]
 # The grey bars are what tuning on the test scene would claim; the blue ones are what to expect. Where

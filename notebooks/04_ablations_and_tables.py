@@ -128,7 +128,9 @@ plt.show()
 # baselines, which always answer, do not. How often it is right when it does answer:
 
 # %%
-doubt = replace(table, columns=("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate"), legend=())
+doubt = replace(
+    table, columns=("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate"), legend=()
+)
 Markdown(doubt.to_markdown())
 
 # %% [markdown]
@@ -154,7 +156,9 @@ lines = ["| tracker | IDF1, standard | IDF1, paper | Recovery, standard | Recove
          "| --- | ---: | ---: | ---: | ---: |"]  # fmt: skip
 for row in table.rows:
     is_remind = row.name in list_configs()  # REMIND's formulas, or those for all other trackers
-    scored = evaluate_paper(root, predictions[row.name], name=row.name)[0 if is_remind else 1].scores()
+    scored = evaluate_paper(root, predictions[row.name], name=row.name)[
+        0 if is_remind else 1
+    ].scores()
     values = [row.scores["IDF1"], scored["IDF1"], row.scores["Recovery"], scored["Recovery"]]
     lines.append(f"| {row.name} | " + " | ".join(f"{100 * value:.1f}" for value in values) + " |")
 Markdown("\n".join(lines))

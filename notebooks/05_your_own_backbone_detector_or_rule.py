@@ -134,17 +134,26 @@ def true_disc(tracks, row):
 
 def draw_identities(results):
     """Which id every disc had in every frame, for several runs."""
-    figure, axes = plt.subplots(len(results), 1, figsize=(10, 0.5 + 1.6 * len(results)), sharex=True, squeeze=False)
+    figure, axes = plt.subplots(
+        len(results), 1, figsize=(10, 0.5 + 1.6 * len(results)), sharex=True, squeeze=False
+    )
     for axis, (title, result) in zip(axes[:, 0], results.items()):
         for tracks in result.tracks:
             for row, object_id in enumerate(tracks.object_id):
                 disc, at = true_disc(tracks, row), tracks.frame_index
                 colour = tuple(COLOURS[disc] / 255) if object_id >= 0 else "white"
-                axis.add_patch(plt.Rectangle((at - 0.46, disc - 0.42), 0.92, 0.84, color=colour, ec="0.4"))
+                axis.add_patch(
+                    plt.Rectangle((at - 0.46, disc - 0.42), 0.92, 0.84, color=colour, ec="0.4")
+                )
                 text = str(object_id) if object_id >= 0 else "-"
                 axis.text(at, disc, text, ha="center", va="center", fontsize=9)
         axis.axvline(CUT - 0.5, color="black", linestyle="--", linewidth=1)
-        axis.set(xlim=(-0.6, len(PAN_PX) - 0.4), ylim=(len(COLOURS) - 0.5, -0.5), ylabel="disc", title=title)
+        axis.set(
+            xlim=(-0.6, len(PAN_PX) - 0.4),
+            ylim=(len(COLOURS) - 0.5, -0.5),
+            ylabel="disc",
+            title=title,
+        )
         axis.set_yticks(range(len(COLOURS)))
     axes[-1, 0].set_xlabel("frame (dashed: the cut); numbers: the identity given, '-': none")
     figure.tight_layout()

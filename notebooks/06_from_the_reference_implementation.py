@@ -16,7 +16,8 @@
 # You have settings, results or habits from
 # [remind-reid-tracker](https://github.com/cvar-vision-dl/remind-reid-tracker). Here you learn
 #
-# * how to import a configuration file of the original, and what of it is translated, without effect, or refused;
+# * how to import a configuration file of the original, and what of it is translated, without effect,
+#   or refused;
 # * how to check that both trackers decide the same, on traces recorded from the original;
 # * where the paper and its code differ, and which setting gives the paper's rule.
 #
@@ -128,7 +129,8 @@ plt.show()
 # `tests/golden` holds small generated sequences and what the unmodified original decided on them,
 # detection by detection. `tests/parity.py` runs our tracker on the same inputs with the imported
 # settings. Agreement is exact for everything discrete (outcome, identity, candidates, sizes of all
-# banks) and within 2e-6 for scores. Double precision, because the original computes in it.
+# banks) and within 2e-6 for scores (1e-5 for the confidence). Double precision, because the original
+# computes in it.
 
 # %%
 report_file = work / "parity.json"
@@ -153,7 +155,9 @@ for field, (agreeing, compared) in report["fields"].items():
     count = tally[group_of.get(field, "memory: banks, graphs, counters")]
     count[0] += agreeing
     count[1] += compared
-lines = [f"| {group} | {same} | {all_} | {same / all_:.2%} |" for group, (same, all_) in tally.items()]
+lines = [
+    f"| {group} | {same} | {all_} | {same / all_:.2%} |" for group, (same, all_) in tally.items()
+]
 Markdown("\n".join(["| compared | agree | of | share |", "| --- | ---: | ---: | ---: |", *lines]))
 
 # %% [markdown]
@@ -172,10 +176,14 @@ Markdown("\n".join(["| compared | agree | of | share |", "| --- | ---: | ---: | 
 rules_of_the_paper = {
     "object score: the global descriptor alone": {"static": {"object_channel": "global"}},
     "memory is updated only by certain matches": {"thresholds": {"update": {"gated": True}}},
-    "an update moves a prototype by similarity": {"thresholds": {"appearance": {"gated_update": True}}},
+    "an update moves a prototype by similarity": {
+        "thresholds": {"appearance": {"gated_update": True}}
+    },
     "similar parts are joined": {"static": {"part_resembling": "join"}},
     "long absent objects are removed": {"static": {"remove_objects": True}},
-    "co-occurrence is counted in every frame": {"thresholds": {"cooccurrence": {"force_frames": 1}}},
+    "co-occurrence is counted in every frame": {
+        "thresholds": {"cooccurrence": {"force_frames": 1}}
+    },
 }
 lines = []
 for rule, change in rules_of_the_paper.items():
@@ -204,9 +212,9 @@ print(len(as_in_the_paper.difference(published)), "settings differ from `publish
 # | --- | --- |
 # | the main script over a DAVIS folder | `remind run FOLDER`, `rj.run(...)`; frame by frame: `rj.Tracker` |
 # | the YAML of some hundred keys | `remind config import-reference FILE` |
-# | DINOv3 through `torch.hub` | `remind convert`, then `--backbone dinov3-vits16 --weights FILE` |
+# | its DINOv3 weights | `remind convert`, then `--backbone dinov3-vits16 --weights FILE` |
 # | the evaluator | `remind eval GT RUN --protocol paper`, beside the standard definitions |
 # | result folders, videos | [Files](../docs/file_formats.md) |
 #
 # **Take-away.** Import your file, run, and expect the same decisions; where you want the paper's rule
-# instead of the code's, it is a named setting.
+# instead of the code's, there often is a setting for it.
