@@ -15,8 +15,10 @@ from remind_jax.errors import OutputError, RemindError
 
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
+    from remind_jax.metrics.federated import FederatedScores
 
 _SHOWN = ("HOTA", "DetA", "AssA", "LocA", "MOTA", "IDF1", "IDP", "IDR", "Recovery", "HardRecovery")
+_FEDERATED = ("HOTA", "DetA", "AssA", "LocA", "MOTA", "IDF1", "IDP", "IDR")
 _COUNTED = ("IDSW", "Frag", "MT", "PT", "ML", "GT_IDs", "IDs", "GT_Dets", "Dets", "Frames")
 
 FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
@@ -163,6 +165,8 @@ class Eval:
 def print_evaluation(evaluation: SetEvaluation) -> None:
     """Prints the main scores of one set of predictions, and what went wrong."""
     print_scores(evaluation.scores())
+    if evaluation.federated is not None:
+        print_federated(evaluation.federated)
     if evaluation.failed:
         print(f"{len(evaluation.failed)} of {_num_scenes(evaluation)} scenes failed:")
         for scene, why in evaluation.failed.items():
@@ -185,6 +189,20 @@ def print_scores(scores: dict[str, float]) -> None:
     for score, count in zip(_SHOWN, _COUNTED, strict=True):
         value = "-" if math.isnan(scores[score]) else f"{100 * scores[score]:.2f} %"
         table.add_row(score, value, count, f"{scores[count]:.0f}")
+    Console().print(table)
+
+
+def print_federated(scores: FederatedScores) -> None:
+    """Prints what the labels of federated truth allow to say, over classes and detections."""
+    from rich.console import Console
+    from rich.table import Table
+
+    averages = scores.class_averaged(), scores.detection_averaged()
+    table = Table(title=f"only what the labels judge, {len(scores.by_class)} classes")
+    for heading in ("score", "mean of classes", "over detections"):
+        table.add_column(heading, justify="left" if heading == "score" else "right")
+    for name in _FEDERATED:
+        table.add_row(name, *(f"{100 * average[name]:.2f} %" for average in averages))
     Console().print(table)
 
 

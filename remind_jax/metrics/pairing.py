@@ -20,10 +20,11 @@ from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.metrics.breakdowns import Breakdown, count_breakdowns
-from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, size_of
+from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.similarity import Pairs, covered_share, merge_rles, pair_boxes, rle_iou
+from remind_jax.outputs.rle import decode_mask
 from remind_jax.sources.file_tree import last_number
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES
 from remind_jax.tracks import Rle, encode_masks
@@ -51,14 +52,18 @@ class PairedScene:
 def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
     """Aligns frames and measures overlaps.
 
-    Predictions in frames that the truth does not have are left out, with a note; so are those of
-    which more than half lies in a region that the truth ignores, unless they match an object.
+    Predictions in frames that the truth does not have are left out, with a note. Void pixels of
+    the truth (DAVIS) are cut out of predicted masks; a prediction of which nothing is left counts
+    as nothing. Predictions of which more than half lies in an ignore region (MOTS) are left out,
+    unless they match an object.
 
     Raises:
       SourceError: If frames cannot be aligned, frame sizes do not fit, or an id occurs twice in a
         frame.
     """
     truth, prediction, notes = _align(truth, prediction)
+    if truth.is_void:
+        prediction = _cut_void(truth, prediction)
     pairs = _measure(truth, prediction)
     gt_class, pred_class, class_names = _join_classes(truth, prediction)
     sequence = TrackingSequence.create(
@@ -71,7 +76,7 @@ def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
         class_names=class_names,
         name=prediction.name,
     )
-    if not len(truth.ignored_frame) or prediction.rles is None:
+    if truth.is_void or not len(truth.ignored_frame) or prediction.rles is None:
         return PairedScene(sequence, truth, prediction, notes)
     keep = ~_find_ignored(truth, prediction)
     similarity = sequence.pair_similarity
@@ -232,10 +237,10 @@ def _join_classes(
     sides = (truth, prediction)
     if not have_common_classes(truth, prediction):
         return np.zeros(len(truth), np.int64), np.zeros(len(prediction), np.int64), ("object",)
-    keys = {_class_key(name): name for side in (prediction, truth) for name in side.class_names}
+    keys = {class_key(name): name for side in (prediction, truth) for name in side.class_names}
     order = {key: place for place, key in enumerate(sorted(keys))}
     numbers = [
-        np.array([order[_class_key(name)] for name in side.class_names] or [0])[side.class_id]
+        np.array([order[class_key(name)] for name in side.class_names] or [0])[side.class_id]
         if len(side)
         else np.zeros(0, np.int64)
         for side in sides
@@ -248,12 +253,30 @@ def have_common_classes(truth: TrackRows, prediction: TrackRows) -> bool:
     sides = (truth, prediction)
     if any((side.class_id == UNKNOWN_CLASS).any() for side in sides):
         return False
-    used = [{_class_key(s.class_names[i]) for i in np.unique(s.class_id)} for s in sides]
+    used = [{class_key(s.class_names[i]) for i in np.unique(s.class_id)} for s in sides]
     return bool(used[0] & used[1]) or not (used[0] and used[1])
 
 
-def _class_key(name: str) -> str:
+def class_key(name: str) -> str:
+    """A class name as it is compared."""
     return name.strip().casefold()
+
+
+def _cut_void(truth: TrackRows, prediction: TrackRows) -> TrackRows:
+    """Predictions without the void pixels of the truth, and without those that lie wholly there."""
+    if prediction.rles is None or not len(truth.ignored_frame):
+        return prediction
+    rles, keep = list(prediction.rles), np.ones(len(prediction), bool)
+    for frame, void in zip(truth.ignored_frame, truth.ignored_rles, strict=True):
+        first, stop = np.searchsorted(prediction.frame, [frame, frame + 1])
+        fitted = _fit_masks(rles[first:stop], size_of(void), prediction.name)
+        for row, share in enumerate(covered_share(fitted, void), first):
+            if share == 0:
+                continue
+            left = decode_mask(fitted[row - first]) & (1 - decode_mask(void))
+            rles[row] = encode_masks(left[None] > 0)[0]
+            keep[row] = left.any()
+    return dataclasses.replace(prediction, rles=tuple(rles), boxes=boxes_of(rles)).select(keep)
 
 
 def _find_ignored(truth: TrackRows, prediction: TrackRows) -> Bool[np.ndarray, "N"]:

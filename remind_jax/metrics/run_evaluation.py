@@ -14,6 +14,7 @@ from jaxtyping import Bool, Int
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
+from remind_jax.metrics.federated import NO_COMMON_CLASS, evaluate_federated, name_categories
 from remind_jax.metrics.formats.rows import TrackRows
 from remind_jax.metrics.formats.run_folder import rows_of_tracks
 from remind_jax.metrics.matching import EPSILON, match_frames
@@ -100,7 +101,17 @@ def evaluate_run(
     if by_class:
         classes = evaluate_classes(evaluated, firm)
         evaluation = dataclasses.replace(evaluation, by_class=classes)
-    return evaluation, paired.notes
+    if truth.federation is None:
+        return evaluation, paired.notes
+    named = name_categories(paired)
+    if named is None:
+        return evaluation, (*paired.notes, NO_COMMON_CLASS)
+    firm = _relabel(named, detections.firm, detections.is_first_firm)
+    settled = _relabel(named, detections.settled, detections.is_first_settled)
+    judged = evaluate_federated(
+        settled if undecided == "collapse" else firm, truth.federation, firm
+    )
+    return dataclasses.replace(evaluation, federated=judged), paired.notes
 
 
 def _relabel(

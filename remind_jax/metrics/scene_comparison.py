@@ -31,6 +31,7 @@ COLUMNS = (
     "IDs",
     "GT_IDs",
 )
+FEDERATED_COLUMNS = ("ClassHOTA", "ClassAssA", "ClassIDF1")
 UNCERTAIN_COLUMNS = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate")
 
 _CHARTS = {
@@ -102,7 +103,12 @@ def table_of(
     rows = [_row(evaluation, num_resamples) for evaluation in evaluations]
     if columns is None:
         has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
-        columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
+        is_federated = any(FEDERATED_COLUMNS[0] in row.scores for row in rows)
+        columns = (
+            (FEDERATED_COLUMNS if is_federated else ())
+            + COLUMNS
+            + (UNCERTAIN_COLUMNS if has_soft else ())
+        )
     return ComparisonTable(
         rows, columns, _legend(evaluations, rows), title, _draw_breakdowns(evaluations)
     )
@@ -114,7 +120,12 @@ def _row(evaluation: SetEvaluation, num_resamples: int) -> Row:
     if evaluation.failed:
         total = len(evaluation.scenes) + len(evaluation.failed)
         notes.append(f"{len(evaluation.failed)} of {total} scenes failed")
-    return Row(evaluation.name, evaluation.scores(), intervals, "; ".join(notes))
+    scores = evaluation.scores()
+    federated = evaluation.federated
+    if federated is not None:
+        averaged = federated.class_averaged()
+        scores |= {name: averaged[name.removeprefix("Class")] for name in FEDERATED_COLUMNS}
+    return Row(evaluation.name, scores, intervals, "; ".join(notes))
 
 
 def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[str, ...]:

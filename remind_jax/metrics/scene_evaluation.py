@@ -21,6 +21,13 @@ from remind_jax.metrics.evaluation import (
     scene_intervals,
     without_nan,
 )
+from remind_jax.metrics.federated import (
+    NO_COMMON_CLASS,
+    FederatedScores,
+    evaluate_federated,
+    name_categories,
+    pool_federated,
+)
 from remind_jax.metrics.formats.opening import RUN_FILE, TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.intervals import Intervals
 from remind_jax.metrics.mot_files import FileFormat, load_mot_sequence, load_mots_sequence
@@ -58,6 +65,11 @@ class SetEvaluation:
             return self.scenes[0]
         return pool_evaluations(self.scenes, self.name)
 
+    @property
+    def federated(self) -> FederatedScores | None:
+        """Scores by class as the labels of federated truth (TAO, BURST) allow; None otherwise."""
+        return pool_federated(self.scenes)
+
     def scores(self) -> dict[str, float]:
         """Scores of all scenes together; of failed scenes nothing enters them."""
         num_scenes = len(self.scenes) + len(self.failed)
@@ -75,7 +87,10 @@ class SetEvaluation:
         return scene_intervals(self.scenes, **options)
 
     def to_json(self) -> dict[str, Any]:
-        """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`."""
+        """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`.
+
+        Federated truth adds `federated`: `class_averaged`, `detection_averaged` and `classes`.
+        """
         content: dict[str, Any] = {"metrics": without_nan(self.scores())}
         pooled = self.pooled
         if pooled.breakdowns:
@@ -90,6 +105,13 @@ class SetEvaluation:
         if pooled.by_class:
             content["classes"] = {
                 label: without_nan(e.scores()) for label, e in pooled.by_class.items()
+            }
+        federated = self.federated
+        if federated is not None:
+            content["federated"] = {
+                "class_averaged": federated.class_averaged(),
+                "detection_averaged": federated.detection_averaged(),
+                "classes": federated.classes(),
             }
         if len(self.scenes) > 1:
             content["scenes"] = {e.name: without_nan(e.scores()) for e in self.scenes}
@@ -176,7 +198,15 @@ def evaluate_scene(
         paired.sequence, breakdowns=break_down(paired), by_object=options.by_object
     )
     classes = evaluate_classes(paired.sequence) if options.by_class else {}
-    return dataclasses.replace(evaluation, name=scene, by_class=classes), list(paired.notes)
+    evaluation = dataclasses.replace(evaluation, name=scene, by_class=classes)
+    notes = list(paired.notes)
+    if rows.federation is not None:
+        named = name_categories(paired)
+        if named is None:
+            return evaluation, [*notes, NO_COMMON_CLASS]
+        federated = evaluate_federated(named, rows.federation)
+        evaluation = dataclasses.replace(evaluation, federated=federated)
+    return evaluation, notes
 
 
 def evaluate_files(

@@ -59,4 +59,5 @@ def read_coco_video(
         class_names=index.class_names,
         frame_names=video.frame_names,
         frame_size=video.size,
+        federation=video.federation,
     )

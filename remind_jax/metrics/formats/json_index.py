@@ -6,12 +6,14 @@ Result lists (of YouTube-VIS, of TAO) name videos, images and categories by numb
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
+from remind_jax.metrics.formats.rows import Federation
 from remind_jax.tracks import Rle
 
 _coco: Any = coco_mask
@@ -25,6 +27,7 @@ class Video:
     num_frames: int
     frame_names: tuple[str, ...] | None
     size: tuple[int, int] | None  # height, width in pixels
+    federation: Federation | None = None  # None: everything is labelled
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,16 +37,20 @@ class JsonIndex:
     videos: Mapping[Any, Video] = dataclasses.field(default_factory=dict)  # by video id
     images: Mapping[Any, tuple[Any, int]] = dataclasses.field(default_factory=dict)  # video, place
     categories: Mapping[int, str] = dataclasses.field(default_factory=dict)
+    merged: Mapping[int, int] = dataclasses.field(default_factory=dict)  # category: evaluated as
 
-    @property
+    @cached_property
     def class_names(self) -> tuple[str, ...]:
         """Names of the categories, by their number."""
         return tuple(self.categories[number] for number in sorted(self.categories))
 
     def class_index(self, category_id: Any, unknown: int) -> int:
-        """Place of a category in `class_names`."""
-        numbers = sorted(self.categories)
-        return numbers.index(category_id) if category_id in self.categories else unknown
+        """Place of a category in `class_names`, after merging."""
+        return self._places.get(self.merged.get(category_id, category_id), unknown)
+
+    @cached_property
+    def _places(self) -> Mapping[int, int]:
+        return place_categories(self.categories)
 
 
 def index_json(content: Mapping[str, Any]) -> JsonIndex:
@@ -52,6 +59,7 @@ def index_json(content: Mapping[str, Any]) -> JsonIndex:
     Frames of a video are its `file_names` or `length` (YouTube-VIS), else its images in the order
     of `frame_index` (TAO) or `frame_id` (CocoVID).
     """
+    categories = {c["id"]: str(c.get("name", c["id"])) for c in content.get("categories") or ()}
     images_of: dict[Any, list[Mapping[str, Any]]] = {}
     for image in content.get("images") or ():
         images_of.setdefault(image.get("video_id"), []).append(image)
@@ -68,9 +76,40 @@ def index_json(content: Mapping[str, Any]) -> JsonIndex:
             num_frames=length,
             frame_names=tuple(names) if names and len(names) == length else None,
             size=(int(height), int(width)) if height and width else None,
+            federation=read_federation(video, categories),
         )
-    categories = {c["id"]: str(c.get("name", c["id"])) for c in content.get("categories") or ()}
-    return JsonIndex(videos, places, categories)
+    merged = {
+        part["id"]: category["id"]
+        for category in content.get("categories") or ()
+        for part in category.get("merged") or ()
+    }
+    return JsonIndex(videos, places, categories, merged)
+
+
+def read_federation(
+    video: Mapping[str, Any], categories: Mapping[int, str], unused: Collection[int] = ()
+) -> Federation | None:
+    """What a video's truth says of its labelling; None where it says nothing.
+
+    Args:
+      video: With `neg_category_ids` and `not_exhaustive_category_ids`, if it is federated.
+      categories: By number.
+      unused: Categories that are not evaluated.
+    """
+    keys = ("neg_category_ids", "not_exhaustive_category_ids")
+    if not any(key in video for key in keys):
+        return None
+    places = place_categories(categories)
+    absent, incomplete = (
+        frozenset(places[number] for number in video.get(key) or () if number in places)
+        for key in keys
+    )
+    return Federation(absent, incomplete, frozenset(places[n] for n in unused if n in places))
+
+
+def place_categories(categories: Mapping[int, str]) -> dict[int, int]:
+    """Place of each category in the order of their numbers."""
+    return {number: place for place, number in enumerate(sorted(categories))}
 
 
 def to_rle(segmentation: Any, size: tuple[int, int] | None, place: str) -> Rle:

@@ -1,8 +1,9 @@
 """Folders of instance maps, one PNG per frame (DAVIS, ScanNet++, the masks of VOS trackers).
 
 A pixel holds the id of its instance, 0 is background. In 8-bit truth 255 is void, as in DAVIS:
-nothing is known there. Classes come from the metadata that DAVIS folders may have
-(`id_to_label`, `instance_classes`; see `sources.class_names`), if there is any.
+nothing is known there, so these pixels are cut out of predictions before anything is measured.
+Classes come from the metadata that DAVIS folders may have (`id_to_label`, `instance_classes`; see
+`sources.class_names`), if there is any.
 """
 
 from __future__ import annotations
@@ -115,6 +116,7 @@ def read_label_maps(
         frame_size=size,
         ignored_frame=np.asarray(ignored_frame, np.int64),
         ignored_rles=tuple(ignored_rles),
+        is_void=True,
     )
     return rows if classes is None else rows.select(class_id != UNKNOWN_CLASS)
 

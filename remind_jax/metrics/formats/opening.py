@@ -27,7 +27,7 @@ from remind_jax.metrics.formats.json_index import JsonIndex, index_json
 from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
 from remind_jax.metrics.formats.rows import TrackRows
 from remind_jax.metrics.formats.run_folder import rows_of_tracks
-from remind_jax.metrics.formats.tao import index_burst, read_burst, read_tao
+from remind_jax.metrics.formats.tao import group_by_video, index_burst, read_burst, read_tao
 from remind_jax.metrics.formats.text import read_text_rows
 from remind_jax.metrics.mot_files import FileFormat, recognise_format
 
@@ -200,11 +200,26 @@ def _json_scenes(path: Path, content: Any, format: Format, truth: SceneSet | Non
             )
         index = truth.index if is_list and truth is not None else index_json(dict(content))
         annotations = content if is_list else content["annotations"]
-        reader = read_coco_video if format == "coco-video" else read_tao
-        read = {
-            video.name: functools.partial(reader, annotations, index, number, str(path))
-            for number, video in index.videos.items()
-        }
+        if format == "coco-video":
+            read = {
+                video.name: functools.partial(
+                    read_coco_video, annotations, index, number, str(path)
+                )
+                for number, video in index.videos.items()
+            }
+        else:
+            groups = group_by_video(annotations, index)
+            read = {
+                video.name: functools.partial(
+                    read_tao,
+                    groups.get(number, []),
+                    index,
+                    number,
+                    str(path),
+                    is_results=is_list,
+                )
+                for number, video in index.videos.items()
+            }
     told = {scene: functools.partial(_read_told, path, format, read[scene]) for scene in read}
     return SceneSet(path, format, told, dict.fromkeys(read, path), index)
 

@@ -25,6 +25,18 @@ _coco: Any = coco_mask
 
 
 @dataclasses.dataclass(frozen=True)
+class Federation:
+    """What is labelled in a scene whose truth leaves objects out on purpose (TAO, BURST).
+
+    Classes are places in `TrackRows.class_names`.
+    """
+
+    absent: frozenset[int] = frozenset()  # verified not to occur: their predictions are wrong
+    incomplete: frozenset[int] = frozenset()  # not all of their objects are labelled
+    unused: frozenset[int] = frozenset()  # not evaluated (distractors of BURST)
+
+
+@dataclasses.dataclass(frozen=True)
 class TrackRows:
     """Truth or predictions of one scene, ordered by frame."""
 
@@ -44,6 +56,8 @@ class TrackRows:
         default_factory=lambda: np.zeros(0, np.int64)
     )
     ignored_rles: tuple[Rle, ...] = ()  # regions in which nothing is known
+    is_void: bool = False  # these are cut out of predictions pixel by pixel (DAVIS)
+    federation: Federation | None = None  # None: everything is labelled
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -78,7 +92,7 @@ class RowCollector:
     frame: list[int] = dataclasses.field(default_factory=list)
     track_id: list[int] = dataclasses.field(default_factory=list)
     class_id: list[int] = dataclasses.field(default_factory=list)
-    boxes: list[Any] = dataclasses.field(default_factory=list)  # empty if all rows have masks
+    boxes: list[Any] = dataclasses.field(default_factory=list)  # may be empty where masks are
     rles: list[Rle] = dataclasses.field(default_factory=list)  # empty if no row has one
 
     def add(
@@ -107,6 +121,7 @@ class RowCollector:
         class_names: Sequence[str] = (),
         frame_names: Sequence[str] | None = None,
         frame_size: tuple[int, int] | None = None,
+        federation: Federation | None = None,
     ) -> TrackRows:
         """The rows, ordered by frame.
 
@@ -133,12 +148,17 @@ class RowCollector:
             num_frames=num_frames,
             frame=np.asarray(self.frame, np.int64)[order],
             track_id=np.asarray(self.track_id, np.int64)[order],
-            boxes=boxes_of(rles) if rles is not None else _as_boxes(self.boxes)[order],
+            boxes=(
+                _as_boxes(self.boxes)[order]
+                if rles is None or len(self.boxes) == len(rles)
+                else boxes_of(rles)
+            ),
             class_id=np.asarray(self.class_id, np.int64)[order],
             class_names=tuple(class_names),
             rles=rles,
             frame_names=None if frame_names is None else tuple(frame_names),
             frame_size=frame_size or (size_of(rles[0]) if rles else None),
+            federation=federation,
         )
 
 

@@ -1,0 +1,161 @@
+"""Scores on federated truth, in which not every class is labelled in every video (TAO, BURST).
+
+Classes are scored apart and then brought together, over classes or over detections. In a video
+
+* a class that does not occur in a frame is known only if the video says that it is absent:
+  predictions of any other class without truth in the frame are left out;
+* of a class that is not labelled exhaustively, predictions that match no object are left out;
+* classes without truth anywhere, and frames without any truth, are not evaluated.
+
+This is the rule of TrackEval's TAO and BURST, and the numbers equal its own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+
+from remind_jax.metrics.clear import clear_scores
+from remind_jax.metrics.combine import average_classes
+from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
+from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, Federation
+from remind_jax.metrics.hota import hota_scores
+from remind_jax.metrics.identity import identity_scores
+from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.pairing import PairedScene, class_key
+from remind_jax.metrics.sequence import TrackingSequence
+
+# Overlap at which a prediction is one of a labelled object.
+MATCH_THRESHOLD = 0.5
+
+NO_COMMON_CLASS = (
+    "predictions name no class of the truth, which leaves objects unlabelled: "
+    "predictions on these count as false positives"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class FederatedScores:
+    """Scores of every class with truth, scenes pooled, and of all classes together."""
+
+    by_class: Mapping[str, Evaluation]
+
+    def class_averaged(self) -> dict[str, float]:
+        """Ratios averaged over classes, counts added: rare classes weigh as much as others."""
+        return _mean(average_classes([_standard_fields(e) for e in self.by_class.values()]))
+
+    def detection_averaged(self) -> dict[str, float]:
+        """Counts of all classes added, then the formulas: detections weigh alike."""
+        return _mean(_standard_fields(pool_evaluations(list(self.by_class.values()))))
+
+    def classes(self) -> dict[str, dict[str, float]]:
+        """Scores of each class."""
+        return {label: _mean(_standard_fields(e)) for label, e in self.by_class.items()}
+
+
+def name_categories(paired: PairedScene) -> TrackingSequence | None:
+    """The scene with the truth's categories as classes, UNKNOWN_CLASS for predictions of others.
+
+    Returns:
+      Nothing if the truth is not federated, or no prediction is of one of its categories.
+    """
+    truth, prediction = paired.truth, paired.prediction
+    if truth.federation is None:
+        return None
+    pred_class = prediction.class_id
+    if prediction.class_names != truth.class_names:
+        place = {class_key(name): index for index, name in enumerate(truth.class_names)}
+        found = [place.get(class_key(name), UNKNOWN_CLASS) for name in prediction.class_names]
+        pred_class = np.array([*found, UNKNOWN_CLASS])[pred_class]
+    if len(pred_class) and (pred_class == UNKNOWN_CLASS).all():
+        return None
+    return dataclasses.replace(
+        paired.sequence,
+        gt_class=truth.class_id,
+        pred_class=pred_class,
+        class_names=truth.class_names,
+    )
+
+
+def evaluate_federated(
+    sequence: TrackingSequence, federation: Federation, firm: TrackingSequence | None = None
+) -> dict[str, Evaluation]:
+    """Scores of each class that has truth or a prediction that counts.
+
+    Args:
+      sequence: Of `name_categories`.
+      federation: Of the scene's truth.
+      firm: The same with firm answers only, for recovery; `sequence` itself if left out.
+    """
+    found = np.union1d(sequence.gt_class, sequence.pred_class).tolist()
+    evaluations = {}
+    for place in sorted(set(found) - {UNKNOWN_CLASS} - federation.unused):
+        part = select_labelled(sequence, place, federation)
+        if not len(part.gt_id) and not len(part.pred_id):
+            continue
+        firm_part = None if firm is None else select_labelled(firm, place, federation)
+        evaluations[sequence.class_names[place]] = evaluate_sequence(part, firm=firm_part)
+    return evaluations
+
+
+def select_labelled(
+    sequence: TrackingSequence, place: int, federation: Federation
+) -> TrackingSequence:
+    """Truth of one class and those of its predictions that can be judged."""
+    is_used = ~np.isin(sequence.gt_class, list(federation.unused))
+    has_truth = np.isin(sequence.pred_frame, sequence.gt_frame[is_used])
+    part = sequence.select(sequence.gt_class == place, (sequence.pred_class == place) & has_truth)
+    is_judged = _find_matched(part)
+    if place not in federation.incomplete:
+        is_known = np.full(len(part.pred_id), place in federation.absent)
+        is_judged |= is_known | (part.gt_counts[part.pred_frame] > 0)
+    return part.select(np.ones(len(part.gt_id), bool), is_judged)
+
+
+def pool_federated(scenes: Sequence[Evaluation]) -> FederatedScores | None:
+    """Adds the counts of scenes, class by class; classes without any truth are left out.
+
+    Returns:
+      Nothing if no scene was scored as federated.
+    """
+    labels = dict.fromkeys(label for scene in scenes for label in scene.federated)
+    parts = {
+        label: [s.federated[label] for s in scenes if label in s.federated]
+        for label in sorted(labels)
+    }
+    known = {
+        label: pool_evaluations(found, label)
+        for label, found in parts.items()
+        if any(evaluation.sizes.gt_rows > 0 for evaluation in found)
+    }
+    return FederatedScores(known) if known else None
+
+
+def _find_matched(sequence: TrackingSequence) -> Bool[np.ndarray, "P"]:
+    similarity = sequence.pair_similarity
+    admitted = np.where(similarity >= MATCH_THRESHOLD - EPSILON, similarity, 0.0)
+    is_matched = np.zeros(len(sequence.pred_id), bool)
+    is_matched[sequence.pair_pred[match_frames(sequence, admitted)]] = True
+    return is_matched
+
+
+def _standard_fields(evaluation: Evaluation) -> dict[str, Any]:
+    """What TrackEval reports of classes."""
+    sizes = evaluation.sizes
+    return {
+        **hota_scores(evaluation.hota),
+        **clear_scores(evaluation.clear, pooled=True),
+        **identity_scores(evaluation.identity),
+        "Dets": sizes.predicted_rows,
+        "GT_Dets": sizes.gt_rows,
+        "IDs": sizes.predicted_ids,
+        "GT_IDs": sizes.gt_ids,
+    }
+
+
+def _mean(fields: Mapping[str, Any]) -> dict[str, float]:
+    return {name: float(np.mean(value)) for name, value in fields.items()}
