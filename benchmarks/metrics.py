@@ -29,7 +29,7 @@ from remind_jax.metrics.clear import clear_scores, count_clear
 from remind_jax.metrics.evaluation import evaluate_sequence
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
-from remind_jax.metrics.mot_files import load_mot_sequence
+from remind_jax.metrics.text_sequences import load_mot_sequence
 
 NUM_FRAMES, NUM_OBJECTS = 1000, 40
 FRAME_SIZE_PX = np.array([1800.0, 900.0])

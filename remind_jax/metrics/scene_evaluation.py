@@ -30,11 +30,10 @@ from remind_jax.metrics.federated import (
 )
 from remind_jax.metrics.formats.opening import RUN_FILE, TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.intervals import Intervals
-from remind_jax.metrics.mot_files import FileFormat, load_mot_sequence, load_mots_sequence
 from remind_jax.metrics.pairing import break_down, pair_scene
 from remind_jax.metrics.run_evaluation import evaluate_run
 from remind_jax.metrics.scene_stream import open_stream
-from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.text_evaluation import evaluate_text
 from remind_jax.metrics.tracks_evaluation import Undecided
 
 
@@ -175,11 +174,15 @@ def evaluate_scene(
       SourceError: If it cannot be read or the sides do not fit together.
     """
     if truth.format in TEXT_FORMATS and truth.format == predictions.format:
-        paths = truth.files[scene], predictions.files[predicted]
-        sequence = _load_text(truth.format, *paths, options)
-        return dataclasses.replace(
-            evaluate_sequence(sequence, by_object=options.by_object), name=scene
-        ), []
+        evaluation, notes = evaluate_text(
+            truth.format,
+            truth.files[scene],
+            predictions.files[predicted],
+            num_frames=options.num_frames,
+            class_id=options.class_id,
+            by_object=options.by_object,
+        )
+        return dataclasses.replace(evaluation, name=scene), notes
     rows = truth.read[scene]()
     if predictions.format == "run":
         from remind_jax.outputs.store import read_detections
@@ -232,20 +235,3 @@ def evaluate_files(
     """
     options = SceneOptions(num_frames=num_frames, class_id=class_id)
     return evaluate(gt_path, pred_path, format=format, options=options).pooled
-
-
-def _load_text(
-    format: Any, gt_path: Path, pred_path: Path, options: SceneOptions
-) -> TrackingSequence:
-    chosen: FileFormat = format
-    if chosen == "mot":
-        return load_mot_sequence(
-            gt_path, pred_path, num_frames=options.num_frames, class_id=options.class_id
-        )
-    return load_mots_sequence(
-        gt_path,
-        pred_path,
-        num_frames=options.num_frames,
-        class_id=2 if options.class_id is None else options.class_id,
-        first_frame=0 if chosen == "kitti-mots" else 1,
-    )

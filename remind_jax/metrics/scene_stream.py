@@ -6,7 +6,7 @@ A scene that cannot be scored, or has no prediction, is kept with the reason; it
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -21,6 +21,9 @@ from remind_jax.metrics.formats.opening import (
 )
 
 Score = TypeVar("Score")
+
+# Scenes that share a note are named up to this number, counted above it.
+MAX_NAMED = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +62,7 @@ class SceneStream:
           SourceError: If every scene failed.
         """
         scored: ScoredScenes[Score] = ScoredScenes({}, {}, list(self.notes))
+        told: dict[str, list[str]] = {}  # note: scenes
         is_alone = len(self.partner) == 1
         for scene, predicted in self.partner.items():
             if progress is not None:
@@ -73,7 +77,9 @@ class SceneStream:
                     raise
                 scored.failed[scene] = str(error)
                 continue
-            scored.notes.extend(n if is_alone else f"{scene}: {n}" for n in notes)
+            for note in notes:
+                told.setdefault(note, []).append(scene)
+        scored.notes.extend(n if is_alone else f"{_name_scenes(s)}: {n}" for n, s in told.items())
         if not scored.results:
             scene, why = next(iter(scored.failed.items()), ("", "there is no scene"))
             raise SourceError(
@@ -152,6 +158,10 @@ def _open_truth(truth: str | Path, prediction: str | Path, format: Format | None
         return opened
     other = open_scenes(prediction, truth=opened)
     return open_scenes(truth, other.format) if other.format in TEXT_FORMATS else opened
+
+
+def _name_scenes(scenes: Sequence[str]) -> str:
+    return ", ".join(scenes) if len(scenes) <= MAX_NAMED else f"{len(scenes)} scenes"
 
 
 def _last_part(name: str) -> str:

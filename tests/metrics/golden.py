@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from remind_jax.metrics.mot_files import load_mot_sequence, load_mots_sequence
 from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.metrics.text_sequences import load_mot_sequence, load_mots_sequence
 
 ROOT = Path(__file__).resolve().parents[1] / "golden" / "metrics"
 BOX_CASES = sorted(path.name for path in (ROOT / "boxes").iterdir())

@@ -9,13 +9,11 @@ from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
 from remind_jax.metrics.decimal_text import parse_decimal_table
-from remind_jax.metrics.mot_files import (
+from remind_jax.metrics.mot_files import read_mot_rows, read_mots_rows, recognise_format
+from remind_jax.metrics.text_sequences import (
     MOT17_DISTRACTORS,
     load_mot_sequence,
     load_mots_sequence,
-    read_mot_rows,
-    read_mots_rows,
-    recognise_format,
 )
 from remind_jax.tracks import encode_masks
 
