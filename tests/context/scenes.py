@@ -83,13 +83,23 @@ def list_scenes() -> list[Scene]:
     ]
 
 
-def thresholds(**changed: dict[str, Any]) -> Thresholds:
-    """The published thresholds but for those named, by section, as float64 arrays."""
+def thresholds(precision: str = "float64", **changed: dict[str, Any]) -> Thresholds:
+    """The published thresholds but for those named, by section, in the types of the tracker."""
     base = Thresholds()
     sections = {
         name: dataclasses.replace(getattr(base, name), **fields) for name, fields in changed.items()
     }
-    return dataclasses.replace(base, **sections).as_arrays("float64")
+    kinds = {bool: np.bool_, int: np.int32, float: np.dtype(precision).type}
+    return jax.tree.map(
+        lambda value: kinds[type(value)](value), dataclasses.replace(base, **sections)
+    )
+
+
+def evidence_of(conditional: np.ndarray, **changed: Any) -> NeighbourEvidence:
+    """A memory of which only the conditional probabilities matter, unless more is given."""
+    square, row = np.zeros(conditional.shape, np.int32), np.zeros(len(conditional), np.int32)
+    evidence = NeighbourEvidence(conditional, square, row, square.astype(float), square, square)  # pyright: ignore[reportArgumentType]
+    return dataclasses.replace(evidence, **changed)
 
 
 def read_evidence(scene: Scene, t: Thresholds, static: Static) -> NeighbourEvidence:
