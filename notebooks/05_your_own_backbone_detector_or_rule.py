@@ -155,6 +155,7 @@ def draw_identities(results):
             title=title,
         )
         axis.set_yticks(range(len(COLOURS)))
+        axis.set_xticks(range(0, len(PAN_PX), 3))
     axes[-1, 0].set_xlabel("frame (dashed: the cut); numbers: the identity given, '-': none")
     figure.tight_layout()
     plt.show()
