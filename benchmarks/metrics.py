@@ -1,8 +1,9 @@
-"""Time of an evaluation, beside TrackEval in the same run, alternating.
+"""Equality with TrackEval on all stored cases; then time beside TrackEval, alternating.
 
     python benchmarks/metrics.py [--json OUT] [--peer-python PYTHON]
 
-A made-up sequence (1,000 frames, 40 objects with misses, gaps and switches) is written as
+Stored cases are those of `tests/golden/metrics` with the numbers that TrackEval gave for them. A
+made-up sequence (1,000 frames, 40 objects with misses, gaps and switches) is written as
 MOTChallenge text. Rows: from the two files to the scores, and each metric from loaded data. The
 peer is looked for in the environment of `--peer-python` (or of the variable TRACKEVAL_PYTHON),
 where `pip install trackeval` has put it.
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import os
 import statistics
 import subprocess
@@ -23,14 +25,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from remind_jax.metrics.clear import clear_scores, count_clear
-from remind_jax.metrics.evaluation import evaluate_sequence
+from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
-from remind_jax.metrics.text_sequences import load_mot_sequence
+from remind_jax.metrics.scene_evaluation import evaluate
+from remind_jax.metrics.text_sequences import load_mot_sequence, load_mots_sequence
 
+GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "golden" / "metrics"
 NUM_FRAMES, NUM_OBJECTS = 1000, 40
 FRAME_SIZE_PX = np.array([1800.0, 900.0])
 METRICS = {"HOTA": count_hota, "CLEAR": count_clear, "Identity": count_identity}
@@ -39,6 +44,101 @@ FILES, ALL_METRICS = "files to scores", "HOTA + CLEAR + Identity"
 
 # Sums of some ten thousand numbers in another order.
 AGREEMENT = 1e-9
+
+
+# How far a value is from TrackEval's, and whether that is above 1: a count or a sum.
+Difference = tuple[float, bool]
+
+
+@dataclasses.dataclass(frozen=True)
+class Agreement:
+    """How far our numbers are from TrackEval's on one kind of case."""
+
+    kind: str
+    cases: int
+    differences: list[Difference]
+
+    def to_line(self) -> str:
+        """A line of the table."""
+        return (
+            f"{self.kind:34} {self.cases:5} {len(self.differences):7} "
+            f"{self.largest(sums=False):11.1e} {self.largest(sums=True):11.1e}"
+        )
+
+    def largest(self, *, sums: bool) -> float:
+        """Largest difference among ratios, or among counts and sums."""
+        return max((apart for apart, is_sum in self.differences if is_sum == sums), default=0.0)
+
+
+def compare_stored() -> list[Agreement]:
+    """All stored cases, kind by kind."""
+    found = [_compare_text("boxes", load_mot_sequence), _compare_text("masks", load_mots_sequence)]
+    found.append(_compare_pooled())
+    for kind in ("tao", "burst"):
+        folders = sorted((GOLDEN / "federated").glob(f"{kind}_*"))
+        found.append(_compare_federated(f"federated {kind.upper()}, all classes", folders))
+    return [*found, _compare_davis()]
+
+
+def differences(ours: dict[str, Any], theirs: dict[str, Any]) -> list[Difference]:
+    """Of every field of theirs; arrays over thresholds count each."""
+    found: list[Difference] = []
+    for name, value in theirs.items():
+        expected = np.asarray(value, float).ravel()
+        apart = np.abs(np.asarray(ours[name], float).ravel() - expected)
+        found += zip(apart.tolist(), (np.abs(expected) > 1).tolist(), strict=True)
+    return found
+
+
+def _compare_text(kind: str, load: Callable[..., Any]) -> Agreement:
+    found: list[Difference] = []
+    folders = sorted((GOLDEN / kind).iterdir())
+    for folder in folders:
+        frames = json.loads((folder / "case.json").read_text())["frames"]
+        expected = json.loads((folder / "expected.json").read_text())
+        ties = expected["order_sensitive_fields"]
+        theirs = {k: v for m in SCORES for k, v in expected[m].items() if k not in ties}
+        sequence = load(folder / "gt.txt", folder / "pred.txt", num_frames=frames)
+        found += differences(evaluate_sequence(sequence).fields(), theirs)
+    return Agreement(kind, len(folders), found)
+
+
+def _compare_pooled() -> Agreement:
+    expected = json.loads((GOLDEN / "combined_masks.json").read_text())
+    parts = []
+    for name in expected["sequences"]:
+        folder = GOLDEN / "masks" / name
+        frames = json.loads((folder / "case.json").read_text())["frames"]
+        sequence = load_mots_sequence(folder / "gt.txt", folder / "pred.txt", num_frames=frames)
+        parts.append(evaluate_sequence(sequence))
+    theirs = {k: v for metric in SCORES for k, v in expected[metric].items()}
+    return Agreement("masks, pooled", 1, differences(pool_evaluations(parts).fields(), theirs))
+
+
+def _compare_federated(kind: str, folders: list[Path]) -> Agreement:
+    found: list[Difference] = []
+    for folder in folders:
+        expected = json.loads((folder / "expected.json").read_text())
+        ours = evaluate(folder / "gt.json", folder / "pred.json").to_json()["federated"]
+        for way in ("class_averaged", "detection_averaged"):
+            found += differences(ours[way], expected[way])
+        for label, scores in expected["classes"].items():
+            found += differences(ours["classes"][label], scores)
+    return Agreement(kind, len(folders), found)
+
+
+def _compare_davis() -> Agreement:
+    cases = json.loads((GOLDEN / "davis.json").read_text())
+    found: list[Difference] = []
+    for case in cases.values():
+        with tempfile.TemporaryDirectory() as name:
+            for side in ("truth", "answers"):
+                (Path(name) / side).mkdir()
+                for frame, labels in enumerate(np.asarray(case[side], np.uint8)):
+                    cv2.imwrite(str(Path(name) / side / f"{frame:05d}.png"), labels)
+            ours = evaluate(Path(name) / "truth", Path(name) / "answers").scores()
+        found += differences(ours, case["cut"])
+    return Agreement("instance maps with void (DAVIS)", len(cases), found)
 
 
 def write_sequence(folder: Path, seed: int = 0) -> None:
@@ -126,13 +226,18 @@ def peer_rows(ms: dict[str, float]) -> dict[str, float]:
     return {FILES: sum(ms.values()), ALL_METRICS: sum(metrics.values()), **metrics}
 
 
-def check_agreement(folder: Path, theirs: dict[str, float]) -> float:
-    """Largest difference of any score; stops if it is more than rounding."""
-    ours = evaluate_sequence(load_mot_sequence(folder / "gt.txt", folder / "pred.txt")).scores()
-    difference = max(abs(ours[name] - value) for name, value in theirs.items())
-    if difference > AGREEMENT:
-        raise SystemExit(f"scores differ from TrackEval's by {difference:.3g}")
-    return difference
+def check_agreement(found: list[Agreement]) -> None:
+    """Prints the table; stops if anything differs by more than rounding."""
+    columns = f"{'cases':>5} {'values':>7} {'ratios':>11} {'sums':>11}"
+    print(f"{'largest difference from TrackEval':34} {columns}")
+    for agreement in found:
+        print(agreement.to_line())
+    everything = [d for agreement in found for d in agreement.differences]
+    total = Agreement("all", sum(a.cases for a in found), everything)
+    print(total.to_line())
+    worst = max(total.largest(sums=False), total.largest(sums=True))
+    if not worst <= AGREEMENT:
+        raise SystemExit(f"scores differ from TrackEval's by {worst:.3g}")
 
 
 def measure(peer_python: str, repeats: int) -> list[dict[str, Any]]:
@@ -142,10 +247,12 @@ def measure(peer_python: str, repeats: int) -> list[dict[str, Any]]:
         peer = Peer(peer_python, folder)
         ours, theirs = [], []
         answer = peer.evaluate()
+        found = compare_stored()
         if answer is not None:
-            print(
-                f"largest difference of any score: {check_agreement(folder, answer['scores']):.1e}"
-            )
+            sequence = load_mot_sequence(folder / "gt.txt", folder / "pred.txt")
+            live = differences(evaluate_sequence(sequence).scores(), answer["scores"])
+            found.append(Agreement(f"{NUM_FRAMES} frames x {NUM_OBJECTS} objects, live", 1, live))
+        check_agreement(found)
         measure_ours(folder)
         for _ in range(repeats):
             ours.append(measure_ours(folder))
@@ -179,8 +286,11 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     rows = measure(arguments.peer_python, arguments.repeats)
+    print(f"\n{'time, ms':34} {'ours':>9} {'TrackEval':>10} {'ratio':>7}")
     for row in rows:
-        print(json.dumps(row))
+        peer, ratio = row["peer_ms"] or math.nan, row["ratio"] or math.nan
+        name = row["name"].removeprefix("metrics: ")
+        print(f"{name:34} {row['ours_ms']:9.1f} {peer:10.1f} {ratio:7.1f}")
     if arguments.json:
         arguments.json.write_text(json.dumps(rows, indent=1))
 
