@@ -87,7 +87,7 @@ def frames(draw):
     return memory, detections
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(frames())
 def test_classes_come_as_by_a_plain_sort(frame):
     found = group(*frame)

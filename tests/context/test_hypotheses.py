@@ -13,7 +13,7 @@ from .scenes import read_evidence, thresholds
 from .test_beam import NUM, SLOTS, list_rows, small_example, two_alike, walk
 
 pytestmark = pytest.mark.usefixtures("x64")
-STATIC = Static(precision="float64", beam_width=24, num_hypotheses=5)
+STATIC = Static(precision="float64", beam_width=10, num_hypotheses=5)
 
 
 @functools.partial(jax.jit, static_argnames="static")

@@ -72,7 +72,7 @@ def read_children(children: Children) -> list[tuple[int, ...]]:
     return [tuple(int(number) for number in child) for child in np.stack(fields, 1)[:count]]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(beams())
 def test_children_come_in_the_documented_order(beam):
     score, support, allowed, set_of, live, diverse = beam
