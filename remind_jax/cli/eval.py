@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import exit_codes
 from remind_jax.errors import OutputError, RemindError
@@ -57,7 +57,8 @@ class Eval:
     # also score every class apart (in --json), where both sides name classes
     by_class: bool = False
     json: Path | None = None  # also write every field to this file
-    table: tuple[Path, ...] = ()  # also write the table: .md, .csv, .tex, .html (with plots), .txt
+    # also write the table: .md, .csv, .tex, .html (with plots), .txt
+    table: Annotated[UseAppendAction[tuple[tuple[Path, ...], ...]], arg(metavar="FILE ...")] = ()
     resamples: int = 1000  # draws of the bootstrap intervals in tables; 0 for none
     quiet: bool = False  # print no table
 
@@ -78,13 +79,17 @@ class Eval:
             _write_json(self.json, evaluations)
         if self.table or (len(evaluations) > 1 and not self.quiet):
             table = table_of(evaluations, num_resamples=self.resamples, title=self.truth.name)
-            for path in self.table:
+            for path in self._table_files:
                 table.save(path)
             if len(evaluations) > 1 and not self.quiet:
                 table.print()
         if len(evaluations) == 1 and not self.quiet:
             print_evaluation(evaluations[0])
         return exit_codes.FINE
+
+    @property
+    def _table_files(self) -> tuple[Path, ...]:
+        return tuple(path for group in self.table for path in group)
 
     def _execute_paper(self) -> int:
         from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
@@ -110,7 +115,7 @@ class Eval:
             by_name = {e.name: e.to_json() for e in evaluations}
             content = evaluations[0].to_json() if len(self.predictions) == 1 else {}
             _write_content(self.json, {**content, "predictions": by_name})
-        for path in self.table:
+        for path in self._table_files:
             table.save(path)
         if not self.quiet:
             table.print()

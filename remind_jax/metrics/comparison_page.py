@@ -6,7 +6,6 @@ import contextlib
 import html
 import io
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from remind_jax.errors import OutputError
@@ -17,7 +16,19 @@ if TYPE_CHECKING:
     from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
 
 # Scores of which a plot tells more than the table does.
-_PLOTTED = ("HOTA", "DetA", "AssA", "IDF1", "Recovery", "HardRecovery", "MOTA", "IDSW")
+_PLOTTED = (
+    "ClassHOTA",
+    "ClassAssA",
+    "ClassIDF1",
+    "HOTA",
+    "DetA",
+    "AssA",
+    "IDF1",
+    "Recovery",
+    "HardRecovery",
+    "MOTA",
+    "IDSW",
+)
 
 _STYLE = """
 :root { color-scheme: light; font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; }
@@ -25,11 +36,12 @@ body { max-width: 92rem; margin: 2rem auto; padding: 0 1.25rem; background: #fff
 h1 { font-size: 1.5rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .35rem .75rem; border-bottom: 1px solid #d8dee4; text-align: right;
+th, td { padding: .35rem .6rem; border-bottom: 1px solid #d8dee4; text-align: right;
   vertical-align: top; }
 th { border-bottom: 2px solid #1b1f24; white-space: nowrap; }
 th:first-child, td:first-child, td.note, th.note { text-align: left; }
 td:first-child { white-space: nowrap; }
+th:first-child, td:first-child { position: sticky; left: 0; background: #fff; }
 td small { display: block; color: #59636e; white-space: nowrap; }
 td.best { font-weight: 700; } td.best small { font-weight: 400; }
 .swatch { display: inline-block; width: .7em; height: .7em; border-radius: 50%;
@@ -113,8 +125,9 @@ def _draw_scores(table: ComparisonTable, column: Column) -> str:
             value = scale * row.scores.get(column.name, math.nan)
             low, high = row.intervals.get(column.name, (math.nan, math.nan))
             if not math.isnan(low):
-                axes.plot([scale * low, scale * high], [place] * 2, color=_colour(place), lw=2)
-            axes.plot(value, place, "o", color=_colour(place), ms=7)
+                ends = [scale * low, scale * high]
+                axes.plot(ends, [place] * 2, color=_colour(place), lw=2, clip_on=False, zorder=3)
+            axes.plot(value, place, "o", color=_colour(place), ms=7, clip_on=False, zorder=3)
         axes.set_yticks(range(len(table.rows)), [_plain(row.name) for row in table.rows])
         axes.set_ylim(len(table.rows) - 0.5, -0.5)
         axes.set_title(column.heading + (" (%)" if column.kind == "percent" else ""), loc="left")
@@ -126,26 +139,31 @@ def _draw_scores(table: ComparisonTable, column: Column) -> str:
 
 
 def _draw_chart(table: ComparisonTable, chart: Chart) -> str:
-    """A score by bins: one line per row, supports under the bins."""
+    """A score by bins: one line per row, supports under the bins; bins without any are left out."""
     column = column_of(chart.column)
     scale = 100.0 if column.kind == "percent" else 1.0
     order = [row.name for row in table.rows]
+    seen = [
+        place for place, _ in enumerate(chart.bins) if not chart.supports or chart.supports[place]
+    ]
     with _figure(5.6, 3.4) as (axes, finish):
         for name, values in chart.series.items():
             place = order.index(name) if name in order else len(order)
             axes.plot(
-                range(len(values)),
-                [scale * value for value in values],
+                range(len(seen)),
+                [scale * values[at] for at in seen],
                 "o-",
                 color=_colour(place),
                 label=_plain(name),
+                clip_on=False,
+                zorder=3,
             )
-        supports: Sequence[Any] = chart.supports or [None] * len(chart.bins)
         labels = [
-            name if support is None else f"{name}\n{support:,}"
-            for name, support in zip(chart.bins, supports, strict=True)
+            f"{chart.bins[at]}\n{chart.supports[at]:,}" if chart.supports else chart.bins[at]
+            for at in seen
         ]
         axes.set_xticks(range(len(labels)), labels, fontsize=9)
+        axes.set_xlim(-0.4, len(labels) - 0.6)
         if column.kind == "percent":
             axes.set_ylim(0, 102)
         if chart.supports:

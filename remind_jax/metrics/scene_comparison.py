@@ -130,6 +130,11 @@ def _row(evaluation: SetEvaluation, num_resamples: int) -> Row:
 
 def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[str, ...]:
     sentences = ["Scores in percent, equal to TrackEval's; counts are of all scenes together."]
+    if any(FEDERATED_COLUMNS[0] in row.scores for row in rows):
+        sentences.append(
+            "The truth leaves objects unlabelled. Columns 'cls' are means over classes of what its "
+            "labels can judge (TAO, BURST); the others count predictions without label as wrong."
+        )
     if any(row.intervals for row in rows):
         unit = "scenes" if len(evaluations[0].scenes) > 1 else "objects"
         sentences.append(f"Ranges: 95 % bootstrap intervals over {unit}.")
@@ -138,7 +143,11 @@ def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[
             f"{evaluation.name}: scene '{scene}' failed: {why}"
             for scene, why in evaluation.failed.items()
         ]
-        sentences += [f"{evaluation.name}: {note}." for note in evaluation.notes]
+    told = [note for evaluation in evaluations for note in evaluation.notes]
+    for note in dict.fromkeys(told):
+        names = ", ".join(e.name for e in evaluations if note in e.notes)
+        shared = len(evaluations) > 1 and told.count(note) == len(evaluations)
+        sentences.append(f"{'All' if shared else names}: {note}.")
     return tuple(sentences)
 
 

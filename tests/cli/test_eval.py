@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 BOX = "10,10,50,50,1,1,1"
 
@@ -47,12 +48,13 @@ def test_several_predictions_are_compared(command, tmp_path):
     write_tracks(tmp_path / "ours.txt", [5, 5, 5, 5])
     write_tracks(tmp_path / "peer.txt", [5, 5, 5, 6])
     words = ("eval", "gt.txt", "ours.txt", "peer.txt", "--json", "all.json", "--resamples", "20")
-    outcome = command(*words, "--table", "table.md", "table.csv")
+    outcome = command(*words, "--table", "table.md", "table.csv", "--table", "table.txt")
     assert outcome.code == 0
     assert "ours" in outcome.stdout
     assert "peer" in outcome.stdout
     assert "**100.00**" in (tmp_path / "table.md").read_text()
     assert "peer" in (tmp_path / "table.csv").read_text()
+    assert "peer" in (tmp_path / "table.txt").read_text()
     predictions = json.loads((tmp_path / "all.json").read_text())["predictions"]
     assert predictions["peer"]["metrics"]["IDSW"] == 1
 
@@ -70,3 +72,10 @@ def test_predictions_are_needed(command, tmp_path):
     outcome = command("eval", "gt.txt")
     assert outcome.code == 1
     assert "no predictions to score against 'gt.txt'" in outcome.stderr
+
+
+def test_federated_truth_is_scored_by_its_labels(command, tmp_path):
+    case = Path(__file__).parents[1] / "golden" / "metrics" / "federated" / "tao_rules"
+    outcome = command("eval", str(case / "gt.json"), str(case / "pred.json"))
+    assert outcome.code == 0
+    assert "only what the labels judge, 3 classes" in outcome.stdout
