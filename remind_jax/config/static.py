@@ -17,6 +17,7 @@ _MAY_BE_ZERO = (
     "part_seed",
     "ring_seed",
     "ring_prototypes_kept",
+    "set_kernel",
     "group_anchors",
     "soft_anchors",
     "max_passes",
@@ -92,7 +93,7 @@ class Static:
     mutual_links: bool = True  # geometric mean of both conditionals, else arithmetic
     class_detections: int = 10  # detections of a class that enter the hypotheses
     class_pool: int = 25  # objects of a class that enter the hypotheses
-    set_kernel: int = 6  # objects that speak for a hypothesis
+    set_kernel: int = 6  # objects that speak for a hypothesis; 0: all
     option_objects: int = 8  # objects of a class considered beyond the detections seen
     beam_width: int = 64  # partial hypotheses kept
     num_hypotheses: int = 20  # hypotheses kept

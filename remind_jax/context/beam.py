@@ -110,7 +110,8 @@ def expand_by_class(
       static: Sizes of the search.
       t: Thresholds.
     """
-    pool, most = classes.pool[step], classes.detections.shape[1]
+    pool, places = classes.pool[step], classes.detections.shape[1]
+    most = min(places, pool.shape[0] - 1)  # no more detections than objects are explained
     menu = write_menu(classes.pool_size[step], classes.num_detections[step], most, static, t)
     scale = FrameScale(total, step + 1)
 
@@ -126,7 +127,7 @@ def expand_by_class(
     options, rating, order = by_chunks(rate, (beam.sets, beam.rating.tally), beam.num_sets)
     diverse = menu.num_detections > 1
     child = select_children(rating.score, order, menu.allowed, beam.set_of, beam.valid, diverse)
-    taken = choice_mask(most + 1)[child.count, child.det_variant, :most]
+    taken = choice_mask(places + 1)[child.count, child.det_variant, :places]
     is_detection = classes.detections[step][:, None] == jnp.arange(beam.detections.shape[1])
     explained = jnp.any(taken[:, :, None] & is_detection[None], axis=1)
     set_of, origin, num_sets = number_sets(beam.set_of[child.row], child, most)

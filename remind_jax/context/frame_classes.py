@@ -68,7 +68,7 @@ def group_by_class(
     )
 
     by_score = jnp.lexsort((-index, -det_score))
-    detections = _first_in_order(same[order], by_score, _most_detections(static, num, slots))
+    detections = _first_in_order(same[order], by_score, min(static.class_detections, num))
     by_relevance = _rank_objects(evidence, exists, anchors, t)
     width = min(static.class_pool, slots)
     pool = _first_in_order(stored[order], by_relevance, width)
@@ -80,11 +80,6 @@ def group_by_class(
         pool=pool,
         pool_size=jnp.where(known, pool_size, 0)[order],
     )
-
-
-def _most_detections(static: Static, num: int, slots: int) -> int:
-    """Most detections of one class that can be explained at once."""
-    return min(static.class_detections, num, static.class_pool, slots)
 
 
 def _first_in_order(

@@ -1,5 +1,6 @@
 """What is left of the beam in the end (context notes 7.7)."""
 
+import dataclasses
 import functools
 
 import jax
@@ -76,3 +77,24 @@ def test_nothing_to_search():
     ):
         found = jax.device_get(_find(scene, thresholds(), static=STATIC))
         jax.tree.map(np.testing.assert_array_equal, found, nothing)
+
+
+def test_fewer_slots_than_detections_of_a_class():
+    """Detections beyond the slots still say that the class has more of them than objects."""
+    stored = np.arange(SLOTS) < 2
+    scene = small_example()
+    scene = dataclasses.replace(
+        scene,
+        count=np.where(stored[:, None] & stored, scene.count, 0),
+        episodes=np.where(stored, scene.episodes, 0),
+        anchors=scene.anchors & stored,
+        object_class=np.where(stored, 0, -1).astype(np.int32),
+        det_class=np.zeros(NUM, np.int32),
+    )
+    slots = ("count", "edge_time", "edge_order", "episodes", "object_class", "anchors")
+    tight = {name: getattr(scene, name)[:2] for name in slots}
+    tight |= {name: tight[name][:, :2] for name in slots[:3]}
+    few = dataclasses.replace(scene, **tight, score=scene.score[:, :2])
+    found = find(scene)
+    assert len(found) > 1
+    assert find(few) == found
