@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
@@ -55,6 +55,7 @@ def test_other_spellings_of_a_row(tmp_path: Path, text: str):
     assert rows.class_id.tolist() == [-1]
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.lists(
