@@ -3,7 +3,8 @@
     vit_reference.py FOLDER NAME FAMILY WIDTH DEPTH HEADS PATCH HIDDEN MLP REGISTERS SIDE SIZE...
 
 Runs in an environment with torch and transformers. Writes `model.safetensors`, `config.json`, and
-for every SIZE (`WIDTHxHEIGHT`) the normalised input and the tokens in float32.
+for every SIZE (`WIDTHxHEIGHT`) the normalised input and the tokens: in float32, of the same weights
+in float64, and of a model in bfloat16.
 """
 
 from __future__ import annotations
@@ -35,12 +36,44 @@ def main() -> None:
                 buffer.copy_(1 / 100 ** torch.arange(0, 1, 4 / head_width, dtype=torch.float32))
     model.save_pretrained(folder)
     options = {"interpolate_pos_encoding": True} if family == "dino" else {}
-    for size in sys.argv[12:]:
-        width, height = map(int, size.split("x"))
-        image = torch.randn(1, 3, height, width)
-        with torch.inference_mode():
-            tokens = model(image, **options).last_hidden_state
-        np.savez(folder / f"{size}.npz", image=image.numpy(), tokens=tokens.numpy())
+    sizes = [tuple(map(int, size.split("x"))) for size in sys.argv[12:]]
+    images = [torch.randn(1, 3, height, width) for width, height in sizes]
+    found: list[dict[str, Any]] = [{"image": image.numpy()} for image in images]
+
+    def run(kind: str, dtype: Any) -> None:
+        for results, image in zip(found, images, strict=True):
+            with torch.inference_mode():
+                tokens = model(image.to(dtype), **options).last_hidden_state
+            results[kind] = tokens.to(torch.promote_types(dtype, torch.float32)).numpy()
+
+    run("tokens", torch.float32)
+    hooks = compute_in_float64(model)
+    run("tokens_float64", torch.float64)
+    for hook in hooks:
+        hook.remove()
+    model.to(torch.bfloat16)
+    run("tokens_bfloat16", torch.bfloat16)
+    for (width, height), results in zip(sizes, found, strict=True):
+        np.savez(folder / f"{width}x{height}.npz", **results)
+
+
+def compute_in_float64(model: Any) -> list[Any]:
+    """Parts of a network become float64 while they run: all of it at once may not fit."""
+
+    def widen(module: Any, _: Any) -> None:
+        module.double()
+
+    def narrow(module: Any, *_: Any) -> None:
+        module.float()
+
+    blocks = next(m for m in model.modules() if isinstance(m, torch.nn.ModuleList))
+    norm = model.norm if hasattr(model, "norm") else model.layernorm
+    parts = [model.embeddings, *blocks, norm]
+    return [
+        hook
+        for part in parts
+        for hook in (part.register_forward_pre_hook(widen), part.register_forward_hook(narrow))
+    ]
 
 
 def make_model(name: str, family: str, mlp: str, *numbers: int) -> Any:

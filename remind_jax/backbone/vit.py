@@ -2,8 +2,9 @@
 
 Written from a description of the networks (vision transformer notes 2 to 7). Float32 mode follows
 the published models operation by operation: exact GELU, two-pass variance, rotations and softmax in
-float32. Bfloat16 mode rounds what enters matrix products, but neither queries and keys nor what
-they are made from: errors in scores are the ones that matter.
+float32. Bfloat16 mode rounds what enters matrix products, with three exceptions: queries and keys,
+the patch embedding, and the first quarter of the blocks. Every block changes a short stream more
+than a long one, so what is lost at the start grows most, and what is lost later hardly at all.
 
 Letters: `B` images, `N` tokens (cls, registers, patches in raster order), `D` features, `H` heads,
 `E` features per head, `Hp Wp` patch grid.
@@ -12,6 +13,8 @@ Letters: `B` images, `N` tokens (cls, registers, patches in raster order), `D` f
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
 from typing import Any
 
 import flax.linen as nn
@@ -33,19 +36,37 @@ from remind_jax.errors import ConfigError
 
 Rotation = tuple[Float[Array, "P E"], Float[Array, "P E"]]
 
+# Of the depth, from the first block on, whose products are not rounded to bfloat16.
+_EARLY_SHARE = 0.25
+
 
 @dataclasses.dataclass(frozen=True)
 class Numerics:
     """How a network is computed; changes results by rounding only."""
 
-    dtype: Any = jnp.float32  # of what enters matrix products
+    dtype: Any = jnp.float32  # of what enters matrix products, early blocks excepted
     attention: Method = "plain"
+    early: bool = False  # about the blocks before which nothing may be rounded
+
+    @property
+    def product_dtype(self) -> Any:
+        """Of what enters the matrix products of weights, and attention weights and values."""
+        return jnp.float32 if self.early else self.dtype
 
     @property
     def precision(self) -> jax.lax.Precision:
-        """Of matrix products: GPUs and TPUs would round float32 inputs by default."""
+        """Of products of float32: full, or in bfloat16 mode TF32 on GPUs, three passes on TPUs."""
         exact = self.dtype == jnp.float32
-        return jax.lax.Precision.HIGHEST if exact else jax.lax.Precision.DEFAULT
+        return jax.lax.Precision.HIGHEST if exact else jax.lax.Precision.HIGH
+
+    def num_early(self, depth: int) -> int:
+        """How many blocks of a network come before the first rounded one."""
+        return 0 if self.dtype == jnp.float32 else math.ceil(_EARLY_SHARE * depth)
+
+    def for_early(self) -> Numerics:
+        """How these blocks and the patch embedding are computed."""
+        attention = "plain" if self.attention == "cudnn" else self.attention
+        return dataclasses.replace(self, attention=attention, early=True)
 
 
 @jax.tree_util.register_dataclass
@@ -77,24 +98,23 @@ class Linear(nn.Module):
     features: int
     numerics: Numerics
     use_bias: bool = True
-    dtype: Any = None  # of what is multiplied; that of the numerics if left out
-    out_dtype: Any = None  # that of the numerics if left out
+    out_dtype: Any = None  # that of what is multiplied if left out
 
     @nn.compact
     def __call__(self, x: Float[Array, "... I"]) -> Float[Array, "... O"]:
         """Applies the layer to the last axis."""
         kernel = self.param("kernel", nn.initializers.lecun_normal(), (x.shape[-1], self.features))
-        dtype = self.dtype or self.numerics.dtype
+        dtype = self.numerics.product_dtype
         y = jax.lax.dot_general(
             x.astype(dtype),
             kernel.astype(dtype),
             (((x.ndim - 1,), (0,)), ((), ())),
-            precision=self.numerics.precision,
+            precision=self.numerics.precision if dtype == jnp.float32 else None,
             preferred_element_type=jnp.float32,
         )
         if self.use_bias:
             y = y + self.param("bias", nn.initializers.zeros, (self.features,))
-        return y.astype(self.out_dtype or self.numerics.dtype)
+        return y.astype(self.out_dtype or dtype)
 
 
 class Attention(nn.Module):
@@ -109,8 +129,8 @@ class Attention(nn.Module):
     ) -> tuple[Array, ObjectAttention | None, Array | None]:
         """Returns mixed tokens, and what is wanted of the attention."""
         v, num = self.variant, self.numerics
-        exact = {"dtype": jnp.float32, "out_dtype": jnp.float32}
-        fused = Linear(3 * v.width, num, use_bias=False, **exact, name="qkv")(x)
+        wide = functools.partial(Linear, numerics=num, out_dtype=jnp.float32)
+        fused = wide(3 * v.width, use_bias=False, name="qkv")(x)
         heads = (*x.shape[:2], v.heads, v.head_width)
         q, k, values = (
             jnp.swapaxes(part.reshape(heads), 1, 2)
@@ -118,7 +138,7 @@ class Attention(nn.Module):
         )
         if rotation is not None:
             q, k = (_rotate_patches(t, rotation, v.num_prefix) for t in (q, k))
-        q, values = q * v.head_width**-0.5, values.astype(num.dtype)
+        q, values = q * v.head_width**-0.5, values.astype(num.product_dtype)
         mixed = attend(q, k, values, num.attention, num.precision)
         mixed = jnp.swapaxes(mixed, 1, 2).reshape(x.shape)
 
@@ -127,8 +147,7 @@ class Attention(nn.Module):
             among = attention_among(q, k, wanted.objects, v.num_prefix, wanted.heads, num.precision)
         if wanted.cls_attention:
             cls_row = attention_of_token(q[:, :, 0], k, num.precision)
-        project = Linear(v.width, num, out_dtype=jnp.float32, name="proj")
-        return project(mixed), among, cls_row
+        return wide(v.width, name="proj")(mixed), among, cls_row
 
     def _with_bias(self, fused: Float[Array, "B N 3D"]) -> Float[Array, "B N 3D"]:
         """Keys of DINOv3 have no bias: a common shift of rotated keys would not cancel."""
@@ -244,22 +263,34 @@ class VisionTransformer(nn.Module):
         seen = None if objects is None else ObjectAttention.zeros(*objects.shape)
         kept = {"embedding": stream} if "embedding" in capture else {}
 
-        scan: Any = nn.scan  # its annotation knows no broadcast
-        blocks = scan(
-            Block,
-            variable_axes={"params": 0},
-            split_rngs={"params": True},
-            in_axes=nn.broadcast,
-            length=v.depth,
-        )
-        (stream, seen), layers = blocks(v, self.numerics, name="blocks")(
-            (stream, seen), rotation, wanted
-        )
+        layers = []
+        for name, length, numerics in self._stacks():
+            scan: Any = nn.scan  # its annotation knows no broadcast
+            blocks = scan(
+                Block,
+                variable_axes={"params": 0},
+                split_rngs={"params": True},
+                in_axes=nn.broadcast,
+                length=length,
+            )
+            (stream, seen), kept_here = blocks(v, numerics, name=name)(
+                (stream, seen), rotation, wanted
+            )
+            layers.append(kept_here)
+        layers = jax.tree.map(lambda *parts: jnp.concatenate(parts), *layers)
         kept |= {f"block_{i}": layers["stream"][i] for i in streams}
         kept |= {f"cls_attention_{i}": layers["cls_attention"][i] for i in cls_rows}
         if seen is not None:
             seen = jax.tree.map(lambda total: total / v.depth, seen)
         return self._read(stream, grid, kept, seen)
+
+    def _stacks(self) -> list[tuple[str, int, Numerics]]:
+        """Name, number and numerics of the blocks that are scanned together."""
+        num = self.numerics
+        early = num.num_early(self.variant.depth)
+        stacks = [("early_blocks", early, num.for_early())]
+        stacks.append(("blocks", self.variant.depth - early, num))
+        return [stack for stack in stacks if stack[1]]
 
     def _embed(self, images: Array) -> tuple[Float[Array, "B N D"], tuple[int, int]]:
         """Tokens before the first block, and the patch grid."""
@@ -268,8 +299,7 @@ class VisionTransformer(nn.Module):
         patches = images[:, : rows * v.patch_px, : columns * v.patch_px]
         patches = patches.reshape(num_images, rows, v.patch_px, columns, v.patch_px, 3)
         patches = patches.transpose(0, 1, 3, 2, 4, 5).reshape(num_images, rows * columns, -1)
-        embed = Linear(v.width, self.numerics, out_dtype=jnp.float32, name="patch_embed")
-        patches = embed(patches)
+        patches = Linear(v.width, self.numerics.for_early(), name="patch_embed")(patches)
 
         cls = self.param("cls_token", nn.initializers.normal(0.02), (1, v.width))
         if v.table_side:
@@ -318,16 +348,38 @@ def encode(
     """Describes normalised images: a pure function of weights and images.
 
     Args:
-      params: As `vit_weights.load_weights` gives them.
+      params: As `vit_weights.load_weights` gives them, or as `arrange_params` does.
       images: RGB, normalised.
       variant: The network.
       numerics: How it is computed; exact and plain if left out.
       **wanted: `capture`, `objects` and `heads` of `VisionTransformer`.
     """
-    network = VisionTransformer(variant, numerics or Numerics())
-    tokens = network.apply({"params": params}, images, **wanted)
+    numerics = numerics or Numerics()
+    params = arrange_params(params, variant, numerics)
+    tokens = VisionTransformer(variant, numerics).apply({"params": params}, images, **wanted)
     assert isinstance(tokens, Tokens)
     return tokens
+
+
+def arrange_params(params: Any, variant: Variant, numerics: Numerics) -> Any:
+    """Early blocks apart from the others, and every matrix in the type that it is multiplied in.
+
+    Done once where weights are placed, it spares each image the work and the device memory.
+    """
+    early = numerics.num_early(variant.depth)
+    if early and "early_blocks" not in params:
+        blocks = params["blocks"]
+        params = params | {"early_blocks": jax.tree.map(lambda leaf: leaf[:early], blocks)}
+        params["blocks"] = jax.tree.map(lambda leaf: leaf[early:], blocks)
+        if early == variant.depth:
+            del params["blocks"]
+
+    def cast(path: Any, leaf: Any) -> Any:
+        is_rounded = path[0].key == "blocks" and path[-1].key == "kernel"
+        dtype = numerics.dtype if is_rounded else jnp.float32
+        return leaf if leaf.dtype == dtype else leaf.astype(dtype)
+
+    return jax.tree_util.tree_map_with_path(cast, params)
 
 
 def _gelu(x: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -85,7 +85,7 @@ def _weigh(queries: Array, keys: Array, values: Array, precision: jax.lax.Precis
         "...nm,...me->...ne",
         weights.astype(values.dtype),
         values,
-        precision=precision,
+        precision=_precision_with(values, precision),
         preferred_element_type=jnp.float32,
     )
     return (mixed / total).astype(values.dtype)
@@ -103,11 +103,18 @@ def _weigh_upright(
     Softmax does not change if all scores of a query are shifted; `shifted` makes the largest zero,
     which costs two passes and is needed only where exponentials could overflow.
     """
-    product = functools.partial(jnp.matmul, precision=precision, preferred_element_type=jnp.float32)
-    scores = product(keys, queries.T)
+    product = functools.partial(jnp.matmul, preferred_element_type=jnp.float32)
+    scores = product(keys, queries.T, precision=precision)
     weights = jnp.exp(scores - jnp.max(scores, axis=0) if shifted else scores)
-    mixed = product(values_t, weights.astype(values_t.dtype)) / jnp.sum(weights, axis=0)
+    weights_cast = weights.astype(values_t.dtype)
+    mixed = product(values_t, weights_cast, precision=_precision_with(values_t, precision))
+    mixed = mixed / jnp.sum(weights, axis=0)
     return mixed.T.astype(values_t.dtype)
+
+
+def _precision_with(values: Array, precision: jax.lax.Precision) -> jax.lax.Precision | None:
+    """Numbers that are rounded already are multiplied at full speed."""
+    return precision if values.dtype == jnp.float32 else None
 
 
 def _exponentials(queries: Array, keys: Array, precision: jax.lax.Precision) -> Array:

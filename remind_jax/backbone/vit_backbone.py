@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, UInt8
 
 from remind_jax.backbone.preprocessing import normalise
 from remind_jax.backbone.registry import Backbone
-from remind_jax.backbone.vit import Numerics, Tokens, encode
+from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
 from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, find_weights, load_weights
@@ -76,7 +75,9 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     variant = weights.variant
     name = variant.name if variant.name != CUSTOM else f"vit-{weights.sha256[:12]}"
     run = functools.partial(_run, variant, precision, attention)
-    params = jax.device_put(_cast_matrices(weights.params, precision))
+    numerics = Numerics(DTYPES[precision])
+    early = numerics.num_early(variant.depth) or ""
+    params = jax.device_put(arrange_params(weights.params, variant, numerics))
 
     def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
         return jitted(params, images)
@@ -106,7 +107,7 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
         dim=variant.width,
         apply=apply,
         apply_with_attention=apply_with_attention,
-        fingerprint=f"{weights.sha256}-{variant.position}-{precision}",
+        fingerprint=f"{weights.sha256}-{variant.position}-{precision}{early}",
     )
 
 
@@ -126,13 +127,3 @@ def _run(
         attention = choose_attention(variant, num_tokens, jax.default_backend())
     numerics = Numerics(DTYPES[precision], attention)
     return encode(params, normalise(images), variant, numerics, objects=objects, heads=heads)
-
-
-def _cast_matrices(params: dict[str, Any], precision: Precision) -> dict[str, Any]:
-    """Matrices in the type that they are multiplied in (see `vit`), all else in float32."""
-
-    def cast(path: Any, leaf: Any) -> Any:
-        is_matrix = path[-1].key == "kernel" and path[-2].key != "qkv"
-        return leaf.astype(DTYPES[precision] if is_matrix else jnp.float32, copy=False)
-
-    return jax.tree_util.tree_map_with_path(cast, params)

@@ -10,7 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.backbone.vit import Numerics, Tokens, VisionTransformer, encode
+from remind_jax.backbone.vit import (
+    Numerics,
+    Tokens,
+    VisionTransformer,
+    arrange_params,
+    encode,
+)
 from remind_jax.backbone.vit_attention import METHODS, NO_PATCH, attend
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.backbone.vit_weights import Weights, leaf_shapes
@@ -166,16 +172,61 @@ def test_attention_of_chosen_heads():
     assert np.abs(tokens.object_attention.block[0] - expected).max() < ATTENTION
 
 
-def test_bfloat16_rounds_little():
+@pytest.mark.parametrize("stem", [*golden.TINY, "dinov3_s16"])
+def test_bfloat16_rounds_little(stem):
     """With weights far sharper than trained ones; each token points where it did."""
-    network, weights = golden.load("dinov3_s16"), converted("dinov3_s16")
-    image = network.image("160x240")
-    exact = np.asarray(run(weights, image).patches, np.float64).reshape(-1, 384)
-    rounded = run(weights, image, Numerics(jnp.bfloat16)).patches
-    rounded = np.asarray(rounded, np.float64).reshape(-1, 384)
-    lengths = np.linalg.norm(exact, axis=1) * np.linalg.norm(rounded, axis=1)
-    assert ((exact * rounded).sum(1) / lengths).min() > 0.9995
+    network, weights = golden.load(stem), converted(stem)
+    image = network.image(network.sizes[0])
+    exact, rounded = (
+        np.asarray(run(weights, image, Numerics(dtype)).patches, np.float64)
+        for dtype in (jnp.float32, jnp.bfloat16)
+    )
+    lengths = np.linalg.norm(exact, axis=-1) * np.linalg.norm(rounded, axis=-1)
+    assert ((exact * rounded).sum(-1) / lengths).min() > 0.9995
     assert np.abs(exact - rounded).max() > 1e-3
+
+
+def test_early_blocks_are_not_rounded():
+    network, weights = golden.load("dinov3_s16"), converted("dinov3_s16")
+    names = ("embedding", "block_2", "block_3", "cls_attention_2", "cls_attention_3")
+    options = {"capture": names, "objects": np.array([[0, 5, NO_PATCH]])}
+    image = network.image(network.sizes[0])
+    exact, rounded = (
+        run(weights, image, Numerics(dtype), **options) for dtype in (jnp.float32, jnp.bfloat16)
+    )
+    apart = {
+        name: np.abs(exact.intermediates[name] - rounded.intermediates[name]).max()
+        for name in names
+    }
+    # A quarter of twelve blocks; the fourth sees their stream and rounds it.
+    assert max(apart["embedding"], apart["block_2"], apart["cls_attention_2"]) < 1e-5
+    assert apart["block_3"] > 1e-3
+    assert apart["cls_attention_3"] > 1e-5
+    # Means over all blocks; entries of a row of attention add up to one.
+    assert exact.object_attention is not None
+    assert rounded.object_attention is not None
+    np.testing.assert_allclose(
+        exact.object_attention.row_sums, rounded.object_attention.row_sums, rtol=0, atol=1e-2
+    )
+
+
+def test_weights_arranged_beforehand_change_nothing():
+    network, weights = golden.load("dinov3_tiny_swiglu"), converted("dinov3_tiny_swiglu")
+    image, numerics = network.image(network.sizes[0]), Numerics(jnp.bfloat16)
+    arranged = arrange_params(weights.params, weights.variant, numerics)
+    assert arranged["early_blocks"]["attention"]["qkv"]["kernel"].dtype == jnp.float32
+    assert arranged["blocks"]["attention"]["qkv"]["kernel"].dtype == jnp.bfloat16
+    assert arranged["blocks"]["norm1"]["scale"].dtype == jnp.float32
+    twice = arrange_params(arranged, weights.variant, numerics)
+    assert jax.tree.all(jax.tree.map(lambda a, b: a is b, arranged, twice))
+    beforehand = run(dataclasses.replace(weights, params=arranged), image, numerics)
+    np.testing.assert_array_equal(beforehand.patches, run(weights, image, numerics).patches)
+
+
+def test_float32_products_are_full_or_of_tensor_cores():
+    """On a CPU no result tells them apart."""
+    assert Numerics().precision == jax.lax.Precision.HIGHEST
+    assert Numerics(jnp.bfloat16).for_early().precision == jax.lax.Precision.HIGH
 
 
 @pytest.mark.parametrize(
