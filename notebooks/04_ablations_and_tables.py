@@ -51,9 +51,9 @@ root = work / "DAVIS"
 scenes = []
 for seed in (4, 7):
     options = SceneOptions(
-        name=f"tour_{seed}", seed=seed, width=320, height=240, frames=40, absence_frames=14,
-        objects_per_room=6, light_drop=0.3, min_mask_px=150,
-        lookalikes=(LookalikeGroup("mug", 2, "glaze"), LookalikeGroup("box", 2, "identical")),
+        name=f"tour_{seed}", seed=seed, width=480, height=352, frames=48, absence_frames=16,
+        objects_per_room=7, light_drop=0.3, min_mask_px=300,
+        lookalikes=(LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical")),
     )  # fmt: skip
     folder = write_davis(make_scene(options), work / "rendered")
     shutil.copytree(folder, root, dirs_exist_ok=True)
@@ -71,10 +71,9 @@ from remind_jax.config import list_configs
 
 print("configurations:", ", ".join(list_configs()))
 
-capacities = {"static": {"num_detections": 8, "num_objects": 24, "num_pending": 12}}  # small scenes
-contenders = {name: rj.load_config(name).updated(capacities) for name in list_configs()}
+contenders = {name: rj.load_config(name) for name in list_configs()}
 for name in ("bank", "running-mean", "momentum", "iou"):
-    contenders[name] = rj.load_config("default").with_tracker(name).updated(capacities)
+    contenders[name] = rj.load_config("default").with_tracker(name)
 
 # %% [markdown]
 # | name | what it is |
