@@ -4,6 +4,7 @@
     python benchmarks/plus.py stress [NAME ...]        generated tours that break its assumptions
     python benchmarks/plus.py reliability SEQUENCE...  how often sure answers are right
     python benchmarks/plus.py cost                     time of a step and size of the memory
+    python benchmarks/plus.py endurance                3,000 frames along 200 made-up things
 
 A sequence is whatever `remind_jax.sources.open_source` reads and holds true instances. Answers are
 causal, every mask is a detection, an undecided one counts as the answer it would get now.
@@ -54,7 +55,13 @@ Changes = dict[str, dict[str, Any]]
 BARE: Changes = {
     "looks": {"whitening": False, "ring_weight": 0.0},
     "calibration": {"enabled": False},
-    "decision": {"crowd": 0.0, "familiarity": 0.0, "late_frames": 0, "hold_missed": False},
+    "decision": {
+        "crowd": 0.0,
+        "familiarity": 0.0,
+        "late_frames": 0,
+        "ended_age": 0,
+        "hold_missed": False,
+    },
     "place": {"weight": 0.0},
     "layout": {"weight": 0.0, "covisible_weight": 0.0, "optimism": 0.0, "moved": -100.0},
     "motion": {"checked": False},
@@ -71,6 +78,7 @@ LADDER: tuple[tuple[str, Changes], ...] = (
     ("+ optimism", {"layout": {"optimism": 4.0}}),
     ("+ familiarity", {"decision": {"familiarity": 0.8}}),
     ("+ late recognition", {"decision": {"late_frames": 60}}),
+    ("+ memory of what ended open", {"decision": {"ended_age": 2}}),
     ("+ held while missed", {"decision": {"hold_missed": True}}),
     ("+ checked motion = plus", {"motion": {"checked": True}}),
 )
@@ -351,6 +359,79 @@ def cost() -> Iterator[dict[str, Any]]:
         }
 
 
+def endure(num_frames: int = 3000, num_things: int = 200) -> Iterator[dict[str, Any]]:
+    """There and back along a corridor of things: identities, time and memory as it goes on."""
+    recording = _corridor(num_frames, num_things)
+    num, dim = recording.sightings.look.shape[1:]
+    static = Static(num_detections=num, num_objects=num_things + 56, feature_dim=dim)
+    state = init(static)
+    size = sum(leaf.nbytes for leaf in jax.tree.leaves(state)) / 2**20
+    step = jax.jit(
+        functools.partial(advance, static=static, thresholds=PlusThresholds()), donate_argnums=0
+    )
+    ids, spent = np.full(recording.truth.shape, -1), np.zeros(num_frames)
+    inputs = (recording.sightings, recording.motion, recording.present)
+    for row in range(num_frames):
+        frame = jax.tree.map(lambda leaf, row=row: leaf[row], inputs)
+        start = time.perf_counter()
+        state = jax.block_until_ready(step(state, *frame))
+        spent[row] = 1000 * (time.perf_counter() - start)
+        assert not int(state.overflow.objects), "more objects than there is room for"
+        ids[row] = state.verdicts.answer_id
+        if (row + 1) % (num_frames // 3) == 0:
+            so_far = dataclasses.replace(recording, truth=recording.truth[: row + 1])
+            scores = judge(so_far, ids[: row + 1])
+            recent = spent[row + 1 - num_frames // 3 : row + 1]
+            yield {
+                "name": f"{row + 1} frames",
+                **{key: scores[key] for key in ("IDF1", "IDSW", "ids", "objects", "repeated")},
+                "in_memory": float(jnp.sum(state.objects.exists)),
+                "median_ms": float(np.median(recent)),
+                "memory_MiB": size,
+            }
+
+
+def _corridor(num_frames: int, num_things: int, dim: int = 64, most: int = 14) -> Recording:
+    """A camera that goes there and back along things at random heights, six times."""
+    rng = np.random.default_rng(0)
+    along = 0.5 * np.arange(num_things)
+    place = np.stack([along, rng.uniform(0.8, 4, num_things)], axis=1).astype(np.float32)
+    look = rng.normal(size=(num_things, dim)).astype(np.float32)
+    size = rng.uniform(0.3, 0.5, num_things).astype(np.float32)
+    far = along[-1] - 5
+    camera = far * (0.5 - 0.5 * np.cos(np.linspace(0, 6 * np.pi, num_frames))) - 0.5
+    shape = (num_frames, most)
+    truth = np.full(shape, NO_INSTANCE)
+    center = np.zeros((*shape, 2), np.float32)
+    for row, left in enumerate(camera):
+        seen = np.flatnonzero((along > left + 0.3) & (along < left + 6.1))[:most]
+        truth[row, : len(seen)] = seen
+        center[row, : len(seen)] = place[seen] - np.float32([left, 0])
+    present = truth != NO_INSTANCE
+    which = np.where(present, truth, 0)
+    center += rng.normal(0, 0.02, center.shape).astype(np.float32)
+    half = size[which][..., None] / 2
+    matrix = np.tile(np.eye(2, 3, dtype=np.float32), (num_frames, 1, 1))
+    matrix[1:, 0, 2] = -np.diff(camera)
+    sightings = Sightings(
+        look=look[which] + rng.normal(0, 0.3, (*shape, dim)).astype(np.float32),
+        ring=np.ones((*shape, dim), np.float32),
+        has_ring=present,
+        box=np.concatenate([center - half, center + half], axis=-1),
+        center=center,
+        size=size[which],
+        patches=np.full(shape, 3.0, np.float32),
+        class_id=np.zeros(shape, np.int32),
+        touches=np.zeros(shape, bool),
+        valid=present,
+        frame_center=np.tile(np.float32([3.2, 2.4]), (num_frames, 1)),
+        num_bad_patches=np.zeros(num_frames, np.int32),
+    )
+    score = np.full(num_frames, 0.9, np.float32)
+    motion = Motion(matrix, score, np.tile(np.int32([480, 640]), (num_frames, 1)))
+    return Recording("corridor", sightings, motion, truth, present)
+
+
 def _made_up_frames(detections: int, objects: int, dim: int) -> list[Any]:
     """Every object in view for ten frames, group after group, twice."""
     rng = np.random.default_rng(0)
@@ -392,7 +473,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("what", choices=("ladder", "stress", "reliability", "cost"))
+    parser.add_argument("what", choices=("ladder", "stress", "reliability", "cost", "endurance"))
     parser.add_argument("names", nargs="*")
     parser.add_argument("--one-class", action="store_true")
     parser.add_argument("--backbone", default="patch-statistics")
@@ -401,6 +482,8 @@ def main() -> None:
     print(f"remind-jax {rj.__version__}, {jax.devices()[0].device_kind}", flush=True)
     if given.what == "cost":
         rows = cost()
+    elif given.what == "endurance":
+        rows = endure()
     elif given.what == "stress":
         rows = strain(given.names, given.backbone, given.one_class)
     else:

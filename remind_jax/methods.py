@@ -43,6 +43,9 @@ class Method:
     grow: Callable[[Any, Static], Any] | None = None
     # As `step`, giving `(state, trace)`; left out, the method keeps no account.
     step_traced: Callable[..., tuple[Any, Any]] | None = None
+    # Imports the class that keeps these traces on the host and explains them: what
+    # `explanation.archive.TraceArchive` has, and that itself if it is left out.
+    import_archive: Callable[[], Any] | None = None
     # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
     # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
     # previous one is None in the first frame, both are None where frames come as features.
@@ -52,6 +55,15 @@ class Method:
     # `delayed(delay)` makes what revises answers that wait: an object with
     # `push(frame, tracks, state) -> [(frame, tracks), ...]` and `flush()`, which gives the rest.
     delayed: Callable[[int], Any] | None = None
+
+    @property
+    def archive(self) -> Any:
+        """The class that keeps the traces of a run."""
+        if self.import_archive is not None:
+            return self.import_archive()
+        from remind_jax.explanation.archive import TraceArchive
+
+        return TraceArchive
 
     def enlarge(self, state: Any, static: Static) -> Any:
         """The memory with the larger capacities of `static`; results do not change."""

@@ -18,6 +18,7 @@ import numpy as np
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
 from remind_jax.frame import SkippedFrame
+from remind_jax.methods import DEFAULT_METHOD
 from remind_jax.outputs import store
 from remind_jax.tracks import Tracks
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from remind_jax.explanation.account import Explanation
     from remind_jax.explanation.archive import TraceArchive
     from remind_jax.explanation.explain import Explainer
+    from remind_jax.plus.account import PlusExplainer, PlusExplanation
+    from remind_jax.plus.archive import PlusArchive
 
 # Shorter gaps are flicker of detector or decision, not an absence worth a mark.
 MIN_ABSENCE_FRAMES = 5
@@ -109,7 +112,8 @@ class Result:
     skipped: tuple[SkippedFrame, ...] = ()
     events: tuple[Event, ...] = ()
     complete: bool = True  # False if the run was interrupted
-    trace: TraceArchive | None = None  # what the decisions were made of, if that was kept
+    # What the decisions were made of, if that was kept.
+    trace: TraceArchive | PlusArchive | None = None
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -220,7 +224,7 @@ class Result:
             },
         )
 
-    def explain(self, frame: int, detection: int) -> Explanation:
+    def explain(self, frame: int, detection: int) -> Explanation | PlusExplanation:
         """Why a detection became what it became; the run must have been made with `trace=True`.
 
         Args:
@@ -235,13 +239,9 @@ class Result:
         return self.explainer.explain(frame, detection)
 
     @functools.cached_property
-    def explainer(self) -> Explainer | None:
+    def explainer(self) -> Explainer | PlusExplainer | None:
         """Explains any number of decisions; None if the run holds no trace."""
-        from remind_jax.explanation.explain import Explainer
-
-        if self.trace is None:
-            return None
-        return Explainer(self.trace, self.tracks, self.info.config)
+        return None if self.trace is None else self.trace.explainer(self.tracks, self.info.config)
 
     def save(self, run_dir: str | Path) -> None:
         """Writes what `load` reads: `detections.jsonl`, `run.json` and, with a trace, `trace.npz`.
@@ -293,8 +293,9 @@ class Result:
         from remind_jax.explanation.archive import open_archive
 
         run_dir = Path(run_dir)
-        trace = open_archive(run_dir)
         info, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
+        config = RunInfo.from_json(info).config
+        trace = open_archive(run_dir, config.get("tracker", DEFAULT_METHOD))
         run = store.read_run_json(run_dir / store.RUN_NAME)
         if run is None:
             return cls(tracks, RunInfo.from_json(info), complete=False, trace=trace)

@@ -22,7 +22,6 @@ from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import ConfigError, RemindError, SourceError
-from remind_jax.explanation.archive import TraceArchive
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
 from remind_jax.outputs.writer import RunWriter
@@ -173,7 +172,7 @@ class _Session:
         self._events: list[Event] = []
         self._timings: dict[str, list[float]] = {}
         self._first_frame_ms: float | None = None
-        self._archive: TraceArchive | None = None
+        self._archive: Any = None  # made with the first trace
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
@@ -243,7 +242,7 @@ class _Session:
         if tracker.trace is None or tracker.state is None:
             return
         if self._archive is None:
-            self._archive = TraceArchive()
+            self._archive = tracker.method.archive()
         decisions = jax.device_get(tracker.state.decisions)
         self._archive.add(
             tracks.frame_index, len(tracks), decisions, tracker.trace, tracker.class_names

@@ -194,7 +194,7 @@ class Explanation:
         """The same as `json` can write it; codes are words."""
         head = {"format": FORMAT, "version": VERSION}
         return head | {
-            field.name: _to_json(getattr(self, field.name)) for field in dataclasses.fields(self)
+            field.name: to_jsonable(getattr(self, field.name)) for field in dataclasses.fields(self)
         }
 
     def to_text(self) -> str:
@@ -396,17 +396,19 @@ def _id(value: int) -> int | None:
     return None if value == NO_ID else value
 
 
-def _to_json(value: Any) -> Any:
+def to_jsonable(value: Any) -> Any:
+    """Nested dataclasses as `json` can write them; codes are words."""
     if dataclasses.is_dataclass(value):
         return {
-            field.name: _to_json(getattr(value, field.name)) for field in dataclasses.fields(value)
+            field.name: to_jsonable(getattr(value, field.name))
+            for field in dataclasses.fields(value)
         }
     if isinstance(value, enum.Enum):
         return value.name.lower()
     if isinstance(value, Mapping):
-        return {str(key): _to_json(item) for key, item in value.items()}
+        return {str(key): to_jsonable(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):
-        return [_to_json(item) for item in value]
+        return [to_jsonable(item) for item in value]
     if isinstance(value, float):
         return round(value, 6) if np.isfinite(value) else None
     return value

@@ -13,12 +13,13 @@ import io
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import OutputError
+from remind_jax.methods import DEFAULT_METHOD, get_method
 from remind_jax.outputs import store
 from remind_jax.trace import (
     CandidateTrace,
@@ -28,6 +29,10 @@ from remind_jax.trace import (
     SetTrace,
     Trace,
 )
+
+if TYPE_CHECKING:
+    from remind_jax.explanation.explain import Explainer
+    from remind_jax.tracks import Tracks
 
 TRACE_NAME = "trace.npz"
 VERSION = 1
@@ -126,6 +131,12 @@ class TraceArchive:
         }
         self._frames[frame_index] = _as_record(frame_index, columns)
 
+    def explainer(self, tracks: Sequence[Tracks], config: Mapping[str, Any]) -> Explainer:
+        """Explains decisions of the run with these frames and this configuration."""
+        from remind_jax.explanation.explain import Explainer
+
+        return Explainer(self, tracks, config)
+
     def save(self, path: Path) -> None:
         """Writes `trace.npz` at once or not at all.
 
@@ -172,10 +183,10 @@ class TraceArchive:
         self._path = None
 
 
-def open_archive(run_dir: Path) -> TraceArchive | None:
-    """The archive in the folder of a run; None if it has none."""
+def open_archive(run_dir: Path, tracker: str = DEFAULT_METHOD) -> Any:
+    """The archive in the folder of a run of that tracker; None if it has none."""
     path = run_dir / TRACE_NAME
-    return TraceArchive.open(path) if path.exists() else None
+    return get_method(tracker).archive.open(path) if path.exists() else None
 
 
 def _flatten(node: Any, path: str) -> Columns:

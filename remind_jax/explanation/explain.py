@@ -47,10 +47,7 @@ class Explainer:
           OutputError: If the run has no such frame or detection, or its trace is damaged.
         """
         tracks = find_frame(self._tracks, frame)
-        if not 0 <= detection < len(tracks):
-            raise OutputError(
-                f"frame {frame} has no detection {detection}; {_say_detections(len(tracks))}"
-            )
+        check_detection(tracks, detection)
         record = self._archive.frame(frame)
         if record is None or len(record) != len(tracks):
             raise OutputError(
@@ -89,6 +86,19 @@ def find_frame(tracks: Sequence[Tracks], frame: int) -> Tracks:
             return candidate
     known = [candidate.frame_index for candidate in tracks]
     raise OutputError(f"the run has no frame {frame}; {_say_frames(known)}")
+
+
+def check_detection(tracks: Tracks, detection: int) -> None:
+    """Makes sure that a frame has that detection.
+
+    Raises:
+      OutputError: If it has not.
+    """
+    if not 0 <= detection < len(tracks):
+        raise OutputError(
+            f"frame {tracks.frame_index} has no detection {detection}; "
+            f"{_say_detections(len(tracks))}"
+        )
 
 
 def _follow_pending(tracks: Sequence[Tracks]) -> dict[tuple[int, int], tuple[int, int]]:

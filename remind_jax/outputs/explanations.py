@@ -26,8 +26,8 @@ _SHARED = ("format", "version", "frame", "time_s", "frame_name", "anchors", "con
 
 
 def pack_explanations(result: Result) -> dict[str, Any] | None:
-    """Blocks for the page, as many as fit; None if the run holds no trace."""
-    if result.explainer is None:
+    """Blocks for the page, as many as fit; None if the run holds no trace that it can show."""
+    if not isinstance(result.explainer, Explainer):
         return None
     blocks, num_bytes = [], 0
     for start in range(0, len(result.tracks), FRAMES_PER_BLOCK):

@@ -15,7 +15,7 @@ from remind_jax.decision import NO_ID, NUM_OPTIONS, Decisions, Outcome, Reason, 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
-from remind_jax.plus.state import NOWHERE, Objects, Tracklets, Verdicts
+from remind_jax.plus.state import NOWHERE, Objects, Stage, Tracklets, Verdicts
 from remind_jax.state import no_decisions
 
 
@@ -26,6 +26,7 @@ def conclude(
     shortlist: Shortlist,
     odds: Float[Array, "N C"],
     belief: Float[Array, "N C"],
+    parts: Float[Array, "N C 7"],
     choice: Choice,
 ) -> Verdicts:
     """Names the objects of all decisions.
@@ -37,6 +38,7 @@ def conclude(
       shortlist: Their candidates.
       odds: Evidence of these in the end.
       belief: Probability of these in the end.
+      parts: What each kind of evidence has in the log odds.
       choice: What was decided.
     """
 
@@ -51,8 +53,15 @@ def conclude(
     open_belief = jnp.where(is_known, known_belief, new_belief)
     settled = ~rows.young & ~choice.absorbed
     weighed = shortlist.valid & rows.any[:, None]
+    stage = jnp.select(
+        [rows.young, rows.late, here.alive],
+        [int(Stage.OPEN), int(Stage.FRESH), int(Stage.SETTLED)],
+        int(Stage.NONE),
+    )
     return Verdicts(
         tracklet_id=jnp.where(here.alive, here.id, NO_ID),
+        stage=stage.astype(jnp.int32),
+        age=jnp.where(here.alive, here.age, 0),
         answer_id=jnp.where(here.alive, jnp.where(is_known, id_of(choice.slot), own), NO_ID),
         is_decided=here.alive & (settled | choice.recognised | choice.born | choice.absorbed),
         probability=jnp.clip(jnp.where(settled, here.belief, open_belief), 0.0, 1.0),
@@ -60,7 +69,8 @@ def conclude(
         merged_id=jnp.where(choice.absorbed, id_of(here.slot), NO_ID),
         option_id=jnp.where(weighed, id_of(shortlist.slot), NO_ID),
         option_odds=jnp.where(weighed, odds, 0.0),
-        option_parts=jnp.where(weighed[..., None], shortlist.parts, 0.0),
+        option_belief=jnp.where(weighed, belief, 0.0),
+        option_parts=jnp.where(weighed[..., None], parts, 0.0),
         new_odds=choice.private,
     )
 

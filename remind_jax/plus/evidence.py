@@ -19,7 +19,6 @@ from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.state import NOWHERE, Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES, NUM_CANDIDATES
 
-PARTS = ("looks", "background", "place", "rivals")
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
 
 
@@ -46,7 +45,7 @@ class Shortlist:
     valid: Bool[Array, "N C"]
     base: Float[Array, "N C"]  # log odds of looks, background, place and number of rivals
     cosine: Float[Array, "N C"]  # best cosine of looks
-    parts: Float[Array, "N C 4"]  # of `PARTS` in these log odds
+    parts: Float[Array, "N C 4"]  # of the first of `state.PARTS` in these log odds
 
 
 def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
@@ -181,7 +180,8 @@ def _place_evidence(
 ) -> Float[Array, "N O"]:
     offset = sightings.center[:, None] - objects.position[None]
     own = jnp.diag(pairs.covariance)[None]
-    measured = center_variance(sightings.size, sightings.touches, t) + (t.size_error * sightings.size) ** 2
+    measured = center_variance(sightings.size, sightings.touches, t)
+    measured += (t.size_error * sightings.size) ** 2
     squared = jnp.sum(offset**2, axis=-1)
     odds = mix(
         squared, own + measured[:, None], t.lost, t.least_doubt, t.doubt_bonus, th.FRAME_AREA

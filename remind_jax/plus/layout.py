@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.evidence import PARTS, Shortlist, mix
+from remind_jax.plus.evidence import Shortlist, mix
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.state import UNRELATED, Objects, Pairs
+from remind_jax.plus.state import NUM_OWN_PARTS, PARTS, UNRELATED, Objects, Pairs
 
 NO_RELATION = UNRELATED / 10
 
@@ -28,7 +28,7 @@ def weigh_jointly(
     objects: Objects,
     pairs: Pairs,
     t: th.PlusThresholds,
-) -> tuple[Float[Array, "N C"], Float[Array, "N C"]]:
+) -> tuple[Float[Array, "N C"], Float[Array, "N C"], Float[Array, "N C 7"]]:
     """Evidence of each candidate with that of all others in view.
 
     Args:
@@ -41,7 +41,8 @@ def weigh_jointly(
       t: Weights.
 
     Returns:
-      Log odds of each candidate, and its probability beside all others and a new object.
+      Log odds of each candidate, its probability beside all others and a new object, and what each
+      of `PARTS` has in the log odds.
     """
     num, width = shortlist.slot.shape
     # A party is what a detection may be: its candidates, or the one object of an anchor.
@@ -60,28 +61,35 @@ def weigh_jointly(
 
     base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
 
-    def weigh(weight: Float[Array, "N C"]) -> Float[Array, "N C"]:
+    def ask(weight: Float[Array, "N C"]) -> Float[Array, "3 N C"]:
         w = weight.reshape(-1)
         lies = t.layout.weight * _pooled(layout, related, w, t.layout.partners, t.layout.best)
         companions = t.layout.covisible_weight * _pooled(
             covisible, usable, w, t.layout.covisible_partners, jnp.inf
         )
-        # Whatever lies wrong, or has lost its companions, may have been moved: looks still tell it.
-        around = lies.reshape(num, width) + companions.reshape(num, width)
-        return base - place + jnp.maximum(place + around, t.layout.moved)
+        lies, companions = lies.reshape(num, width), companions.reshape(num, width)
+        # Whatever lies wrong may have been moved: looks can still tell it.
+        given_back = jnp.maximum(t.layout.moved - (place + lies), 0.0)
+        return jnp.stack([lies, companions, given_back])
+
+    def total(around: Float[Array, "3 N C"]) -> Float[Array, "N C"]:
+        return base + jnp.sum(around, axis=0)
 
     def believe(odds: Float[Array, "N C"], handicap: Array | float) -> Float[Array, "N C"]:
         new = jnp.broadcast_to(t.decision.new - handicap, (num, 1))
         all_odds = jnp.concatenate([jnp.where(shortlist.valid, odds, -jnp.inf), new], axis=1)
         return jax.nn.softmax(all_odds, axis=1)[:, :width]
 
-    def reconsider(k: Array, odds: Float[Array, "N C"]) -> Float[Array, "N C"]:
+    def reconsider(k: Array, around: Float[Array, "3 N C"]) -> Float[Array, "3 N C"]:
         handicap = t.layout.optimism * (1.0 - k / t.layout.rounds)
-        weight = jnp.where(is_anchor[:, None], 1.0 * first, believe(odds, handicap))
-        return weigh(jnp.where(present, weight, 0.0))
+        weight = jnp.where(is_anchor[:, None], 1.0 * first, believe(total(around), handicap))
+        return ask(jnp.where(present, weight, 0.0))
 
-    odds = jax.lax.fori_loop(0, t.layout.rounds, reconsider, base)
-    return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds, 0.0)
+    nothing = jnp.zeros((len(PARTS) - NUM_OWN_PARTS, num, width), base.dtype)
+    around = jax.lax.fori_loop(0, t.layout.rounds, reconsider, nothing)
+    odds = total(around)
+    parts = jnp.concatenate([shortlist.parts, jnp.moveaxis(around, 0, -1)], axis=-1)
+    return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds, 0.0), parts
 
 
 class _Geometry:

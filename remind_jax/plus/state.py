@@ -8,6 +8,7 @@ Lengths are in frame units. Ids, never slots, are shown outside.
 from __future__ import annotations
 
 import dataclasses
+import enum
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +23,19 @@ from remind_jax.state import Overflow, no_decisions
 NOWHERE = -1  # no slot
 UNRELATED = 1000.0  # spread of a relation that is not known
 NEVER = -1_000_000
-NUM_PARTS = 4  # kinds of evidence that a candidate is judged by alone
+# Kinds of evidence: those that a candidate has alone, those that it has from what else is in view,
+# and what is given back to one that may have been moved. Together they are its log odds.
+PARTS = ("looks", "background", "place", "rivals", "layout", "companions", "moved")
+NUM_OWN_PARTS = 4  # the first of them
+
+
+class Stage(enum.IntEnum):
+    """How far a tracklet is decided when a frame begins."""
+
+    NONE = 0  # no detection
+    OPEN = 1  # not decided yet
+    FRESH = 2  # decided as new, may still turn out to be known
+    SETTLED = 3
 
 
 @jax.tree_util.register_dataclass
@@ -111,6 +124,8 @@ class Verdicts:
     """What the decisions of the last frame were made of, beyond `Decisions`."""
 
     tracklet_id: Int[Array, "N"]  # names the tracklet; the id of its object if that is new; -1 none
+    stage: Int[Array, "N"]  # Stage
+    age: Int[Array, "N"]  # detections of the tracklet so far, with this one
     answer_id: Int[Array, "N"]  # best answer now, decided or not
     is_decided: Bool[Array, "N"]
     probability: Float[Array, "N"]  # of the answer before calibration, [0, 1]
@@ -118,7 +133,8 @@ class Verdicts:
     merged_id: Int[Array, "N"]  # object that just now turned out to be the answer, -1 none
     option_id: Int[Array, "N C"]  # objects that were weighed, -1 padding
     option_odds: Float[Array, "N C"]  # log odds in the end
-    option_parts: Float[Array, "N C 4"]  # of `evidence.PARTS` in these
+    option_belief: Float[Array, "N C"]  # probability beside all others and a new object
+    option_parts: Float[Array, "N C 7"]  # of `PARTS` in the log odds
     new_odds: Float[Array, "N"]  # log odds of being no known object
 
 
@@ -229,6 +245,8 @@ def no_verdicts(num: int) -> Verdicts:
     shown = (num, NUM_CANDIDATES)
     return Verdicts(
         tracklet_id=jnp.full(num, NO_ID, jnp.int32),
+        stage=jnp.zeros(num, jnp.int32),
+        age=jnp.zeros(num, jnp.int32),
         answer_id=jnp.full(num, NO_ID, jnp.int32),
         is_decided=jnp.zeros(num, bool),
         probability=jnp.zeros(num, jnp.float32),
@@ -236,6 +254,7 @@ def no_verdicts(num: int) -> Verdicts:
         merged_id=jnp.full(num, NO_ID, jnp.int32),
         option_id=jnp.full(shown, NO_ID, jnp.int32),
         option_odds=jnp.zeros(shown, jnp.float32),
-        option_parts=jnp.zeros((*shown, NUM_PARTS), jnp.float32),
+        option_belief=jnp.zeros(shown, jnp.float32),
+        option_parts=jnp.zeros((*shown, len(PARTS)), jnp.float32),
         new_odds=jnp.zeros(num, jnp.float32),
     )

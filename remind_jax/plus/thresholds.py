@@ -64,7 +64,7 @@ class Place:
     weight: Real = 0.8
     lost: Real = 2.0  # spread at which half of the belief in a place is gone
     least_doubt: Real = 0.02  # chance that an object is not where it should be
-    doubt_bonus: Real = -1.0  # log odds of an object that is elsewhere
+    doubt_bonus: Real = -0.25  # log odds of an object that is elsewhere
     center_error: Real = 0.06  # standard deviation of a measured centre
     center_error_rate: Real = 0.15  # more of it per size of the mask
     center_error_border: Real = 0.25  # more of it at the border of the frame

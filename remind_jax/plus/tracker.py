@@ -45,12 +45,12 @@ from remind_jax.plus.linking import (
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.scene_map import center_variance, correct_map, move_map
-from remind_jax.plus.state import NOWHERE, PlusState, Tracklets, init
+from remind_jax.plus.state import NOWHERE, PlusState, Tracklets, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
 from remind_jax.state import Overflow
 
-__all__ = ["advance", "init", "step"]
+__all__ = ["advance", "init", "step", "step_traced"]
 
 
 def step(
@@ -83,6 +83,20 @@ def step(
     return advance(state, sightings, motion, jnp.asarray(masks.valid), static=static, thresholds=t)
 
 
+def step_traced(
+    state: PlusState,
+    frame_feats: FrameFeats,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: PlusThresholds,
+    observed: Motion,
+) -> tuple[PlusState, Verdicts]:
+    """As `step`, and tells what each decision was made of."""
+    after = step(state, frame_feats, masks, static=static, thresholds=thresholds, observed=observed)
+    return after, after.verdicts
+
+
 def advance(
     state: PlusState,
     sightings: Sightings,
@@ -96,9 +110,7 @@ def advance(
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
     open_tracklets = state.tracklets.alive & (state.tracklets.slot == NOWHERE)
-    needed = (
-        jnp.sum(state.objects.exists) + jnp.sum(sightings.valid) + jnp.sum(open_tracklets)
-    )
+    needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid) + jnp.sum(open_tracklets)
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed.astype(jnp.int32), pending=jnp.int32(0))
     return jax.lax.cond(
@@ -160,11 +172,11 @@ def _advance(
     cosine = best_cosine(whiten(scene, here.look), objects)
     candidates = shortlist(here, sightings, admitted, cosine, objects, pairs, scene, t)
     # Who is who, jointly?
-    odds, belief = weigh_jointly(
+    odds, belief, parts = weigh_jointly(
         candidates, here.slot, visible & ~rows.late, sightings, objects, pairs, t
     )
     choice = decide(candidates, odds, rows, here, scene, static.num_objects, t.decision)
-    verdicts = conclude(here, objects, rows, candidates, odds, belief, choice)
+    verdicts = conclude(here, objects, rows, candidates, odds, belief, parts, choice)
     decisions = tell(
         verdicts, belief, candidates.base, here, rows.late, present, sightings.num_bad_patches,
         static, t,
