@@ -7,8 +7,8 @@ import numpy as np
 Tensors = dict[str, np.ndarray]
 
 
-def as_hugging_face(official: Tensors, family: str) -> Tensors:
-    """The file that Hugging Face publishes for the same network."""
+def as_hugging_face(official: Tensors, family: str, copied: bool = True) -> Tensors:
+    """The file that Hugging Face publishes for the same network; views if nothing is copied."""
     rename = {"dinov3": _dinov3, "dinov2": _dinov2, "dino": _dino}[family]
     out: Tensors = {}
     for key, value in official.items():
@@ -20,7 +20,7 @@ def as_hugging_face(official: Tensors, family: str) -> Tensors:
         for name, part in _split(key, value):
             if family == "dinov3" and name.endswith("attn.k.bias"):
                 continue
-            out[rename(name)] = np.ascontiguousarray(part)
+            out[rename(name)] = np.ascontiguousarray(part) if copied else part
     return out
 
 
