@@ -299,14 +299,18 @@ def _prepare(tracker: Tracker, timed: tuple[Frame, dict[str, float]]) -> Prepare
 
 def describe_run(source: Source, tracker: Tracker, first: Prepared) -> RunInfo:
     """What a run is made with, as far as it is known before it starts."""
+    brings_features = first.features is not None
+    backbone = FEATURES_GIVEN if brings_features else tracker.backbone.name
+    # The thresholds that will decide, those made for the backbone among them.
+    config = tracker.config if brings_features else tracker.config.for_backbone(backbone)
     return RunInfo(
         name=source.name,
         source=source.describe(),
         frame_size=first.frame.size,
         fps=source.fps or 0.0,
         class_names=(),
-        config=tracker.config.to_dict(),
-        backbone=FEATURES_GIVEN if first.features is not None else tracker.backbone.name,
+        config=config.to_dict(),
+        backbone=backbone,
         versions={
             **{name: importlib.metadata.version(name) for name in ("remind_jax", "jax", "numpy")},
             "opencv": importlib.metadata.version("opencv-python-headless"),

@@ -53,6 +53,14 @@ def test_three_objects_keep_their_identity(whole):
     assert {len(times) for times in whole.timings_ms.values()} == {NUM}
 
 
+def test_thresholds_told_are_those_that_decided(whole):
+    live = Tracker(CONFIG)
+    live.update(*PICTURES[0])
+    told = whole.info.config["thresholds"]["matching"]["match"]
+    assert told == live.config.thresholds.matching.match
+    assert told != rj.load_config("published").thresholds.matching.match
+
+
 def as_arrays() -> dict[str, Any]:
     images, maps = zip(*PICTURES, strict=True)
     return {
