@@ -43,9 +43,8 @@ class Method:
     grow: Callable[[Any, Static], Any] | None = None
     # As `step`, giving `(state, trace)`; left out, the method keeps no account.
     step_traced: Callable[..., tuple[Any, Any]] | None = None
-    # Imports the class that keeps these traces on the host and explains them: what
-    # `explanation.archive.TraceArchive` has, and that itself if it is left out.
-    import_archive: Callable[[], Any] | None = None
+    # "module:class" that keeps these traces on the host and explains them, imported when needed.
+    archive_name: str = "remind_jax.explanation.archive:TraceArchive"
     # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
     # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
     # previous one is None in the first frame, both are None where frames come as features.
@@ -59,11 +58,7 @@ class Method:
     @property
     def archive(self) -> Any:
         """The class that keeps the traces of a run."""
-        if self.import_archive is not None:
-            return self.import_archive()
-        from remind_jax.explanation.archive import TraceArchive
-
-        return TraceArchive
+        return _import_attribute(self.archive_name)
 
     def enlarge(self, state: Any, static: Static) -> Any:
         """The memory with the larger capacities of `static`; results do not change."""
@@ -104,8 +99,7 @@ def get_method(name: str) -> Method:
         raise ConfigError(f"there is no tracker {name!r}; {nearest_names(name, _methods)}")
     method = _methods[name]
     if isinstance(method, str):
-        module, _, attribute = method.partition(":")
-        found = getattr(importlib.import_module(module), attribute)
+        found = _import_attribute(method)
         method = _methods[name] = found if isinstance(found, Method) else found()
     return method
 
@@ -125,6 +119,12 @@ def register_method(method: Method) -> None:
 def list_methods() -> list[str]:
     """Names of all methods, the default first."""
     return list(_methods)
+
+
+def _import_attribute(path: str) -> Any:
+    """What `module:attribute` names."""
+    module, _, attribute = path.partition(":")
+    return getattr(importlib.import_module(module), attribute)
 
 
 def _remind() -> Method:

@@ -1,20 +1,11 @@
 """REMIND plus under its name among the trackers (`remind_jax.methods`)."""
 
-from typing import Any
-
 from remind_jax.image_motion import observe_motion
 from remind_jax.methods import Method
 from remind_jax.plus.revision import DelayedAnswers, report_merges
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import step, step_traced
-
-
-def _import_archive() -> Any:
-    from remind_jax.plus.archive import PlusArchive
-
-    return PlusArchive
-
 
 METHOD = Method(
     "plus",
@@ -25,5 +16,5 @@ METHOD = Method(
     report=report_merges,
     delayed=DelayedAnswers,
     step_traced=step_traced,
-    import_archive=_import_archive,
+    archive_name="remind_jax.plus.archive:PlusArchive",
 )
