@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -97,7 +97,7 @@ class PlusExplainer:
         """
         self._archive = archive
         self._tracks = tracks
-        self._thresholds: PlusThresholds = load_config(config).thresholds
+        self._thresholds = cast(PlusThresholds, load_config(config).thresholds)
 
     def explain(self, frame: int, detection: int) -> PlusExplanation:
         """Why a detection became what it became.

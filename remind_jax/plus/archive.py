@@ -94,8 +94,10 @@ class PlusArchive:
           class_names: By class id; candidates are of the class of their detection.
         """
         del class_names
-        told = {name: np.asarray(getattr(decisions, name))[:num] for name in _TOLD}
-        weighed = {name: np.asarray(getattr(trace, name))[:num] for name in _WEIGHED}
+        told: dict[str, Any] = {name: np.asarray(getattr(decisions, name))[:num] for name in _TOLD}
+        weighed: dict[str, Any] = {
+            name: np.asarray(getattr(trace, name))[:num] for name in _WEIGHED
+        }
         self._frames[frame_index] = PlusRecord(Verdicts(**weighed), **told)
 
     def save(self, path: Path) -> None:
@@ -155,7 +157,7 @@ def _split(columns: Mapping[str, np.ndarray]) -> dict[int, PlusRecord]:
         ends.tolist(),
         strict=True,
     ):
-        told = {name: columns[f"told.{name}"][start:end] for name in _TOLD}
-        weighed = {name: columns[f"weighed.{name}"][start:end] for name in _WEIGHED}
+        told: dict[str, Any] = {name: columns[f"told.{name}"][start:end] for name in _TOLD}
+        weighed: dict[str, Any] = {name: columns[f"weighed.{name}"][start:end] for name in _WEIGHED}
         frames[index] = PlusRecord(Verdicts(**weighed), **told)
     return frames

@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float
 
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.errors import SweepError
+from remind_jax.explanation.archive import FrameRecord
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.result import Result
 from remind_jax.sweep.settings import Setting
@@ -74,7 +75,7 @@ def collect_candidates(result: Result, thresholds: Thresholds) -> Candidates:
         record = result.trace.frame(tracks.frame_index)
         shows = {i: counts.most_common(1)[0][0] for i, counts in given.items()}
         for row, instance in enumerate(tracks.instance_ids.tolist()):
-            if record is None or instance == NO_INSTANCE:
+            if not isinstance(record, FrameRecord) or instance == NO_INSTANCE:
                 continue
             c = record.detections.candidates
             ids = np.asarray(c.id[row])

@@ -8,6 +8,7 @@ import gzip
 import json
 from typing import Any
 
+from remind_jax.explanation.account import Explanation
 from remind_jax.outputs import explanations, report
 from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.writer import TRACE_NAME, RunWriter
@@ -39,8 +40,10 @@ def test_every_detection_is_explained_as_in_python():
         told = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
         assert [one["why"] for one in frame["detections"]] == [list(one.why) for one in told]
         assert [one["name"] for one in frame["detections"]] == [one.name for one in told]
-        assert len(frame["anchors"]) == len(told[0].anchors)
-        best = told[0].candidates[0]
+        first = told[0]
+        assert isinstance(first, Explanation)
+        assert len(frame["anchors"]) == len(first.anchors)
+        best = first.candidates[0]
         shown = frame["detections"][0]["candidates"][0]
         assert (shown["object_id"], shown["gate"]) == (best.object_id, best.gate.name.lower())
         assert abs(shown["visual_score"] - best.visual_score) <= 5e-4

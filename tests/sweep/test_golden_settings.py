@@ -46,6 +46,7 @@ def test_rows_equal_single_runs(name, capsys):
     config = load_config("published")
     scene = load_scene(open_source(frames), config, get_backbone("patch-statistics"))
     config = config.updated({"static": {"num_detections": scene.most_detections}})
+    assert frames[0].features is not None
     static = dataclasses.replace(config.static, feature_dim=frames[0].features.shape[-1])
     described = describe_scene(scene, static, config.thresholds)
     batches = [
