@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence, Sized
+from typing import Any, TypeVar
 
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome
@@ -13,6 +13,8 @@ from remind_jax.explanation.archive import TraceArchive
 from remind_jax.explanation.case import Case
 from remind_jax.explanation.reasons import tell_reasons
 from remind_jax.tracks import Tracks
+
+Record = TypeVar("Record", bound=Sized)
 
 
 class Explainer:
@@ -46,13 +48,8 @@ class Explainer:
         Raises:
           OutputError: If the run has no such frame or detection, or its trace is damaged.
         """
-        tracks = find_frame(self._tracks, frame)
-        check_detection(tracks, detection)
-        record = self._archive.frame(frame)
-        if record is None or len(record) != len(tracks):
-            raise OutputError(
-                f"the trace does not fit frame {frame} of the run; run again with --trace"
-            )
+        tracks = find_detection(self._tracks, frame, detection)
+        record = fit_record(self._archive.frame(frame), tracks)
         case = Case(record, detection, tracks.labels[detection], self._archive.labels, self._config)
         since = self._pending.get((frame, detection))
         around = Circumstances(
@@ -73,6 +70,30 @@ def _name(case: Case) -> str:
     if options and case.outcome in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
         return f"{case.label} {' or '.join(options)}?"
     return f"{case.label} new?"
+
+
+def find_detection(tracks: Sequence[Tracks], frame: int, detection: int) -> Tracks:
+    """The frame with this number, if it has such a detection.
+
+    Raises:
+      OutputError: If the run has no such frame or detection.
+    """
+    found = find_frame(tracks, frame)
+    check_detection(found, detection)
+    return found
+
+
+def fit_record(record: Record | None, tracks: Tracks) -> Record:
+    """The record of a frame.
+
+    Raises:
+      OutputError: If the trace has none, or one of another number of detections.
+    """
+    if record is None or len(record) != len(tracks):
+        raise OutputError(
+            f"the trace does not fit frame {tracks.frame_index} of the run; run again with --trace"
+        )
+    return record
 
 
 def find_frame(tracks: Sequence[Tracks], frame: int) -> Tracks:

@@ -14,9 +14,8 @@ import numpy as np
 
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.errors import OutputError
 from remind_jax.explanation.account import to_jsonable
-from remind_jax.explanation.explain import check_detection, find_frame
+from remind_jax.explanation.explain import find_detection, fit_record
 from remind_jax.plus.archive import PlusArchive, PlusRecord
 from remind_jax.plus.state import PARTS, Stage
 from remind_jax.plus.thresholds import PlusThresholds
@@ -111,13 +110,8 @@ class PlusExplainer:
         """
         from remind_jax.plus.reasons import tell_reasons
 
-        tracks = find_frame(self._tracks, frame)
-        check_detection(tracks, detection)
-        record = self._archive.frame(frame)
-        if record is None or len(record) != len(tracks):
-            raise OutputError(
-                f"the trace does not fit frame {frame} of the run; run again with --trace"
-            )
+        tracks = find_detection(self._tracks, frame, detection)
+        record = fit_record(self._archive.frame(frame), tracks)
         bare = _gather(record, tracks, detection)
         return dataclasses.replace(bare, why=tell_reasons(bare, self._thresholds))
 
