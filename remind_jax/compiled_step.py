@@ -10,12 +10,16 @@ import jax
 
 from remind_jax.config.static import Static
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.packing import Packed
 from remind_jax.trace import Trace
-from remind_jax.tracker import step, step_traced
+from remind_jax.tracker import step
 
 # Nearly all of a step's compilation is spent on machine code. On a CPU, level 1 takes a fifth off
 # it, and the step is not slower for it; level 0 is six times as slow.
 COMPILER_OPTIONS = {"cpu": {"xla_backend_optimization_level": 1}}
+# One frame is thousands of small operations; to share each between threads costs more than it
+# gains.
+_ONE_FRAME_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
 
 
 def step_once(
@@ -34,20 +38,38 @@ def step_once(
     return settle_types(stepped)
 
 
-def step_once_traced(
+def step_packed(
     state: Any,
     frame_feats: FrameFeats,
-    masks: Masks,
-    observed: Any = None,
+    given: Packed,
     *,
     static: Static,
-    thresholds: Any,
-    step: Callable[..., tuple[Any, Trace]] = step_traced,
-) -> tuple[Any, Trace]:
-    """As `step_once`, with an account of the decisions; `step` is a method's `step_traced`."""
-    more = {} if observed is None else {"observed": observed}
-    stepped, trace = step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
-    return settle_types(stepped), trace
+    thresholds: Packed,
+    step: Callable[..., Any] = step,
+    traced: bool = False,
+) -> tuple[Any, Packed, Trace | None]:
+    """`step_once` as the host calls it.
+
+    Args:
+      state: The memory.
+      frame_feats: What the backbone says.
+      given: Masks, and what was observed beside them or None.
+      static: Shapes and structure.
+      thresholds: Those of the method.
+      step: The method's `step`, or its `step_traced`.
+      traced: Which of them it is.
+
+    Returns:
+      The memory, what the host reads of it at once (decisions and overflow), and the account of
+      the decisions if traced.
+    """
+    masks, observed = given.unpack()
+    stepped = step_once(
+        state, frame_feats, masks, observed,
+        static=static, thresholds=thresholds.unpack(), step=step,
+    )  # fmt: skip
+    state, trace = stepped if traced else (stepped, None)
+    return state, Packed.of((state.decisions, state.overflow)), trace
 
 
 def settle_types(state: Any) -> Any:
@@ -55,15 +77,21 @@ def settle_types(state: Any) -> Any:
     return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, leaf.dtype), state)
 
 
-@functools.cache
-def compiled_step(traced: bool = False) -> Callable[..., Any]:
-    """`step_once` or `step_once_traced`, compiled for the device in use.
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def empty_state(init: Callable[[Static], Any], static: Static) -> Any:
+    """The empty memory of a method, in the types that its step takes; one program, not dozens."""
+    return settle_types(init(static))
 
-    `static` and `step` select the program; the buffers of the memory given are used up.
+
+@functools.cache
+def compiled_step() -> Callable[..., tuple[Any, Packed, Trace | None]]:
+    """`step_packed`, compiled for the device in use.
+
+    `static`, `step` and `traced` select the program; the buffers of the memory given are used up.
     """
     return jax.jit(
-        step_once_traced if traced else step_once,
-        static_argnames=("static", "step"),
+        step_packed,
+        static_argnames=("static", "step", "traced"),
         donate_argnames="state",
-        compiler_options=COMPILER_OPTIONS.get(jax.default_backend()),
+        compiler_options=_ONE_FRAME_OPTIONS.get(jax.default_backend()),
     )

@@ -14,19 +14,20 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
-from remind_jax.compiled_step import compiled_step, settle_types
+from remind_jax.compiled_step import compiled_step, empty_state, settle_types
 from remind_jax.config import Config, Static, Thresholds, load_config
+from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import pad_masks, reduce_masks
 from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
 from remind_jax.methods import get_method
 from remind_jax.observation import FrameFeats, Masks, PatchAttention
+from remind_jax.packing import Packed
 from remind_jax.readout import Outlines, outline, read_tracks
 from remind_jax.trace import Trace
 from remind_jax.tracks import Tracks
@@ -111,7 +112,7 @@ class Tracker:
         self._last_image: np.ndarray | None = None  # of the last frame prepared
         self._features_given = False
         self._has_profile = False
-        self._placed: tuple[Config | None, Any] = (None, None)  # thresholds on the device
+        self._placed: tuple[Config | None, Packed | None] = (None, None)  # thresholds on the device
         self._is_tracing = trace
         self.trace: Trace | None = None  # of the last frame, on the host
         self.notices: list[Notice] = []  # of the last frame
@@ -235,8 +236,8 @@ class Tracker:
         described = time.perf_counter()
         size = np.array(prepared.frame.size, np.int32)
         self.notices = self._say_ignored(prepared)
-        outlines = self._step(FrameFeats(patches, size, attention), prepared)
-        tracks = self._read(prepared, outlines)
+        decisions, outlines = self._step(FrameFeats(patches, size, attention), prepared)
+        tracks = self._read(prepared, outlines, decisions)
         if self.method.report is not None:
             self.notices += [Notice(*told) for told in self.method.report(self._state)]
         done = time.perf_counter()
@@ -337,7 +338,7 @@ class Tracker:
             )
         return patch_px
 
-    def _step(self, frame_feats: FrameFeats, prepared: Prepared) -> Outlines:
+    def _step(self, frame_feats: FrameFeats, prepared: Prepared) -> tuple[Decisions, Outlines]:
         """Steps, growing capacities until the frame fits; outlines the masks meanwhile."""
         static, masks = self._static, prepared.masks
         dim = frame_feats.patches.shape[-1]
@@ -346,33 +347,28 @@ class Tracker:
                 f"the frame has features of {dim} numbers, the memory knows {static.feature_dim}; "
                 "go on with the features that it was made with"
             )
-        static = dataclasses.replace(static, feature_dim=dim)
+        if static.feature_dim != dim:
+            static = dataclasses.replace(static, feature_dim=dim)
         num = len(masks.valid)
         if num > static.num_detections:
             static = static.grow(num_detections=num)
             self._note_growth("detections", num, static.num_detections)
         if self._state is None:
-            self._state, self._static = settle_types(self.method.init(static)), static
+            self._state, self._static = empty_state(self.method.init, static), static
         elif static != self._static:
             self._grow(static)
-        padded = pad_masks(masks, static.num_detections)
-        given, trace = (frame_feats, padded, prepared.observed), None
+        given = Packed.of((pad_masks(masks, static.num_detections), prepared.observed))
+        step = self.method.step_traced if self._is_tracing else self.method.step
+        options = {"step": step, "traced": self._is_tracing, "thresholds": self._place_thresholds()}
         outlines: Outlines | None = None
-        options: Any = {"thresholds": self._thresholds_on_device()}
-        options["step"] = self.method.step_traced if self._is_tracing else self.method.step
-        advance = compiled_step(self._is_tracing)
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
-            if self._is_tracing:
-                self._state, trace = both = advance(
-                    self._state, *given, static=self._static, **options
-                )
-                stepped = both[0]
-            else:
-                self._state = stepped = advance(self._state, *given, static=self._static, **options)
+            self._state, told, trace = compiled_step()(
+                self._state, frame_feats, given, static=self._static, **options
+            )
             outlines = outlines or outline(prepared.detections.masks)
-            overflow = jax.device_get(stepped.overflow)
+            decisions, overflow = jax.device_get(told).unpack()
             if not overflow.objects and not overflow.pending:
                 break
             objects, pending = int(overflow.objects), int(overflow.pending)
@@ -382,15 +378,16 @@ class Tracker:
             if pending:
                 self._note_growth("undecided tracks", pending, self._static.num_pending)
         self.trace = jax.device_get(trace)
-        return outlines
+        return decisions, outlines
 
-    def _thresholds_on_device(self) -> Any:
-        """The thresholds of the configuration, brought there once: hundreds of scalars."""
+    def _place_thresholds(self) -> Packed:
+        """The thresholds of the configuration, brought to the device once: hundreds of numbers."""
         config, placed = self._placed
-        if config is not self.config:
+        if config is not self.config or placed is None:
             kinds = {bool: bool, int: np.int32, float: self._static.scalar}
             values = self.config.thresholds
-            placed = jax.tree.map(lambda v: jnp.asarray(v, kinds.get(type(v))), values)
+            typed = jax.tree.map(lambda v: np.asarray(v, kinds.get(type(v))), values)
+            placed = jax.device_put(Packed.of(typed))
             self._placed = (self.config, placed)
         return placed
 
@@ -412,14 +409,13 @@ class Tracker:
             return [Notice("ignored", message)]
         return []
 
-    def _read(self, prepared: Prepared, outlines: Outlines) -> Tracks:
-        """The decisions of the last step as host arrays."""
-        assert self._state is not None
-        num, d = len(prepared.detections), jax.device_get(self._state.decisions)
-        if bad := int(d.num_bad_patches):
+    def _read(self, prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:
+        """What the user is told of the frame."""
+        num = len(prepared.detections)
+        if bad := int(decisions.num_bad_patches):
             message = f"{bad} patches were left out for a feature that is not finite"
             self.notices.append(Notice("features", message))
         empty = [i for i in range(num) if not prepared.masks.valid[i]]
         if empty:
             self.notices.append(Notice("dropped", f"{len(empty)} empty masks were dropped"))
-        return read_tracks(prepared.frame, prepared.detections, outlines, d)
+        return read_tracks(prepared.frame, prepared.detections, outlines, decisions)

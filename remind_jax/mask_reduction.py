@@ -96,7 +96,10 @@ def reduce_masks(
         filled_coverage[slot] = (
             coverage[slot]
             if filled is pixels
-            else patch_coverage(filled, patch_px, cv2.boundingRect(filled))
+            # A hull fills the box that it was made of.
+            else patch_coverage(
+                filled, patch_px, region if sanitize == "convex_hull" else cv2.boundingRect(filled)
+            )
         )
     pad = lambda values: np.concatenate([values, np.zeros(num_slots - num, values.dtype)])  # noqa: E731
     return Masks(
@@ -125,7 +128,11 @@ def pad_masks(masks: Masks, num_slots: int) -> Masks:
     lacking = num_slots - len(masks.valid)
 
     def pad(leaf: np.ndarray, axes: int = 1) -> np.ndarray:
-        return np.pad(leaf, [(0, lacking)] * axes + [(0, 0)] * (leaf.ndim - axes))
+        padded = np.zeros(
+            [n + lacking for n in leaf.shape[:axes]] + [*leaf.shape[axes:]], leaf.dtype
+        )
+        padded[tuple(slice(n) for n in leaf.shape[:axes])] = leaf
+        return padded
 
     relations = dataclasses.replace(
         masks.relations,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from remind_jax import live
-from remind_jax.compiled_step import step_once
+from remind_jax.compiled_step import step_packed
 from remind_jax.errors import SourceError
 from remind_jax.frame import Frame
 from remind_jax.live import Tracker
@@ -46,15 +46,13 @@ def test_step_gives_the_types_that_it_takes(monkeypatch):
     tracker = Tracker(CONFIG)
     taken = []
 
-    def look(state, *args, static, thresholds, step):
-        given = jax.eval_shape(
-            functools.partial(step_once, static=static, thresholds=thresholds), state, *args
-        )
+    def look(state, *args, **options):
+        given, *_ = jax.eval_shape(functools.partial(step_packed, **options), state, *args)
         taken.append(jax.typeof(leaf) for leaf in jax.tree.leaves(state))
         taken.append(jax.typeof(leaf) for leaf in jax.tree.leaves(given))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(live, "compiled_step", lambda traced: look)
+    monkeypatch.setattr(live, "compiled_step", lambda: look)
     with pytest.raises(KeyboardInterrupt):
         tracker.update(*frames(1)[0])
     before, after = (

@@ -1,0 +1,73 @@
+"""Many small arrays as one per type.
+
+Every array that goes into or comes out of a compiled program costs the host some microseconds,
+and a frame with its thresholds has four hundred.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from remind_jax.observation import AnyArray
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """How to find the leaves of a tree again, in their order."""
+
+    structure: Any  # the tree without its leaves
+    dtypes: tuple[str, ...]  # of each leaf
+    shapes: tuple[tuple[int, ...], ...]  # of each leaf
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Packed:
+    """A tree of arrays, packed."""
+
+    vectors: dict[str, AnyArray]  # by type: the values of its leaves, one leaf after the other
+    layout: Layout = dataclasses.field(metadata={"static": True})
+
+    @classmethod
+    def of(cls, tree: Any) -> Packed:
+        """Packs host arrays and numbers, or, under jit, traced ones; 64 bits only if JAX has them.
+
+        A leaf that is on a device is fetched.
+        """
+        leaves, structure = jax.tree.flatten(tree)
+        traced = any(isinstance(leaf, Tracer) for leaf in leaves)
+        if not traced:
+            leaves = [np.asarray(leaf) for leaf in leaves]
+        dtypes = tuple(str(jax.dtypes.canonicalize_dtype(leaf.dtype)) for leaf in leaves)
+        shapes = tuple(leaf.shape for leaf in leaves)
+        vectors = {
+            dtype: _join([leaf for leaf, own in zip(leaves, dtypes, strict=True) if own == dtype])
+            for dtype in sorted(set(dtypes))
+        }
+        if not traced:
+            vectors = {dtype: vector.astype(dtype) for dtype, vector in vectors.items()}
+        return cls(vectors, Layout(structure, dtypes, shapes))
+
+    def unpack(self) -> Any:
+        """The tree that was packed."""
+        layout, leaves = self.layout, []
+        taken = dict.fromkeys(self.vectors, 0)
+        for dtype, shape in zip(layout.dtypes, layout.shapes, strict=True):
+            start, taken[dtype] = taken[dtype], taken[dtype] + math.prod(shape)
+            leaves.append(self.vectors[dtype][start : taken[dtype]].reshape(shape))
+        return jax.tree.unflatten(layout.structure, leaves)
+
+
+def _join(leaves: Sequence[AnyArray]) -> AnyArray:
+    """One vector of the values of all leaves."""
+    if isinstance(leaves[0], np.ndarray):
+        return np.concatenate([leaf.ravel() for leaf in leaves])
+    return jnp.concatenate([leaf.ravel() for leaf in leaves])

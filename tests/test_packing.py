@@ -1,0 +1,54 @@
+"""Packed trees: the same leaves again, on the host, on the device and under jit."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from remind_jax.packing import Packed
+
+DTYPES = st.sampled_from([np.bool_, np.int32, np.float32, np.uint8])
+LEAVES = DTYPES.flatmap(lambda d: hnp.arrays(d, hnp.array_shapes(min_dims=0, min_side=0)))
+TREES = st.recursive(
+    LEAVES | st.none(), lambda children: st.lists(children) | st.tuples(children, children)
+)
+
+
+def assert_same(one, other):
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        assert (a.shape, a.dtype) == (b.shape, b.dtype)
+        np.testing.assert_array_equal(a, b)
+
+
+@given(TREES)
+def test_unpacking_gives_the_tree_back(tree):
+    packed = Packed.of(tree)
+    assert_same(packed.unpack(), tree)
+    assert len(packed.vectors) == len({leaf.dtype for leaf in jax.tree.leaves(tree)})
+
+
+def test_a_program_unpacks_and_packs():
+    tree = {"gate": np.array(True), "scores": np.arange(6, dtype=np.float32).reshape(2, 3)}
+    double = jax.jit(lambda p: Packed.of(jax.tree.map(lambda leaf: leaf * 2, p.unpack())))
+    told = jax.device_get(double(Packed.of(tree))).unpack()
+    np.testing.assert_array_equal(told["scores"], 2 * tree["scores"])
+    assert told["gate"].dtype == np.int32
+    assert told["gate"] == 2
+
+
+def test_numbers_take_the_precision_that_jax_has():
+    packed = Packed.of((np.arange(3.0), 1, jnp.ones(2)))
+    wide = jax.config.read("jax_enable_x64")
+    assert set(packed.vectors) == ({"float64", "int64"} if wide else {"float32", "int32"})
+
+
+@pytest.mark.parametrize("value", [1, 2])
+def test_one_program_whatever_the_values(value):
+    packed = Packed.of((np.float32(value), np.full(3, value, np.int32)))
+    assert packed.layout == Packed.of((np.float32(0), np.zeros(3, np.int32))).layout
