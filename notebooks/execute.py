@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -21,8 +22,6 @@ from traitlets.config import Config
 FOLDER = Path(__file__).resolve().parent
 KERNEL = {"display_name": "Python 3", "language": "python", "name": "python3"}
 CELL_LIMIT_S = 3600
-# Sockets in the file system need no network, and nobody else can listen.
-TRANSPORT = "ipc" if os.name == "posix" else "tcp"
 
 
 def sources() -> list[Path]:
@@ -45,6 +44,9 @@ def read(source: Path) -> nbformat.NotebookNode:
 def execute(source: Path, folder: Path | None = None) -> nbformat.NotebookNode:
     """Runs a notebook in a kernel of its own.
 
+    They talk over sockets in the file system where there are such: these need no network, and
+    nobody else can listen.
+
     Args:
       source: Text source.
       folder: Where it runs; that of the source if left out.
@@ -54,15 +56,18 @@ def execute(source: Path, folder: Path | None = None) -> nbformat.NotebookNode:
     """
     os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"  # XLA remarks on slow compilations
     notebook = read(source)
-    client = nbclient.NotebookClient(
-        notebook,
-        timeout=CELL_LIMIT_S,
-        kernel_name=KERNEL["name"],
-        config=Config({"KernelManager": {"transport": TRANSPORT}}),
-        record_timing=False,
-        resources={"metadata": {"path": str(folder or source.parent)}},
-    )
-    client.execute()
+    with tempfile.TemporaryDirectory() as sockets:
+        # An absolute path: the kernel runs in another folder than this process.
+        transport = {"transport": "ipc", "ip": f"{sockets}/kernel"} if os.name == "posix" else {}
+        client = nbclient.NotebookClient(
+            notebook,
+            timeout=CELL_LIMIT_S,
+            kernel_name=KERNEL["name"],
+            config=Config({"KernelManager": transport}),
+            record_timing=False,
+            resources={"metadata": {"path": str(folder or source.parent)}},
+        )
+        client.execute()
     for cell in notebook.cells:
         cell.metadata.clear()
     notebook.metadata = read(source).metadata  # the kernel adds its version

@@ -14,7 +14,7 @@ from remind_jax.plus.observation import Motion
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
-from tests.plus.walls import NO_TRUTH, STATIC, Walk, follow, pan
+from tests.plus.walls import NO_TRUTH, STATIC, Walk, follow, glimpse, pan
 
 
 def share_right(thing: np.ndarray, answer: np.ndarray) -> float:
@@ -64,6 +64,23 @@ def test_no_identity_is_given_twice_in_a_frame_at_thirty_percent_loss(seed, alik
     _, verdicts, decisions, _ = follow(walk)
     assert num_repeated(verdicts.answer_id) == 0
     assert num_repeated(decisions.object_id) == 0
+
+
+def test_what_ended_before_it_was_decided_is_known_at_its_next_sight():
+    """Three frames of a thing that nobody saw before, and three when the camera is back."""
+    walk, thing = pan(), 4
+    passes = np.flatnonzero(np.any(walk.thing == thing, axis=1))
+    first, second = passes[3:6], passes[-6:-3]
+    assert second[0] - first[-1] > 20
+    brief = glimpse(walk, thing, np.concatenate([first, second]))
+    remembering, forgetting = (
+        follow(brief, changed(PlusThresholds(), "decision", ended_age=age))[1].answer_id
+        for age in (2, 0)
+    )
+    seen = brief.thing == thing
+    before, after = first[-1], second[-1]
+    assert remembering[after][seen[after]] == remembering[before][seen[before]]
+    assert forgetting[after][seen[after]] != forgetting[before][seen[before]]
 
 
 @pytest.mark.parametrize("hold", [False, True])

@@ -119,3 +119,10 @@ def follow(
     pairs = (walk.sightings, walk.motion)
     after, told = _scan(state, pairs, thresholds or PlusThresholds(), static)
     return after, *jax.device_get(told)
+
+
+def glimpse(walk: Walk, thing: int, shown: np.ndarray) -> Walk:
+    """The same walk with one thing seen in these frames only."""
+    gone = (walk.thing == thing) & ~np.isin(np.arange(len(walk.thing)), shown)[:, None]
+    sightings = dataclasses.replace(walk.sightings, valid=walk.sightings.valid & ~gone)
+    return Walk(sightings, walk.motion, np.where(gone, NO_TRUTH, walk.thing))
