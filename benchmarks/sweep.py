@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.step import DEFAULT_SEQUENCE, as_frame
 from remind_jax.backbone.registry import get_backbone
-from remind_jax.compiled_step import COMPILER_OPTIONS, settle_types
+from remind_jax.compiled_step import ONE_FRAME_OPTIONS, settle_types
 from remind_jax.config import load_config
 from remind_jax.sources import open_source
 from remind_jax.state import init
@@ -75,10 +75,11 @@ def main() -> None:
     settings = complete(draw(SPACE, options.settings), config)
 
     start = time.perf_counter()
-    batch, num_bytes = options.batch, 0
+    batch, num_bytes, compile_s = options.batch, 0, 0.0
     if batch is None:
         budget = int(options.memory_gib * GIB)
         batch, num_bytes = plan_batch(described, config.thresholds, static, len(settings), budget)
+    compile_s = time.perf_counter() - start
     _, static = run_batch(described, config.thresholds, settings[:batch], static)
     first_s = time.perf_counter() - start
 
@@ -87,7 +88,7 @@ def main() -> None:
             step_described(state, frame.descriptors, frame.masks, static=static, thresholds=t)
         ),
         donate_argnums=0,
-        compiler_options=COMPILER_OPTIONS.get(jax.default_backend()),
+        compiler_options=ONE_FRAME_OPTIONS.get(jax.default_backend()),
     )
     single_frames = [jax.tree.map(lambda x, i=i: x[i], described) for i in range(len(frames))]
 
@@ -117,6 +118,7 @@ def main() -> None:
         "settings": options.settings,
         "batch": batch,
         "program_mib": num_bytes / 2**20,
+        "compile_s": compile_s,  # 0 if the batch was given
         "first_s": first_s,
         "settings_x_frames_per_s": rate,
         "single_frames_per_s": single_rate,

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from remind_jax.config.static import Static
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.packing import Packed
+from remind_jax.program_store import is_of_this_package, name_function, trace_once
 from remind_jax.trace import Trace
 from remind_jax.tracker import step
 
@@ -19,7 +21,7 @@ from remind_jax.tracker import step
 COMPILER_OPTIONS = {"cpu": {"xla_backend_optimization_level": 1}}
 # One frame is thousands of small operations; to share each between threads costs more than it
 # gains.
-_ONE_FRAME_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
+ONE_FRAME_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
 
 
 def step_once(
@@ -78,20 +80,54 @@ def settle_types(state: Any) -> Any:
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
+def _make_empty(init: Callable[[Static], Any], static: Static) -> Any:
+    return settle_types(init(static))
+
+
 def empty_state(init: Callable[[Static], Any], static: Static) -> Any:
     """The empty memory of a method, in the types that its step takes; one program, not dozens."""
-    return settle_types(init(static))
+    return stay(_make_empty(init, static))
+
+
+def stay(state: Any) -> Any:
+    """The memory bound to its device, as a kept program returns it: else it compiles once more."""
+    return jax.tree.map(lambda leaf: jax.device_put(leaf, jnp.asarray(leaf).sharding), state)
+
+
+def step_kept(
+    state: Any,
+    frame_feats: FrameFeats,
+    given: Packed,
+    *,
+    static: Static,
+    thresholds: Packed,
+    step: Callable[..., Any] = step,
+    traced: bool = False,
+) -> tuple[Any, Packed, Trace | None]:
+    """`step_packed`, traced once for all processes if the step is one of this package."""
+
+    def run(state: Any, frame_feats: FrameFeats, given: Packed, thresholds: Packed) -> Any:
+        return step_packed(
+            state, frame_feats, given, static=static, thresholds=thresholds, step=step,
+            traced=traced,
+        )  # fmt: skip
+
+    args = (state, frame_feats, given, thresholds)
+    if traced or not is_of_this_package(step):
+        return run(*args)
+    result = (state, Packed.of((state.decisions, state.overflow)), None)
+    return trace_once(run, args, result, ("step", static, name_function(step)))
 
 
 @functools.cache
 def compiled_step() -> Callable[..., tuple[Any, Packed, Trace | None]]:
-    """`step_packed`, compiled for the device in use.
+    """`step_kept`, compiled for the device in use.
 
     `static`, `step` and `traced` select the program; the buffers of the memory given are used up.
     """
     return jax.jit(
-        step_packed,
+        step_kept,
         static_argnames=("static", "step", "traced"),
         donate_argnames="state",
-        compiler_options=_ONE_FRAME_OPTIONS.get(jax.default_backend()),
+        compiler_options=ONE_FRAME_OPTIONS.get(jax.default_backend()),
     )

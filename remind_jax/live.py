@@ -18,7 +18,7 @@ import numpy as np
 
 from remind_jax.alignment import Alignment
 from remind_jax.backbone.registry import Backbone, get_backbone
-from remind_jax.compiled_step import compiled_step, empty_state, settle_types
+from remind_jax.compiled_step import compiled_step, empty_state, settle_types, stay
 from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, RemindError, SourceError
@@ -280,7 +280,7 @@ class Tracker:
         if memory.backbone != FEATURES_GIVEN:
             check_backbone(memory, self.backbone.name, path)
         self._features_given = memory.backbone == FEATURES_GIVEN
-        self._state, self._static = memory.state, memory.static
+        self._state, self._static = stay(memory.state), memory.static
         self._class_ids = {name: number for number, name in enumerate(memory.class_names)}
 
     def _follow_profile(self) -> None:
@@ -393,7 +393,7 @@ class Tracker:
 
     def _grow(self, static: Static) -> None:
         assert self._state is not None
-        self._state = settle_types(self.method.enlarge(self._state, static))
+        self._state = stay(settle_types(self.method.enlarge(self._state, static)))
         self._static = static
 
     def _note_growth(self, what: str, needed: int, capacity: int) -> None:

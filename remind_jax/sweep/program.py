@@ -20,6 +20,7 @@ from remind_jax.compiled_step import COMPILER_OPTIONS, settle_types
 from remind_jax.config import Static
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.metrics.in_graph import GraphScores, score_labels
+from remind_jax.program_store import trace_once
 from remind_jax.state import TrackerState, init
 from remind_jax.sweep.scene_arrays import DescribedFrames
 from remind_jax.tracker import step_described
@@ -168,12 +169,12 @@ def compile_follow(
 def _compile(static: Static, num_settings: int, shapes: tuple, structure: Any) -> Program:
     states = jax.eval_shape(lambda: empty_memories(static, num_settings))
     thresholds, frames = jax.tree.unflatten(structure, shapes)
-    run, options = functools.partial(follow, static=static), {}
+    run, options = functools.partial(_follow_kept, static=static), {}
     if (where := _shardings()) is not None:
         settings, frame, answers = where
         # Every device goes its own way: a branch is taken where one of its own settings needs it.
         run = jax.shard_map(
-            run,
+            functools.partial(follow, static=static),
             mesh=settings.mesh,
             in_specs=(settings.spec, settings.spec, frame.spec),
             out_specs=(settings.spec, answers.spec),
@@ -195,6 +196,16 @@ def _compile(static: Static, num_settings: int, shapes: tuple, structure: Any) -
         return Program(compiled, 0)
     total = used.argument_size_in_bytes + used.output_size_in_bytes + used.temp_size_in_bytes
     return Program(compiled, int(total - used.alias_size_in_bytes))
+
+
+def _follow_kept(
+    states: TrackerState, thresholds: Any, frames: DescribedFrames, *, static: Static
+) -> tuple[TrackerState, Answers]:
+    """`follow`, traced once for all processes."""
+    said, lacks = states.decisions, states.overflow
+    like = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
+    run = functools.partial(follow, static=static)
+    return trace_once(run, (states, thresholds, frames), (states, like), ("follow", static))
 
 
 compiled_score = jax.jit(score, static_argnames=("num_objects", "num_labels"))
