@@ -55,6 +55,7 @@ def execute(source: Path, folder: Path | None = None) -> nbformat.NotebookNode:
       nbclient.exceptions.CellExecutionError: If a cell fails.
     """
     os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"  # XLA remarks on slow compilations
+    os.environ["PYTHONWARNINGS"] = "ignore:IProgress not found"  # progress bars without widgets
     notebook = read(source)
     with tempfile.TemporaryDirectory() as sockets:
         # An absolute path: the kernel runs in another folder than this process.

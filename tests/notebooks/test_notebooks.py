@@ -24,7 +24,6 @@ pytest.importorskip("ipykernel", reason=WHY)
 FOLDER = Path(__file__).resolve().parents[2] / "notebooks"
 SOURCES = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
 QUICK = ("01",)  # always run; the others when slow tests are
-NOT_YET = ("03", "04")  # without a page until `make notebooks` has written it
 
 MAX_BYTES, MAX_BYTES_IN_ALL = 400_000, 2_000_000
 
@@ -48,8 +47,7 @@ def of_each(*, quick: bool):
     return pytest.mark.parametrize("source", chosen, ids=lambda source: source.stem)
 
 
-WITH_PAGE = [source for source in SOURCES if not source.name.startswith(NOT_YET)]
-every_page = pytest.mark.parametrize("source", WITH_PAGE, ids=lambda source: source.stem)
+every_page = pytest.mark.parametrize("source", SOURCES, ids=lambda source: source.stem)
 
 
 def read_page(source: Path):
@@ -60,7 +58,7 @@ def test_all_notebooks_are_there():
     assert [source.name[:2] for source in SOURCES] == ["01", "02", "03", "04", "05", "06"]
     assert executor.sources() == SOURCES
     pages = {page.stem for page in FOLDER.glob("*.ipynb")}
-    assert pages == {source.stem for source in WITH_PAGE}
+    assert pages == {source.stem for source in SOURCES}
 
 
 @every_page
