@@ -73,8 +73,12 @@ def pad_frames(frames: DescribedFrames, length: int) -> DescribedFrames:
 
 
 def run_batch(
-    frames: DescribedFrames, thresholds: Any, settings: Sequence[Setting], static: Static
-) -> tuple[Answers, Static]:
+    frames: DescribedFrames,
+    thresholds: Any,
+    settings: Sequence[Setting],
+    static: Static,
+    budget_bytes: int | None = None,
+) -> tuple[Answers | None, Static]:
     """Runs settings side by side; capacities grow until every frame fits every setting.
 
     Args:
@@ -82,9 +86,11 @@ def run_batch(
       thresholds: Values of what a setting does not name.
       settings: Settings of one batch.
       static: Capacities to start with.
+      budget_bytes: Of each device; as much as it takes if left out.
 
     Returns:
-      The answers of all frames and the capacities that they needed.
+      The answers of all frames and the capacities that they needed; no answers where so many
+      settings with these capacities have no room in the budget.
     """
     length = len(frames.masks.valid)
     padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
@@ -103,6 +109,10 @@ def run_batch(
             answers = jax.tree.map(lambda *parts: np.concatenate(parts)[:length], *told)
             return answers, static
         static = static.grow(num_objects=lacking[0], num_pending=lacking[1])
+        if budget_bytes is not None:
+            fitting = max(jax.local_device_count(), most_at_once(static, budget_bytes))
+            if len(settings) > fitting:
+                return None, static
 
 
 def _parts(frames: DescribedFrames) -> Iterator[DescribedFrames]:

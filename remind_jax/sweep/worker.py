@@ -69,11 +69,17 @@ class Worker:
             frames = self._describe(scene, job[numbers[0]])
             self._choose_batch(frames, [len(job) for job in jobs])
             while numbers:
-                part, numbers = numbers[: self.batch], numbers[self.batch :]
+                part = numbers[: self.batch]
                 # The last setting again until the batch is full: one program serves all batches.
                 filled = [job[i] for i in part + part[-1:] * (self.batch - len(part))]
-                answers, grown = run_batch(frames, self._config.thresholds, filled, self._static)
-                keep(part, score_batch(scene, answers, grown)[: len(part)])
+                # A batch that outgrows its memory is done over, in smaller ones.
+                answers, grown = run_batch(
+                    frames, self._config.thresholds, filled, self._static,
+                    self._budget_bytes if self._wanted is None else None,
+                )  # fmt: skip
+                if answers is not None:
+                    keep(part, score_batch(scene, answers, grown)[: len(part)])
+                    numbers = numbers[len(part) :]
                 if grown != self._static:
                     self._static = grown
                     self._plan(frames, self.batch)

@@ -56,6 +56,7 @@ def test_rows_equal_single_runs(name, capsys):
     said, decisions = set(), 0
     for index, setting in enumerate(SETTINGS):
         answers, column = batches[index // BATCH], index % BATCH
+        assert answers is not None
         tracker = Tracker(config.updated({"thresholds": nest(setting)}))
         for number, frame in enumerate(frames):
             tracks = tracker.update(frame)

@@ -47,6 +47,7 @@ def test_answers_equal_single_runs():
     same = [{**setting, "perception.trim_keep": 0.7} for setting in settings]
     described = describe_scene(scene, world.STATIC, thresholds_of(same[0]))
     answers, _ = run_batch(described, CONFIG.thresholds, same, world.STATIC)
+    assert answers is not None
     for index, setting in enumerate(same):
         states = world.run(frames, thresholds=thresholds_of(setting))
         said = firm_ids(
@@ -65,6 +66,18 @@ def test_capacities_grow_until_every_setting_fits(swept):
     small = dataclasses.replace(CONFIG, static=dataclasses.replace(world.STATIC, num_objects=2))
     grown = sweep(SCENES, SETTINGS, config=small, batch=4)
     np.testing.assert_array_equal(grown.table(), swept.table())
+
+
+@pytest.mark.slow
+def test_a_batch_without_room_to_grow_gives_no_answers():
+    scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
+    small = dataclasses.replace(world.STATIC, num_objects=2)
+    described = describe_scene(scene, small, CONFIG.thresholds)
+    answers, grown = run_batch(described, CONFIG.thresholds, SETTINGS[:4], small, 1)
+    assert answers is None
+    assert grown.num_objects > 2
+    answers, _ = run_batch(described, CONFIG.thresholds, SETTINGS[:1], small, 1)
+    assert answers is not None
 
 
 def test_batches_and_their_order_change_nothing(swept):

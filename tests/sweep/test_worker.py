@@ -46,16 +46,18 @@ def test_batch_is_a_multiple_of_the_devices(monkeypatch):
 @pytest.fixture
 def staged(monkeypatch):
     """A worker whose runs are noted instead of done; memory has room for 60 objects in all."""
-    note = types.SimpleNamespace(runs=[], described=0, grow_at=None)
+    note = types.SimpleNamespace(runs=[], described=0, grow_at=None, outgrows=False)
 
     def describe(scene, static, thresholds):
         note.described += 1
         return scene
 
-    def run(frames, thresholds, settings, static):
+    def run(frames, thresholds, settings, static, budget):
         note.runs.append([setting.get("matching.match") for setting in settings])
         if len(note.runs) == note.grow_at:
             static = dataclasses.replace(static, num_objects=2 * static.num_objects)
+            if note.outgrows and budget is not None:
+                return None, static
         return settings, static
 
     def plan(frames, thresholds, static, wanted, budget):
@@ -94,6 +96,13 @@ def test_every_setting_gets_its_own_row(staged):
 def test_a_memory_that_grew_is_planned_anew(staged):
     staged.grow_at = 2
     settings = [{"matching.match": 0.01 * i} for i in range(21)]
+    assert run_all(Worker(CONFIG, 1.0), settings) == settings
+    assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 3]
+
+
+def test_a_batch_that_outgrows_its_memory_is_done_over_in_smaller_ones(staged):
+    staged.grow_at, staged.outgrows = 2, True
+    settings = [{"matching.match": 0.01 * i} for i in range(14)]
     assert run_all(Worker(CONFIG, 1.0), settings) == settings
     assert [len(run) for run in staged.runs] == [7, 7, 3, 3, 3]
 
