@@ -18,11 +18,14 @@ from remind_jax.sweep.settings import draw
 from tests.golden import load
 
 SPACE = {
-    "matching.match": (0.6, 0.85),
-    "matching.lock_score": (0.8, 0.95),
+    "matching.match": (0.7, 0.98),
+    "similarity.object_weight": (0.2, 1.0),
+    "similarity.background_weight": (0.05, 0.5),
+    "similarity.parts_weight": (0.0, 0.4),
     "diagnosis.close": (0.02, 0.12),
-    "diagnosis.anchor_score": (0.65, 0.85),
+    "diagnosis.anchor_score": (0.65, 0.95),
     "appearance.duplicate": (0.7, 0.97),
+    "lifecycle.confirm_hits": (1, 5),
     "ambiguous.enabled": (True, False),
     "provisional.enabled": (True, False),
     "veto.enabled": (True, False),
