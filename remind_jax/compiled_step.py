@@ -44,9 +44,9 @@ def step_packed(
     state: Any,
     frame_feats: FrameFeats,
     given: Packed,
+    thresholds: Packed,
     *,
     static: Static,
-    thresholds: Packed,
     step: Callable[..., Any] = step,
     traced: bool = False,
 ) -> tuple[Any, Packed, Trace | None]:
@@ -56,8 +56,8 @@ def step_packed(
       state: The memory.
       frame_feats: What the backbone says.
       given: Masks, and what was observed beside them or None.
-      static: Shapes and structure.
       thresholds: Those of the method.
+      static: Shapes and structure.
       step: The method's `step`, or its `step_traced`.
       traced: Which of them it is.
 
@@ -95,26 +95,13 @@ def stay(state: Any) -> Any:
 
 
 def step_kept(
-    state: Any,
-    frame_feats: FrameFeats,
-    given: Packed,
-    *,
-    static: Static,
-    thresholds: Packed,
-    step: Callable[..., Any] = step,
-    traced: bool = False,
+    *args: Any, static: Static, step: Callable[..., Any] = step, traced: bool = False
 ) -> tuple[Any, Packed, Trace | None]:
     """`step_packed`, traced once for all processes if the step is one of this package."""
-
-    def run(state: Any, frame_feats: FrameFeats, given: Packed, thresholds: Packed) -> Any:
-        return step_packed(
-            state, frame_feats, given, static=static, thresholds=thresholds, step=step,
-            traced=traced,
-        )  # fmt: skip
-
-    args = (state, frame_feats, given, thresholds)
+    run = functools.partial(step_packed, static=static, step=step, traced=traced)
     if traced or not is_of_this_package(step):
         return run(*args)
+    state = args[0]
     result = (state, Packed.of((state.decisions, state.overflow)), None)
     return trace_once(run, args, result, ("step", static, name_function(step)))
 
@@ -128,6 +115,6 @@ def compiled_step() -> Callable[..., tuple[Any, Packed, Trace | None]]:
     return jax.jit(
         step_kept,
         static_argnames=("static", "step", "traced"),
-        donate_argnames="state",
+        donate_argnums=0,
         compiler_options=ONE_FRAME_OPTIONS.get(jax.default_backend()),
     )

@@ -359,13 +359,18 @@ class Tracker:
             self._grow(static)
         given = Packed.of((pad_masks(masks, static.num_detections), prepared.observed))
         step = self.method.step_traced if self._is_tracing else self.method.step
-        options = {"step": step, "traced": self._is_tracing, "thresholds": self._place_thresholds()}
+        options: Any = {"step": step, "traced": self._is_tracing}
         outlines: Outlines | None = None
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
             self._state, told, trace = compiled_step()(
-                self._state, frame_feats, given, static=self._static, **options
+                self._state,
+                frame_feats,
+                given,
+                self._place_thresholds(),
+                static=self._static,
+                **options,
             )
             outlines = outlines or outline(prepared.detections.masks)
             decisions, overflow = jax.device_get(told).unpack()

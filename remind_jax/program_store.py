@@ -2,7 +2,7 @@
 
 JAX's compilation cache spares the compiler, not the tracing of Python, which for a tracker's step
 takes several times as long as loading what was compiled. Kept in a folder of that cache; without
-the cache nothing is kept.
+the cache, or without `flatbuffers`, nothing is kept.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import importlib.util
 import os
 import tempfile
 from collections.abc import Callable
@@ -37,7 +38,8 @@ def trace_once(function: Callable[..., Any], args: tuple, result: Any, key: tupl
       key: What the program depends on besides; its `repr` tells values apart.
     """
     folder = jax.config.values["jax_compilation_cache_dir"]
-    if not folder:
+    # JAX writes programs with a library that it does not bring along.
+    if not folder or importlib.util.find_spec("flatbuffers") is None:
         return function(*args)
     leaves, structure = jax.tree.flatten(args)
     if any(jax.typeof(leaf).weak_type for leaf in leaves):  # a kept program knows strong types only

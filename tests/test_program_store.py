@@ -91,6 +91,12 @@ def test_without_a_cache_nothing_is_kept(folder):
     assert not folder.exists()
 
 
+def test_without_the_library_that_writes_programs_nothing_is_kept(folder, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    np.testing.assert_array_equal(run(Counted())["sum"], [2, 2, 2])
+    assert not folder.exists()
+
+
 def test_a_program_with_a_callback_is_traced_as_ever(folder):
     def ask_host(pair):
         shape = jax.ShapeDtypeStruct((3,), jnp.float32)
