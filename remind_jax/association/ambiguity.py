@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.association.diagnosis import admit_by_status
 from remind_jax.association.temporal import (
     NO_SLOT,
     Account,
@@ -16,7 +17,7 @@ from remind_jax.association.temporal import (
     to_mask,
 )
 from remind_jax.config.outcome_thresholds import Ambiguous
-from remind_jax.decision import Reason, Status
+from remind_jax.decision import Reason
 
 
 def find_ambiguous(
@@ -35,7 +36,8 @@ def find_ambiguous(
     mine = slot[:, None] == jnp.arange(width)
     held = jnp.any(mine, axis=0)
     status, _, _ = _judge(account, account.plausible, t)
-    may_override = ~matched | (t.override_match & (status != Status.STRONG))
+    admitted = admit_by_status(status, t.override_strong, t.override_ambiguous, t.override_weak)
+    may_override = ~matched | (t.override_match & admitted)
 
     members = _open_candidates(account, mine, held, matched)
     score = temporal_score(account, members)

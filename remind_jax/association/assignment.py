@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.association.diagnosis import Evidence, top_two
+from remind_jax.association.diagnosis import Evidence, admit_by_status, top_two
 from remind_jax.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
 from remind_jax.association.similarity import Comparison
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Matching
-from remind_jax.decision import Lock, Status
+from remind_jax.decision import Lock
 from remind_jax.solvers.assignment import UNASSIGNED, assign
 from remind_jax.solvers.greedy import assign_greedily
 
@@ -50,15 +50,17 @@ def associate(
     candidate, score = comparison.candidate, comparison.score
     num, slots = candidate.shape
     everyone, nothing = jnp.ones(num, bool), jnp.zeros(slots, bool)
-    unclear = evidence.status != Status.STRONG
+    listens = admit_by_status(
+        evidence.status, context.on_strong, context.on_ambiguous, context.on_weak
+    )
     pairs = gate_pairs(
-        initial_pairs(score), candidate, score, context, unclear, everyone, nothing, t
+        initial_pairs(score), candidate, score, context, listens, everyone, nothing, t
     )
     locked, lock = lock_pairs(pairs, score, t)
     used, free = jnp.any(locked, axis=0), ~jnp.any(locked, axis=1)
     locked_score = jnp.sum(jnp.where(locked, pairs.score_final, 0.0), axis=1)
 
-    pairs = gate_pairs(pairs, candidate, score, context, unclear, free, used, t)
+    pairs = gate_pairs(pairs, candidate, score, context, listens, free, used, t)
     allowed, dummy = pairs.eligible & free[:, None], dummy_scores(evidence, t)
     if static.assignment == "greedy":
         column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)

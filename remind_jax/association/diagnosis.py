@@ -55,6 +55,18 @@ def find_anchors(
     return claims & (jnp.arange(scores.shape[0])[:, None] == winner[None])
 
 
+def admit_by_status(
+    status: Int[Array, "N"],
+    strong: Bool[Array, ""],
+    ambiguous: Bool[Array, ""],
+    weak: Bool[Array, ""],
+) -> Bool[Array, "N"]:
+    """Detections whose status is admitted; one without a status always is."""
+    shut = (status == Status.STRONG) & ~strong
+    shut = shut | ((status == Status.AMBIGUOUS) & ~ambiguous)
+    return ~(shut | ((status == Status.WEAK) & ~weak))
+
+
 def diagnose(
     scores: Float[Array, "N O"],
     counted: Bool[Array, "N O"],

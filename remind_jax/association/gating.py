@@ -51,6 +51,9 @@ class ContextVerdict:
     bonus_raw: Float[Array, "O"]  # signed adjustment of the score
     supported: Bool[Array, "O"]  # clearly backed by context
     influences: Bool[Array, ""]  # context may change scores at all
+    on_strong: Bool[Array, ""]  # those of detections with strong evidence,
+    on_ambiguous: Bool[Array, ""]  # ambiguous
+    on_weak: Bool[Array, ""]  # or weak evidence
     rescue_min_visual: Float[Array, ""]  # least visual score of a rescued pair
 
 
@@ -76,6 +79,9 @@ def read_context(
         bonus_raw=felt.bonus_raw,
         supported=supported | (felt.score_sets >= ambiguous.min_net_support),
         influences=influence.enabled,
+        on_strong=influence.on_strong,
+        on_ambiguous=influence.on_ambiguous,
+        on_weak=influence.on_weak,
         rescue_min_visual=influence.rescue_visual,
     )
 
@@ -92,7 +98,7 @@ def gate_pairs(
     candidate: Bool[Array, "N O"],
     score: Float[Array, "N O"],
     context: ContextVerdict,
-    unclear: Bool[Array, "N"],
+    open_to_context: Bool[Array, "N"],
     rows: Bool[Array, "N"],
     used: Bool[Array, "O"],
     t: Matching,
@@ -104,12 +110,12 @@ def gate_pairs(
       candidate: Pairs of one class.
       score: Visual score.
       context: What context says.
-      unclear: Detections whose visual evidence is not clear: context may influence them.
+      open_to_context: Detections that context may influence, mostly those that are not clear.
       rows: Detections still to be assigned.
       used: Objects already taken; they open the whole class to context.
       t: Thresholds.
     """
-    allowed = unclear | jnp.any(candidate & used[None], axis=1)
+    allowed = open_to_context | jnp.any(candidate & used[None], axis=1)
     allowed = allowed & context.influences
     bonus = jnp.where(allowed[:, None], context.bonus_raw[None], 0.0)
     rescued = allowed[:, None] & (score >= context.rescue_min_visual)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.association.diagnosis import top_two
+from remind_jax.association.diagnosis import admit_by_status, top_two
 from remind_jax.association.temporal import (
     NO_SLOT,
     Account,
@@ -90,7 +90,8 @@ def question_births(
     first, first_score, _ = top_two(score, supported)
     blocked_ok = some & held[first] & (first_score >= t.min_top)
     near_miss = _is_near_miss(visual, plausible, candidate, some, t, matching, diagnosis)
-    bad_status = (status == Status.STRONG) & ~blocked_ok & ~near_miss
+    admitted = admit_by_status(status, t.from_strong, t.from_ambiguous, t.from_weak)
+    bad_status = ~admitted & ~blocked_ok & ~near_miss
 
     focus, focus_score = plausible, score
     focus = jnp.where(some[:, None], supported, focus)

@@ -154,7 +154,8 @@ def _compare_assignments(
     in_part = parts.root[None] == roots[:, None]
     objects = parts.objects & (parts.root == roots)[:, None]
     size = jnp.sum(in_part, axis=1)
-    small = (size == jnp.sum(objects, axis=1)) & (size <= MAX_MEMBERS) & (size >= 2)
+    most = jnp.minimum(t.max_members, MAX_MEMBERS)
+    small = (size == jnp.sum(objects, axis=1)) & (size <= most) & (size >= 2)
 
     # Detections by number of edges, then id; objects by id.
     degree = jnp.where(in_part, jnp.sum(parts.edge, axis=1)[None], width + 1)
@@ -209,16 +210,19 @@ def _pad_columns(index: Int[Array, "N X"], width: int) -> Int[Array, "N W"]:
 def _is_fragile(
     account: Account, parts: _Components, slot: Int[Array, "N"], t: Stability
 ) -> Bool[Array, "N"]:
-    """Components with a rescued match that a rival pair clearly beats (14.2 step 4)."""
+    """Components with a fragile match that a rival pair clearly beats (14.2 step 4)."""
     known, width = account.pairs.score_known, parts.edge.shape[1]
     current = slot[:, None] == jnp.arange(width)
-    rescued = jnp.any(current & (account.pairs.gate == Gate.SETS_RESCUE) & parts.edge, axis=1)
+    gate = account.pairs.gate
+    weak = t.rescued_fragile & (gate == Gate.SETS_RESCUE)
+    weak = weak | (t.passed_fragile & (gate == Gate.PASS_MATCH_THR))
+    fragile = jnp.any(current & weak & parts.edge, axis=1)
     mine = jnp.sum(jnp.where(current, known, 0.0), axis=1)
     other_object = jnp.max(jnp.where(parts.edge & ~current, known, -jnp.inf), axis=1)
     rivals = parts.edge[None] & current[:, None] & ~jnp.eye(len(slot), dtype=bool)[..., None]
     other_detection = jnp.max(jnp.where(rivals, known[None], -jnp.inf), axis=(1, 2))
     beaten = jnp.maximum(other_object, other_detection) >= mine + t.alternative_margin
-    bad = rescued & beaten & parts.contested
+    bad = fragile & beaten & parts.contested
     same = parts.root[:, None] == parts.root[None]
     return jnp.any(same & bad[None], axis=1) & parts.contested
 

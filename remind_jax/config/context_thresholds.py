@@ -17,6 +17,10 @@ class Sets:
 
     min_set_score: Real = 0.0  # hypotheses below are dropped
     min_link: Real = 0.05  # conditional probability from which an object speaks for another
+    drop_weak_links: Gate = True  # links below min_link add nothing to the density
+    partial: Gate = True  # a set may leave a class in view unexplained
+    max_classes: Whole = 0  # classes that sets are built from, those of few objects first; 0: all
+    prior_sets: Whole = 0  # best sets that tell how likely an object is in view; 0: all
     maturity_rate: Real = 0.25  # maturity is 1 - exp(-rate * episodes)
     density_power: Real = 1.0  # of the share of linked pairs in the density
     min_links: Whole = 1  # links that every member needs
@@ -63,6 +67,9 @@ class Influence:
     """What the context adds to or takes from a candidate (context notes 8 and 9)."""
 
     enabled: Gate = True  # context at all; off also stops rescue and vetoes
+    on_strong: Gate = False  # change scores of detections whose evidence is strong
+    on_ambiguous: Gate = True  # change scores of detections whose evidence is ambiguous
+    on_weak: Gate = True  # change scores of detections whose evidence is weak
     positive_cap: Real = 0.20  # largest bonus [delta_plus]
     negative_cap: Real = 0.10  # largest penalty [delta_minus]
     min_quality: Real = 0.35  # least quality of a context that counts
@@ -140,9 +147,12 @@ RENAMED: dict[str, str] = {
     f"{_S}.use_mutual": "static.mutual_links",
     f"{_S}.kernel_max": "static.set_kernel",
     f"{_S}.options.obj_Lmax": "static.option_objects",
-    f"{_S}.context.k": "static.context_hypotheses",
     f"{_S}.min_set_score": "thresholds.sets.min_set_score",
     f"{_S}.min_edge_p": "thresholds.sets.min_link",
+    f"{_S}.density_gate_min_edge_p": "thresholds.sets.drop_weak_links",
+    f"{_S}.allow_partial_coverage": "thresholds.sets.partial",
+    f"{_S}.max_set_size": "thresholds.sets.max_classes",
+    f"{_S}.core.priors_top_m": "thresholds.sets.prior_sets",
     f"{_S}.conf_lambda": "thresholds.sets.maturity_rate",
     f"{_S}.density_edge_cov_gamma": "thresholds.sets.density_power",
     f"{_S}.connectivity_require_min_degree": "thresholds.sets.min_links",
@@ -242,19 +252,22 @@ RENAMED: dict[str, str] = {
     f"{_V}.local.expected_mass_target": "thresholds.veto.local_mass",
 }
 
+# Lists of names: a gate for each name.
+SUBSETS = {
+    f"{_I}.allow_status": {
+        "STRONG": "thresholds.influence.on_strong",
+        "AMBIGUOUS": "thresholds.influence.on_ambiguous",
+        "WEAK": "thresholds.influence.on_weak",
+    },
+}
+
 # Keys that are supported with this value only.
 FIXED: dict[str, Any] = {
-    f"{_S}.max_set_size": 0,
-    f"{_S}.allow_partial_coverage": True,
-    f"{_S}.density_gate_min_edge_p": True,
-    f"{_S}.core.priors_top_m": 0,
     f"{_S}.candidate_pair_matrix.enabled": True,
     f"{_S}.candidate_pair_matrix.max_objects": 160,
     f"{_S}.options.det_combo_max": 32,
     f"{_S}.options.det_variants": 2,
     f"{_S}.options.obj_variants": 2,
-    f"{_I}.allow_status": ["WEAK", "AMBIGUOUS"],
-    f"{_V}.local.expected_topk_scale": 2.0,
 }
 
 # Keys, or whole sections, that never change an identity in a supported setting.

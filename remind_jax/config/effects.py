@@ -211,6 +211,8 @@ NUMBERS: dict[str, dict[str, tuple[str, str]]] = {
     "sets": {
         "min_set_score": ("score", "fewer sets are weighed"),
         "min_link": ("probability", "fewer objects speak for each other"),
+        "max_classes": ("classes", "sets reach classes of more objects; more time"),
+        "prior_sets": ("sets", "objects of less likely sets count as likely as well"),
         "maturity_rate": ("per episode", "company is trusted earlier"),
         "density_power": ("exponent", "sets with missing links lose more"),
         "min_links": ("links", "loosely linked sets are left out"),
@@ -310,6 +312,7 @@ NUMBERS: dict[str, dict[str, tuple[str, str]]] = {
         "assignment_gap": ("score", "more look-alikes stay undecided"),
         "alternative_margin": ("score", "fewer rescued pairs are doubted"),
         "keep_margin": ("score", "fewer doubted pairs stand"),
+        "max_members": ("detections", "more look-alikes stay undecided"),
     },
     "competition": {
         "max_parent_age": ("frames", "more competitions"),

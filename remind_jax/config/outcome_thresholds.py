@@ -18,6 +18,9 @@ class Stability:
     assignment_gap: Real = 0.05  # two best joint assignments closer than this are ambiguous
     alternative_margin: Real = 0.05  # lead of a rival that makes a rescued pair fragile
     keep_margin: Real = 0.03  # lead that lets a rescued pair stand after all
+    max_members: Whole = 4  # larger groups are not compared; four at most
+    rescued_fragile: Gate = True  # pairs that context rescued can be fragile
+    passed_fragile: Gate = False  # pairs above the match threshold can be fragile
 
 
 @jax.tree_util.register_dataclass
@@ -56,12 +59,15 @@ class Ambiguous:
     clear_margin: Real = 0.08  # unsupported match and supported rival closer than this
     require_context: Gate = True  # only if context supports a candidate, or by the fallback
     override_match: Gate = True  # a match may become ambiguous
+    override_strong: Gate = False  # a match with one candidate near the best may
+    override_ambiguous: Gate = True  # a match with several candidates near the best may
+    override_weak: Gate = True  # a match without a good candidate may
     visual_fallback: Gate = True  # near-ties of the visual score count without context
     visual_only_without_context: Gate = True  # fallback only where context supports nobody
     visual_min_top: Real = 0.75  # fallback: least visual score of the best candidate
     visual_gap: Real = 0.03  # fallback: candidates this close to the best are near-ties
     visual_slack: Real = 1e-4  # fallback: tolerance of that
-    visual_max: Whole = 3  # fallback: most near-ties that are named
+    visual_max: Whole = 3  # fallback: most near-ties that are named, three at most
 
 
 @jax.tree_util.register_dataclass
@@ -75,7 +81,10 @@ class Provisional:
     gap: Real = 0.10  # objects this close to the best are support,
     relative_gap: Real = 0.12  # or this close as a share of the best
     gap_slack: Real = 1e-4  # tolerance of both
-    max_support: Whole = 3  # known objects named as support
+    max_support: Whole = 3  # known objects named as support, three at most
+    from_strong: Gate = False  # a detection with one object near the best may be provisional
+    from_ambiguous: Gate = True  # a detection with several objects near the best may
+    from_weak: Gate = True  # a detection without a good object may
     require_context: Gate = True  # only if context supports an object, or by the fallback
     visual_fallback: Gate = True  # a near miss of the match threshold counts without context
     visual_only_without_context: Gate = True  # fallback only where context supports nobody
@@ -122,6 +131,7 @@ RENAMED: dict[str, str] = {
     f"{_H}.identity_stability.assignment_gap_max": "thresholds.stability.assignment_gap",
     f"{_H}.identity_stability.alt_margin": "thresholds.stability.alternative_margin",
     f"{_H}.identity_stability.keep_margin": "thresholds.stability.keep_margin",
+    f"{_H}.identity_stability.component_max_size": "thresholds.stability.max_members",
     f"{_H}.committed_new_competition.enabled": "thresholds.competition.enabled",
     f"{_H}.committed_new_competition.require_young_parent": "thresholds.competition.young_only",
     f"{_H}.committed_new_competition.parent_max_age": "thresholds.competition.max_parent_age",
@@ -213,11 +223,38 @@ CHOICES = {
     )
 }
 
-FIXED = {
-    f"{_H}.identity_stability.component_max_size": 4,
-    f"{_H}.identity_stability.fragile_gate_reasons": ["SETS_RESCUE"],
-    f"{_A}.allow_status": ["WEAK", "AMBIGUOUS"],
-    f"{_P}.allow_status": ["WEAK", "AMBIGUOUS"],
+# Lists of names: a gate for each name.
+SUBSETS = {
+    f"{_H}.identity_stability.fragile_gate_reasons": {
+        "SETS_RESCUE": "thresholds.stability.rescued_fragile",
+        "PASS_MATCH_THR": "thresholds.stability.passed_fragile",
+    },
+    f"{_A}.allow_status": {
+        "STRONG": "thresholds.ambiguous.override_strong",
+        "AMBIGUOUS": "thresholds.ambiguous.override_ambiguous",
+        "WEAK": "thresholds.ambiguous.override_weak",
+    },
+    f"{_P}.allow_status": {
+        "STRONG": "thresholds.provisional.from_strong",
+        "AMBIGUOUS": "thresholds.provisional.from_ambiguous",
+        "WEAK": "thresholds.provisional.from_weak",
+    },
+}
+
+# An empty list means all of them here, none of them elsewhere.
+EMPTY_IS_ALL = (f"{_A}.allow_status", f"{_P}.allow_status")
+
+_NAMES_THREE = (3, "an undecided detection names three objects at most")
+
+# Largest value of a number, and what stands in the way of more.
+LIMITS = {
+    f"{_H}.identity_stability.component_max_size": (
+        4,
+        "complete assignments of larger groups are not enumerated",
+    ),
+    f"{_A}.max_candidates": _NAMES_THREE,
+    f"{_A}.visual_fallback.max_candidates": _NAMES_THREE,
+    f"{_P}.support_topk": _NAMES_THREE,
 }
 
 INERT = (

@@ -5,6 +5,7 @@ Every key of the original's default configuration stands in exactly one of the t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -252,9 +253,11 @@ SLOTS: dict[Path, tuple[tuple[Path, int], ...]] = {
     "memory.background.max_outer_global_stable": (("static.outer_ring_slots", 1),),
 }
 
+# Lists of names: the gate of every name that may be listed.
+SUBSETS: dict[Path, dict[str, Path]] = {**outcome_thresholds.SUBSETS, **context_thresholds.SUBSETS}
+
 # Keys that are supported with this value only.
 FIXED: dict[Path, Any] = {
-    **outcome_thresholds.FIXED,
     **context_thresholds.FIXED,
     # Without these every observation is kept for ever, and memory has no bound.
     f"{_A}.enabled": True,
@@ -309,6 +312,7 @@ def translate(settings: Mapping[str, Any], published: Mapping[str, Any]) -> dict
     changes: dict[Path, Any] = {}
     for key, value in flat.items():
         if key in RENAMED:
+            _check_limit(key, value)
             changes[RENAMED[key]] = _like(value, defaults[RENAMED[key]])
         elif key in CHOICES:
             name, values = CHOICES[key]
@@ -318,12 +322,14 @@ def translate(settings: Mapping[str, Any], published: Mapping[str, Any]) -> dict
                 pair = list(changes.get(name, defaults[name]))
                 pair[position] = value
                 changes[name] = tuple(pair)
+        elif key in SUBSETS:
+            changes.update(_gates(key, value))
         elif key in FIXED:
             _allowed(key, value, (FIXED[key],))
         elif key in reference_switches.SHIPPED:
             _check_switch(key, value)
         elif not _within(key, INERT):
-            known = [*RENAMED, *CHOICES, *SLOTS, *FIXED, *reference_switches.SHIPPED]
+            known = [*RENAMED, *CHOICES, *SLOTS, *SUBSETS, *FIXED, *reference_switches.SHIPPED]
             raise ConfigError(
                 f"the original has no configuration key {key!r}; {nearest_names(key, known)}"
             )
@@ -336,6 +342,25 @@ def translate(settings: Mapping[str, Any], published: Mapping[str, Any]) -> dict
         # Episodes may be far apart then, and relations wait for them without limit.
         changes["static.pending_relations"] = _MANY_RELATIONS
     return nest(changes)
+
+
+def _check_limit(key: Path, value: Any) -> None:
+    most, why = outcome_thresholds.LIMITS.get(key, (math.inf, ""))
+    if isinstance(value, (int, float)) and value > most:
+        raise ConfigError(
+            f"{key} of the original is {value!r}; supported here: up to {most}, {why}"
+        )
+
+
+def _gates(key: Path, value: Any) -> dict[Path, bool]:
+    """The gate of every name, open for those that are listed."""
+    gates, listed = SUBSETS[key], [] if value is None else value
+    if not isinstance(listed, (list, tuple)):
+        raise ConfigError(f"{key} of the original is {value!r}; it must be null or a list")
+    names = {_allowed(key, str(name).upper(), gates) for name in listed}
+    if not names and key in outcome_thresholds.EMPTY_IS_ALL:
+        names = set(gates)
+    return {path: name in names for name, path in gates.items()}
 
 
 def _check_switch(key: Path, value: Any) -> None:

@@ -58,6 +58,11 @@ SWITCHES: dict[str, tuple[str, ...]] = {
         "bg_local.prototypes.enabled",
         "association.similarity.background_partials.enabled",
     ),
+    "static.context_hypotheses": ("association.scores.neighbor_sets.context.k",),
+    "static.expected_neighbours": (
+        "association.scores.neighbor_sets.context.k",
+        "association.matching.neighbor_sets_context_veto.local.expected_topk_scale",
+    ),
     "thresholds.background.enabled": (
         "memory.background.enabled",
         "update.background_memory.enabled",
@@ -149,6 +154,9 @@ def original_keys() -> dict[str, tuple[str, ...]]:
         keys.setdefault(path, []).append(key)
     for key, (path, _) in reference_keys.CHOICES.items():
         keys.setdefault(path, []).append(key)
+    for key, gates in reference_keys.SUBSETS.items():
+        for path in gates.values():
+            keys.setdefault(path, []).append(key)
     for key, places in reference_keys.SLOTS.items():
         for path, _ in places:
             keys.setdefault(path, []).append(key)

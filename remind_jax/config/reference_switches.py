@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -31,6 +32,8 @@ SHIPPED: dict[str, Any] = {
     "memory.parts.channels.attention.enabled": True,
     "memory.background.enabled": True,
     "association.similarity.background_partials.enabled": False,
+    "association.scores.neighbor_sets.context.k": 6,
+    "association.matching.neighbor_sets_context_veto.local.expected_topk_scale": 2.0,
     "update.background_memory.enabled": True,
 }
 
@@ -63,8 +66,19 @@ def decide(given: Mapping[str, Any]) -> dict[str, Any]:
         and get("association.similarity.background_partials.enabled"),
         "thresholds.background.enabled": get("memory.background.enabled")
         and get("update.background_memory.enabled"),
+        **_neighbours(get),
         **_appearance(get),
         **_parts(get),
+    }
+
+
+def _neighbours(get: Any) -> dict[str, Any]:
+    """The list of expected neighbours is some times as long as the list of hypotheses."""
+    listed = max(1, get("association.scores.neighbor_sets.context.k"))
+    scale = get("association.matching.neighbor_sets_context_veto.local.expected_topk_scale")
+    return {
+        "static.context_hypotheses": listed,
+        "static.expected_neighbours": max(listed, math.ceil(listed * scale)),
     }
 
 

@@ -50,7 +50,7 @@ class Links:
     """Ties between objects, both directions joined."""
 
     maturity: Float[Array, "O"]  # trust in an object's account, [0, 1)
-    strength: Float[Array, "O O"]  # [0, 1], 0 for weak ties and on the diagonal
+    strength: Float[Array, "O O"]  # [0, 1], 0 on the diagonal and, if so ruled, for weak ties
     present: Bool[Array, "O O"]  # pairs seen together at least once and not weakly
 
 
@@ -74,8 +74,9 @@ def join_links(
     joint = jnp.sqrt(forth * back) if static.mutual_links else 0.5 * (forth + back)
     other = ~jnp.eye(joint.shape[0], dtype=bool)
     strong = (jnp.clip(joint, 0.0, 1.0) >= t.min_link) & other
+    counts = strong | (other & ~t.drop_weak_links)
     seen = (evidence.count > 0) | (evidence.count.T > 0)
-    strength = jnp.where(strong, jnp.clip(joint, 0.0, 1.0), 0.0)
+    strength = jnp.where(counts, jnp.clip(joint, 0.0, 1.0), 0.0)
     rounded = jax.lax.reduce_precision(strength, exponent_bits=8, mantissa_bits=23)
     return Links(
         maturity=maturity(evidence.episodes, t),

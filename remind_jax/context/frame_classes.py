@@ -25,7 +25,7 @@ _LAST = jnp.iinfo(jnp.int32).max
 class FrameClasses:
     """Known classes of the frame, those of few objects first; other rows are empty."""
 
-    num: Int[Array, ""]  # classes that have detections and objects
+    num: Int[Array, ""]  # classes that have detections and objects, and are searched
     detections: Int[Array, "C K"]  # detection slots, surest first, NOBODY behind them
     num_detections: Int[Array, "C"]
     pool: Int[Array, "C L"]  # object slots, latest first, NOBODY behind them
@@ -73,8 +73,10 @@ def group_by_class(
     width = min(static.class_pool, slots)
     pool = _first_in_order(stored[order], by_relevance, width)
     pool = jnp.pad(-jnp.sort(-pool, axis=1), ((0, 0), (0, 1)), constant_values=NOBODY)
+    num_known = jnp.sum(known, dtype=jnp.int32)
+    limited = jnp.minimum(num_known, t.max_classes)
     return FrameClasses(
-        num=jnp.sum(known, dtype=jnp.int32),
+        num=jnp.where(t.max_classes > 0, limited, num_known),
         detections=detections,
         num_detections=jnp.sum(detections != NOBODY, axis=1, dtype=jnp.int32),
         pool=pool,

@@ -67,7 +67,7 @@ def write_menu(
     return Menu(
         pool_size=pool_size,
         num_detections=num_detections,
-        allowed=_allowed(pool_size, num_detections, most, static),
+        allowed=_allowed(pool_size, num_detections, most, static, t),
         info=_information(pool_size, most, static, t),
     )
 
@@ -159,11 +159,11 @@ def list_options(
 
 
 def _allowed(
-    pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static
+    pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static, t: Sets
 ) -> Bool[Array, "K+1 2 2"]:
-    """Choices that exist; nothing at all is one of them."""
+    """Choices that exist; nothing at all is one of them unless every class must be explained."""
     count = jnp.arange(most + 1)
-    fits = count <= jnp.minimum(num_detections, pool_size)
+    fits = (count <= jnp.minimum(num_detections, pool_size)) & ((count > 0) | t.partial)
     considered = jnp.minimum(pool_size, jnp.maximum(count, static.option_objects))
     replaceable = (count > 0) & jnp.stack([num_detections > count, considered > count])
     either = jnp.stack([jnp.ones_like(replaceable), replaceable], axis=-1)

@@ -94,7 +94,9 @@ def summarize(
     share = count / jnp.maximum(jnp.sum(kernels, axis=1, dtype=jnp.int32), 1).astype(scalar)
     covered = exists & (hits >= t.min_hits) & (share >= t.min_hit_share)
 
-    score = jnp.where(hypotheses.members, hypotheses.score[:, None], 0.0)
+    place = jnp.arange(hypotheses.score.shape[0])
+    heeded = (place < sets.prior_sets) | (sets.prior_sets <= 0)
+    score = jnp.where(hypotheses.members & heeded[:, None], hypotheses.score[:, None], 0.0)
     prior, support_sum = jnp.max(score, axis=0), jnp.sum(score, axis=0)
     close = hypotheses.valid & (hypotheses.score >= hypotheses.score[0] * (1 - sets.shortlist_loss))
     best_kernel = _class_max(kernel, same)

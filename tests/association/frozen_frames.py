@@ -1,7 +1,12 @@
-"""Frames whose decisions were worked out by an independent plain implementation of the notes.
+"""Frames whose decisions were worked out elsewhere.
 
-That implementation agrees with the original. Half of the frames have the published thresholds,
-half have some of their own. Inputs are stored in 1/1024; the coverage density is stored raw.
+`frames.npz`: by an independent plain implementation of the notes that agrees with the original.
+Half of the frames have the published thresholds, half have some of their own.
+
+`switches.npz`: by the original itself, each with one switch set as it is not shipped, and some
+thresholds of their own. Kept were frames that the switch decides otherwise, three of each value.
+
+Inputs are stored in 1/1024; the coverage density is stored raw.
 """
 
 from __future__ import annotations
@@ -18,21 +23,21 @@ import numpy as np
 from remind_jax.config import Config, Thresholds
 from tests.association.tables import Frame, empty_frame
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "association" / "frames.npz"
+GOLDEN = Path(__file__).parents[1] / "golden" / "association"
 UNIT = 1024
 
 
 @functools.cache
-def _stored() -> dict[str, np.ndarray]:
-    with np.load(GOLDEN) as stored:
+def _stored(name: str) -> dict[str, np.ndarray]:
+    with np.load(GOLDEN / f"{name}.npz") as stored:
         return {name: stored[name] for name in stored.files}
 
 
-def load_frames() -> list[Frame]:
+def load_frames(name: str = "frames") -> list[Frame]:
     paths, structure = jax.tree_util.tree_flatten_with_path(empty_frame(1, 1))
     leaves = []
     for path, _ in paths:
-        value = _stored()["frame." + jax.tree_util.keystr(path, simple=True, separator=".")]
+        value = _stored(name)["frame." + jax.tree_util.keystr(path, simple=True, separator=".")]
         if value.dtype == np.int16:
             value = value / UNIT
         leaves.append(value if value.dtype != np.int8 else value.astype(np.int32))
@@ -47,10 +52,15 @@ def load_frames() -> list[Frame]:
     return [jax.tree.map(lambda leaf, row=row: leaf[row], frames) for row in range(num)]
 
 
+def load_settings(name: str) -> list[dict[str, Any]]:
+    """What is set otherwise in each frame, by dotted key."""
+    return json.loads(str(_stored(name)["settings"]))
+
+
 def load_thresholds() -> list[Thresholds]:
-    """The thresholds of each frame."""
+    """The thresholds of each frame of `frames.npz`."""
     thresholds = []
-    for changed in json.loads(str(_stored()["settings"])):
+    for changed in load_settings("frames"):
         tree: dict[str, Any] = {}
         for key, value in changed.items():
             section, name = key.split(".")
@@ -59,11 +69,11 @@ def load_thresholds() -> list[Thresholds]:
     return thresholds
 
 
-def load_expected() -> dict[str, np.ndarray]:
+def load_expected(name: str = "frames") -> dict[str, np.ndarray]:
     """Name -> values with a leading axis of frames."""
     prefix = "expected."
     return {
-        name.removeprefix(prefix): value
-        for name, value in _stored().items()
-        if name.startswith(prefix)
+        key.removeprefix(prefix): value
+        for key, value in _stored(name).items()
+        if key.startswith(prefix)
     }

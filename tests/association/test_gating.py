@@ -29,7 +29,7 @@ def build(
     score: Any,
     *,
     bonus: Any = 0.0,
-    unclear: Any = True,
+    open_to_context: Any = True,
     used: Any = False,
     rows: Any = True,
     plausible: Any = True,
@@ -48,14 +48,17 @@ def build(
         bonus_raw=full(np.asarray(bonus, float), width),
         supported=jnp.zeros(width, bool),
         influences=jnp.asarray(influences),
+        on_strong=jnp.asarray(False),
+        on_ambiguous=jnp.asarray(True),
+        on_weak=jnp.asarray(True),
         rescue_min_visual=jnp.asarray(0.60),
     )
     t = jax.tree.map(jnp.asarray, dataclasses.replace(Matching(), **changed))  # pyright: ignore[reportArgumentType]
     pairs = before or initial_pairs(jnp.asarray(score))
     return jax.device_get(
         GATE(
-            pairs, full(candidate, num, width), jnp.asarray(score), context, full(unclear, num),
-            full(rows, num), full(used, width), t,
+            pairs, full(candidate, num, width), jnp.asarray(score), context,
+            full(open_to_context, num), full(rows, num), full(used, width), t,
         )
     )  # fmt: skip
 
@@ -74,7 +77,7 @@ def build(
         ({"score": 0.66, "bonus": 0.10}, Gate.SETS_RESCUE, 0.76),
         ({"score": 0.64, "bonus": 0.10}, Gate.BLOCK_MATCH_THR, 0.64),
         ({"score": 0.59, "bonus": 0.20}, Gate.BLOCK_MIN_MATCH, 0.59),
-        ({"score": 0.66, "bonus": 0.10, "unclear": False}, Gate.BLOCK_MATCH_THR, 0.66),
+        ({"score": 0.66, "bonus": 0.10, "open_to_context": False}, Gate.BLOCK_MATCH_THR, 0.66),
         ({"score": 0.66, "bonus": 0.10, "influences": False}, Gate.BLOCK_MATCH_THR, 0.66),
         ({"score": 0.80, "bonus": 0.10}, Gate.PASS_MATCH_THR, 0.90),
         ({"score": 0.80, "bonus": -0.10}, Gate.PASS_MATCH_THR, 0.70),
@@ -97,7 +100,7 @@ def test_only_penalties_enter_the_assignment(x64):
 
 
 def test_known_score_feels_context_that_may_not_influence(x64):
-    pairs = build([[0.80, 0.74]], bonus=[0.10, 0.10], unclear=False)
+    pairs = build([[0.80, 0.74]], bonus=[0.10, 0.10], open_to_context=False)
     np.testing.assert_allclose(pairs.score_final, [[0.80, 0.74]])
     # Closed pairs keep their visual score (11.5 a).
     np.testing.assert_allclose(pairs.score_known, [[0.90, 0.74]])
@@ -106,9 +109,9 @@ def test_known_score_feels_context_that_may_not_influence(x64):
 
 def test_a_lock_opens_its_class_to_context(x64):
     """Any used candidate lets context influence even a clear detection (11.2)."""
-    closed = build([[0.85, 0.70]], bonus=[0.0, 0.08], unclear=False)
+    closed = build([[0.85, 0.70]], bonus=[0.0, 0.08], open_to_context=False)
     assert Gate(closed.gate[0, 1]) is Gate.BLOCK_MATCH_THR
-    opened = build([[0.85, 0.70]], bonus=[0.0, 0.08], unclear=False, used=[True, False])
+    opened = build([[0.85, 0.70]], bonus=[0.0, 0.08], open_to_context=False, used=[True, False])
     assert [Gate(g) for g in opened.gate[0]] == [Gate.BLOCK_USED_OBJECT, Gate.SETS_RESCUE]
     assert opened.score_final[0, 1] == pytest.approx(0.78)
 

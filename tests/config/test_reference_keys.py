@@ -1,8 +1,11 @@
+import itertools
+
 import pytest
 
 from remind_jax.config import Config, dotted_keys, reference_switches
 from remind_jax.config.dotted_keys import flatten
-from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS
+from remind_jax.config.outcome_thresholds import EMPTY_IS_ALL, LIMITS
+from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS, SUBSETS
 from remind_jax.errors import ConfigError
 
 
@@ -23,13 +26,14 @@ def test_nothing_given_is_published():
 def test_every_name_here_exists_and_is_set_once():
     fields = dict(flatten(Config().to_dict()))
     targets = [*RENAMED.values(), *(name for name, _ in CHOICES.values())]
+    targets += [name for gates in SUBSETS.values() for name in gates.values()]
     assert set(targets) <= set(fields)
     assert len(targets) == len(set(targets))
     assert {name for pairs in SLOTS.values() for name, _ in pairs} <= set(fields)
 
 
 def test_no_key_has_two_meanings():
-    tables = [RENAMED, CHOICES, SLOTS, FIXED, reference_switches.SHIPPED]
+    tables = [RENAMED, CHOICES, SLOTS, SUBSETS, FIXED, reference_switches.SHIPPED]
     tables = [key for table in tables for key in table]
     assert len(tables) == len(set(tables))
     assert not set(tables) & set(INERT)
@@ -38,7 +42,8 @@ def test_no_key_has_two_meanings():
 @pytest.mark.parametrize("key", RENAMED)
 def test_every_renamed_key_reaches_its_field(key):
     path, old = RENAMED[key], value_at(Config(), RENAMED[key])
-    new = {bool: lambda: not old, int: lambda: old + 1, float: lambda: old + 0.125}.get(
+    step = -1 if key in LIMITS else 1
+    new = {bool: lambda: not old, int: lambda: old + step, float: lambda: old + 0.125}.get(
         type(old), lambda: ["mirror"]
     )()
     config = Config.from_reference(nested(key, new))
@@ -55,6 +60,44 @@ def test_every_choice_is_accepted(key):
         assert value_at(Config.from_reference(nested(key, theirs)), path) == ours
     with pytest.raises(ConfigError, match="supported here"):
         Config.from_reference(nested(key, "nonsense"))
+
+
+@pytest.mark.parametrize("key", LIMITS)
+def test_values_above_a_limit_are_refused_with_the_reason(key):
+    most, why = LIMITS[key]
+    assert value_at(Config.from_reference(nested(key, most)), RENAMED[key]) == most
+    with pytest.raises(ConfigError, match=f"up to {most}, {why}"):
+        Config.from_reference(nested(key, most + 1))
+
+
+@pytest.mark.parametrize("key", SUBSETS)
+def test_lists_open_a_gate_for_every_name(key):
+    gates = SUBSETS[key]
+    for chosen in itertools.product([False, True], repeat=len(gates)):
+        listed = [name for name, open_ in zip(gates, chosen, strict=True) if open_]
+        config = Config.from_reference(nested(key, [name.lower() for name in reversed(listed)]))
+        everyone = not listed and key in EMPTY_IS_ALL
+        for name, path in gates.items():
+            assert value_at(config, path) == (name in listed or everyone), listed
+        names = {name for name, _, _ in config.difference(Config())}
+        assert names <= set(gates.values())
+
+
+@pytest.mark.parametrize("key", SUBSETS)
+def test_names_that_cannot_be_listed_are_refused(key):
+    with pytest.raises(ConfigError, match="supported here: S"):
+        Config.from_reference(nested(key, ["nonsense"]))
+    with pytest.raises(ConfigError, match="must be null or a list"):
+        Config.from_reference(nested(key, "WEAK"))
+
+
+def test_published_lists():
+    """As the original ships them; nothing at all is the empty list."""
+    for key in SUBSETS:
+        shipped = ["WEAK", "AMBIGUOUS"] if key.endswith("allow_status") else ["SETS_RESCUE"]
+        assert Config.from_reference(nested(key, shipped)) == Config()
+        empty = Config.from_reference(nested(key, []))
+        assert Config.from_reference(nested(key, None)) == empty != Config()
 
 
 def test_capacities_of_work_and_stable_banks():
@@ -151,6 +194,25 @@ SWITCHED = [
             "bg_local.prototypes.enabled": False,
         },
         {"static.ring_prototypes": False},
+    ),
+    (
+        {"association.scores.neighbor_sets.context.k": 3},
+        {"static.context_hypotheses": 3, "static.expected_neighbours": 6},
+    ),
+    (  # as the original reads them: at least one
+        {"association.scores.neighbor_sets.context.k": 0},
+        {"static.context_hypotheses": 1, "static.expected_neighbours": 2},
+    ),
+    (
+        {
+            "association.matching.neighbor_sets_context_veto.local.expected_topk_scale": 1.1,
+            "association.scores.neighbor_sets.context.k": 4,
+        },
+        {"static.context_hypotheses": 4, "static.expected_neighbours": 5},
+    ),
+    (  # less than one is one
+        {"association.matching.neighbor_sets_context_veto.local.expected_topk_scale": 0.5},
+        {"static.context_hypotheses": 6, "static.expected_neighbours": 6},
     ),
     ({"memory.background.enabled": False}, {"thresholds.background.enabled": False}),
     ({"update.background_memory.enabled": False}, {"thresholds.background.enabled": False}),

@@ -8,7 +8,7 @@ import pytest
 from remind_jax.config import Config, reference_page, reference_switches
 from remind_jax.config.dotted_keys import flatten
 from remind_jax.config.effects import NUMBERS
-from remind_jax.config.reference_keys import CHOICES, RENAMED, SLOTS
+from remind_jax.config.reference_keys import CHOICES, RENAMED, SLOTS, SUBSETS
 from remind_jax.config.reference_page import (
     SWITCHES,
     list_sections,
@@ -83,7 +83,7 @@ def counts(value):
 
 def test_every_translated_key_of_the_original_stands_beside_its_setting():
     shown = {key for row in settings().values() for key in row.keys}
-    assert shown == {*RENAMED, *CHOICES, *SLOTS, *reference_switches.SHIPPED}
+    assert shown == {*RENAMED, *CHOICES, *SLOTS, *SUBSETS, *reference_switches.SHIPPED}
     assert set(original_keys()) <= set(settings())
 
 
