@@ -71,16 +71,16 @@ def main() -> None:
         feature_dim=scene.feats[0].patches.shape[-1],
         num_detections=scene.most_detections,
     )
-    described = describe_scene(scene, static, config.thresholds)
+    described = describe_scene(scene, static, config)
     settings = complete(draw(SPACE, options.settings), config)
 
     start = time.perf_counter()
     batch, num_bytes, compile_s = options.batch, 0, 0.0
     if batch is None:
         budget = int(options.memory_gib * GIB)
-        batch, num_bytes = plan_batch(described, config.thresholds, static, len(settings), budget)
+        batch, num_bytes = plan_batch(described, config, static, len(settings), budget)
     compile_s = time.perf_counter() - start
-    _, static = run_batch(described, config.thresholds, settings[:batch], static)
+    _, static = run_batch(described, config, settings[:batch], static)
     first_s = time.perf_counter() - start
 
     step = jax.jit(
@@ -102,7 +102,7 @@ def main() -> None:
         return time.perf_counter() - start
 
     run_single(0)
-    run = functools.partial(run_batch, described, config.thresholds)
+    run = functools.partial(run_batch, described, config)
     single_s, batch_s = [], []
     groups = [settings[first : first + batch] for first in range(0, len(settings), batch)]
     for turn, group in enumerate(g for g in groups if len(g) == batch):

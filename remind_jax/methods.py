@@ -23,6 +23,28 @@ DEFAULT_METHOD = "remind"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class StepHalves:
+    """A step taken apart, so that settings of a sweep share what frames look like to all of them.
+
+    Threshold names are dotted, below `thresholds`; a section stands for all that it holds.
+    """
+
+    # `describe(frame_feats, masks, observed, *, static, thresholds) -> seen`, a pytree of arrays;
+    # `observed` is None where the method observes nothing.
+    describe: Callable[..., Any]
+    # `decide(state, seen, *, static, thresholds) -> state`; nothing may overflow for `seen` of
+    # zeros only, which fills up the frames of a scene.
+    decide: Callable[..., Any]
+    # Thresholds that `describe` reads; settings that agree on them share what it returns.
+    described_by: tuple[str, ...] = ()
+    # Thresholds that the reduction of masks reads; the largest value of all settings serves all.
+    reduced_by: tuple[str, ...] = ()
+    # On a CPU settings go one after the other inside the program, which rounds as the step alone
+    # does; side by side, sums have another order. For a method that is no slower for it.
+    in_turn_on_cpu: bool = False
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Method:
     """A tracker as pure functions.
 
@@ -54,6 +76,8 @@ class Method:
     # `delayed(delay)` makes what revises answers that wait: an object with
     # `push(frame, tracks, state) -> [(frame, tracks), ...]` and `flush()`, which gives the rest.
     delayed: Callable[[int], Any] | None = None
+    # The same step in two halves; left out, the method cannot be swept.
+    halves: StepHalves | None = None
 
     @property
     def archive(self) -> Any:
@@ -129,7 +153,15 @@ def _import_attribute(path: str) -> Any:
 
 def _remind() -> Method:
     from remind_jax.config.thresholds import Thresholds
+    from remind_jax.described_frame import decide_described, describe_frame
     from remind_jax.state import grow, init
     from remind_jax.tracker import step, step_traced
 
-    return Method(DEFAULT_METHOD, Thresholds, init, step, grow, step_traced)
+    halves = StepHalves(
+        describe_frame,
+        decide_described,
+        described_by=("perception", "ring_prototypes", "attention_parts"),
+        # Gaps are measured as exactly as any setting needs.
+        reduced_by=("relations.scale_min_px", "relations.exact_gap_max"),
+    )
+    return Method(DEFAULT_METHOD, Thresholds, init, step, grow, step_traced, halves=halves)

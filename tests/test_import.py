@@ -32,6 +32,7 @@ CORE = (
     "methods",
     "state",
     "observation",
+    "described_frame",
     "decision",
     "trace",
     "rounding",

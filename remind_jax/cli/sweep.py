@@ -196,6 +196,7 @@ class Sweep:
     def _vary(
         self, bench: SceneBench, space: dict[str, list[Value]]
     ) -> tuple[SweepResult, list[str]]:
+        from remind_jax.methods import DEFAULT_METHOD
         from remind_jax.sweep.sensitivity import (
             curves_to_markdown,
             estimate_sobol,
@@ -203,6 +204,11 @@ class Sweep:
             sobol_to_markdown,
         )
 
+        if not space and bench.tracker != DEFAULT_METHOD:
+            raise SweepError(
+                f"the paper's table has no thresholds of '{bench.tracker}'; give some with "
+                "--set KEY=LOWEST,HIGHEST"
+            )
         if self.sensitivity == "curves":
             curves, result = move_one_at_a_time(
                 bench, space or None, number=self.number or 7, metric=self.metric

@@ -1,11 +1,55 @@
 """REMIND plus under its name among the trackers (`remind_jax.methods`)."""
 
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from remind_jax.config.static import Static
 from remind_jax.image_motion import observe_motion
-from remind_jax.methods import Method
+from remind_jax.methods import Method, StepHalves
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, report_merges
-from remind_jax.plus.state import init
+from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.plus.tracker import step, step_traced
+from remind_jax.plus.tracker import advance, step, step_traced
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class SeenFrame:
+    """What `tracker.advance` is given."""
+
+    sightings: Sightings
+    motion: Motion
+    present: Bool[Array, "N"]  # slots that hold a mask
+
+
+def describe_frame(
+    frame_feats: FrameFeats,
+    masks: Masks,
+    observed: Motion,
+    *,
+    static: Static,
+    thresholds: PlusThresholds,
+) -> SeenFrame:
+    """Pools looks and brings lengths to frame units, as `tracker.step` does first."""
+    unit_patches = thresholds.as_arrays().looks.unit_patches
+    return SeenFrame(*observe(frame_feats, masks, observed, unit_patches), jnp.asarray(masks.valid))
+
+
+def decide_seen(
+    state: PlusState, seen: SeenFrame, *, static: Static, thresholds: PlusThresholds
+) -> PlusState:
+    """Decides who is who and remembers it."""
+    return advance(
+        state, seen.sightings, seen.motion, seen.present, static=static, thresholds=thresholds
+    )
+
 
 METHOD = Method(
     "plus",
@@ -17,4 +61,7 @@ METHOD = Method(
     delayed=DelayedAnswers,
     step_traced=step_traced,
     archive_name="remind_jax.plus.archive:PlusArchive",
+    halves=StepHalves(
+        describe_frame, decide_seen, described_by=("looks.unit_patches",), in_turn_on_cpu=True
+    ),
 )

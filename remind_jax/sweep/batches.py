@@ -9,8 +9,8 @@ import jax
 import numpy as np
 
 from remind_jax.compiled_step import settle_types
-from remind_jax.config import Static
-from remind_jax.state import init
+from remind_jax.config import Config, Static
+from remind_jax.methods import Method, get_method
 from remind_jax.sweep.program import (
     Answers,
     compile_follow,
@@ -19,7 +19,7 @@ from remind_jax.sweep.program import (
     repeat,
     spread,
 )
-from remind_jax.sweep.scene_arrays import DescribedFrames, SceneFrames
+from remind_jax.sweep.scene_arrays import SceneFrames
 from remind_jax.sweep.settings import Setting, stack
 
 FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all lengths share it
@@ -29,40 +29,41 @@ _COPIES = 3.0  # memories that the program holds per setting, before it is measu
 _LABELS_PER_SLOT = 2  # ids that are told apart per object slot
 
 
-def most_at_once(static: Static, budget_bytes: int) -> int:
+def most_at_once(method: Method, static: Static, budget_bytes: int) -> int:
     """Settings that memory may have room for, from the size of a memory; at least one."""
-    memory = jax.eval_shape(lambda: settle_types(init(static)))
+    memory = jax.eval_shape(lambda: settle_types(method.init(static)))
     size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
     room = max(1, int(budget_bytes // (_COPIES * size)))
     return jax.local_device_count() * min(room, _MOST.get(jax.default_backend(), room))
 
 
 def plan_batch(
-    frames: DescribedFrames, thresholds: Any, static: Static, wanted: int, budget_bytes: int
+    frames: Any, config: Config, static: Static, wanted: int, budget_bytes: int
 ) -> tuple[int, int]:
     """How many settings go side by side within a budget, and the bytes that they take per device.
 
     Args:
-      frames: A scene.
-      thresholds: Of any setting.
+      frames: A described scene.
+      config: The method, and what a setting does not name.
       static: Capacities.
       wanted: Settings, a multiple of the number of devices; fewer if the compiled program needs
         more than the budget, but at least one per device.
       budget_bytes: Of each device.
     """
     devices = jax.local_device_count()
-    batch = min(wanted, most_at_once(static, budget_bytes))
-    part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, len(frames.masks.valid)))))
+    method = get_method(config.tracker)
+    batch = min(wanted, most_at_once(method, static, budget_bytes))
+    part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, _num_frames(frames)))))
     while True:
-        shapes = stack(thresholds, [{}] * batch, static.scalar)
-        needed = compile_follow(static, batch, shapes, part).num_bytes
+        shapes = stack(config.thresholds, [{}] * batch, static.scalar)
+        needed = compile_follow(method, static, batch, shapes, part).num_bytes
         if batch == devices or needed <= budget_bytes:
             return batch, needed
         fitting = int(batch * budget_bytes / needed) // devices * devices
         batch = max(devices, min(batch - devices, fitting))
 
 
-def pad_frames(frames: DescribedFrames, length: int) -> DescribedFrames:
+def pad_frames(frames: Any, length: int) -> Any:
     """Adds empty frames at the end."""
 
     def pad(leaf: np.ndarray) -> np.ndarray:
@@ -73,8 +74,8 @@ def pad_frames(frames: DescribedFrames, length: int) -> DescribedFrames:
 
 
 def run_batch(
-    frames: DescribedFrames,
-    thresholds: Any,
+    frames: Any,
+    config: Config,
     settings: Sequence[Setting],
     static: Static,
     budget_bytes: int | None = None,
@@ -82,8 +83,8 @@ def run_batch(
     """Runs settings side by side; capacities grow until every frame fits every setting.
 
     Args:
-      frames: A whole scene.
-      thresholds: Values of what a setting does not name.
+      frames: A whole scene, described.
+      config: The method, and what a setting does not name.
       settings: Settings of one batch.
       static: Capacities to start with.
       budget_bytes: Of each device; as much as it takes if left out.
@@ -92,14 +93,14 @@ def run_batch(
       The answers of all frames and the capacities that they needed; no answers where so many
       settings with these capacities have no room in the budget.
     """
-    length = len(frames.masks.valid)
+    method, length = get_method(config.tracker), _num_frames(frames)
     padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
-    stacked = spread(stack(thresholds, settings, static.scalar))
+    stacked = spread(stack(config.thresholds, settings, static.scalar))
     while True:
-        states, told = spread(empty_memories(static, len(settings))), []
+        states, told = spread(empty_memories(method, static, len(settings))), []
         lacking = (0, 0)
         for part in _parts(padded):
-            program = compile_follow(static, len(settings), stacked, part)
+            program = compile_follow(method, static, len(settings), stacked, part)
             states, answers = program.run(states, stacked, repeat(part))
             told.append(jax.device_get(answers))
             lacking = (int(told[-1].needed_objects.max()), int(told[-1].needed_pending.max()))
@@ -110,13 +111,17 @@ def run_batch(
             return answers, static
         static = static.grow(num_objects=lacking[0], num_pending=lacking[1])
         if budget_bytes is not None:
-            fitting = max(jax.local_device_count(), most_at_once(static, budget_bytes))
+            fitting = max(jax.local_device_count(), most_at_once(method, static, budget_bytes))
             if len(settings) > fitting:
                 return None, static
 
 
-def _parts(frames: DescribedFrames) -> Iterator[DescribedFrames]:
-    for first in range(0, len(frames.masks.valid), FRAMES_AT_ONCE):
+def _num_frames(frames: Any) -> int:
+    return len(jax.tree.leaves(frames)[0])
+
+
+def _parts(frames: Any) -> Iterator[Any]:
+    for first in range(0, _num_frames(frames), FRAMES_AT_ONCE):
         part = slice(first, first + FRAMES_AT_ONCE)
         yield jax.tree.map(lambda leaf, part=part: leaf[part], frames)
 

@@ -12,8 +12,9 @@ from typing import Any
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
+from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.errors import SweepError, nearest_names
-from remind_jax.methods import DEFAULT_METHOD
+from remind_jax.methods import StepHalves, get_method, list_methods
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sweep.cluster import Cluster
 from remind_jax.sweep.records import Records, Row, row_key
@@ -23,8 +24,6 @@ from remind_jax.sweep.settings import Setting, Value, complete
 from remind_jax.sweep.worker import Progress, Worker, group_by_description
 
 DEFAULT_BUDGET_GIB = 2.0
-# Thresholds that the reading of masks looks at: gaps are measured as exactly as any setting needs.
-_OF_READING = ("scale_min_px", "exact_gap_max")
 
 
 class SceneBench:
@@ -56,10 +55,7 @@ class SceneBench:
           RemindError: If a scene or the configuration is not accepted.
         """
         base = load_config(config)
-        if base.tracker != DEFAULT_METHOD:
-            raise SweepError(
-                f"the configuration is for the tracker '{base.tracker}'; only 'remind' can be swept"
-            )
+        self._halves = _halves_of(base.tracker)
         self._backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
         self._config = base.for_backbone(self._backbone.name)
         sources = [
@@ -79,6 +75,11 @@ class SceneBench:
     def scenes(self) -> tuple[str, ...]:
         """Names of the scenes."""
         return tuple(self._sources)
+
+    @property
+    def tracker(self) -> str:
+        """Name of the method whose thresholds settings are about."""
+        return self._config.tracker
 
     def only(self, scenes: Sequence[str]) -> SceneBench:
         """The same bench with some of its scenes; what is read and found is shared.
@@ -143,7 +144,7 @@ class SceneBench:
         missing = {key: i for i, key in enumerate(keys) if key not in self._records}
         tally.add(name, sum(key in self._records for key in keys))
         indices = list(missing.values())
-        groups = group_by_description([settings[i] for i in indices])
+        groups = group_by_description([settings[i] for i in indices], self._halves.described_by)
 
         def keep(rows: Iterable[int], scores: Iterable[dict[str, float]]) -> None:
             found = [
@@ -179,7 +180,7 @@ class SceneBench:
     def _load(self, name: str) -> SceneFrames:
         if name in self._read:
             return self._read[name]
-        reading = self._config.updated({"thresholds": {"relations": self._reading}})
+        reading = self._config.updated({"thresholds": nest(self._reading)})
         scene = load_scene(self._sources[name], reading, self._backbone)
         if self._keep_scenes:
             self._read[name] = scene
@@ -187,11 +188,11 @@ class SceneBench:
 
     def _sharpen(self, settings: Sequence[Setting]) -> None:
         """Has masks read as exactly as the most demanding setting so far needs."""
+        given: dict[str, Any] = dict(flatten(self._config.to_dict()["thresholds"]))
         reading = {}
-        for field in _OF_READING:
-            given: float = getattr(self._config.thresholds.relations, field)
-            values = [float(s.get(f"relations.{field}", given)) for s in settings]
-            reading[field] = max([self._reading.get(field, given), *values])
+        for name in self._halves.reduced_by:
+            asked = (self._reading, *settings)
+            reading[name] = max(float({**given, **one}[name]) for one in asked)
         if reading != self._reading:
             self._read.clear()
             self._reading = reading
@@ -207,6 +208,17 @@ class _Tally:
         self._num_done += num_rows
         if self._progress is not None and num_rows:
             self._progress(Progress(scene, self._num_done, self._num_rows))
+
+
+def _halves_of(tracker: str) -> StepHalves:
+    halves = get_method(tracker).halves
+    if halves is None:
+        others = (f"'{name}'" for name in list_methods() if get_method(name).halves is not None)
+        raise SweepError(
+            f"the configuration is for the tracker '{tracker}'; only {' and '.join(others)} can be "
+            "swept"
+        )
+    return halves
 
 
 def _as_list(scenes: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""The compiled part of a sweep: many settings go through the same frames side by side.
+"""The compiled part of a sweep: many settings go through the same frames.
 
 Letters: `S` settings, `T` frames, `N` detection slots.
 """
@@ -19,11 +19,9 @@ from jaxtyping import Array, Float, Int
 from remind_jax.compiled_step import COMPILER_OPTIONS, settle_types
 from remind_jax.config import Static
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.methods import Method, StepHalves
 from remind_jax.metrics.in_graph import GraphScores, score_labels
-from remind_jax.program_store import trace_once
-from remind_jax.state import TrackerState, init
-from remind_jax.sweep.scene_arrays import DescribedFrames
-from remind_jax.tracker import step_described
+from remind_jax.program_store import is_of_this_package, name_function, trace_once
 
 _AXIS = "settings"  # that devices share
 
@@ -40,35 +38,42 @@ class Answers:
     needed_pending: Int[Array, "T S"]
 
 
-def empty_memories(static: Static, num_settings: int) -> TrackerState:
+def empty_memories(method: Method, static: Static, num_settings: int) -> Any:
     """One empty memory per setting, leading axis `S`."""
-    empty = settle_types(init(static))
+    empty = settle_types(method.init(static))
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_settings, *leaf.shape)), empty)
 
 
 def follow(
-    states: TrackerState, thresholds: Any, frames: DescribedFrames, *, static: Static
-) -> tuple[TrackerState, Answers]:
+    states: Any, thresholds: Any, frames: Any, *, halves: StepHalves, static: Static
+) -> tuple[Any, Answers]:
     """Takes the memories of all settings through some frames.
 
     Args:
       states: One memory per setting.
       thresholds: Thresholds of all settings, each `[S]`.
-      frames: Frames, leading axis `T`.
+      frames: Described frames, leading axis `T`.
+      halves: The step of the method, of which the second half is taken.
       static: Capacities of the memories.
     """
-    step = functools.partial(step_described, static=static)
 
-    def one(state: TrackerState, t: Any, frame: DescribedFrames) -> TrackerState:
-        return settle_types(step(state, frame.descriptors, frame.masks, thresholds=t))
-
-    def next_frame(states: TrackerState, frame: DescribedFrames) -> tuple[TrackerState, Answers]:
-        states = jax.vmap(one, in_axes=(0, 0, None))(states, thresholds, frame)
-        said, lacks = states.decisions, states.overflow
+    def advance(state: Any, t: Any, frame: Any) -> tuple[Any, Answers]:
+        state = settle_types(halves.decide(state, frame, static=static, thresholds=t))
+        said, lacks = state.decisions, state.overflow
         answers = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
-        return states, answers
+        return state, answers
 
-    return jax.lax.scan(next_frame, states, frames)
+    def follow_one(given: tuple[Any, Any]) -> tuple[Any, Answers]:
+        state, t = given
+        return jax.lax.scan(lambda state, frame: advance(state, t, frame), state, frames)
+
+    if halves.in_turn_on_cpu and jax.default_backend() == "cpu":
+        states, answers = jax.lax.map(follow_one, (states, thresholds))
+        return states, jax.tree.map(lambda leaf: leaf.swapaxes(0, 1), answers)
+    advance_all = jax.vmap(advance, in_axes=(0, 0, None))
+    return jax.lax.scan(
+        lambda states, frame: advance_all(states, thresholds, frame), states, frames
+    )
 
 
 def score(
@@ -151,30 +156,34 @@ def _shardings() -> tuple[NamedSharding, NamedSharding, NamedSharding] | None:
 class Program:
     """`follow` for so many settings, compiled; the memories that it is given are used up."""
 
-    run: Callable[[TrackerState, Any, DescribedFrames], tuple[TrackerState, Answers]]
+    run: Callable[[Any, Any, Any], tuple[Any, Answers]]
     # That it needs on each device: arguments, results and scratch space, as the compiler counts.
     num_bytes: int
 
 
 def compile_follow(
-    static: Static, num_settings: int, thresholds: Any, frames: DescribedFrames
+    method: Method, static: Static, num_settings: int, thresholds: Any, frames: Any
 ) -> Program:
     """Compiles `follow` for the shapes of the arguments, once per process."""
     leaves, structure = jax.tree.flatten((thresholds, frames))
     shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-    return _compile(static, num_settings, shapes, structure)
+    return _compile(method, static, num_settings, shapes, structure)
 
 
 @functools.lru_cache(maxsize=8)
-def _compile(static: Static, num_settings: int, shapes: tuple, structure: Any) -> Program:
-    states = jax.eval_shape(lambda: empty_memories(static, num_settings))
+def _compile(
+    method: Method, static: Static, num_settings: int, shapes: tuple, structure: Any
+) -> Program:
+    assert method.halves is not None
+    states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
     thresholds, frames = jax.tree.unflatten(structure, shapes)
-    run, options = functools.partial(_follow_kept, static=static), {}
+    given = {"halves": method.halves, "static": static}
+    run, options = functools.partial(_follow_kept, **given), {}
     if (where := _shardings()) is not None:
         settings, frame, answers = where
         # Every device goes its own way: a branch is taken where one of its own settings needs it.
         run = jax.shard_map(
-            functools.partial(follow, static=static),
+            functools.partial(follow, **given),
             mesh=settings.mesh,
             in_specs=(settings.spec, settings.spec, frame.spec),
             out_specs=(settings.spec, answers.spec),
@@ -199,13 +208,16 @@ def _compile(static: Static, num_settings: int, shapes: tuple, structure: Any) -
 
 
 def _follow_kept(
-    states: TrackerState, thresholds: Any, frames: DescribedFrames, *, static: Static
-) -> tuple[TrackerState, Answers]:
-    """`follow`, traced once for all processes."""
+    states: Any, thresholds: Any, frames: Any, *, halves: StepHalves, static: Static
+) -> tuple[Any, Answers]:
+    """`follow`, traced once for all processes if the method is one of this package."""
+    run = functools.partial(follow, halves=halves, static=static)
+    if not is_of_this_package(halves.decide):
+        return run(states, thresholds, frames)
     said, lacks = states.decisions, states.overflow
     like = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
-    run = functools.partial(follow, static=static)
-    return trace_once(run, (states, thresholds, frames), (states, like), ("follow", static))
+    key = ("follow", static, name_function(halves.decide))
+    return trace_once(run, (states, thresholds, frames), (states, like), key)
 
 
 compiled_score = jax.jit(score, static_argnames=("num_objects", "num_labels"))

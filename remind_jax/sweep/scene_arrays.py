@@ -1,4 +1,4 @@
-"""A whole scene as arrays on the device: described once per set of descriptor thresholds.
+"""A whole scene as arrays: described once for all settings to which frames look the same.
 
 Letters: `T` frames, `N` detection slots.
 """
@@ -20,9 +20,10 @@ from remind_jax.errors import SourceError
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.live import Tracker
 from remind_jax.mask_reduction import pad_masks
-from remind_jax.observation import Descriptors, FrameFeats, Masks
-from remind_jax.perception.description import describe
+from remind_jax.methods import Method, get_method
+from remind_jax.observation import FrameFeats, Masks
 from remind_jax.sources.source import Source
+from remind_jax.sweep.settings import stack
 
 NONE = -1
 
@@ -43,6 +44,7 @@ class SceneFrames:
     name: str
     feats: list[FrameFeats]
     masks: list[Masks]  # one slot per detection
+    observed: list[Any]  # what the method observed beside them
     truth: Truth
 
     @property
@@ -59,7 +61,7 @@ class SceneFrames:
     def digest(self) -> str:
         """Hash of all that the tracker is shown, and of the truth."""
         digest = hashlib.sha256()
-        for leaf in jax.tree.leaves((self.feats, self.masks)):
+        for leaf in jax.tree.leaves((self.feats, self.masks, self.observed)):
             digest.update(np.ascontiguousarray(leaf).data)
         digest.update(np.ascontiguousarray(self.truth.object_index).data)
         return digest.hexdigest()
@@ -71,7 +73,13 @@ class SceneFrames:
             object_index=self.truth.object_index[:num_frames],
             class_id=self.truth.class_id[:num_frames],
         )
-        return SceneFrames(self.name, self.feats[:num_frames], self.masks[:num_frames], truth)
+        return SceneFrames(
+            self.name,
+            self.feats[:num_frames],
+            self.masks[:num_frames],
+            self.observed[:num_frames],
+            truth,
+        )
 
 
 def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrames:
@@ -79,14 +87,14 @@ def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrame
 
     Args:
       source: Frames with masks of known objects.
-      config: How masks are reduced.
+      config: How masks are reduced, and what is observed beside them.
       backbone: What features come from; one that caches them does so once.
 
     Raises:
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
     reader = Tracker(config, backbone)
-    feats, masks, instances = [], [], []
+    feats, masks, observed, instances = [], [], [], []
     for frame in source:
         prepared = reader.prepare(frame)
         patches = prepared.features
@@ -95,6 +103,7 @@ def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrame
             patches = backbone.extract(prepared.image[None])[0]
         feats.append(FrameFeats(np.asarray(patches), np.array(frame.size, np.int32)))
         masks.append(prepared.masks)
+        observed.append(prepared.observed)
         instances.append(prepared.detections.instance_ids)
     if not masks:
         raise SourceError(f"'{source.name}' has no frames")
@@ -104,7 +113,7 @@ def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrame
             f"'{source.name}' does not say which object a mask shows; a sweep is scored against "
             "annotated masks"
         )
-    return SceneFrames(source.name, feats, masks, _truth(instances, masks, found))
+    return SceneFrames(source.name, feats, masks, observed, _truth(instances, masks, found))
 
 
 def _truth(instances: list[np.ndarray], masks: list[Masks], found: list[int]) -> Truth:
@@ -117,35 +126,32 @@ def _truth(instances: list[np.ndarray], masks: list[Masks], found: list[int]) ->
     return Truth(index, classes, len(found))
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class DescribedFrames:
-    """Frames ready for `tracker.step_described`; leading axis `T`."""
-
-    descriptors: Descriptors
-    masks: Masks  # without patch coverage, which nothing reads after the description
-
-
-def describe_scene(scene: SceneFrames, static: Static, thresholds: Any) -> DescribedFrames:
+def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
     """Describes every detection of a scene, frame by frame.
 
     Args:
       scene: What is to be described.
       static: Capacities; `num_detections` fits the scene.
-      thresholds: Of one setting; only those of `DESCRIPTION_SECTIONS` matter.
+      config: The method and its thresholds, of which those of `StepHalves.described_by` matter.
+
+    Returns:
+      Frames ready for `StepHalves.decide`, leading axis `T`.
     """
-    t = thresholds.as_arrays(static.scalar)
+    method = get_method(config.tracker)
+    thresholds = stack(config.thresholds, [{}], static.scalar)
+    thresholds = jax.tree.map(lambda leaf: leaf[0], thresholds)
     frames = []
-    for feats, masks in zip(scene.feats, scene.masks, strict=True):
+    for feats, masks, observed in zip(scene.feats, scene.masks, scene.observed, strict=True):
         padded = pad_masks(masks, static.num_detections)
-        descriptors = _describe(feats, padded, static, t)
-        nothing = np.zeros((static.num_detections, 0, 0), np.float32)
-        bare = dataclasses.replace(padded, coverage=nothing, filled_coverage=nothing)
-        frames.append(DescribedFrames(jax.device_get(descriptors), bare))
+        frames.append(
+            jax.device_get(_describe(method, static, feats, padded, observed, thresholds))
+        )
     return jax.tree.map(lambda *leaves: np.stack(leaves), *frames)
 
 
-_describe = jax.jit(describe, static_argnames="static")
-
-# Sections of the thresholds that the description of a detection reads.
-DESCRIPTION_SECTIONS = ("perception", "ring_prototypes", "attention_parts")
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _describe(
+    method: Method, static: Static, feats: FrameFeats, masks: Masks, observed: Any, thresholds: Any
+) -> Any:
+    assert method.halves is not None
+    return method.halves.describe(feats, masks, observed, static=static, thresholds=thresholds)

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import numpy as np
 
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
+from remind_jax.methods import get_method
 from remind_jax.sweep.batches import most_at_once, plan_batch, run_batch, score_batch
-from remind_jax.sweep.scene_arrays import (
-    DESCRIPTION_SECTIONS,
-    DescribedFrames,
-    SceneFrames,
-    describe_scene,
-)
+from remind_jax.sweep.scene_arrays import SceneFrames, describe_scene
 from remind_jax.sweep.settings import Setting
 
 GIB = 1 << 30
@@ -54,7 +51,10 @@ class Worker:
         self.batch, self.program_bytes = 0, 0
         self._config, self._static = config, config.static
         self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
-        self._described: tuple[tuple, DescribedFrames] | None = None
+        self._method = get_method(config.tracker)
+        assert self._method.halves is not None
+        self._described_by = self._method.halves.described_by
+        self._described: tuple[tuple, Any] | None = None
 
     def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
         """Runs settings.
@@ -74,7 +74,7 @@ class Worker:
                 filled = [job[i] for i in part + part[-1:] * (self.batch - len(part))]
                 # A batch that outgrows its memory is done over, in smaller ones.
                 answers, grown = run_batch(
-                    frames, self._config.thresholds, filled, self._static,
+                    frames, self._config, filled, self._static,
                     self._budget_bytes if self._wanted is None else None,
                 )  # fmt: skip
                 if answers is not None:
@@ -90,40 +90,42 @@ class Worker:
     def stop(self) -> None:
         """Nothing goes on by itself."""
 
-    def _describe(self, scene: SceneFrames, setting: Setting) -> DescribedFrames:
+    def _describe(self, scene: SceneFrames, setting: Setting) -> Any:
         dim = scene.feats[0].patches.shape[-1]
         static = dataclasses.replace(self._static, feature_dim=dim)
         self._static = static.grow(num_detections=scene.most_detections)
-        seen = _of_description(setting)
+        seen = _under(self._described_by, setting)
         what = (scene.digest, seen, self._static.num_detections)
         if self._described is None or self._described[0] != what:
-            thresholds = self._config.updated({"thresholds": nest(seen)}).thresholds
-            self._described = what, describe_scene(scene, self._static, thresholds)
+            config = self._config.updated({"thresholds": nest(seen)})
+            self._described = what, describe_scene(scene, self._static, config)
         return self._described[1]
 
-    def _choose_batch(self, frames: DescribedFrames, sizes: Sequence[int]) -> None:
+    def _choose_batch(self, frames: Any, sizes: Sequence[int]) -> None:
         if self._wanted is not None:
             self.batch = round_to_devices(self._wanted)
             return
-        most = most_at_once(self._static, self._budget_bytes)
+        most = most_at_once(self._method, self._static, self._budget_bytes)
         best = fit_batch(sizes, most)
         if self.batch and _cost(sizes, self.batch) <= _WORTH_COMPILING * _cost(sizes, best):
             return
         self._plan(frames, best)
 
-    def _plan(self, frames: DescribedFrames, wanted: int) -> None:
+    def _plan(self, frames: Any, wanted: int) -> None:
         """Sets the batch size to what is wanted, or to less where memory has no room for it."""
         if self._wanted is None:
             self.batch, self.program_bytes = plan_batch(
-                frames, self._config.thresholds, self._static, wanted, self._budget_bytes
+                frames, self._config, self._static, wanted, self._budget_bytes
             )
 
 
-def group_by_description(settings: Sequence[Setting]) -> list[list[int]]:
-    """Indices of settings that share descriptors."""
+def group_by_description(
+    settings: Sequence[Setting], described_by: Sequence[str]
+) -> list[list[int]]:
+    """Indices of settings to which frames look the same (`methods.StepHalves.described_by`)."""
     groups: dict[tuple, list[int]] = {}
     for index, setting in enumerate(settings):
-        groups.setdefault(tuple(sorted(_of_description(setting).items())), []).append(index)
+        groups.setdefault(tuple(sorted(_under(described_by, setting).items())), []).append(index)
     return list(groups.values())
 
 
@@ -146,8 +148,10 @@ def _cost(sizes: Sequence[int], batch: int) -> int:
     return int(np.sum(-(-np.asarray(sizes) // batch)) * (batch + beside))
 
 
-def _of_description(setting: Setting) -> Setting:
-    """The part of a setting that changes descriptors."""
+def _under(names: Sequence[str], setting: Setting) -> Setting:
+    """The part of a setting that is about these thresholds and sections."""
     return {
-        name: value for name, value in setting.items() if name.split(".")[0] in DESCRIPTION_SECTIONS
+        name: value
+        for name, value in setting.items()
+        if any(f"{name}.".startswith(f"{one}.") for one in names)
     }

@@ -51,9 +51,9 @@ def test_rows_equal_single_runs(name, capsys):
     config = config.updated({"static": {"num_detections": scene.most_detections}})
     assert frames[0].features is not None
     static = dataclasses.replace(config.static, feature_dim=frames[0].features.shape[-1])
-    described = describe_scene(scene, static, config.thresholds)
+    described = describe_scene(scene, static, config)
     batches = [
-        run_batch(described, config.thresholds, SETTINGS[first : first + BATCH], static)[0]
+        run_batch(described, config, SETTINGS[first : first + BATCH], static)[0]
         for first in range(0, len(SETTINGS), BATCH)
     ]
     said, decisions = set(), 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone.registry import get_backbone
+from remind_jax.config.dotted_keys import nest
 from remind_jax.decision import Outcome
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections
@@ -28,11 +29,7 @@ def swept():
 
 def thresholds_of(setting):
     """Thresholds of a single run."""
-    nested = {}
-    for name, value in setting.items():
-        section, _, field = name.partition(".")
-        nested.setdefault(section, {})[field] = value
-    return CONFIG.updated({"thresholds": nested}).thresholds
+    return CONFIG.updated({"thresholds": nest(setting)}).thresholds
 
 
 def firm_ids(outcome, object_id):
@@ -45,8 +42,8 @@ def test_answers_equal_single_runs():
     frames = list(zip(scene.feats, (pad_masks(m, world.BOXES) for m in scene.masks), strict=True))
     settings, alone = SETTINGS[:4], set()
     same = [{**setting, "perception.trim_keep": 0.7} for setting in settings]
-    described = describe_scene(scene, world.STATIC, thresholds_of(same[0]))
-    answers, _ = run_batch(described, CONFIG.thresholds, same, world.STATIC)
+    described = describe_scene(scene, world.STATIC, CONFIG.updated({"thresholds": nest(same[0])}))
+    answers, _ = run_batch(described, CONFIG, same, world.STATIC)
     assert answers is not None
     for index, setting in enumerate(same):
         states = world.run(frames, thresholds=thresholds_of(setting))
@@ -72,11 +69,11 @@ def test_capacities_grow_until_every_setting_fits(swept):
 def test_a_batch_without_room_to_grow_gives_no_answers():
     scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
     small = dataclasses.replace(world.STATIC, num_objects=2)
-    described = describe_scene(scene, small, CONFIG.thresholds)
-    answers, grown = run_batch(described, CONFIG.thresholds, SETTINGS[:4], small, 1)
+    described = describe_scene(scene, small, CONFIG)
+    answers, grown = run_batch(described, CONFIG, SETTINGS[:4], small, 1)
     assert answers is None
     assert grown.num_objects > 2
-    answers, _ = run_batch(described, CONFIG.thresholds, SETTINGS[:1], small, 1)
+    answers, _ = run_batch(described, CONFIG, SETTINGS[:1], small, 1)
     assert answers is not None
 
 

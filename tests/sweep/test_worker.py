@@ -18,7 +18,9 @@ def test_settings_that_see_the_same_share_descriptors():
         {"matching.match": 0.8, "perception.trim_keep": 0.5},
         {"ring_prototypes.count": 3},
     ]
-    assert group_by_description(settings) == [[0, 2], [1, 3], [4]]
+    seen = ("perception", "ring_prototypes.count")
+    assert group_by_description(settings, seen) == [[0, 2], [1, 3], [4]]
+    assert group_by_description(settings, ("ring_prototypes.c",)) == [[0, 1, 2, 3, 4]]
 
 
 @pytest.mark.parametrize(
@@ -48,11 +50,11 @@ def staged(monkeypatch):
     """A worker whose runs are noted instead of done; memory has room for 60 objects in all."""
     note = types.SimpleNamespace(runs=[], described=0, grow_at=None, outgrows=False)
 
-    def describe(scene, static, thresholds):
+    def describe(scene, static, config):
         note.described += 1
         return scene
 
-    def run(frames, thresholds, settings, static, budget):
+    def run(frames, config, settings, static, budget):
         note.runs.append([setting.get("matching.match") for setting in settings])
         if len(note.runs) == note.grow_at:
             static = dataclasses.replace(static, num_objects=2 * static.num_objects)
@@ -60,7 +62,7 @@ def staged(monkeypatch):
                 return None, static
         return settings, static
 
-    def plan(frames, thresholds, static, wanted, budget):
+    def plan(frames, config, static, wanted, budget):
         return min(wanted, 60 // static.num_objects), 1
 
     monkeypatch.setattr(worker, "describe_scene", describe)
@@ -78,7 +80,8 @@ def run_all(crew, settings):
     from remind_jax.sweep.scene_arrays import load_scene
 
     scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
-    jobs = [{i: settings[i] for i in group} for group in group_by_description(settings)]
+    groups = group_by_description(settings, ("perception",))
+    jobs = [{i: settings[i] for i in group} for group in groups]
     found = {}
     crew.start(scene, jobs, lambda numbers, rows: found.update(zip(numbers, rows, strict=True)))
     return [found[i] for i in range(len(settings))]

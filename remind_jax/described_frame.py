@@ -1,0 +1,43 @@
+"""The step of REMIND in two halves: what a frame looks like, and who is who in it."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from remind_jax.config.static import Static
+from remind_jax.config.thresholds import Thresholds
+from remind_jax.observation import Descriptors, FrameFeats, Masks
+from remind_jax.perception.description import describe
+from remind_jax.state import TrackerState
+from remind_jax.tracker import step_described
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class DescribedFrame:
+    """What `tracker.step_described` is given."""
+
+    descriptors: Descriptors
+    masks: Masks  # without patch coverage, which nothing reads after the description
+
+
+def describe_frame(
+    frame_feats: FrameFeats, masks: Masks, observed: Any, *, static: Static, thresholds: Thresholds
+) -> DescribedFrame:
+    """Describes every detection; nothing is observed beside them."""
+    descriptors = describe(frame_feats, masks, static, thresholds.as_arrays(static.scalar))
+    nothing = jnp.zeros((static.num_detections, 0, 0), jnp.float32)
+    return DescribedFrame(
+        descriptors, dataclasses.replace(masks, coverage=nothing, filled_coverage=nothing)
+    )
+
+
+def decide_described(
+    state: TrackerState, seen: DescribedFrame, *, static: Static, thresholds: Thresholds
+) -> TrackerState:
+    """Decides who is who and remembers it."""
+    return step_described(state, seen.descriptors, seen.masks, static=static, thresholds=thresholds)
