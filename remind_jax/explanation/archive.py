@@ -1,16 +1,13 @@
 """The account of a run on the host and in `trace.npz`: what each frame was decided on.
 
-In the file every array holds all frames one after another: rows of `decisions.*` and `detections.*`
-are detections, of `sets.*` sets of objects, of `context.*` and `frame.*` frames; `frame.detections`
-and `frame.sets` tell how many rows belong to each frame.
+Rows of `decisions.*` and `detections.*` in the file are detections, of `sets.*` sets of objects, of
+`context.*` and `frame.*` frames; `frame.sets` tells how many sets belong to each frame.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import io
-import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from remind_jax.decision import NO_ID, Decisions
-from remind_jax.errors import OutputError
+from remind_jax.explanation.frame_archive import Columns, FrameArchive
 from remind_jax.methods import DEFAULT_METHOD, get_method
-from remind_jax.outputs import store
 from remind_jax.trace import (
     CandidateTrace,
     ContextTrace,
@@ -35,9 +31,6 @@ if TYPE_CHECKING:
     from remind_jax.tracks import Tracks
 
 TRACE_NAME = "trace.npz"
-VERSION = 1
-
-Columns = dict[str, np.ndarray]
 
 _NESTED: dict[str, type] = {"candidates": CandidateTrace, "passes": PassTrace}
 _PER_FRAME = ("num_bad_patches",)  # the one field of `Decisions` that is not about a detection
@@ -73,35 +66,18 @@ class FrameRecord:
         return list(zip(ids, explained, strict=True))
 
 
-class TraceArchive:
-    """The records of a run by frame; those of a file are read when they are first asked for."""
+class TraceArchive(FrameArchive[FrameRecord]):
+    """The records of a run of REMIND, and how its objects are called."""
 
     def __init__(self) -> None:
-        self._frames: dict[int, FrameRecord] = {}
+        super().__init__()
         self._labels: dict[int, str] = {}
-        self._path: Path | None = None
-
-    @classmethod
-    def open(cls, path: Path) -> TraceArchive:
-        """The archive of a file, not read yet."""
-        archive = cls()
-        archive._path = path
-        return archive
 
     @property
     def labels(self) -> Mapping[int, str]:
         """Class name of every object that was known before some frame."""
         self._read()
         return self._labels
-
-    def frame(self, frame_index: int) -> FrameRecord | None:
-        """The record of a frame; None if the run has no such frame.
-
-        Raises:
-          OutputError: If the file is damaged.
-        """
-        self._read()
-        return self._frames.get(frame_index)
 
     def add(
         self,
@@ -137,50 +113,18 @@ class TraceArchive:
 
         return Explainer(self, tracks, config)
 
-    def save(self, path: Path) -> None:
-        """Writes `trace.npz` at once or not at all.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
-        frames = [self._frames[index] for index in sorted(self._frames)]
-        columns = {
-            "version": np.array(VERSION),
-            "frame.index": np.array([frame.frame_index for frame in frames], np.int32),
-            "frame.detections": np.array([len(frame) for frame in frames], np.int32),
+    def _to_columns(self, frames: list[FrameRecord]) -> Columns:
+        return {
             "frame.sets": np.array([len(frame.sets.score) for frame in frames], np.int32),
             "label.id": np.array(list(self._labels), np.int32),
             "label.name": np.array(list(self._labels.values()), dtype=np.str_),
             **_join([_columns_of(frame) for frame in frames]),
         }
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, **columns)
-        store.replace_file(path, buffer.getvalue())
 
-    def _read(self) -> None:
-        if self._path is None:
-            return
-        path = self._path
-        try:
-            with np.load(path) as file:
-                if file["version"] > VERSION:
-                    raise OutputError(
-                        f"'{path}' has version {file['version']}, this remind-jax reads up to "
-                        f"{VERSION}; upgrade remind-jax"
-                    )
-                columns = {name: file[name] for name in file.files}
-            self._labels = dict(
-                zip(columns["label.id"].tolist(), columns["label.name"].tolist(), strict=True)
-            )
-            self._frames = {record.frame_index: record for record in _split(columns)}
-        except OutputError:
-            raise
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise OutputError(
-                f"'{path}' is damaged ({type(error).__name__}: {error}); run the tracker again "
-                "with --trace"
-            ) from error
-        self._path = None
+    def _from_columns(self, columns: Mapping[str, np.ndarray]) -> dict[int, FrameRecord]:
+        names = columns["label.id"].tolist(), columns["label.name"].tolist()
+        self._labels = dict(zip(*names, strict=True))
+        return {record.frame_index: record for record in _split(columns)}
 
 
 def open_archive(run_dir: Path, tracker: str = DEFAULT_METHOD) -> Any:
@@ -268,7 +212,7 @@ def _join(frames: Sequence[Columns]) -> Columns:
     return joined
 
 
-def _split(columns: Columns) -> Iterator[FrameRecord]:
+def _split(columns: Mapping[str, np.ndarray]) -> Iterator[FrameRecord]:
     """The records of all frames."""
     counts = columns["frame.detections"], columns["frame.sets"]
     ends = [np.cumsum(count) for count in counts]

@@ -1,7 +1,7 @@
 """The explanations of a run as the report page holds them: packed by blocks of frames.
 
 A block is a JSON list of frames, compressed and base64-encoded; the page unpacks the block that it
-needs. A frame holds what its detections share once: `anchors`, `context`, `sets`, `detections`.
+needs. A frame holds `detections`, and what they share once: of REMIND `anchors`, `context`, `sets`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import gzip
 import json
 from typing import Any
 
-from remind_jax.explanation.account import ObjectSet
+from remind_jax.explanation.account import Explanation, ObjectSet
 from remind_jax.explanation.explain import Explainer
+from remind_jax.plus.account import PlusExplainer, PlusExplanation
 from remind_jax.result import Result
 from remind_jax.tracks import Tracks
 
@@ -22,17 +23,18 @@ FRAMES_PER_BLOCK = 32
 MAX_EMBEDDED_BYTES = 10_000_000
 
 _SHOWN_SETS = 5
-_SHARED = ("format", "version", "frame", "time_s", "frame_name", "anchors", "context", "sets")
+_OF_FRAME = ("anchors", "context", "sets")
+_TOLD_ELSEWHERE = ("format", "version", "frame", "time_s", "frame_name", *_OF_FRAME)
 
 
 def pack_explanations(result: Result) -> dict[str, Any] | None:
     """Blocks for the page, as many as fit; None if the run holds no trace that it can show."""
-    if not isinstance(result.explainer, Explainer):
+    if not isinstance(result.explainer, (Explainer, PlusExplainer)):
         return None
     blocks, num_bytes = [], 0
     for start in range(0, len(result.tracks), FRAMES_PER_BLOCK):
         frames = result.tracks[start : start + FRAMES_PER_BLOCK]
-        block = _pack([_explain_frame(result.explainer, tracks) for tracks in frames])
+        block = _pack([_explain_frame(result, tracks) for tracks in frames])
         num_bytes += len(block)
         if num_bytes > MAX_EMBEDDED_BYTES:
             break
@@ -40,16 +42,27 @@ def pack_explanations(result: Result) -> dict[str, Any] | None:
     return {"frames_per_block": FRAMES_PER_BLOCK, "blocks": blocks}
 
 
-def _explain_frame(explainer: Explainer, tracks: Tracks) -> dict[str, Any] | None:
+def _explain_frame(result: Result, tracks: Tracks) -> dict[str, Any] | None:
     """What the page tells about the detections of a frame; None without any."""
-    told = [explainer.explain(tracks.frame_index, row) for row in range(len(tracks))]
+    told = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
     if not told:
         return None
-    first = dataclasses.replace(told[0], sets=_distinct(told[0].sets)).to_json()
-    shared = {name: first[name] for name in ("anchors", "context", "sets")}
-    bare = [dataclasses.replace(one, anchors=(), sets=()).to_json() for one in told]
-    own = [{name: one[name] for name in one if name not in _SHARED} for one in bare]
-    return {**shared, "detections": own}
+    return {**_share(told[0]), "detections": [_tell_own(one) for one in told]}
+
+
+def _share(told: Explanation | PlusExplanation) -> dict[str, Any]:
+    """What all detections of the frame have in common."""
+    if isinstance(told, PlusExplanation):
+        return {}
+    whole = dataclasses.replace(told, sets=_distinct(told.sets)).to_json()
+    return {name: whole[name] for name in _OF_FRAME}
+
+
+def _tell_own(told: Explanation | PlusExplanation) -> dict[str, Any]:
+    if isinstance(told, Explanation):
+        told = dataclasses.replace(told, anchors=(), sets=())
+    whole = told.to_json()
+    return {name: whole[name] for name in whole if name not in _TOLD_ELSEWHERE}
 
 
 def _distinct(sets: tuple[ObjectSet, ...]) -> tuple[ObjectSet, ...]:

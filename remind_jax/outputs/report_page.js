@@ -168,17 +168,54 @@ function drawWhy(frame, position, row) {
     `${number(score)}, confidence ${number(told.confidence)}`;
   byId("why-body").replaceChildren(make("p", { class: "faint" }, sum),
     make("ol", {}, ...told.why.map((text) => make("li", {}, text))),
-    ...drawCandidates(told), ...drawLayout(told), ...drawPending(told), ...drawContext(frame, told));
+    ...("context" in frame ? drawDeliberation(frame, told) : drawEvidence(told)));
 }
+
+/** What a decision of REMIND was made of. */
+function drawDeliberation(frame, told) {
+  return [...drawCandidates(told), ...drawLayout(told), ...drawPending(told),
+    ...drawContext(frame, told)];
+}
+
+/** What a decision of REMIND plus was made of: log odds by kind of evidence. */
+function drawEvidence(told) {
+  if (!told.candidates.length) return [];
+  const kinds = Object.keys(told.candidates[0].parts);
+  const line = (id, name, parts, odds, probability, note) => make("tr",
+    { class: id === told.object_id ? "decided" : "" },
+    make("td", {}, swatch(colourOf.get(id)), name),
+    ...parts.map((part) => (part ? weighed(part) : cell("\u2013"))),
+    cell(signed(odds)), cell(number(probability)), make("td", {}, note));
+  const rows = told.candidates.map((who) => line(who.object_id, who.name,
+    kinds.map((kind) => who.parts[kind]), who.log_odds, who.probability,
+    who.held_by === null ? "" : `detection ${who.held_by} got it`));
+  rows.push(line(told.tracklet_id, `${told.label} ${told.tracklet_id}, new`, kinds.map(() => 0),
+    told.new_log_odds, told.new_probability, ""));
+  const named = kinds.map((kind) => kind[0].toUpperCase() + kind.slice(1));
+  const titles = ["Candidate", ...named, "Sum", "Probability", ""];
+  const heads = titles.map((text, column) =>
+    make("th", column && column < titles.length - 1 ? { class: "number" } : {}, text));
+  return [make("h3", {}, `Candidates (${told.candidates.length})`),
+    make("div", { class: "scroll" }, make("table", {},
+      make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
+    make("p", { class: "faint" }, "Evidence in log odds. Rivals: less, the more objects it could be. " +
+      "Moved: given back to one that may have been moved. Probability: beside all others and a new " +
+      "object, with what else is in view.")];
+}
+
+/** Evidence for something is marked, so that what was decisive meets the eye. */
+const weighed = (value) => make("td", { class: "number" },
+  value >= NOTABLE ? make("mark", {}, signed(value)) : signed(value));
 
 const gates = { none: "no", block_min_match: "no: too unlike", block_match_thr: "no: below match",
   block_used_object: "no: locked by another", pass_match_thr: "open",
   sets_rescue: "open: rescued by context" };
+const NOTABLE = 1; // log odds
+const cell = (text) => make("td", { class: "number" }, text);
 const signed = (value) => (value > 0 ? "+" : "") + value.toFixed(2);
 
 function drawCandidates(told) {
   if (!told.candidates.length) return [];
-  const cell = (text) => make("td", { class: "number" }, text);
   const term = ({ score, weight }) => (score === null ? cell("\u2013")
     : make("td", { class: "number" }, number(score), make("small", {}, ` \u00d7 ${number(weight)}`)));
   const bonus = (who) => {

@@ -10,6 +10,7 @@ import pytest
 
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME, TraceArchive, open_archive
+from remind_jax.plus.archive import PlusArchive
 from tests.explanation.scenes import FRAME, decide_frame
 
 ROWS = ([{0: 0.91, 1: 0.85}], [{}], [{0: 0.88, 1: 0.80}, {0: 0.87, 1: 0.76}])
@@ -82,11 +83,28 @@ def test_the_file_is_read_when_asked_for(tmp_path):
 
 
 def test_a_later_version_is_refused(archive, tmp_path, monkeypatch):
-    monkeypatch.setattr("remind_jax.explanation.archive.VERSION", 2)
+    monkeypatch.setattr(TraceArchive, "VERSION", 2)
     archive.save(tmp_path / TRACE_NAME)
     monkeypatch.undo()
     with pytest.raises(OutputError, match=r"version 2.*up to 1; upgrade remind-jax"):
         TraceArchive.open(tmp_path / TRACE_NAME).frame(0)
+
+
+def test_the_trace_of_another_tracker_is_refused(archive, tmp_path):
+    archive.save(tmp_path / TRACE_NAME)
+    with pytest.raises(OutputError, match="of tracker 'remind', not 'plus' as the run says"):
+        PlusArchive.open(tmp_path / TRACE_NAME).frame(0)
+
+
+def test_what_was_opened_can_be_saved_again(archive, tmp_path):
+    archive.save(tmp_path / TRACE_NAME)
+    TraceArchive.open(tmp_path / TRACE_NAME).save(tmp_path / "again.npz")
+    again = TraceArchive.open(tmp_path / "again.npz")
+    for number in range(4):
+        for old, new in zip(
+            leaves(archive.frame(number)), leaves(again.frame(number)), strict=True
+        ):
+            np.testing.assert_array_equal(old, new)
 
 
 def test_an_empty_run_can_be_kept(tmp_path):

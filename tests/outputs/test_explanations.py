@@ -14,7 +14,7 @@ from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.writer import TRACE_NAME, RunWriter
 from remind_jax.result import Result
 from tests.outputs.fake_run import make_run
-from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
+from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run
 
 
 def pack(result: Result) -> dict[str, Any]:
@@ -49,6 +49,17 @@ def test_every_detection_is_explained_as_in_python():
         assert abs(shown["visual_score"] - best.visual_score) <= 5e-4
     assert not len(result.tracks[EMPTY])
     assert frames[UNDECIDED]["detections"][0]["pending"]["kind"] == "ambiguous"
+
+
+def test_runs_of_plus_are_explained_too():
+    result = make_plus_run()
+    frames = unpack(pack(result))
+    for tracks, frame in zip(result.tracks, frames, strict=True):
+        told = result.explain(tracks.frame_index, 0).to_json()
+        (shown,) = frame["detections"]
+        assert (shown["why"], shown["stage"]) == (told["why"], told["stage"])
+        assert shown["candidates"] == told["candidates"]  # with three decimals or fewer
+    assert len(frames[3]["detections"][0]["candidates"]) == 2
 
 
 def test_a_long_run_is_explained_as_far_as_the_page_can_hold(monkeypatch):

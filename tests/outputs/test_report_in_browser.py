@@ -14,7 +14,7 @@ import pytest
 from remind_jax.outputs import report
 from remind_jax.outputs.writer import RunWriter
 from tests.outputs.fake_run import make_run
-from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
+from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
@@ -280,6 +280,33 @@ def test_a_click_on_a_detection_explains_it(traced_page, traced):
     find(traced_page, "#why-close").click()
     assert is_closed(traced_page)
     assert [entry["message"] for entry in traced_page.get_log("browser")] == []
+
+
+def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
+    result = make_plus_run()
+    report.write_report(tmp_path, result, [], None)
+    browser.get(f"file://{tmp_path / report.REPORT_NAME}")
+    browser.get_log("browser")
+    open_row(browser, 3, 0)
+    assert find(browser, "#why-title").text == "Why mug 0? (frame 3, detection 0)"
+    assert told(browser) == list(result.explain(3, 0).why)
+    rows = find(browser, "#why table").text.splitlines()
+    assert (
+        rows[0] == "Candidate Looks Background Place Rivals Layout Companions Moved Sum Probability"
+    )
+    assert rows[1] == "mug 0 +1.50 – – – +0.75 – – +2.25 0.75"
+    assert rows[2] == "mug 1 +1.25 – -2.00 – – – – -0.75 0.13"
+    assert rows[3] == "mug 5, new – – – – – – – +0.50 0.13"
+    assert [cell.text for cell in browser.find_elements("css selector", "#why mark")] == [
+        "+1.50",
+        "+1.25",
+    ]
+    assert find(browser, "#why tr.decided").text.startswith("mug 0")
+    browser.execute_script("seek(4)")
+    wait_for(browser, "document.getElementById('why-title').textContent.includes('frame 4,')")
+    assert told(browser) == list(result.explain(4, 0).why)
+    assert browser.find_elements("css selector", "#why table") == []
+    assert [entry["message"] for entry in browser.get_log("browser")] == []
 
 
 def test_the_explanation_follows_the_identity(traced_page, traced):

@@ -7,10 +7,12 @@ import functools
 
 import numpy as np
 
-from remind_jax.config import Config
+from remind_jax.config import Config, load_config
 from remind_jax.decision import Outcome
 from remind_jax.explanation.archive import FrameRecord, TraceArchive
 from remind_jax.frame import Frame
+from remind_jax.plus.archive import PlusArchive, PlusRecord
+from remind_jax.plus.state import PARTS, Stage, Verdicts, no_verdicts
 from remind_jax.result import Result
 from tests.explanation.scenes import backed, decide_frame
 from tests.outputs.fake_run import make_info, make_tracks
@@ -64,3 +66,36 @@ def make_traced_run(num_frames: int = 40) -> tuple[list[Frame], Result]:
         tracks.append(make_tracks(index, masks, rows))
     info = dataclasses.replace(make_info("mugs", SIZE), config=Config().to_dict())
     return frames, Result(tuple(tracks), info, trace=archive)
+
+
+def make_plus_run(num_frames: int = 8) -> Result:
+    """Mug 0 as REMIND plus recognises it: settled, but for frame 3, where mug 1 is likely, too."""
+    archive, tracks = PlusArchive(), []
+    masks = np.zeros((1, *SIZE), bool)
+    masks[:, 20:60, 10:50] = True
+    for index in range(num_frames):
+        blank = {
+            field.name: np.array(getattr(no_verdicts(1), field.name))
+            for field in dataclasses.fields(no_verdicts(1))
+        }
+        shown = blank | {"tracklet_id": np.array([5]), "answer_id": np.array([0])}
+        if index == 3:
+            shown |= {"stage": np.array([Stage.OPEN]), "age": np.array([2])}
+            shown |= {"new_odds": np.array([0.5], np.float32)}
+            parts = {0: {"looks": 1.5, "layout": 0.75}, 1: {"looks": 1.25, "place": -2.0}}
+            for place, (object_id, evidence) in enumerate(parts.items()):
+                shown["option_id"][0, place] = object_id
+                shown["option_odds"][0, place] = sum(evidence.values())
+                shown["option_belief"][0, place] = (0.75, 0.125)[place]
+                for part, value in evidence.items():
+                    shown["option_parts"][0, place, PARTS.index(part)] = value
+        else:
+            shown |= {"stage": np.array([Stage.SETTLED]), "is_decided": np.array([True])}
+        row = {"label": "mug", "outcome": Outcome.MATCH, "object_id": 0, "confidence": 0.75}
+        tracks.append(make_tracks(index, masks, [row]))
+        told = tracks[-1]
+        archive._frames[index] = PlusRecord(
+            Verdicts(**shown), told.outcome, told.reason, told.object_id, told.confidence
+        )
+    info = dataclasses.replace(make_info("mugs", SIZE), config=load_config("plus").to_dict())
+    return Result(tuple(tracks), info, trace=archive)
