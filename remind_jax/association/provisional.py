@@ -107,6 +107,7 @@ def question_births(
     known, known_score = rank(score, near, t.max_support)
     hint, hint_score, _ = top_two(visual, candidate)
     lacks = known[:, 0] == NO_SLOT
+    asked = asked & (~lacks | near_miss | blocked_ok | ~t.require_context)
     known, known_score = _fill(known, known_score, lacks & blocked_ok, first, first_score)
     hinted = lacks & ~blocked_ok & near_miss
     known, known_score = _fill(known, known_score, hinted, hint, hint_score)

@@ -21,7 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from remind_jax.config import reference_keys
+from remind_jax.config import outcome_thresholds, reference_keys
 from remind_jax.config.config import Config
 from remind_jax.config.effects import NUMBERS
 from remind_jax.methods import DEFAULT_METHOD, get_method, list_methods
@@ -294,6 +294,11 @@ def _other_keys() -> Iterator[str]:
     for key, value in reference_keys.FIXED.items():
         shown = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else _as_yaml(value)
         yield f"* `{key}`: `{shown}`"
+    yield ""
+    yield "Supported up to this value; a larger one is refused by name:"
+    yield ""
+    for key, (most, why) in outcome_thresholds.LIMITS.items():
+        yield f"* `{key}`: `{most}` ({why})"
     yield ""
     yield "Without influence on an identity in any supported setting; accepted and passed over:"
     yield ""

@@ -116,3 +116,16 @@ def test_reasons(x64):
     d = decide_frames(frames, [t] * len(frames)).decisions
     for row, (reason, (table, _)) in enumerate(rows.items()):
         assert Reason(d.reason[row, len(table) - 1]) is reason
+
+
+@pytest.mark.parametrize(
+    ("context_required", "admitted", "outcome"),
+    [(True, True, NEW), (False, True, PROVISIONAL), (False, False, NEW)],
+)
+def test_context_that_names_nobody_is_no_context(x64, context_required, admitted, outcome):
+    """Object 0 is supported, but scores too little to be named (16, step 10)."""
+    found = last(
+        [{0: 0.64}], {0: 0.05}, min_candidate=0.75, require_context=context_required,
+        from_strong=admitted,
+    )  # fmt: skip
+    assert found == (outcome, [], 0)

@@ -32,7 +32,7 @@ def read(settings: dict[str, Any]) -> Thresholds:
     return Config.from_reference(nest(settings)).thresholds
 
 
-def decided(verdict: Verdict) -> dict[str, np.ndarray]:
+def decided(verdict: Verdict) -> dict[str, Any]:
     d = verdict.decisions
     return {
         "outcome": d.outcome,
