@@ -58,12 +58,19 @@ BARE: Changes = {
     "decision": {
         "crowd": 0.0,
         "familiarity": 0.0,
+        "familiarity_open": 0.0,
         "late_frames": 0,
         "ended_age": 0,
-        "hold_missed": False,
+        "held": 0.0,
     },
     "place": {"weight": 0.0},
-    "layout": {"weight": 0.0, "covisible_weight": 0.0, "optimism": 0.0, "moved": -100.0},
+    "layout": {
+        "weight": 0.0,
+        "covisible_weight": 0.0,
+        "optimism": 0.0,
+        "moved": -100.0,
+        "gone_anchors": 1_000_000,
+    },
     "motion": {"checked": False},
 }
 LADDER: tuple[tuple[str, Changes], ...] = (
@@ -79,8 +86,10 @@ LADDER: tuple[tuple[str, Changes], ...] = (
     ("+ familiarity", {"decision": {"familiarity": 0.8}}),
     ("+ late recognition", {"decision": {"late_frames": 60}}),
     ("+ memory of what ended open", {"decision": {"ended_age": 2}}),
-    ("+ held while missed", {"decision": {"hold_missed": True}}),
-    ("+ checked motion = plus", {"motion": {"checked": True}}),
+    ("+ held while missed", {"decision": {"held": 3.0}}),
+    ("+ checked motion", {"motion": {"checked": True}}),
+    ("+ familiarity of what is in view", {"decision": {"familiarity_open": 1.0}}),
+    ("+ empty places = plus", {"layout": {"gone_anchors": 3}}),
 )
 WITHOUT_PLACE: Changes = {
     "place": {"weight": 0.0},

@@ -26,7 +26,7 @@ def conclude(
     shortlist: Shortlist,
     odds: Float[Array, "N C"],
     belief: Float[Array, "N C"],
-    parts: Float[Array, "N C 7"],
+    parts: Float[Array, "N C 8"],
     choice: Choice,
 ) -> Verdicts:
     """Names the objects of all decisions.

@@ -16,6 +16,8 @@ from remind_jax.plus.evidence import Rows, Shortlist
 from remind_jax.plus.state import NOWHERE, Scene, Tracklets
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
+_ROUNDS = 5  # in which the share of new things settles
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -41,13 +43,12 @@ def decide(
     t: th.Decision,
 ) -> Choice:
     """One assignment of all rows to objects, each with a private column for "no known object"."""
-    known = jnp.clip(scene.familiarity, t.familiarity_least, 1.0 - t.familiarity_least)
-    new = t.new + t.familiarity * jnp.log(known / (1.0 - known))
+    usable = shortlist.valid & rows.any[:, None]
+    new = expect_new(jnp.where(usable, odds, -jnp.inf), rows.young, scene, t)
     private = jnp.where(rows.late, t.new + t.late_margin, new)
 
     num = len(private)
     index = jnp.arange(num)[:, None]
-    usable = shortlist.valid & rows.any[:, None]
     column = jnp.where(usable, shortlist.slot, num_objects)
     score = (
         jnp.zeros((num, num_objects + 1), odds.dtype)
@@ -79,6 +80,28 @@ def decide(
         born=commits & ~is_known,
         absorbed=rows.late & is_known,
     )
+
+
+def expect_new(
+    odds: Float[Array, "N C"], young: Bool[Array, "N"], scene: Scene, t: th.Decision
+) -> Float[Array, ""]:
+    """Log odds of a new object: how often things were new lately, and how new those in view look.
+
+    What comes into view together is mostly new or mostly known; the share is that at which the
+    open tracklets agree with it.
+    """
+    known = jax.nn.logsumexp(odds, axis=1)
+
+    def prior(share: Array) -> Array:
+        share = jnp.clip(share, t.familiarity_least, 1.0 - t.familiarity_least)
+        return t.new + t.familiarity * jnp.log(share / (1.0 - share))
+
+    def agree(_: Array, share: Array) -> Array:
+        new = jnp.where(young, jax.nn.sigmoid(prior(share) - known), 0.0)
+        weight = t.familiarity_open * t.familiarity_rate
+        return (scene.familiarity + weight * jnp.sum(new)) / (1.0 + weight * jnp.sum(young))
+
+    return prior(jax.lax.fori_loop(0, _ROUNDS, agree, scene.familiarity))
 
 
 def learn_familiarity(scene: Scene, choice: Choice, t: th.Decision) -> Scene:

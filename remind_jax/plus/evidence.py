@@ -43,9 +43,9 @@ class Shortlist:
 
     slot: Int[Array, "N C"]  # object slot
     valid: Bool[Array, "N C"]
-    base: Float[Array, "N C"]  # log odds of looks, background, place and number of rivals
+    base: Float[Array, "N C"]  # log odds of the evidence that it has alone
     cosine: Float[Array, "N C"]  # best cosine of looks
-    parts: Float[Array, "N C 4"]  # of the first of `state.PARTS` in these log odds
+    parts: Float[Array, "N C 5"]  # of the first of `state.PARTS` in these log odds
 
 
 def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
@@ -130,18 +130,23 @@ def shortlist(
     here: Tracklets,
     sightings: Sightings,
     admitted: Bool[Array, "N O"],
+    waiting: Bool[Array, "O"],
     cosine: Float[Array, "N O"],
     objects: Objects,
     pairs: Pairs,
     scene: Scene,
     t: th.PlusThresholds,
 ) -> Shortlist:
-    """Adds up the evidence of each pair and keeps the best objects of each row."""
+    """Adds up the evidence of each pair and keeps the best objects of each row.
+
+    `waiting`: objects whose tracklet was missed and may resume.
+    """
     parts = (
         _look_evidence(cosine, sightings.patches, scene, t),
         _ring_evidence(here, objects, scene, t.looks),
         _place_evidence(sightings, objects, pairs, t.place),
         jnp.broadcast_to(_crowd_evidence(admitted, t.decision)[:, None], admitted.shape),
+        jnp.broadcast_to(jnp.where(waiting, -t.decision.held, 0.0)[None], admitted.shape),
     )
     ranked = jnp.where(admitted, sum(parts), -jnp.inf)
     value, slot = jax.lax.top_k(ranked, min(NUM_CANDIDATES, ranked.shape[1]))

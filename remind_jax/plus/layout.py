@@ -15,9 +15,8 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Shortlist, mix
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.state import NUM_OWN_PARTS, PARTS, UNRELATED, Objects, Pairs
-
-NO_RELATION = UNRELATED / 10
+from remind_jax.plus.state import NO_RELATION, NUM_OWN_PARTS, PARTS, Objects, Pairs
+from remind_jax.plus.vacancy import find_gone
 
 
 def weigh_jointly(
@@ -28,7 +27,7 @@ def weigh_jointly(
     objects: Objects,
     pairs: Pairs,
     t: th.PlusThresholds,
-) -> tuple[Float[Array, "N C"], Float[Array, "N C"], Float[Array, "N C 7"]]:
+) -> tuple[Float[Array, "N C"], Float[Array, "N C"], Float[Array, "N C 8"]]:
     """Evidence of each candidate with that of all others in view.
 
     Args:
@@ -60,6 +59,8 @@ def weigh_jointly(
     layout = jnp.where(related, _layout_evidence(o, p, geometry, pairs, t.layout), 0)
 
     base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
+    is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
+    moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
 
     def ask(weight: Float[Array, "N C"]) -> Float[Array, "3 N C"]:
         w = weight.reshape(-1)
@@ -69,7 +70,7 @@ def weigh_jointly(
         )
         lies, companions = lies.reshape(num, width), companions.reshape(num, width)
         # Whatever lies wrong may have been moved: looks can still tell it.
-        given_back = jnp.maximum(t.layout.moved - (place + lies), 0.0)
+        given_back = jnp.maximum(moved - (place + lies), 0.0)
         return jnp.stack([lies, companions, given_back])
 
     def total(around: Float[Array, "3 N C"]) -> Float[Array, "N C"]:

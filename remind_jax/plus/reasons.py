@@ -62,8 +62,8 @@ def _tell_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
             against = candidate.parts["place"] + candidate.parts["layout"]
             yield (
                 f"where it lies, itself and from the others, speaks against {candidate.name} by "
-                f"{change(against)}, of which {change(t.layout.moved)} count: it may have been "
-                "moved"
+                f"{change(against)}, of which {change(against + candidate.parts['moved'])} count: "
+                "it may have been moved"
             )
 
 
@@ -91,7 +91,7 @@ def _tell_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     why = ""
     if abs(off) >= _NOTABLE:
         recent = "new" if off > 0 else "known"
-        why = f"; {change(off)} of it because most of the last decisions were {recent!r}"
+        why = f"; {change(off)} of it because most of what came last, or is in view, is {recent!r}"
     yield f"a new object has log odds {change(e.new_log_odds)}{why}"
 
 

@@ -22,11 +22,12 @@ from remind_jax.state import Overflow, no_decisions
 
 NOWHERE = -1  # no slot
 UNRELATED = 1000.0  # spread of a relation that is not known
+NO_RELATION = UNRELATED / 10  # from this spread on nothing is known
 NEVER = -1_000_000
 # Kinds of evidence: those that a candidate has alone, those that it has from what else is in view,
 # and what is given back to one that may have been moved. Together they are its log odds.
-PARTS = ("looks", "background", "place", "rivals", "layout", "companions", "moved")
-NUM_OWN_PARTS = 4  # the first of them
+PARTS = ("looks", "background", "place", "rivals", "held", "layout", "companions", "moved")
+NUM_OWN_PARTS = 5  # the first of them
 
 
 class Stage(enum.IntEnum):
@@ -134,7 +135,7 @@ class Verdicts:
     option_id: Int[Array, "N C"]  # objects that were weighed, -1 padding
     option_odds: Float[Array, "N C"]  # log odds in the end
     option_belief: Float[Array, "N C"]  # probability beside all others and a new object
-    option_parts: Float[Array, "N C 7"]  # of `PARTS` in the log odds
+    option_parts: Float[Array, "N C 8"]  # of `PARTS` in the log odds
     new_odds: Float[Array, "N"]  # log odds of being no known object
 
 

@@ -126,6 +126,9 @@ class Layout:
     weight: Real = 0.8  # of the relative layout
     best: Real = 6.0  # limit of the layout evidence to both sides before weighting
     moved: Real = -3.0  # log odds of an object that lies where it should not, place included
+    moved_gone: Real = -0.5  # the same if its old place is seen to be empty
+    gone_anchors: Whole = 3  # decided objects that tell where the old place is
+    gone_error: Real = 1.5  # greatest standard deviation of that, per size of the object
     partners: Real = 6.0  # that speak in full; more share this
     near_error: Real = 0.6  # standard deviation of a relation in sizes
     rate_error: Real = 0.2  # more of it per distance in sizes
@@ -155,9 +158,10 @@ class Decision:
     """Known or new, now or later (5.4, 5.6)."""
 
     new: Real = 1.0  # log odds of a new object
-    familiarity: Real = 0.8  # weight of how many of the last decisions were "new"
-    familiarity_rate: Real = 0.2
+    familiarity: Real = 0.8  # weight of how much was new of what came last and is in view
+    familiarity_rate: Real = 0.2  # of one decision
     familiarity_least: Real = 0.1
+    familiarity_open: Real = 1.0  # weight of an open tracklet in it, in decisions
     crowd: Real = 0.7  # loss per log of the number of candidates
     crowd_free: Real = 4.0  # candidates without a loss
     firm: Real = 0.5  # least probability of an answer that is given before it is decided
@@ -168,7 +172,7 @@ class Decision:
     late_frames: Whole = 60  # detections for which a new object may turn out to be known
     late_margin: Real = 4.0  # more than `new` that this takes
     ended_age: Whole = 2  # one that ends undecided as new is remembered from here on; 0: never
-    hold_missed: Gate = True  # the object of a tracklet that may resume cannot be taken
+    held: Real = 3.0  # loss of an object whose tracklet was missed and may resume
 
 
 @jax.tree_util.register_dataclass

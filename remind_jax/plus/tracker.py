@@ -167,10 +167,9 @@ def _advance(
     visible = sightings.valid & (here.slot != NOWHERE)
     held = held_objects(here.slot, visible, static.num_objects)
     waiting = held_objects(tracklets.slot[num:], tracklets.alive[num:], static.num_objects)
-    held |= waiting & t.decision.hold_missed
     admitted = admit(here, rows, held, objects, pairs)
     cosine = best_cosine(whiten(scene, here.look), objects)
-    candidates = shortlist(here, sightings, admitted, cosine, objects, pairs, scene, t)
+    candidates = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
     # Who is who, jointly?
     odds, belief, parts = weigh_jointly(
         candidates, here.slot, visible & ~rows.late, sightings, objects, pairs, t

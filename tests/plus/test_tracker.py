@@ -11,10 +11,10 @@ import pytest
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.plus.observation import Motion
-from remind_jax.plus.state import init
+from remind_jax.plus.state import PARTS, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
-from tests.plus.walls import NO_TRUTH, STATIC, Walk, follow, glimpse, pan
+from tests.plus.walls import NO_TRUTH, STATIC, Walk, displace, follow, glimpse, pan, split
 
 
 def share_right(thing: np.ndarray, answer: np.ndarray) -> float:
@@ -83,14 +83,41 @@ def test_what_ended_before_it_was_decided_is_known_at_its_next_sight():
     assert forgetting[after][seen[after]] != forgetting[before][seen[before]]
 
 
-@pytest.mark.parametrize("hold", [False, True])
-def test_no_object_belongs_to_two_tracklets(hold):
+@pytest.mark.parametrize("held", [0.0, 3.0])
+def test_no_object_belongs_to_two_tracklets(held):
     walk = pan(3, lost=0.4, alike=True)
-    thresholds = changed(PlusThresholds(), "decision", hold_missed=hold)
+    thresholds = changed(PlusThresholds(), "decision", held=held)
     state, verdicts, _, _ = follow(walk, thresholds)
     slots = np.asarray(state.tracklets.slot)[np.asarray(state.tracklets.alive)]
     slots = slots[slots >= 0]
     assert len(slots) == len(np.unique(slots)) > 0
+    assert num_repeated(verdicts.answer_id) == 0
+
+
+def test_place_says_less_against_a_thing_whose_old_place_is_seen_to_be_empty():
+    thing, away = 3, 40
+    walk = displace(pan(), thing, away, (0.2, 2.4))
+    moved = (walk.thing == thing) & (np.arange(len(walk.thing)) >= away)[:, None]
+
+    def given_back(gone: float) -> np.ndarray:
+        """What the moved thing gets back while it is not decided, as the thing that it is."""
+        _, told, _, _ = follow(walk, changed(PlusThresholds(), "layout", moved_gone=gone))
+        itself = told.option_id[moved] == told.answer_id[walk.thing == thing][0]
+        return told.option_parts[moved][itself][:, PARTS.index("moved")]
+
+    assert np.max(given_back(-3.0)) < 0.5, "it hardly lies wrong by more than that"
+    assert np.max(given_back(-0.5)) > 2.0
+
+
+def test_a_thing_whose_tracklet_went_with_half_of_it_keeps_its_identity():
+    frame, thing = 15, 4
+    walk = split(pan(), thing, frame)
+    _, verdicts, _, _ = follow(walk)
+    _, held, _, _ = follow(walk, changed(PlusThresholds(), "decision", held=100.0))
+    before = verdicts.answer_id[frame - 1][walk.thing[frame - 1] == thing]
+    after = walk.thing[frame + 1] == thing
+    assert verdicts.answer_id[frame + 1][after] == before
+    assert held.answer_id[frame + 1][after] != before
     assert num_repeated(verdicts.answer_id) == 0
 
 

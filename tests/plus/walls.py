@@ -126,3 +126,36 @@ def glimpse(walk: Walk, thing: int, shown: np.ndarray) -> Walk:
     gone = (walk.thing == thing) & ~np.isin(np.arange(len(walk.thing)), shown)[:, None]
     sightings = dataclasses.replace(walk.sightings, valid=walk.sightings.valid & ~gone)
     return Walk(sightings, walk.motion, np.where(gone, NO_TRUTH, walk.thing))
+
+
+def displace(walk: Walk, thing: int, since: int, offset: tuple[float, float]) -> Walk:
+    """The same walk, in which somebody has moved a thing before frame `since`."""
+    moved = (walk.thing == thing) & (np.arange(len(walk.thing)) >= since)[:, None]
+    shift = np.where(moved[..., None], np.float32(offset), np.float32(0))
+    sightings = dataclasses.replace(
+        walk.sightings,
+        center=walk.sightings.center + shift,
+        box=walk.sightings.box + np.tile(shift, 2),
+    )
+    return dataclasses.replace(walk, sightings=sightings)
+
+
+def split(walk: Walk, thing: int, frame: int) -> Walk:
+    """The same walk; in one frame a thing is two halves, in the next only the upper one is seen."""
+    fields = {f.name: getattr(walk.sightings, f.name).copy() for f in dataclasses.fields(Sightings)}
+    truth = walk.thing.copy()
+    upper = int(np.flatnonzero(truth[frame] == thing)[0])
+    lower = int(np.flatnonzero(truth[frame] == NO_TRUTH)[0])
+    later = int(np.flatnonzero(truth[frame + 1] == thing)[0])
+    for values in fields.values():
+        if values.ndim > 1 and values.shape[1] == truth.shape[1]:
+            values[frame, lower] = values[frame, upper]
+    truth[frame, lower] = thing
+    quarter = fields["size"][frame, upper] / 4
+    for t, row, side in ((frame, upper, -1), (frame, lower, 1), (frame + 1, later, -1)):
+        fields["center"][t, row, 1] += side * quarter
+        fields["box"][t, row, 2 - side] += 2 * side * quarter
+        fields["size"][t, row] *= 0.7
+    fields["look"][frame + 1, later, 0] += 1.5
+    fields["look"][frame, upper] = fields["look"][frame + 1, later]
+    return Walk(Sightings(**fields), walk.motion, truth)

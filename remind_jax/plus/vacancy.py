@@ -1,0 +1,84 @@
+"""Empty places: an object that is not where it should be in view was moved, or taken away.
+
+Letters: `N` detections, `O` object slots. Lengths are in frame units.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.observation import Sightings
+from remind_jax.plus.state import NO_RELATION, Pairs
+
+
+@dataclasses.dataclass(frozen=True)
+class _Expectation:
+    """Where each object should be, by the objects that are decided in this frame."""
+
+    center: Float[Array, "O 2"]
+    size: Float[Array, "O"]
+    deviation: Float[Array, "O"]  # standard deviation of the centre
+    num_anchors: Int[Array, "O"]  # decided objects that tell
+
+
+def find_gone(
+    anchor: Int[Array, "N"],
+    is_anchor: Bool[Array, "N"],
+    sightings: Sightings,
+    pairs: Pairs,
+    t: th.Layout,
+) -> Bool[Array, "O"]:
+    """Objects whose place among the anchors is in view and empty.
+
+    Args:
+      anchor: Object of each detection that is decided.
+      is_anchor: Detections that speak for their surroundings.
+      sightings: Detections.
+      pairs: What is known of every two objects.
+      t: Errors of relations.
+    """
+    place = _expect(anchor, is_anchor, sightings, pairs, t)
+    known = (place.num_anchors >= t.gone_anchors) & (place.deviation < t.gone_error * place.size)
+    margin = (place.size / 2 + place.deviation)[:, None]
+    far_corner = 2 * sightings.frame_center - margin
+    in_view = jnp.all((place.center > margin) & (place.center < far_corner), axis=-1)
+
+    distance = jnp.linalg.norm(place.center[:, None] - sightings.center[None], axis=-1)
+    # What is decided is itself, and hides only what it covers; what is open may be the object.
+    covers = sightings.size[None] / 2
+    reach = jnp.where(is_anchor[None], covers, covers + margin)
+    is_empty = ~jnp.any(sightings.valid[None] & (distance < reach), axis=1)
+    return known & in_view & is_empty
+
+
+def _expect(
+    anchor: Int[Array, "N"],
+    is_anchor: Bool[Array, "N"],
+    sightings: Sightings,
+    pairs: Pairs,
+    t: th.Layout,
+) -> _Expectation:
+    """The mean of what the anchors say, each by the precision of its relation."""
+    p = jnp.where(is_anchor, anchor, 0)
+    relation, spread = pairs.relation[:, p], pairs.spread[:, p]
+    others = p[None] != jnp.arange(len(pairs.spread))[:, None]
+    related = is_anchor[None] & (spread < NO_RELATION) & others
+    log_ratio = jnp.where(related, pairs.log_ratio[:, p], 0.0)
+    scale = sightings.size[None] * jnp.exp(log_ratio / 2)
+    error = t.near_error + t.rate_error * jnp.linalg.norm(relation, axis=-1)
+    error = (error + spread + t.border_error * sightings.touches[None]) * scale
+    weight = jnp.where(related, 1.0 / jnp.maximum(error, 1e-3) ** 2, 0.0)
+    total = jnp.maximum(jnp.sum(weight, axis=1), 1e-9)
+    share = weight / total[:, None]
+    center = sightings.center[None] - relation * scale[..., None]
+    log_size = jnp.log(jnp.maximum(sightings.size, 1e-3))[None] + log_ratio
+    return _Expectation(
+        center=jnp.sum(share[..., None] * center, axis=1),
+        size=jnp.exp(jnp.sum(share * log_size, axis=1)),
+        deviation=1.0 / jnp.sqrt(total),
+        num_anchors=jnp.sum(related, axis=1),
+    )

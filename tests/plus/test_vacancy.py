@@ -1,0 +1,82 @@
+"""Empty places: what is decided tells where an object should be, and that it is not there."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+from remind_jax.plus.observation import Sightings
+from remind_jax.plus.state import Pairs, init
+from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.plus.vacancy import find_gone
+from tests.plus.walls import STATIC
+
+ANCHORS = np.array([[2, 2], [4, 2], [3, 3.5]], np.float32)  # objects 0 to 2, where they are seen
+PLACE = np.array([3, 2.3], np.float32)  # of object 3, which is not seen
+SIZE = 0.5
+
+
+def learned_pairs() -> Pairs:
+    """Relations between objects 0 to 3, exactly as they lie."""
+    where = np.concatenate([ANCHORS, PLACE[None]])
+    offset = (where[None] - where[:, None]) / SIZE
+    pairs = init(STATIC).pairs
+    four = np.s_[:4, :4]
+    return dataclasses.replace(
+        pairs,
+        relation=pairs.relation.at[four].set(offset),
+        spread=pairs.spread.at[four].set(0.1),
+    )
+
+
+def seen(*more: tuple[float, float], anchors: np.ndarray = ANCHORS) -> Sightings:
+    """The anchors, and detections that are not decided."""
+    num = STATIC.num_detections
+    center = np.zeros((num, 2), np.float32)
+    here = [*anchors, *more]
+    center[: len(here)] = here
+    valid = np.arange(num) < len(here)
+    flat = np.zeros((num, STATIC.feature_dim), np.float32)
+    return Sightings(
+        look=flat, ring=flat, has_ring=valid, box=np.zeros((num, 4), np.float32), center=center,
+        size=np.full(num, SIZE, np.float32), patches=np.ones(num, np.float32),
+        class_id=np.zeros(num, np.int32), touches=np.zeros(num, bool), valid=valid,
+        frame_center=np.array([3.2, 2.4], np.float32), num_bad_patches=np.array(0, np.int32),
+    )  # fmt: skip
+
+
+def is_gone(sightings: Sightings, decided: tuple[int, ...] = (0, 1, 2)) -> bool:
+    """Whether object 3 is told to be gone; the others never are, each stands at its place."""
+    anchor = np.zeros(STATIC.num_detections, np.int32)
+    anchor[: len(decided)] = decided
+    is_anchor = jnp.arange(len(anchor)) < len(decided)
+    layout = PlusThresholds().as_arrays().layout
+    gone = find_gone(jnp.asarray(anchor), is_anchor, sightings, learned_pairs(), layout)
+    assert not np.any(gone[:3])
+    assert not np.any(gone[4:]), "nothing is known of the place of these"
+    return bool(gone[3])
+
+
+def test_an_empty_place_in_view_is_seen():
+    assert is_gone(seen())
+
+
+def test_whatever_is_not_decided_there_may_be_the_object():
+    assert not is_gone(seen(tuple(PLACE)))
+    assert not is_gone(seen((PLACE[0] + 0.8 * SIZE, PLACE[1])))
+    assert is_gone(seen((5.6, 4.2)))
+
+
+def test_what_covers_the_place_hides_it():
+    assert not is_gone(seen(tuple(PLACE + 0.1)), (0, 1, 2, 4))
+    assert is_gone(seen((PLACE[0], PLACE[1] + 0.6 * SIZE)), (0, 1, 2, 4))
+
+
+def test_two_anchors_are_too_few():
+    assert not is_gone(seen(anchors=ANCHORS[:2]), (0, 1))
+
+
+def test_a_place_at_the_border_is_not_in_view():
+    assert not is_gone(seen(anchors=ANCHORS - (2.9, 0.0)))
