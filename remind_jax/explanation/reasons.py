@@ -124,8 +124,17 @@ def _tell_context(case: Case) -> Iterator[str]:
         if names
     ]
     silent = all(applied == 0 for _, _, applied in felt)
-    hushed = ", but the evidence is strong without it, so the scores stay" if silent else ""
+    hushed = f", but {_tell_unasked(case)}, so the scores stay" if silent else ""
     yield f"{quality} {' and '.join(parts)}{hushed}"
+
+
+def _tell_unasked(case: Case) -> str:
+    """Why the context was not heard though it had something to say (11.2)."""
+    status = case.decision("status")
+    if status == Status.STRONG:
+        return "the evidence is strong without it"
+    kind = "ambiguous" if status == Status.AMBIGUOUS else "weak"
+    return f"this configuration asks no context where the evidence is {kind}"
 
 
 def _tell_poor_context(case: Case) -> str:

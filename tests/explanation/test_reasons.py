@@ -12,7 +12,7 @@ import pytest
 
 from remind_jax.config import Config
 from remind_jax.context.veto import Veto
-from remind_jax.decision import Outcome, Reason
+from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.explanation.reasons import tell_reasons
 from remind_jax.state import Lifecycle
 from tests.explanation.scenes import backed, case_of, chain, decide_frame
@@ -151,6 +151,17 @@ def test_a_veto_is_told_with_what_ruled_the_candidate_out():
     told = " ".join(chain(record, 0))
     assert "Context rules out mug 1: of 0 objects usually seen with it 0 are in view" in told
     assert "Matched as mug 0" in told
+
+
+def test_a_configuration_that_asks_no_context_says_so():
+    """The scores stay, and not because the evidence is strong."""
+    record = decide_frame([{0: 0.95}, {0: 0.70}], context={0: backed(0.05)})
+    status = np.full_like(record.decisions.status, Status.WEAK)
+    record = dataclasses.replace(
+        record, decisions=dataclasses.replace(record.decisions, status=status)
+    )
+    told = " ".join(chain(record, 0))
+    assert "asks no context where the evidence is weak, so the scores stay" in told
 
 
 def test_nothing_known_is_a_short_story():
