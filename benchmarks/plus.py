@@ -69,6 +69,7 @@ BARE: Changes = {
         "covisible_weight": 0.0,
         "optimism": 0.0,
         "moved": -100.0,
+        "witness": 100.0,
         "gone_anchors": 1_000_000,
     },
     "motion": {"checked": False},
@@ -89,7 +90,8 @@ LADDER: tuple[tuple[str, Changes], ...] = (
     ("+ held while missed", {"decision": {"held": 3.0}}),
     ("+ checked motion", {"motion": {"checked": True}}),
     ("+ familiarity of what is in view", {"decision": {"familiarity_open": 1.0}}),
-    ("+ empty places = plus", {"layout": {"gone_anchors": 3}}),
+    ("+ empty places", {"layout": {"gone_anchors": 3}}),
+    ("+ credible witnesses = plus", {"layout": {"witness": 0.5}}),
 )
 WITHOUT_PLACE: Changes = {
     "place": {"weight": 0.0},

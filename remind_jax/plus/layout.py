@@ -59,6 +59,10 @@ def weigh_jointly(
     layout = jnp.where(related, _layout_evidence(o, p, geometry, pairs, t.layout), 0)
 
     base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
+    # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
+    # its members would otherwise talk each other into being known.
+    looks = shortlist.parts[..., PARTS.index("looks")]
+    credible = jax.nn.sigmoid(t.layout.witness_slope * (looks + t.layout.witness))
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
     moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
 
@@ -83,7 +87,8 @@ def weigh_jointly(
 
     def reconsider(k: Array, around: Float[Array, "3 N C"]) -> Float[Array, "3 N C"]:
         handicap = t.layout.optimism * (1.0 - k / t.layout.rounds)
-        weight = jnp.where(is_anchor[:, None], 1.0 * first, believe(total(around), handicap))
+        voice = credible * believe(total(around), handicap)
+        weight = jnp.where(is_anchor[:, None], 1.0 * first, voice)
         return ask(jnp.where(present, weight, 0.0))
 
     nothing = jnp.zeros((len(PARTS) - NUM_OWN_PARTS, num, width), base.dtype)

@@ -130,6 +130,8 @@ class Layout:
     gone_anchors: Whole = 3  # decided objects that tell where the old place is
     gone_error: Real = 1.5  # greatest standard deviation of that, per size of the object
     partners: Real = 6.0  # that speak in full; more share this
+    witness: Real = 0.5  # an open partner speaks by half if its looks say minus this ...
+    witness_slope: Real = 2.0  # ... and by less, or more, this fast
     near_error: Real = 0.6  # standard deviation of a relation in sizes
     rate_error: Real = 0.2  # more of it per distance in sizes
     border_error: Real = 0.7  # more of it where a mask touches the border
@@ -170,7 +172,7 @@ class Decision:
     early_age: Whole = 2  # a clear win is decided from here on
     early_margin: Real = 4.0
     late_frames: Whole = 60  # detections for which a new object may turn out to be known
-    late_margin: Real = 4.0  # more than `new` that this takes
+    late_margin: Real = 6.0  # more than `new` that this takes
     ended_age: Whole = 2  # one that ends undecided as new is remembered from here on; 0: never
     held: Real = 3.0  # loss of an object whose tracklet was missed and may resume
 

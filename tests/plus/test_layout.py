@@ -1,0 +1,74 @@
+"""What the others in view say: an arrangement is known by its members together."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+from remind_jax.plus.evidence import Shortlist
+from remind_jax.plus.layout import weigh_jointly
+from remind_jax.plus.state import NOWHERE, NUM_OWN_PARTS, PARTS, init
+from remind_jax.plus.static import NUM_CANDIDATES
+from remind_jax.plus.thresholds import PlusThresholds
+from tests.plus.test_vacancy import SIZE, seen
+from tests.plus.walls import STATIC
+
+PLACES = np.array([[1.5, 1.5], [3, 1.2], [4.5, 1.6], [2.2, 3], [4, 3.2]], np.float32)
+NUM = len(PLACES)
+
+
+def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    """Log odds that each of five detections is the object that lay there.
+
+    Args:
+      looks: Log odds of looks of each.
+      witness: Threshold.
+      moved: Where all of them lie now, from where the objects lay.
+    """
+    state = init(STATIC)
+    objects = dataclasses.replace(
+        state.objects, seen=state.objects.seen.at[:NUM].set(20), id=state.objects.id.at[:NUM].set(1)
+    )
+    five = np.s_[:NUM, :NUM]
+    offset = (PLACES[None] - PLACES[:, None]) / SIZE
+    pairs = dataclasses.replace(
+        state.pairs,
+        relation=state.pairs.relation.at[five].set(offset),
+        spread=state.pairs.spread.at[five].set(0.1),
+        covisible=state.pairs.covisible.at[five].set(20),
+    )
+    num = STATIC.num_detections
+    row = jnp.arange(num)[:, None]
+    first = (jnp.arange(NUM_CANDIDATES)[None] == 0) & (row < NUM)
+    parts = jnp.zeros((num, NUM_CANDIDATES, NUM_OWN_PARTS)).at[..., PARTS.index("looks")].set(looks)
+    shortlist = Shortlist(
+        slot=jnp.where(first, row, 0),
+        valid=first,
+        base=jnp.where(first, looks, 0.0),
+        cosine=jnp.zeros((num, NUM_CANDIDATES)),
+        parts=parts,
+    )
+    t = PlusThresholds()
+    t = dataclasses.replace(t, layout=dataclasses.replace(t.layout, witness=witness)).as_arrays()
+    nobody = jnp.full(num, NOWHERE)
+    sightings = seen(anchors=PLACES + np.asarray(moved, np.float32))
+    odds, _, parts = weigh_jointly(
+        shortlist, nobody, nobody != NOWHERE, sightings, objects, pairs, t
+    )
+    told = np.asarray(odds)[:NUM, 0]
+    np.testing.assert_allclose(told, np.sum(parts, axis=-1)[:NUM, 0], rtol=1e-5)  # order of sums
+    return told
+
+
+def test_an_arrangement_is_recognised_by_its_members_together():
+    new = PlusThresholds().decision.new
+    assert np.all(weigh(looks=0.5, witness=0.5) > new + 4)
+    assert np.all(weigh(looks=0.5, witness=0.5, moved=(0.7, -0.2)) > new + 4), "seen from elsewhere"
+
+
+def test_members_that_look_wrong_cannot_talk_each_other_into_being_known():
+    new = PlusThresholds().decision.new
+    assert np.all(weigh(looks=-3.0, witness=100.0) > new), "else there would be nothing to prevent"
+    assert np.all(weigh(looks=-3.0, witness=0.5) < new)
