@@ -17,7 +17,8 @@ def benches(monkeypatch, tmp_path):
     opened = []
 
     def open_bench(scenes, **options):
-        bench = FakeBench(hill, tuple("abcdef"[: len(scenes)]))
+        tracker = "plus" if options.get("config") == "plus" else "remind"
+        bench = FakeBench(hill, tuple("abcdef"[: len(scenes)]), tracker=tracker)
         options["out"].mkdir(parents=True, exist_ok=True)
         opened.append((bench, options))
         return bench
@@ -107,6 +108,7 @@ def test_sensitivity_is_of_the_paper_s_table_by_default(benches, capsys, kind, n
     ("words", "said"),
     [
         ([], "nothing to sweep over"),
+        (["--config", "plus", "--sensitivity", "curves"], "no thresholds of 'plus'"),
         (["--set", "matching.match"], "gives no values"),
         (["--set", "matching.match=0.5:0.4"], "first:last:step"),
         (["--set", "matching.match=1,2", "--random", "3", "--search", "tpe"], "exclude each other"),
