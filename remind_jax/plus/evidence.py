@@ -126,6 +126,17 @@ def mix(
     return jnp.log((1 - elsewhere) * density + elsewhere * jnp.exp(bonus))
 
 
+def relation_error(
+    relation: Float[Array, "*pairs 2"],
+    spread: Float[Array, "*pairs"],
+    border: Bool[Array, "*#pairs"],
+    t: th.Layout,
+) -> Float[Array, "*pairs"]:
+    """Standard deviation of how one object lies from another, in sizes (5.5)."""
+    error = t.near_error + t.rate_error * jnp.linalg.norm(relation, axis=-1)
+    return error + spread + t.border_error * border
+
+
 def shortlist(
     here: Tracklets,
     sightings: Sightings,

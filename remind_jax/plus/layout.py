@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.evidence import Shortlist, mix
+from remind_jax.plus.evidence import Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.state import NO_RELATION, NUM_OWN_PARTS, PARTS, Objects, Pairs
 from remind_jax.plus.vacancy import find_gone
@@ -120,8 +120,7 @@ def _layout_evidence(
 ) -> Float[Array, "M M"]:
     """Does the one lie from the other as these objects do? In sizes, so from afar as well."""
     relation, border = pairs.relation[o, p], geometry.border
-    error = t.near_error + t.rate_error * jnp.linalg.norm(relation, axis=-1)
-    error = error + pairs.spread[o, p] + t.border_error * border
+    error = relation_error(relation, pairs.spread[o, p], border, t)
     off = geometry.offset / geometry.scale[..., None] - relation
     squared = jnp.sum(off**2, axis=-1) * geometry.scale**2
     variance = (error * geometry.scale) ** 2

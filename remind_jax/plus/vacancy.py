@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
+from remind_jax.plus.evidence import relation_error
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.state import NO_RELATION, Pairs
 
@@ -69,8 +70,7 @@ def _expect(
     related = is_anchor[None] & (spread < NO_RELATION) & others
     log_ratio = jnp.where(related, pairs.log_ratio[:, p], 0.0)
     scale = sightings.size[None] * jnp.exp(log_ratio / 2)
-    error = t.near_error + t.rate_error * jnp.linalg.norm(relation, axis=-1)
-    error = (error + spread + t.border_error * sightings.touches[None]) * scale
+    error = relation_error(relation, spread, sightings.touches[None], t) * scale
     weight = jnp.where(related, 1.0 / jnp.maximum(error, 1e-3) ** 2, 0.0)
     total = jnp.maximum(jnp.sum(weight, axis=1), 1e-9)
     share = weight / total[:, None]
