@@ -22,9 +22,10 @@ from jaxtyping import Array, Float, Int
 Method = Literal["plain", "chunked", "cudnn"]
 METHODS: tuple[Method, ...] = ("plain", "chunked", "cudnn")
 
-# As measured on CPUs with 256-bit vectors: fewer queries starve the matrix product, more of them
-# push their scores out of the cache.
-_QUERIES_AT_ONCE = 64
+# As measured on CPUs with 256-bit vectors: fewer scores starve the matrix product, more of them
+# leave the cache. Rows of queries come in multiples of what vectors and threads share evenly.
+_SCORES_AT_ONCE = 240_000
+_QUERIES_MULTIPLE = 32
 _OBJECT_ROWS_AT_ONCE = 256
 # Sums of millions of exponentials of scores up to this (by size) stay well inside float32.
 _SAFE_SCORE = 60.0
@@ -62,14 +63,16 @@ def attend(
     if method == "cudnn":
         return _attend_cudnn(queries, keys, values)
 
+    at_once = max(1, _SCORES_AT_ONCE // keys.shape[2] // _QUERIES_MULTIPLE) * _QUERIES_MULTIPLE
+
     def attend_head(head: tuple[Array, Array, Array]) -> Array:
         q, k, v = head
         weigh = functools.partial(_weigh_upright, keys=k, values_t=v.T, precision=precision)
         largest = jnp.sqrt(jnp.max(jnp.sum(q * q, axis=-1)) * jnp.max(jnp.sum(k * k, axis=-1)))
         return jax.lax.cond(
             largest < _SAFE_SCORE,
-            lambda rows: _map_rows(functools.partial(weigh, shifted=False), rows, _QUERIES_AT_ONCE),
-            lambda rows: _map_rows(functools.partial(weigh, shifted=True), rows, _QUERIES_AT_ONCE),
+            lambda rows: _map_rows(functools.partial(weigh, shifted=False), rows, at_once),
+            lambda rows: _map_rows(functools.partial(weigh, shifted=True), rows, at_once),
             q,
         )
 

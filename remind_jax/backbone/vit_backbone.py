@@ -22,6 +22,10 @@ Precision = Literal["float32", "bfloat16"]
 # Scores of all heads together, above which attention on a CPU is worked on in chunks.
 _PLAIN_SCORES_MAX = 2_000_000
 
+# Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly: two cores
+# took 1.5 times longer with it than with Eigen at 1280x720, one core the same (`benchmarks/vit.py`).
+_COMPILER_OPTIONS = {"cpu": {"xla_cpu_experimental_ynn_fusion_type": ""}}
+
 
 def vit(
     name: str,
@@ -82,9 +86,12 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
         return jitted(params, images)
 
-    jitted = jax.jit(lambda params, images: run(params, images).patches)
+    compiled = functools.partial(
+        jax.jit, compiler_options=_COMPILER_OPTIONS.get(jax.default_backend())
+    )
+    jitted = compiled(lambda params, images: run(params, images).patches)
 
-    @functools.partial(jax.jit, static_argnames="heads")
+    @functools.partial(compiled, static_argnames="heads")
     def attending(params: Any, images: Array, patches: Array, heads: tuple[int, ...] | None) -> Any:
         tokens = run(params, images, objects=patches, heads=heads)
         return tokens.patches, tokens.object_attention
