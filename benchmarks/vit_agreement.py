@@ -1,16 +1,18 @@
 """Largest difference of every published network from Hugging Face's, with random weights.
 
-    python benchmarks/vit_agreement.py --torch-python PYTHON [NAMES ...] [--json OUT]
+    python benchmarks/vit_agreement.py --torch-python PYTHON [NAMES ...] [--blocks N] [--json OUT]
 
 The weights go through the converter. Bars: 1e-4 in float32 beside PyTorch's float32; cosine 0.9995
 in bfloat16, the least over patches, beside PyTorch's float64. What PyTorch itself loses in float32
 and in bfloat16 stands next to it. S is compared at 640x368 and 1280x720 too, all others at a small
-size that is not square.
+size that is not square. `--blocks` leaves out all but the first: the 7B network fits no small
+machine.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import math
 import os
@@ -32,13 +34,18 @@ from remind_jax.backbone.vit_backbone import choose_attention
 from remind_jax.backbone.vit_variants import VARIANTS, Variant
 from remind_jax.backbone.vit_weights import load_weights
 from weights_convert.conversion import convert
+from weights_convert.variant_detection import Wishes
 
 SMALL_PATCHES = (6, 9)  # rows, columns
 LARGE = {"dinov3-vits16": ("640x368", "1280x720")}
 
 
-def compare(variant: Variant, torch_python: str) -> list[dict[str, Any]]:
-    """One row per size."""
+def compare(
+    published: Variant, torch_python: str, blocks: int | None = None
+) -> list[dict[str, Any]]:
+    """One row per size; of so many blocks, or all."""
+    variant = dataclasses.replace(published, depth=blocks or published.depth)
+    is_whole = variant == published
     rows, columns = (count * variant.patch_px for count in SMALL_PATCHES)
     sizes = (f"{columns}x{rows}", *LARGE.get(variant.name, ()))
     numbers = (variant.width, variant.depth, variant.heads, variant.patch_px, variant.hidden)
@@ -51,14 +58,16 @@ def compare(variant: Variant, torch_python: str) -> list[dict[str, Any]]:
         subprocess.run([torch_python, script, folder, *words], check=True, env=quiet)
         out = folder / "converted" / "ours.safetensors"
         start = time.perf_counter()
-        done = convert(folder, out)
+        done = convert(folder, out, wishes=Wishes(custom=not is_whole))
         converted_s = time.perf_counter() - start
-        assert done.variant.name == variant.name
+        assert done.variant == dataclasses.replace(variant, name=done.variant.name)
+        assert is_whole == (done.variant.name == published.name)
         start = time.perf_counter()
         weights = load_weights(out)
         loaded_s = time.perf_counter() - start
         times = {"convert_s": converted_s, "load_s": loaded_s}
-        return [difference(weights.params, weights.variant, folder, size) | times for size in sizes]
+        named = dataclasses.replace(weights.variant, name=published.name)
+        return [difference(weights.params, named, folder, size) | times for size in sizes]
 
 
 def difference(params: Any, variant: Variant, folder: Path, size: str) -> dict[str, Any]:
@@ -78,7 +87,7 @@ def difference(params: Any, variant: Variant, folder: Path, size: str) -> dict[s
     peer, truth, peer_rounded = (stored[k][0, -num_patches:].astype(np.float64) for k in kinds)
     ours, theirs = cosines(rounded, truth), cosines(peer_rounded, truth)
     return {
-        "name": f"{variant.name} {size}",
+        "name": f"{variant.name} {size} {variant.depth} blocks",
         "max_abs_difference": float(np.abs(exact - peer).max()),
         "ours_from_float64": float(np.abs(exact - truth).max()),
         "peer_from_float64": float(np.abs(peer - truth).max()),
@@ -100,16 +109,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("names", nargs="*", help="all but the 7B one if left out")
     parser.add_argument("--torch-python", default=os.environ.get("TORCH_PYTHON"), required=False)
+    parser.add_argument("--blocks", type=int, help="only the first; all if left out")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     if not args.torch_python:
         raise SystemExit("name a Python with torch and transformers: --torch-python")
     found = []
     for name in args.names or [name for name in VARIANTS if "7b" not in name]:
-        for row in compare(VARIANTS[name], args.torch_python):
+        for row in compare(VARIANTS[name], args.torch_python, args.blocks):
             found.append(row)
             print(
-                f"{row['name']:32} float32 {row['max_abs_difference']:.1e}"
+                f"{row['name']:40} float32 {row['max_abs_difference']:.1e}"
                 f" (from float64: ours {row['ours_from_float64']:.1e}, PyTorch's"
                 f" {row['peer_from_float64']:.1e})"
                 f"  bfloat16 cosine {row['bfloat16_min_cosine']:.5f}"

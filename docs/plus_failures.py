@@ -19,7 +19,8 @@ from scipy.optimize import linear_sum_assignment
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.plus import _TOUR, STRESS, answer, record
+from benchmarks.plus import _TOUR, STRESS
+from benchmarks.plus_recording import answer, record
 from remind_jax.frame import Frame
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.synthetic import add_detector_noise, make_scene, render
