@@ -185,14 +185,14 @@ class Confidence:
     The belief is that of the evidence; what it does not know of, it cannot doubt.
     """
 
-    open_known: Real = 0.30  # not decided yet, a known object
-    open_known_sure: Real = 0.92
-    open_new: Real = 0.30  # not decided yet, a new object
-    open_new_sure: Real = 0.82
-    known: Real = 0.55  # decided, a known object
-    known_sure: Real = 0.98
-    new: Real = 0.60  # decided, a new object
-    new_sure: Real = 0.96
+    open_known: Real = 0.32  # not decided yet, a known object
+    open_known_sure: Real = 0.97
+    open_new: Real = 0.38  # not decided yet, a new object
+    open_new_sure: Real = 0.85
+    known: Real = 0.54  # decided, a known object
+    known_sure: Real = 0.99
+    new: Real = 0.80  # decided, a new object
+    new_sure: Real = 0.97
 
 
 @jax.tree_util.register_dataclass
