@@ -22,8 +22,8 @@ Precision = Literal["float32", "bfloat16"]
 # Scores of all heads together, above which attention on a CPU is worked on in chunks.
 _PLAIN_SCORES_MAX = 2_000_000
 
-# Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly: two cores
-# took 1.5 times longer with it than with Eigen at 1280x720, one core the same (`benchmarks/vit.py`).
+# Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly between
+# threads: on two cores 1280x720 took 1.5 times as long as without it (`benchmarks/vit.py`).
 _COMPILER_OPTIONS = {"cpu": {"xla_cpu_experimental_ynn_fusion_type": ""}}
 
 
