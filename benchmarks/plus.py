@@ -242,11 +242,11 @@ def reliability(recordings: list[Recording]) -> Iterator[dict[str, Any]]:
         error += here.mean() * gap
         yield {
             "name": f"{k / 10:.1f} to {(k + 1) / 10:.1f}",
-            "told": 100 * sure[here].mean(),
-            "right": 100 * right[here].mean(),
+            "told": 100 * float(sure[here].mean()),
+            "right": 100 * float(right[here].mean()),
             "detections": float(here.sum()),
         }
-    yield {"name": "expected calibration error", "told": 100 * error}
+    yield {"name": "expected calibration error", "told": 100 * float(error)}
 
 
 def main() -> None:

@@ -172,7 +172,7 @@ class Decision:
     early_age: Whole = 2  # a clear win is decided from here on
     early_margin: Real = 4.0
     late_frames: Whole = 60  # detections for which a new object may turn out to be known
-    late_margin: Real = 6.0  # more than `new` that this takes
+    late_margin: Real = 10.0  # more than `new` that this takes
     ended_age: Whole = 2  # one that ends undecided as new is remembered from here on; 0: never
     held: Real = 3.0  # loss of an object whose tracklet was missed and may resume
 
