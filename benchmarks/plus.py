@@ -157,7 +157,7 @@ def _row(name: str, recordings: list[Recording], thresholds: PlusThresholds) -> 
 
 
 def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str, Any]]:
-    """Sequences as they are, with fewer masks, and with image motion missing or wrong."""
+    """Sequences as they are, with image motion missing or wrong, with fewer masks, and cut."""
     rows = {"as is": DetectorNoise(), **HARDSHIPS}
     for label, noise in rows.items():
         recordings = []
@@ -170,6 +170,27 @@ def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str,
             yield _row("no image motion", blind, PlusThresholds())
             lied = [dataclasses.replace(r, motion=_with_lies(r.motion)) for r in recordings]
             yield _row("a tenth of the motions wrong", lied, PlusThresholds())
+    pairs = zip(names, (*names[1:], names[0]), strict=True)
+    cut = [record(name, _cut_into(name, other), backbone, one_class) for name, other in pairs]
+    yield _row("another sequence cut into the middle", cut, PlusThresholds())
+
+
+def _cut_into(name: str, other: str) -> Iterator[Frame]:
+    """Half of a sequence, all of another of the same frame size, and the other half."""
+    first, middle = list(open_source(name)), [_renamed(frame) for frame in open_source(other)]
+    half = len(first) // 2
+    for index, frame in enumerate((*first[:half], *middle, *first[half:])):
+        yield dataclasses.replace(frame, index=index)
+
+
+def _renamed(frame: Frame) -> Frame:
+    """With other instances than those of the sequence that it is cut into."""
+    assert frame.detections is not None
+    ids = frame.detections.instance_ids
+    others = np.where(ids == NO_INSTANCE, NO_INSTANCE, ids + 100_000)
+    return dataclasses.replace(
+        frame, detections=dataclasses.replace(frame.detections, instance_ids=others)
+    )
 
 
 def _without_motion(motion: Motion) -> Motion:
