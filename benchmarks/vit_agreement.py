@@ -60,7 +60,7 @@ def compare(
         start = time.perf_counter()
         done = convert(folder, out, wishes=Wishes(custom=not is_whole))
         converted_s = time.perf_counter() - start
-        assert done.variant == dataclasses.replace(variant, name=done.variant.name)
+        assert done.variant.depth == variant.depth
         assert is_whole == (done.variant.name == published.name)
         start = time.perf_counter()
         weights = load_weights(out)
