@@ -60,8 +60,9 @@ def main() -> None:
 def compute_in_float64(model: Any) -> list[Any]:
     """Parts of a network become float64 while they run: all of it at once may not fit."""
 
-    def widen(module: Any, _: Any) -> None:
+    def widen(module: Any, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
         module.double()
+        return tuple(x.double() if torch.is_tensor(x) else x for x in inputs)
 
     def narrow(module: Any, *_: Any) -> None:
         module.float()
