@@ -23,7 +23,7 @@ Precision = Literal["float32", "bfloat16"]
 _PLAIN_SCORES_MAX = 2_000_000
 
 # Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly between
-# threads: on two cores 1280x720 took 1.5 times as long as without it (`benchmarks/vit.py`).
+# threads: with it 1280x720 took 1.5 times as long on two cores (`benchmarks/vit.py`).
 _COMPILER_OPTIONS = {"cpu": {"xla_cpu_experimental_ynn_fusion_type": ""}}
 
 
@@ -68,6 +68,17 @@ def choose_attention(variant: Variant, num_tokens: int, platform: str) -> Method
     return "plain" if platform != "cpu" or is_small else "chunked"
 
 
+@functools.cache
+def _known_options(platform: str) -> dict[str, str] | None:
+    """What makes the network quick there; nothing where this version of XLA has no such option."""
+    options = _COMPILER_OPTIONS.get(platform)
+    try:
+        jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
+    except jax.errors.JaxRuntimeError:
+        return None
+    return options
+
+
 def _check_options(precision: str, attention: str) -> None:
     if precision not in DTYPES:
         raise ConfigError(f"precision is '{precision}'; allowed: {', '.join(DTYPES)}")
@@ -86,9 +97,7 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
         return jitted(params, images)
 
-    compiled = functools.partial(
-        jax.jit, compiler_options=_COMPILER_OPTIONS.get(jax.default_backend())
-    )
+    compiled = functools.partial(jax.jit, compiler_options=_known_options(jax.default_backend()))
     jitted = compiled(lambda params, images: run(params, images).patches)
 
     @functools.partial(compiled, static_argnames="heads")

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.backbone import get_backbone, list_backbones
+from remind_jax.backbone import get_backbone, list_backbones, vit_backbone
 from remind_jax.backbone.preprocessing import normalise
 from remind_jax.backbone.vit import Numerics, VisionTransformer, encode
 from remind_jax.backbone.vit_backbone import choose_attention
@@ -150,3 +150,12 @@ def test_attention_of_every_patch_of_a_large_frame_fits_in_little_memory():
     without = temporary_mib(0)
     assert without < 200
     assert temporary_mib(45 * 80) - without < 200
+
+
+def test_an_option_that_the_compiler_lost_is_left_out(monkeypatch):
+    monkeypatch.setitem(vit_backbone._COMPILER_OPTIONS, "cpu", {"xla_cpu_no_such_option": "1"})
+    vit_backbone._known_options.cache_clear()
+    assert vit_backbone._known_options("cpu") is None
+    monkeypatch.undo()
+    vit_backbone._known_options.cache_clear()
+    assert vit_backbone._known_options("cpu") == vit_backbone._COMPILER_OPTIONS["cpu"]
