@@ -143,11 +143,18 @@ def changed(thresholds: PlusThresholds, changes: Changes) -> PlusThresholds:
     return dataclasses.replace(thresholds, **groups)
 
 
-def is_right(truth: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Whether an answer is the one id that fits its object best, one to one over the sequence."""
-    _, row = np.unique(truth, return_inverse=True)
-    _, column = np.unique(ids, return_inverse=True)
-    common = np.zeros((row.max() + 1, column.max() + 1))
+def best_ids(truth: np.ndarray, ids: np.ndarray) -> dict[int, int]:
+    """The one id of each object that fits it best, one to one over the sequence."""
+    known = truth >= 0
+    objects, row = np.unique(truth[known], return_inverse=True)
+    given, column = np.unique(ids[known], return_inverse=True)
+    common = np.zeros((len(objects), len(given)))
     np.add.at(common, (row, column), 1)
-    reference = dict(zip(*linear_sum_assignment(-common), strict=True))
-    return np.array([reference.get(r) == c for r, c in zip(row, column, strict=True)])
+    pairs = zip(*linear_sum_assignment(-common), strict=True)
+    return {int(objects[r]): int(given[c]) for r, c in pairs}
+
+
+def is_right(truth: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Whether an answer is the one id that fits its object best."""
+    reference = best_ids(truth, ids)
+    return np.array([reference.get(int(o)) == i for o, i in zip(truth, ids, strict=True)])

@@ -15,12 +15,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.plus import _TOUR, STRESS
-from benchmarks.plus_recording import answer, record
+from benchmarks.plus_recording import answer, best_ids, record
 from remind_jax.frame import Frame
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.synthetic import add_detector_noise, make_scene, render
@@ -28,17 +27,6 @@ from remind_jax.synthetic.shapes import CLASSES
 
 TOURS = ("moved 30 %", "swapped 30 %", "split, merged, false")
 GREEN, RED, WHITE = (80, 200, 80), (230, 60, 50), (255, 255, 255)
-
-
-def best_ids(truth: np.ndarray, ids: np.ndarray) -> dict[int, int]:
-    """The one id of each object that fits it best, one to one over the sequence."""
-    known = truth >= 0
-    objects, row = np.unique(truth[known], return_inverse=True)
-    given, column = np.unique(ids[known], return_inverse=True)
-    common = np.zeros((len(objects), len(given)))
-    np.add.at(common, (row, column), 1)
-    pairs = zip(*linear_sum_assignment(-common), strict=True)
-    return {int(objects[r]): int(given[c]) for r, c in pairs}
 
 
 def draw(frame: Frame, truth: np.ndarray, ids: np.ndarray, reference: dict[int, int]) -> np.ndarray:
