@@ -80,7 +80,6 @@ def tell(
     belief: Float[Array, "N C"],
     base: Float[Array, "N C"],
     here: Tracklets,
-    is_late: Bool[Array, "N"],
     present: Bool[Array, "N"],
     num_bad_patches: Int[Array, ""],
     static: Static,
@@ -96,7 +95,6 @@ def tell(
       belief: Probability of each candidate.
       base: Evidence of each candidate without that of the others in view.
       here: Tracklets of the detections, before the decisions.
-      is_late: New objects that may still turn out to be known.
       present: Detection slots that hold a mask.
       num_bad_patches: Patches that were left out.
       static: Capacities.
@@ -151,7 +149,7 @@ def tell(
         source=jnp.where(matched, int(Source.ASSOCIATION), int(Source.NONE)).astype(jnp.int32),
         assigned_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         guarded_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
-        is_anchor=seen & (here.slot != NOWHERE) & ~is_late,
+        is_anchor=seen & (here.slot != NOWHERE),
         option_id=jnp.where(shown, option_id, NO_ID)[:, :NUM_OPTIONS],
         option_score=jnp.where(shown, option_score, 0.0)[:, :NUM_OPTIONS],
         num_bad_patches=num_bad_patches,

@@ -45,7 +45,9 @@ def decide(
     """One assignment of all rows to objects, each with a private column for "no known object"."""
     usable = shortlist.valid & rows.any[:, None]
     new = expect_new(jnp.where(usable, odds, -jnp.inf), rows.young, scene, t)
-    private = jnp.where(rows.late, t.new + t.late_margin, new)
+    # A new identity that is withdrawn later is one too many, so in doubt an early answer is known.
+    early_new = new - jnp.where(here.age < t.commit_age, t.tentative, 0.0)
+    private = jnp.where(rows.late, t.new + t.late_margin, early_new)
 
     num = len(private)
     index = jnp.arange(num)[:, None]

@@ -71,13 +71,24 @@ def held_objects(slot: Int[Array, "M"], holds: Bool[Array, "M"], num: int) -> Bo
 
 
 def admit(
-    here: Tracklets, rows: Rows, held: Bool[Array, "O"], objects: Objects, pairs: Pairs
+    here: Tracklets,
+    rows: Rows,
+    held: Bool[Array, "O"],
+    objects: Objects,
+    pairs: Pairs,
+    t: th.Decision,
 ) -> Bool[Array, "N O"]:
-    """Objects that each row may be: of its class, free, never seen beside its own object."""
+    """Objects that each row may be: of its class and free.
+
+    One that was decided as new already may only be an object that was never seen beside its own
+    one, and long enough: to become another that is hardly known wins nothing and is often wrong.
+    """
     open_to = objects.exists & ~held
     possible = (here.class_id[:, None] == objects.class_id[None]) & open_to[None]
     beside = pairs.covisible[jnp.maximum(here.slot, 0)] > 0
-    return jnp.where(rows.late[:, None], possible & ~beside, possible) & rows.any[:, None]
+    known_long = objects.seen[None] >= t.late_seen * here.age[:, None]
+    late = possible & ~beside & known_long
+    return jnp.where(rows.late[:, None], late, possible) & rows.any[:, None]
 
 
 def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Array, "N O"]:

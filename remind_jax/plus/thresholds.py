@@ -171,8 +171,10 @@ class Decision:
     commit_age: Whole = 8  # detections after which a tracklet is decided
     early_age: Whole = 2  # a clear win is decided from here on
     early_margin: Real = 4.0
+    tentative: Real = 0.5  # log odds that a new object loses until then
     late_frames: Whole = 60  # detections for which a new object may turn out to be known
-    late_margin: Real = 10.0  # more than `new` that this takes
+    late_margin: Real = 3.0  # more than `new` that this takes
+    late_seen: Real = 0.5  # and the known one must have been seen this many times as long
     ended_age: Whole = 2  # one that ends undecided as new is remembered from here on; 0: never
     held: Real = 3.0  # loss of an object whose tracklet was missed and may resume
 

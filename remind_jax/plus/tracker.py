@@ -167,17 +167,17 @@ def _advance(
     visible = sightings.valid & (here.slot != NOWHERE)
     held = held_objects(here.slot, visible, static.num_objects)
     waiting = held_objects(tracklets.slot[num:], tracklets.alive[num:], static.num_objects)
-    admitted = admit(here, rows, held, objects, pairs)
+    admitted = admit(here, rows, held, objects, pairs, t.decision)
     cosine = best_cosine(whiten(scene, here.look), objects)
     candidates = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
     # Who is who, jointly?
     odds, belief, parts = weigh_jointly(
-        candidates, here.slot, visible & ~rows.late, sightings, objects, pairs, t
+        candidates, here.slot, visible, sightings, objects, pairs, t
     )
     choice = decide(candidates, odds, rows, here, scene, static.num_objects, t.decision)
     verdicts = conclude(here, objects, rows, candidates, odds, belief, parts, choice)
     decisions = tell(
-        verdicts, belief, candidates.base, here, rows.late, present, sightings.num_bad_patches,
+        verdicts, belief, candidates.base, here, present, sightings.num_bad_patches,
         static, t,
     )  # fmt: skip
     # What does that teach?

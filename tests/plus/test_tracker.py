@@ -11,10 +11,10 @@ import pytest
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.plus.observation import Motion
-from remind_jax.plus.state import PARTS, init
+from remind_jax.plus.state import PARTS, Stage, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
-from tests.plus.walls import NO_TRUTH, STATIC, Walk, displace, follow, glimpse, pan, split
+from tests.plus.walls import NO_TRUTH, STATIC, Walk, disguise, displace, follow, glimpse, pan, split
 
 
 def share_right(thing: np.ndarray, answer: np.ndarray) -> float:
@@ -119,6 +119,55 @@ def test_a_thing_whose_tracklet_went_with_half_of_it_keeps_its_identity():
     assert verdicts.answer_id[frame + 1][after] == before
     assert held.answer_id[frame + 1][after] != before
     assert num_repeated(verdicts.answer_id) == 0
+
+
+def returning_in_disguise(thing: int) -> tuple[Walk, np.ndarray, PlusThresholds]:
+    """A thing that looks strange for twelve frames of its return; only looks count."""
+    walk = pan()
+    seen = np.flatnonzero(np.any(walk.thing == thing, axis=1))
+    back = seen[np.argmax(np.diff(seen)) + 1 :]
+    blind = changed(PlusThresholds(), "place", weight=0.0)
+    blind = changed(blind, "layout", weight=0.0, covisible_weight=0.0)
+    blind = changed(blind, "looks", whitening=False)
+    return disguise(walk, thing, back[:12]), back, blind
+
+
+def test_what_was_taken_for_new_may_turn_out_to_be_known():
+    walk, back, thresholds = returning_in_disguise(thing=2)
+
+    def answers(**decision):
+        told = follow(walk, changed(thresholds, "decision", **decision))[1]
+        return told.answer_id[walk.thing == 2], told.merged_id[walk.thing == 2]
+
+    (late, merged), (never, none) = answers(late_margin=0.0), answers(late_frames=0)
+    first, taken_for = late[0], late[-len(back) + 11]
+    assert taken_for not in (first, NO_ID)
+    assert late[-1] == first
+    assert taken_for in merged
+    assert np.all(none == NO_ID)
+    assert never[-1] == taken_for
+    hardly_known, _ = answers(late_margin=0.0, late_seen=100.0)
+    assert hardly_known[-1] == taken_for
+
+
+def test_an_object_that_was_just_decided_speaks_for_its_surroundings():
+    _, verdicts, decisions, _ = follow(pan())
+    fresh = (verdicts.stage == Stage.FRESH) & (verdicts.merged_id == NO_ID)
+    assert np.any(fresh)
+    assert np.all(decisions.is_anchor[fresh])
+    assert not np.any(decisions.is_anchor[verdicts.stage == Stage.OPEN])
+
+
+def test_in_doubt_an_early_answer_is_a_known_object():
+    walk = pan(2, alike=True)
+    hasty, fair = (
+        follow(walk, changed(PlusThresholds(), "decision", tentative=tentative))[1]
+        for tentative in (0.0, 0.5)
+    )
+    seen = walk.thing[0] != NO_TRUTH
+    assert np.allclose(hasty.new_odds[0][seen] - fair.new_odds[0][seen], 0.5, atol=1e-6)
+    shown = [np.unique(told.answer_id[walk.thing != NO_TRUTH]) for told in (hasty, fair)]
+    assert len(shown[1]) <= len(shown[0])
 
 
 def test_a_lying_image_motion_is_found_out():
