@@ -1,7 +1,7 @@
 """What every part of REMIND plus is worth, and where its assumptions break.
 
     python benchmarks/plus.py ladder SEQUENCE...       each part added in turn, and left out alone
-    python benchmarks/plus.py hardship SEQUENCE...     the same with less or wrong to go by
+    python benchmarks/plus.py hardship SEQUENCE...     in another order, with less to go by, cut
     python benchmarks/plus.py stress [NAME ...]        generated tours that break its assumptions
     python benchmarks/plus.py reliability SEQUENCE...  how often sure answers are right
 
@@ -58,6 +58,7 @@ BARE: Changes = {
         "crowd": 0.0,
         "familiarity": 0.0,
         "familiarity_open": 0.0,
+        "tentative": 0.0,
         "late_frames": 0,
         "ended_age": 0,
         "held": 0.0,
@@ -90,6 +91,7 @@ LADDER: tuple[tuple[str, Changes], ...] = (
     ("+ checked motion", {"motion": {"checked": True}}),
     ("+ familiarity of what is in view", {"decision": {"familiarity_open": 1.0}}),
     ("+ empty places", {"layout": {"gone_anchors": 3}}),
+    ("+ early answers rather known", {"decision": {"tentative": 0.5}}),
     ("+ credible witnesses = plus", {"layout": {"witness": 0.5}}),
 )
 WITHOUT_PLACE: Changes = {
@@ -157,7 +159,14 @@ def _row(name: str, recordings: list[Recording], thresholds: PlusThresholds) -> 
 
 
 def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str, Any]]:
-    """Sequences as they are, with image motion missing or wrong, with fewer masks, and cut."""
+    """Sequences as they are, in another order, with less or wrong to go by, and cut."""
+    orders = {"backwards": _backwards, "second half first": _second_half_first}
+    for label, ordered in orders.items():
+        yield _row(
+            label,
+            [record(Path(name).name, ordered(name), backbone, one_class) for name in names],
+            PlusThresholds(),
+        )
     rows = {"as is": DetectorNoise(), **HARDSHIPS}
     for label, noise in rows.items():
         recordings = []
@@ -175,12 +184,27 @@ def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str,
     yield _row("another sequence cut into the middle", cut, PlusThresholds())
 
 
+def _backwards(name: str) -> Iterator[Frame]:
+    return _renumbered(reversed(list(open_source(name))))
+
+
+def _second_half_first(name: str) -> Iterator[Frame]:
+    frames = list(open_source(name))
+    half = len(frames) // 2
+    return _renumbered((*frames[half:], *frames[:half]))
+
+
+def _renumbered(frames: Iterable[Frame]) -> Iterator[Frame]:
+    """The frames in this order as a sequence of their own."""
+    for index, frame in enumerate(frames):
+        yield dataclasses.replace(frame, index=index)
+
+
 def _cut_into(name: str, other: str) -> Iterator[Frame]:
     """Half of a sequence, all of another of the same frame size, and the other half."""
     first, middle = list(open_source(name)), [_renamed(frame) for frame in open_source(other)]
     half = len(first) // 2
-    for index, frame in enumerate((*first[:half], *middle, *first[half:])):
-        yield dataclasses.replace(frame, index=index)
+    return _renumbered((*first[:half], *middle, *first[half:]))
 
 
 def _renamed(frame: Frame) -> Frame:
