@@ -1,7 +1,7 @@
 """What every part of REMIND plus is worth, and where its assumptions break.
 
     python benchmarks/plus.py ladder SEQUENCE...       each part added in turn, and left out alone
-    python benchmarks/plus.py hardship SEQUENCE...     in another order, with less to go by, cut
+    python benchmarks/plus.py hardship SEQUENCE...     with less to go by, in another order, cut
     python benchmarks/plus.py stress [NAME ...]        generated tours that break its assumptions
     python benchmarks/plus.py reliability SEQUENCE...  how often sure answers are right
 
@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -159,29 +160,33 @@ def _row(name: str, recordings: list[Recording], thresholds: PlusThresholds) -> 
 
 
 def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str, Any]]:
-    """Sequences as they are, in another order, with less or wrong to go by, and cut."""
-    orders = {"backwards": _backwards, "second half first": _second_half_first}
-    for label, ordered in orders.items():
-        yield _row(
-            label,
-            [record(Path(name).name, ordered(name), backbone, one_class) for name in names],
-            PlusThresholds(),
-        )
-    rows = {"as is": DetectorNoise(), **HARDSHIPS}
-    for label, noise in rows.items():
-        recordings = []
-        for name in names:
-            frames = add_detector_noise(open_source(name), noise, ())
-            recordings.append(record(Path(name).name, frames, backbone, one_class))
-        yield _row(label, recordings, PlusThresholds())
-        if label == "as is":
-            blind = [dataclasses.replace(r, motion=_without_motion(r.motion)) for r in recordings]
-            yield _row("no image motion", blind, PlusThresholds())
-            lied = [dataclasses.replace(r, motion=_with_lies(r.motion)) for r in recordings]
-            yield _row("a tenth of the motions wrong", lied, PlusThresholds())
-    pairs = zip(names, (*names[1:], names[0]), strict=True)
-    cut = [record(name, _cut_into(name, other), backbone, one_class) for name, other in pairs]
-    yield _row("another sequence cut into the middle", cut, PlusThresholds())
+    """Sequences as they are, with less or wrong to go by, in another order, and cut."""
+
+    def recorded(change: Callable[[str], Iterable[Frame]]) -> list[Recording]:
+        return [record(Path(name).name, change(name), backbone, one_class) for name in names]
+
+    as_is = recorded(open_source)
+    yield _row("as is", as_is, PlusThresholds())
+    motions = {
+        "no image motion": _without_motion,
+        "a tenth of the motions wrong": _with_lies,
+    }
+    for label, observed in motions.items():
+        told = [dataclasses.replace(one, motion=observed(one.motion)) for one in as_is]
+        yield _row(label, told, PlusThresholds())
+    following = dict(zip(names, (*names[1:], names[0]), strict=True))
+    changes: dict[str, Callable[[str], Iterable[Frame]]] = {
+        "backwards": _backwards,
+        "second half first": _second_half_first,
+        **{label: functools.partial(_noisy, noise=noise) for label, noise in HARDSHIPS.items()},
+        "another sequence cut into the middle": lambda name: _cut_into(name, following[name]),
+    }
+    for label, change in changes.items():
+        yield _row(label, recorded(change), PlusThresholds())
+
+
+def _noisy(name: str, noise: DetectorNoise) -> Iterator[Frame]:
+    return add_detector_noise(open_source(name), noise, ())
 
 
 def _backwards(name: str) -> Iterator[Frame]:

@@ -88,14 +88,14 @@ def _tell_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
         )
         return
     d = t.decision
-    hasty = d.tentative if e.age < d.commit_age else 0.0
-    off = e.new_log_odds - d.new + hasty
+    handicap = d.tentative if e.age < d.commit_age else 0.0
+    off = e.new_log_odds - d.new + handicap
     why = ""
     if abs(off) >= _NOTABLE:
         recent = "new" if off > 0 else "known"
         why = f"; {change(off)} of it because most of what came last, or is in view, is {recent!r}"
-    if hasty >= _NOTABLE:
-        why += f"; {change(-hasty)} because it is not decided yet"
+    if handicap >= _NOTABLE:
+        why += f"; {change(-handicap)} because it is not decided yet"
     yield f"a new object has log odds {change(e.new_log_odds)}{why}"
 
 

@@ -2,7 +2,8 @@
 
 Lengths are in *frame units*: a frame of any size has the area `FRAME_AREA`, so that a unit is 100
 pixels of a frame of 640x480. Evidence is in log odds. A weight of 0 switches a part off; all parts
-are independent switches. Values are those of the prototype (notes of REMIND plus, section 5).
+are independent switches. Values began as those of the prototype (notes of REMIND plus, section 5);
+how they were chosen since: docs/plus.md.
 """
 
 from __future__ import annotations

@@ -158,18 +158,6 @@ def test_an_object_that_was_just_decided_speaks_for_its_surroundings():
     assert not np.any(decisions.is_anchor[verdicts.stage == Stage.OPEN])
 
 
-def test_in_doubt_an_early_answer_is_a_known_object():
-    walk = pan(2, alike=True)
-    hasty, fair = (
-        follow(walk, changed(PlusThresholds(), "decision", tentative=tentative))[1]
-        for tentative in (0.0, 0.5)
-    )
-    seen = walk.thing[0] != NO_TRUTH
-    assert np.allclose(hasty.new_odds[0][seen] - fair.new_odds[0][seen], 0.5, atol=1e-6)
-    shown = [np.unique(told.answer_id[walk.thing != NO_TRUTH]) for told in (hasty, fair)]
-    assert len(shown[1]) <= len(shown[0])
-
-
 def test_a_lying_image_motion_is_found_out():
     walk = pan()
     rng = np.random.default_rng(0)

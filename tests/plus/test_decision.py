@@ -1,0 +1,47 @@
+"""Known or new: the decision about one open tracklet with one candidate."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import pytest
+
+from remind_jax.config import Static
+from remind_jax.plus.decision import Choice, decide
+from remind_jax.plus.evidence import Rows, Shortlist
+from remind_jax.plus.state import NOWHERE, NUM_OWN_PARTS, init, no_tracklets
+from remind_jax.plus.thresholds import Decision
+
+SLOT = 2
+NEW = Decision().new
+
+
+def decide_alone(age: int, odds: float, tentative: float) -> Choice:
+    """One open tracklet; how familiar the scene is counts for nothing."""
+    static = Static(num_detections=1, num_objects=4, feature_dim=3)
+    here = dataclasses.replace(no_tracklets(1, 3), age=jnp.array([age]), class_id=jnp.array([0]))
+    evidence = jnp.array([[odds]])
+    candidate = Shortlist(
+        slot=jnp.array([[SLOT]]),
+        valid=jnp.array([[True]]),
+        base=evidence,
+        cosine=evidence,
+        parts=jnp.zeros((1, 1, NUM_OWN_PARTS)),
+    )
+    rows = Rows(young=jnp.array([True]), late=jnp.array([False]))
+    t = Decision(familiarity=0.0, tentative=tentative)
+    return decide(candidate, evidence, rows, here, init(static).scene, static.num_objects, t)
+
+
+@pytest.mark.parametrize("age", [1, Decision().commit_age - 1])
+def test_in_doubt_an_early_answer_is_a_known_object(age):
+    assert decide_alone(age, NEW - 0.3, tentative=0.5).slot == SLOT
+    assert decide_alone(age, NEW - 0.3, tentative=0.0).slot == NOWHERE
+    assert decide_alone(age, NEW - 0.7, tentative=0.5).slot == NOWHERE
+
+
+def test_the_last_answer_is_not_biased():
+    choice = decide_alone(Decision().commit_age, NEW - 0.3, tentative=0.5)
+    assert choice.slot == NOWHERE
+    assert choice.born
