@@ -98,7 +98,7 @@ def landscape() -> list[Setting]:
 def as_setting(config: str) -> Setting:
     """The values of a configuration at what is tuned, and at all that a profile changes."""
     of = rj.load_config(config)
-    if config == "default":
+    if config == "remind":
         of = of.for_backbone(BACKBONE)
     names = (*SPACE, *(f"appearance.{name}" for name in PROFILE))
     return {
@@ -108,13 +108,13 @@ def as_setting(config: str) -> Setting:
 
 
 def bench_of(scenes: list[list[Frame]]) -> SceneBench:
-    config = rj.load_config({"static": CAPACITIES}).for_backbone(BACKBONE)
+    config = rj.load_config({"base": "remind", "static": CAPACITIES}).for_backbone(BACKBONE)
     return SceneBench(scenes, config=config)
 
 
 def descend(scenes: list[list[Frame]]) -> Setting:
     """Weights by gradients, from the candidates of traced runs."""
-    config = rj.load_config({"static": CAPACITIES}).for_backbone(BACKBONE)
+    config = rj.load_config({"base": "remind", "static": CAPACITIES}).for_backbone(BACKBONE)
     runs = [rj.run(scene, config=config, trace=True) for scene in scenes]
     collected = join_candidates(collect_candidates(run, config.thresholds) for run in runs)
     return fit_weights(collected, config.thresholds).setting
@@ -163,10 +163,10 @@ def main() -> None:
     grid = bench.run(landscape())
     show_landscape(grid)
     searched = search(bench, SPACE, number=options.trials, at_once=16)
-    fixed = {k: v for k, v in as_setting("default").items() if k not in SPACE}
+    fixed = {k: v for k, v in as_setting("remind").items() if k not in SPACE}
     chosen: dict[str, Setting] = {
         "published": as_setting("published"),
-        "profile (`default`)": as_setting("default"),
+        "profile (`remind`)": as_setting("remind"),
         "best of the grid": fixed | dict(grid.best()[0].setting),
         "search (TPE)": fixed | dict(searched.best()[0].setting),
         "gradients": fixed | descend(tours),
@@ -185,7 +185,7 @@ def main() -> None:
     others = [extract(list(open_source(sequence))) for sequence in options.sequences]
     judged = bench_of(others).run(list(chosen.values()))
     tell("On sequences that nothing was chosen on", list(chosen), judged, names)
-    judged = bench_of(whiten(others, whitening)).run([as_setting("default"), white])
+    judged = bench_of(whiten(others, whitening)).run([as_setting("remind"), white])
     tell("The same with whitened features", ["profile", "search"], judged, names)
     print(f"\n{time.perf_counter() - start:.0f} s")
 

@@ -55,8 +55,8 @@ tour = render_sequence(options)
 # `remind run ... --trace`, then `remind explain RUN --frame 46`.
 
 # %%
-# The default thresholds, with those that fit the default features.
-config = rj.load_config("default").for_backbone("patch-statistics")
+# The thresholds of the paper's tracker, with those that fit the default features.
+config = rj.load_config("remind").for_backbone("patch-statistics")
 result = rj.run(tour.frames, config=config, trace=True)
 
 # %% [markdown]
@@ -183,7 +183,7 @@ plt.show()
 
 # %%
 rj.run(tour.frames[: told.frame], config=config, trace=True, out=work / "before", overlay=False)
-tracker = rj.Tracker()
+tracker = rj.Tracker("remind")
 tracker.load(work / "before" / "memory.safetensors")
 memory = jax.device_get(tracker.state)
 

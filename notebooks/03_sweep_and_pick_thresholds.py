@@ -70,7 +70,7 @@ capacities = {
     "inner_ring_slots": [8, 8],
     "outer_ring_slots": [8, 8],
 }
-bench = rj.sweep.SceneBench(scenes, config={"static": capacities}, batch=8)
+bench = rj.sweep.SceneBench(scenes, config={"base": "remind", "static": capacities}, batch=8)
 
 match = [0.60, 0.65, 0.70, 0.75, 0.80]
 gap = [0.0, 0.05, 0.10]

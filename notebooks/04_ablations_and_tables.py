@@ -78,10 +78,10 @@ for name in ("bank", "running-mean", "momentum", "iou"):
 # %% [markdown]
 # | name | what it is |
 # | --- | --- |
-# | `published` | REMIND with every threshold as published, for DINOv3 features |
-# | `default` | the same with thresholds that fit the weight-free features used here |
-# | `ablation_*` | `default` with one thing taken away |
-# | `plus` | our method on the same inputs: identities for tracklets, place and layout as evidence |
+# | `default`, `plus` | our method on the same inputs: identities for tracklets, place and layout as evidence |
+# | `published` | the paper's tracker with every threshold as published, for DINOv3 features |
+# | `remind` | the same with thresholds that fit the weight-free features used here |
+# | `ablation_plus_*`, `ablation_*` | `default` or `remind` with one thing taken away |
 # | `bank`, `running-mean`, `momentum` | trackers by looks alone |
 # | `iou` | overlap with the last frame, no looks |
 

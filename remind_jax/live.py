@@ -78,8 +78,9 @@ class Tracker:
         Args:
           config: Name of a shipped configuration, a YAML file, nested values, or a `Config`.
           backbone: Name of a registered backbone, or one that was made already.
-          tracker: Name of the method (`remind_jax.methods.list_methods`) with its own published
-            thresholds; that of the configuration if left out.
+          tracker: Name of the method (`remind_jax.methods.list_methods`) with the thresholds of the
+            shipped configuration of that name, else its published ones; that of the configuration
+            if left out.
           trace: Keep what the decisions of the last frame were made of, as `trace`.
           **backbone_options: Options of a backbone given by name.
 

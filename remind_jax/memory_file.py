@@ -15,7 +15,7 @@ from safetensors.numpy import load_file, save_file
 
 from remind_jax.config import Static
 from remind_jax.errors import OutputError, RemindError
-from remind_jax.methods import DEFAULT_METHOD, get_method
+from remind_jax.methods import PAPER_METHOD, get_method
 
 SCHEMA_VERSION = 1
 _FORMAT = "remind-jax memory"
@@ -29,7 +29,7 @@ class SavedMemory:
     static: Static
     class_names: tuple[str, ...]  # class id -> name
     backbone: str
-    tracker: str = DEFAULT_METHOD  # name of the method
+    tracker: str = PAPER_METHOD  # name of the method
 
 
 def save_memory(path: str | Path, memory: SavedMemory) -> None:
@@ -79,7 +79,7 @@ def load_memory(path: str | Path) -> SavedMemory:
         )
     static, names, backbone = _read_description(header, path)
     # Files of version 0.1.0 name no tracker: there was one.
-    tracker = header.get("tracker", DEFAULT_METHOD)
+    tracker = header.get("tracker", PAPER_METHOD)
     empty = get_method(tracker).init(static)
     leaves = []
     for name, leaf in _named_leaves(empty):

@@ -19,7 +19,7 @@ from remind_jax.errors import ConfigError, nearest_names
 if TYPE_CHECKING:
     from remind_jax.config.static import Static
 
-DEFAULT_METHOD = "remind"
+PAPER_METHOD = "remind"  # the published one; that of a `Config()` that names none
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,12 +104,12 @@ def extend(state: Any, empty: Any) -> Any:
 
 # "module:attribute" is imported when the method is first asked for.
 _methods: dict[str, Method | str] = {
-    DEFAULT_METHOD: "remind_jax.methods:_remind",
+    "plus": "remind_jax.plus.method:METHOD",
+    PAPER_METHOD: "remind_jax.methods:_remind",
     "momentum": "remind_jax.baselines.momentum:METHOD",
     "running-mean": "remind_jax.baselines.running_mean:METHOD",
     "bank": "remind_jax.baselines.bank:METHOD",
     "iou": "remind_jax.baselines.iou:METHOD",
-    "plus": "remind_jax.plus.method:METHOD",
 }
 
 
@@ -141,7 +141,7 @@ def register_method(method: Method) -> None:
 
 
 def list_methods() -> list[str]:
-    """Names of all methods, the default first."""
+    """Names of all methods, that of the configuration `default` first."""
     return list(_methods)
 
 
@@ -164,4 +164,4 @@ def _remind() -> Method:
         # Gaps are measured as exactly as any setting needs.
         reduced_by=("relations.scale_min_px", "relations.exact_gap_max"),
     )
-    return Method(DEFAULT_METHOD, Thresholds, init, step, grow, step_traced, halves=halves)
+    return Method(PAPER_METHOD, Thresholds, init, step, grow, step_traced, halves=halves)

@@ -18,7 +18,7 @@ import numpy as np
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
 from remind_jax.frame import SkippedFrame
-from remind_jax.methods import DEFAULT_METHOD
+from remind_jax.methods import PAPER_METHOD
 from remind_jax.outputs import store
 from remind_jax.tracks import Tracks
 
@@ -295,7 +295,7 @@ class Result:
         run_dir = Path(run_dir)
         info, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
         config = RunInfo.from_json(info).config
-        trace = open_archive(run_dir, config.get("tracker", DEFAULT_METHOD))
+        trace = open_archive(run_dir, config.get("tracker", PAPER_METHOD))
         run = store.read_run_json(run_dir / store.RUN_NAME)
         if run is None:
             return cls(tracks, RunInfo.from_json(info), complete=False, trace=trace)

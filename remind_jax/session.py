@@ -81,8 +81,8 @@ def run(
         `REMIND_WEIGHTS` says and in the user's cache folder if left out.
       feature_cache: Folder of features that are kept and reused; none if left out.
       config: Configuration by name, by file, or as values.
-      tracker: Method by name (`remind_jax.methods.list_methods`) with its own published thresholds;
-        that of the configuration, REMIND if it names none, if left out.
+      tracker: Method by name (`remind_jax.methods.list_methods`) with the thresholds of the shipped
+        configuration of that name, else its published ones; that of the configuration if left out.
       sampling: Which frames are processed.
       metadata: JSON with the classes of instance ids.
       memory: Memory file of an earlier run to go on from.

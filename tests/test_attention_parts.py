@@ -21,6 +21,10 @@ STATIC = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
 SIZE = (64, 96)
 
 
+def remind(static):
+    return {"base": "remind", "static": static}
+
+
 class Stopped(Exception):
     """The step was reached."""
 
@@ -64,7 +68,7 @@ def test_the_step_gets_the_attention_between_object_patches(backbone, frame, rea
     eyes, asked = backbone
     image, masks = frame
     heads = (1, 0)
-    tracker = Tracker({"static": {**STATIC, "part_source": "both", "attention_heads": heads}}, eyes)
+    tracker = Tracker(remind({**STATIC, "part_source": "both", "attention_heads": heads}), eyes)
     with pytest.raises(Stopped):
         tracker.update(image, masks)
     feats, reduced = reached[0]
@@ -93,7 +97,7 @@ def test_slots_double_with_the_objects(backbone, frame, reached, monkeypatch):
     eyes, asked = backbone
     image, masks = frame
     monkeypatch.setattr(live, "_ATTENTION_SLOTS", 2)
-    tracker = Tracker({"static": {**STATIC, "part_source": "attention"}}, eyes)
+    tracker = Tracker(remind({**STATIC, "part_source": "attention"}), eyes)
     for shown in (masks, masks[1:]):
         with pytest.raises(Stopped):
             tracker.update(image, shown)
@@ -106,19 +110,19 @@ def test_nothing_is_asked_unless_wanted(backbone, frame, reached):
     eyes, asked = backbone
     before = len(asked)
     with pytest.raises(Stopped):
-        Tracker({"static": STATIC}, eyes).update(*frame)
+        Tracker(remind(STATIC), eyes).update(*frame)
     assert len(asked) == before
     assert reached[0][0].attention is None
 
 
 def test_a_backbone_without_attention_is_refused_at_once():
     with pytest.raises(ConfigError, match="'patch-statistics' has no attention"):
-        Tracker({"static": {"part_source": "attention"}}, "patch-statistics")
+        Tracker(remind({"part_source": "attention"}), "patch-statistics")
 
 
 @pytest.mark.slow
 def test_both_kinds_of_parts_are_remembered(backbone, frame):
-    config = load_config("default").updated(
+    config = load_config("remind").updated(
         {
             "static": {**STATIC, "part_source": "both"},
             "thresholds": {

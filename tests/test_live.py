@@ -63,7 +63,7 @@ def test_step_gives_the_types_that_it_takes(monkeypatch):
 
 def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monkeypatch, tmp_path):
     tracker = Tracker(CONFIG)
-    first, second = frames(2)
+    first, second, third = frames(3)
     tracker.update(*first)
 
     def interrupt(tree):
@@ -76,7 +76,10 @@ def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monke
     tracker.save(tmp_path / "memory.safetensors")
     other = Tracker(CONFIG)
     other.load(tmp_path / "memory.safetensors")
-    assert other.num_objects == tracker.num_objects == 3
+    assert int(other.state.frame) == int(tracker.state.frame) == 2
+    told, expected = other.update(*third), tracker.update(*third)
+    np.testing.assert_array_equal(told.object_id, expected.object_id)
+    assert set(told.object_id) == {0, 1, 2}
 
 
 def test_features_of_another_width_are_refused():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from remind_jax import live, methods
-from remind_jax.config import Config, Static, load_config
+from remind_jax.config import Static, load_config
 from remind_jax.decision import NO_ID, Decisions, Outcome
 from remind_jax.errors import ConfigError, RemindError
 from remind_jax.methods import Method, get_method, list_methods, register_method
@@ -116,7 +116,7 @@ def test_a_method_runs_observes_grows_and_comes_back(counter, tmp_path):
     again.load(tmp_path / "memory")
     assert again.num_objects == 8
     np.testing.assert_array_equal(again.state.objects.id, tracker.state.objects.id)
-    with pytest.raises(RemindError, match="memory of tracker 'counter', not 'remind'"):
+    with pytest.raises(RemindError, match="memory of tracker 'counter', not 'plus'"):
         live.Tracker().load(tmp_path / "memory")
 
 
@@ -124,11 +124,11 @@ def test_choosing_a_tracker_chooses_its_thresholds(counter):
     config = load_config("default").with_tracker("counter")
     assert config.thresholds == Numbers()
     assert config.input == load_config("default").input
-    assert config.with_tracker("remind").thresholds == Config().thresholds
+    assert config.with_tracker("remind").thresholds == load_config("remind").thresholds
     assert live.Tracker(tracker="counter").config == config
     with pytest.raises(ConfigError, match=r"thresholds\.matching"):
         config.updated({"thresholds": {"matching": {"match": 0.5}}})
-    assert ("tracker", "counter", "remind") in config.difference(load_config("default"))
+    assert ("tracker", "counter", "plus") in config.difference(load_config("default"))
 
 
 def test_a_method_without_account_cannot_be_traced(counter):
@@ -142,4 +142,4 @@ def test_wrong_names_are_told(counter):
     with pytest.raises(ConfigError, match="registered already"):
         register_method(dataclasses.replace(counter))
     register_method(counter)  # a notebook cell that is run twice
-    assert list_methods()[0] == "remind"
+    assert list_methods()[0] == load_config().tracker == "plus"

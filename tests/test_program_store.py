@@ -118,7 +118,7 @@ def test_only_functions_that_the_text_of_the_package_tells_are_kept():
 @pytest.mark.parametrize("solver", ["jax", "host"])
 def test_the_tracker_decides_the_same_with_kept_programs(folder, solver):
     def follow():
-        tracker = Tracker({"static": {**CONFIG["static"], "solver": solver}})
+        tracker = Tracker({"base": "remind", "static": {**CONFIG["static"], "solver": solver}})
         return [tracker.update(*scenes.picture(index)) for index in range(3)]
 
     jax.config.update("jax_compilation_cache_dir", None)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import remind_jax as rj
+from remind_jax.baselines.bank import BankThresholds
 from remind_jax.decision import Outcome
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
@@ -53,12 +54,12 @@ def test_three_objects_keep_their_identity(whole):
     assert {len(times) for times in whole.timings_ms.values()} == {NUM}
 
 
-def test_thresholds_told_are_those_that_decided(whole):
-    live = Tracker(CONFIG)
+def test_thresholds_told_are_those_that_decided():
+    live = Tracker(CONFIG, tracker="bank")
     live.update(*PICTURES[0])
-    told = whole.info.config["thresholds"]["matching"]["match"]
-    assert told == live.config.thresholds.matching.match
-    assert told != rj.load_config("published").thresholds.matching.match
+    told = rj.run(PICTURES[:1], config=CONFIG, tracker="bank").info.config
+    assert told == live.config.to_dict()
+    assert told["thresholds"]["match"] != BankThresholds().match
 
 
 def as_arrays() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Who takes part: configurations of REMIND, its ablations, and other trackers."""
+"""Who takes part: the default, configurations of REMIND, ablations, and other trackers."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from pathlib import Path
 
 from remind_jax.config import Config, list_configs, load_config
 from remind_jax.errors import ConfigError, nearest_names
-from remind_jax.methods import DEFAULT_METHOD, list_methods
+from remind_jax.methods import PAPER_METHOD, list_methods
 
 _ABLATION = "ablation_"
 _TITLES = {
+    "default": "REMIND plus (default)",
+    "remind": "REMIND",
     "published": "REMIND published",
-    "default": "REMIND default",
     "momentum": "momentum (MASA setting)",
     "running-mean": "nearest running mean",
     "bank": "bank of 12 + Hungarian",
@@ -32,16 +33,18 @@ class Contender:
 
 
 def all_contenders() -> list[str]:
-    """Names of REMIND as published and by default, its ablations, and all other trackers."""
-    ablations = [name for name in list_configs() if name.startswith(_ABLATION)]
-    others = [name for name in list_methods() if name != DEFAULT_METHOD]
-    return ["published", "default", *ablations, *others]
+    """Names of the default, of REMIND, of all ablations, and of all other trackers."""
+    configs = list_configs()
+    ablations = [name for name in configs if name.startswith(_ABLATION)]
+    others = [name for name in list_methods() if name not in configs]
+    return ["default", PAPER_METHOD, "published", *ablations, *others]
 
 
 def make_contenders(names: Sequence[str] = ()) -> tuple[Contender, ...]:
     """Contenders by name of a configuration, of a tracker, or of a YAML file; all if none is named.
 
-    Another tracker runs with the default input and its own published thresholds.
+    A tracker without a configuration of its name runs with the default input and its own published
+    thresholds.
 
     Raises:
       ConfigError: If a name is neither.
@@ -50,7 +53,7 @@ def make_contenders(names: Sequence[str] = ()) -> tuple[Contender, ...]:
 
 
 def _make(name: str) -> Contender:
-    if name in list_methods() and name != DEFAULT_METHOD:
+    if name in list_methods() and name not in list_configs():
         return Contender(name, _TITLES.get(name, name), load_config("default").with_tracker(name))
     if Path(name).suffix not in (".yaml", ".yml") and name not in list_configs():
         hint = nearest_names(name, all_contenders())
@@ -58,5 +61,11 @@ def _make(name: str) -> Contender:
     config = load_config(name)
     short = Path(name).stem
     if short.startswith(_ABLATION):
-        return Contender(short, short.removeprefix(_ABLATION).replace("_", " "), config)
+        return Contender(short, _ablation_title(short, config.tracker), config)
     return Contender(short, _TITLES.get(short, short), config)
+
+
+def _ablation_title(name: str, tracker: str) -> str:
+    """`plus: no layout`."""
+    what = name.removeprefix(_ABLATION).removeprefix(f"{tracker}_")
+    return f"{tracker}: {what.replace('_', ' ')}"

@@ -37,14 +37,14 @@ class Benchmark:
     Examples:
       remind benchmark                                  twelve rendered tours
       remind benchmark DAVIS --backbone dinov3-vits16
-      remind benchmark scannetpp/ --methods published default bank
+      remind benchmark scannetpp/ --methods default remind bank
       remind benchmark scannetpp/ --detector yolo.onnx  masks of a detector instead of the true ones
     """
 
     # DAVIS or ScanNet++ folder, or a folder of scenes; twelve rendered tours if left out
     root: Annotated[Positional[Path | None], arg(metavar="DATASET_ROOT")] = None
-    # configurations, trackers or YAML files; published, default, all ablations, all trackers if
-    # left out
+    # configurations, trackers or YAML files; default, remind, published, all ablations, all other
+    # trackers if left out
     methods: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
     # only these scenes
     scenes: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()

@@ -6,9 +6,12 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import print_summary, track
@@ -29,10 +32,16 @@ class Demo:
     Examples:
       remind demo
       remind demo --seed 3 --out other_rooms
+      remind demo --config remind                   the tracker of the paper
     """
 
     out: Path = Path("remind_demo")  # output folder; an earlier run there is replaced
     seed: int = 8  # another seed gives other rooms, objects and paths
+    # configuration by name (see 'remind config list') or YAML file
+    config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
+    # as in 'remind run'; that of the configuration if left out
+    tracker: Annotated[str | None, arg(metavar="NAME")] = None
+    changes: Assignments = ()
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
 
@@ -40,13 +49,14 @@ class Demo:
         """Renders, tracks, evaluates and prints; returns the exit code.
 
         Raises:
-          RemindError: If the seed or the output folder cannot be used.
+          RemindError: If the seed, the configuration or the output folder cannot be used.
         """
         from remind_jax.metrics import evaluate_tracks
         from remind_jax.outputs.store import DETECTIONS_NAME
         from remind_jax.synthetic import demo_options, make_scene, render
 
         silence_libraries()
+        config = load_config_with(self.config, self.changes, tracker=self.tracker)
         options = demo_options(self.seed)
         scene = make_scene(options)
         keep_compiled_programs()
@@ -54,6 +64,7 @@ class Demo:
             RunDisplay(NAME, options.frames, is_shown=not self.quiet),
             self.out,
             source=render(scene),
+            config=config,
             overwrite=(self.out / DETECTIONS_NAME).exists(),
             name=NAME,
             image_fps=options.fps,

@@ -62,7 +62,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
         if not equals or not key or "" in key.split("."):
             raise ConfigError(
                 f"{assignment!r} is no assignment; give --set KEY=VALUE, for example "
-                "--set thresholds.matching.match=0.7, after everything else"
+                "--set thresholds.decision.new=1.5, after everything else"
             )
         try:
             value = yaml.safe_load(text)

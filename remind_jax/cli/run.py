@@ -51,7 +51,7 @@ class Run:
       remind run DAVIS --sequence bear             masks of the layout
       remind run scene.tar --fps 5                 read in place
       remind run rooms.mp4 --masks detections.json COCO run-length masks
-      remind run frames/ --masks masks/ --set thresholds.matching.match=0.7
+      remind run frames/ --masks masks/ --set thresholds.decision.new=1.5
       remind run tuesday/ --memory runs/monday/memory.safetensors
     """
 
@@ -67,7 +67,8 @@ class Run:
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
-    # remind, plus, momentum, running-mean, bank or iou; that of the configuration if left out
+    # plus, remind, momentum, running-mean, bank or iou, with the thresholds of the configuration of
+    # that name, else its published ones; that of the configuration if left out
     tracker: Annotated[str | None, arg(metavar="NAME")] = None
     changes: Assignments = ()
     memory: Path | None = None  # go on from the memory of an earlier run
@@ -75,7 +76,7 @@ class Run:
     overwrite: bool = False  # allow an output folder with files in it
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
-    delay: int = 0  # frames that answers wait to be revised (tracker 'plus')
+    delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
     sampling: Sampling = dataclasses.field(default_factory=Sampling)

@@ -44,11 +44,12 @@ class Sweep:
     goes on where it was stopped. The first row is the configuration as it stands.
 
     Examples:
-      remind sweep rooms/ --set matching.match=0.5:0.8:0.05
-      remind sweep a/ b/ c/ --set matching.match=0.6,0.9 similarity.parts_weight=0,0.3 --random 256
-      remind sweep a/ b/ c/ --set matching.match=0.6,0.9 --search tpe --number 128
+      remind sweep rooms/ --set decision.new=0:2:0.5
+      remind sweep a/ b/ c/ --set decision.new=0.0,2.5 layout.weight=0.0,1.2 --random 256
+      remind sweep a/ b/ c/ --set decision.new=0.0,2.5 --search tpe --number 128
       remind sweep a/ b/ c/ --search nsga2 --set ... --objectives IDF1 Ambiguous
-      remind sweep a/ b/ c/ --sensitivity sobol     thresholds of the paper's table
+      remind sweep a/ b/ c/ --sensitivity sobol     thresholds that matter most
+      remind sweep rooms/ --config remind --set matching.match=0.5:0.8:0.05
       remind sweep a/ b/ c/ --settings mine.csv --workers 8
     """
 
@@ -124,7 +125,7 @@ class Sweep:
         if not (space or self.settings or self.sensitivity):
             raise SweepError(
                 "there is nothing to sweep over; give --set KEY=VALUES, for example "
-                "--set matching.match=0.5:0.8:0.05, or --settings FILE"
+                "--set decision.new=0:2:0.5, or --settings FILE"
             )
         if self.search is not None:
             return lambda bench: (self._search(bench, space), [])
@@ -196,7 +197,6 @@ class Sweep:
     def _vary(
         self, bench: SceneBench, space: dict[str, list[Value]]
     ) -> tuple[SweepResult, list[str]]:
-        from remind_jax.methods import DEFAULT_METHOD
         from remind_jax.sweep.sensitivity import (
             curves_to_markdown,
             estimate_sobol,
@@ -204,11 +204,6 @@ class Sweep:
             sobol_to_markdown,
         )
 
-        if not space and bench.tracker != DEFAULT_METHOD:
-            raise SweepError(
-                f"the paper's table has no thresholds of '{bench.tracker}'; give some with "
-                "--set KEY=LOWEST,HIGHEST"
-            )
         if self.sensitivity == "curves":
             curves, result = move_one_at_a_time(
                 bench, space or None, number=self.number or 7, metric=self.metric
@@ -262,7 +257,7 @@ def _parse_space(ranges: tuple[tuple[str, ...], ...]) -> dict[str, list[Value]]:
         if not equals or not name:
             raise SweepError(
                 f"{text!r} gives no values; write --set KEY=VALUES, for example "
-                "--set matching.match=0.5:0.8:0.05"
+                "--set decision.new=0:2:0.5"
             )
         space[name] = parse_values(values)
     return space

@@ -1,8 +1,8 @@
 """`Config`: static structure, thresholds and input options, read from strict YAML.
 
 A file holds any part of the tree `input`, `static`, `thresholds`; what it leaves out keeps the
-published value. `base: NAME` starts from another configuration, `tracker: NAME` chooses the method
-whose thresholds these are.
+published value. `base: NAME` starts from another configuration or file, `tracker: NAME` chooses
+the method whose thresholds these are.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.config.validation import check_fields
 from remind_jax.errors import ConfigError, nearest_names
-from remind_jax.methods import DEFAULT_METHOD, get_method
+from remind_jax.methods import PAPER_METHOD, get_method
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Input:
 class Config:
     """Everything that a run can be told, apart from its input and its backbone."""
 
-    tracker: str = DEFAULT_METHOD  # name of the method, see `remind_jax.methods`
+    tracker: str = PAPER_METHOD  # name of the method, see `remind_jax.methods`
     input: Input = dataclasses.field(default_factory=Input)
     static: Static = dataclasses.field(default_factory=Static)
     # Those of REMIND; other trackers have their own.
@@ -68,14 +68,19 @@ class Config:
         return _update(start, changes, (), origin)
 
     def with_tracker(self, name: str) -> Config:
-        """The configuration for another tracker, with the published thresholds of that one.
+        """The configuration for another tracker; input and static stay.
+
+        Thresholds are those of the shipped configuration of that name, where there is one, else
+        the published ones of the tracker.
 
         Raises:
           ConfigError: If there is no such tracker.
         """
         if name == self.tracker:
             return self
-        return dataclasses.replace(self, tracker=name, thresholds=get_method(name).thresholds())
+        get_method(name)
+        start = load_config(name) if name in list_configs() else _neutral(name)
+        return dataclasses.replace(self, tracker=name, thresholds=start.thresholds)
 
     def difference(self, other: Config) -> list[tuple[str, Any, Any]]:
         """Keys whose values differ, with this value and the other's (None: it has no such key)."""
@@ -89,13 +94,13 @@ class Config:
         those that still have their published value.
         """
         folder = _shipped_folder() / "backbones"
-        if self.tracker != DEFAULT_METHOD:
+        if self.tracker != PAPER_METHOD:
             folder /= self.tracker.replace("-", "_")
         path = folder / f"{name.replace('-', '_')}.yaml"
         if not self.backbone_profile or not path.is_file():
             return self
         mine = dict(flatten(self.to_dict()))
-        published = dict(flatten(Config().with_tracker(self.tracker).to_dict()))
+        published = dict(flatten(_neutral(self.tracker).to_dict()))
         profile = dict(flatten(read_yaml(path)))
         changes = {key: profile[key] for key in profile if mine.get(key) == published.get(key)}
         return self.updated(nest(changes), str(path))
@@ -123,29 +128,51 @@ def load_config(name: str | Path | Config | Mapping[str, Any] = "default") -> Co
     """Gives a configuration by name, by file, or from nested values.
 
     Args:
-      name: Name of a shipped configuration, path of a YAML file, nested values on top of
-        `default`, or a `Config` that is returned as it is.
+      name: Name of a shipped configuration, path of a YAML file, nested values on top of their
+        `base` (`default` if they name none), or a `Config` that is returned as it is.
 
     Raises:
       ConfigError: If there is no such configuration or it holds an unknown key or a wrong value.
     """
-    if isinstance(name, Config):
-        return name
+    return name if isinstance(name, Config) else _load(name, ())
+
+
+def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Config:
+    """Reads a configuration; `opened` are the files that start from it, one from the next."""
     if isinstance(name, Mapping):
-        return load_config("default").updated(name)
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml"):
-        shipped = {file.stem: file for file in sorted(_shipped_folder().glob("*.yaml"))}
-        if str(name) not in shipped:
-            hint = nearest_names(str(name), shipped)
-            raise ConfigError(
-                f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)"
-            )
-        path = shipped[str(name)]
-    values = read_yaml(path)
+        origin, values = "changes", {"base": "default", **name}
+    else:
+        path = _find(name)
+        origin, values = str(path), read_yaml(path)
+        if origin in opened:
+            circle = " -> ".join((*opened[opened.index(origin) :], origin))
+            raise ConfigError(f"configurations start from each other in a circle: {circle}")
+        opened = (*opened, origin)
     base = values.pop("base", None)
-    start = Config() if base is None else load_config(base)
-    return start.updated(values, str(path))
+    if base is None:
+        return _neutral(values.pop("tracker", PAPER_METHOD)).updated(values, origin)
+    if not isinstance(base, (str, Path)):
+        raise ConfigError(
+            f"base in {origin} is {base!r}; it must be the name of a configuration or a .yaml file"
+        )
+    return _load(base, opened).updated(values, origin)
+
+
+def _find(name: str | Path) -> Path:
+    """The file of a configuration by name or path."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml"):
+        return path
+    shipped = {file.stem: file for file in sorted(_shipped_folder().glob("*.yaml"))}
+    if str(name) not in shipped:
+        hint = nearest_names(str(name), shipped)
+        raise ConfigError(f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)")
+    return shipped[str(name)]
+
+
+def _neutral(tracker: str) -> Config:
+    """A tracker with everything as published."""
+    return Config(tracker=tracker, thresholds=get_method(tracker).thresholds())
 
 
 def list_configs() -> list[str]:

@@ -24,18 +24,19 @@ from typing import Any
 from remind_jax.config import outcome_thresholds, reference_keys
 from remind_jax.config.config import Config
 from remind_jax.config.effects import NUMBERS
-from remind_jax.methods import DEFAULT_METHOD, get_method, list_methods
+from remind_jax.methods import PAPER_METHOD, get_method, list_methods
 
 INTRODUCTION = """\
 # Every setting
 
-Made from the code by `make docs`; a test keeps it up to date. Defaults are the published ones.
-`remind config diff published default` prints what `default` changes, `remind config show` every
-value, and what a backbone changes stands in `configs/backbones/`.
+Made from the code by `make docs`; a test keeps it up to date. Defaults are the published ones of
+each tracker. `remind config show` prints every value that runs, `remind config diff published
+remind` what one configuration changes of another, and what a backbone changes stands in
+`configs/backbones/`.
 
-Set any of them with `--set thresholds.matching.match=0.7`, in a file (`remind run --config FILE`),
-or in Python with `load_config({"thresholds": {"matching": {"match": 0.7}}})`. Names are those of
-the section and the row, joined by a dot.
+Set any of them with `--set thresholds.decision.new=1.5`, in a file (`remind run --config FILE`),
+or in Python with `load_config({"thresholds": {"decision": {"new": 1.5}}})`. Names are those of the
+section and the row, joined by a dot.
 
 * **Larger means** says what a larger value does. A yes/no setting does what its meaning says.
 * In small print: the key of the [original implementation](parity.md), which
@@ -163,15 +164,15 @@ def original_keys() -> dict[str, tuple[str, ...]]:
     return {path: tuple(dict.fromkeys(names)) for path, names in keys.items()}
 
 
-def list_sections(method: str = DEFAULT_METHOD) -> list[Section]:
-    """The settings of a tracker, section by section; those that all share come with the default."""
+def list_sections(method: str = PAPER_METHOD) -> list[Section]:
+    """The settings of a tracker, section by section; those that all share come with REMIND."""
     thresholds: Any = get_method(method).thresholds()
     nested = [
         field.name
         for field in dataclasses.fields(thresholds)
         if dataclasses.is_dataclass(getattr(thresholds, field.name))
     ]
-    shared = method == DEFAULT_METHOD
+    shared = method == PAPER_METHOD
     values: dict[str, Any] = {}
     if shared:
         values = {"input": Config().input, "static": Config().static}
@@ -188,10 +189,12 @@ def render_page() -> str:
     lines = [INTRODUCTION, "## Symbols of the paper", "", *_symbol_table(own)]
     for section in own:
         is_first = section.path == "thresholds.perception"
-        lines += ["", "## Thresholds"] if is_first else []
+        lines += ["", f"## Thresholds of tracker `{PAPER_METHOD}`"] if is_first else []
         depth = "###" if section.path.startswith("thresholds") else "##"
         lines += ["", f"{depth} {section.path}", "", *_section_lines(section)]
-    for method in list_methods()[1:]:
+    for method in list_methods():
+        if method == PAPER_METHOD:
+            continue
         lines += ["", f"## Thresholds of tracker `{method}`"]
         for section in list_sections(method):
             if section.path != "thresholds":

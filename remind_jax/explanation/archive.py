@@ -16,7 +16,7 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.explanation.frame_archive import Columns, FrameArchive
-from remind_jax.methods import DEFAULT_METHOD, get_method
+from remind_jax.methods import PAPER_METHOD, get_method
 from remind_jax.trace import (
     CandidateTrace,
     ContextTrace,
@@ -127,7 +127,7 @@ class TraceArchive(FrameArchive[FrameRecord]):
         return {record.frame_index: record for record in _split(columns)}
 
 
-def open_archive(run_dir: Path, tracker: str = DEFAULT_METHOD) -> Any:
+def open_archive(run_dir: Path, tracker: str = PAPER_METHOD) -> Any:
     """The archive in the folder of a run of that tracker; None if it has none."""
     path = run_dir / TRACE_NAME
     return get_method(tracker).archive.open(path) if path.exists() else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Sized
 from typing import Any, TypeVar
 
-from remind_jax.config import load_config
+from remind_jax.config import Config
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
 from remind_jax.explanation.account import Circumstances, Explanation, account_for, pending_kind
@@ -35,7 +35,7 @@ class Explainer:
         """
         self._archive = archive
         self._tracks = tracks
-        self._config = load_config(config)
+        self._config = Config().updated(config)
         self._pending = _follow_pending(tracks)
 
     def explain(self, frame: int, detection: int) -> Explanation:

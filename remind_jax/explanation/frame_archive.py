@@ -12,7 +12,7 @@ from typing import Generic, Self, TypeVar
 import numpy as np
 
 from remind_jax.errors import OutputError
-from remind_jax.methods import DEFAULT_METHOD
+from remind_jax.methods import PAPER_METHOD
 from remind_jax.outputs import store
 
 Columns = dict[str, np.ndarray]
@@ -26,7 +26,7 @@ class FrameArchive(abc.ABC, Generic[Record]):
     the frames and `frame.detections` tells how many detections belong to each.
     """
 
-    TRACKER = DEFAULT_METHOD  # the method that makes such records
+    TRACKER = PAPER_METHOD  # the method that makes such records
     VERSION = 1  # of the file
 
     def __init__(self) -> None:
@@ -84,7 +84,7 @@ class FrameArchive(abc.ABC, Generic[Record]):
         try:
             with np.load(path) as file:
                 # Traces of the default method did not always name it.
-                tracker = str(file["tracker"]) if "tracker" in file else DEFAULT_METHOD
+                tracker = str(file["tracker"]) if "tracker" in file else PAPER_METHOD
                 if tracker != self.TRACKER:
                     raise OutputError(
                         f"'{path}' is the trace of tracker '{tracker}', not '{self.TRACKER}' as "

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from remind_jax.config import load_config
+from remind_jax.config import Config
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.explanation.account import to_jsonable
 from remind_jax.explanation.explain import find_detection, fit_record
@@ -96,7 +96,7 @@ class PlusExplainer:
         """
         self._archive = archive
         self._tracks = tracks
-        self._thresholds = cast(PlusThresholds, load_config(config).thresholds)
+        self._thresholds = cast(PlusThresholds, Config().updated(config).thresholds)
 
     def explain(self, frame: int, detection: int) -> PlusExplanation:
         """Why a detection became what it became.

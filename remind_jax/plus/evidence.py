@@ -172,6 +172,8 @@ def shortlist(
     )
     ranked = jnp.where(admitted, sum(parts), -jnp.inf)
     value, slot = jax.lax.top_k(ranked, min(NUM_CANDIDATES, ranked.shape[1]))
+    lacking = ((0, 0), (0, NUM_CANDIDATES - value.shape[1]))  # a memory may have fewer slots
+    value, slot = jnp.pad(value, lacking, constant_values=-jnp.inf), jnp.pad(slot, lacking)
     valid = jnp.isfinite(value)
     return Shortlist(
         slot=slot,

@@ -13,13 +13,19 @@ from remind_jax.sweep.bench import SceneBench
 from remind_jax.sweep.cross_validation import cross_validate, cross_validate_choice
 from remind_jax.sweep.result import Standing, SweepResult
 from remind_jax.sweep.search import hyperband, search
-from remind_jax.sweep.sensitivity import PAPER_SPACE, estimate_sobol, move_one_at_a_time
+from remind_jax.sweep.sensitivity import (
+    PAPER_SPACE,
+    PLUS_SPACE,
+    estimate_sobol,
+    move_one_at_a_time,
+)
 from remind_jax.sweep.settings import Setting, draw, grid, parse_values, read_settings
 from remind_jax.sweep.sweeping import sweep
 from remind_jax.sweep.worker import Progress
 
 __all__ = [
     "PAPER_SPACE",
+    "PLUS_SPACE",
     "Progress",
     "SceneBench",
     "Setting",

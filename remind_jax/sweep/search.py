@@ -30,6 +30,11 @@ GIVEN: Setting = {}  # the configuration as it stands; the first row of every se
 class Bench(Protocol):
     """What settings are tried on; see `bench.SceneBench`."""
 
+    @property
+    def tracker(self) -> str:
+        """Name of the method whose thresholds settings are about."""
+        ...
+
     def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:
         """Scores of the settings on the first `share` of every scene's frames."""
         ...

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from remind_jax.errors import SweepError
+from remind_jax.methods import PAPER_METHOD
 from remind_jax.sweep.result import SweepResult
 from remind_jax.sweep.search import GIVEN, Bench, Space, join
 from remind_jax.sweep.settings import Setting, Value
@@ -42,6 +43,33 @@ PAPER_SPACE: dict[str, tuple[Value, Value]] = {
     "matching.match": (0.55, 0.90),  # tau_match
     "matching.lock_score": (0.75, 0.99),  # tau_lock
 }
+# Thresholds of plus that weigh its evidence and decide when it is enough, likewise.
+PLUS_SPACE: dict[str, tuple[Value, Value]] = {
+    "linking.overlap": (1.0, 5.0),
+    "linking.look": (0.5, 3.0),
+    "linking.least": (-4.0, 0.0),
+    "place.weight": (0.0, 1.6),
+    "place.least_doubt": (0.005, 0.1),
+    "looks.gain": (0.3, 1.5),
+    "looks.best": (1.5, 6.0),
+    "looks.worst": (-8.0, -2.5),
+    "looks.ring_weight": (0.0, 0.8),
+    "layout.weight": (0.0, 1.6),
+    "layout.best": (3.0, 10.0),
+    "layout.moved": (-6.0, -0.5),
+    "layout.witness": (-1.0, 2.0),
+    "layout.optimism": (0.0, 8.0),
+    "layout.covisible_weight": (0.0, 1.2),
+    "decision.new": (-0.5, 3.0),
+    "decision.familiarity": (0.0, 1.6),
+    "decision.crowd": (0.0, 1.5),
+    "decision.firm": (0.3, 0.7),
+    "decision.commit_age": (3, 16),
+    "decision.early_margin": (2.0, 8.0),
+    "decision.late_margin": (1.0, 6.0),
+    "memory.novel": (0.6, 0.95),
+}
+SPACES: dict[str, Space] = {PAPER_METHOD: PAPER_SPACE, "plus": PLUS_SPACE}  # by tracker
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +106,7 @@ def move_one_at_a_time(
 
     Args:
       bench: What settings are tried on.
-      space: Ranges or choices; those of the paper's table if left out.
+      space: Ranges or choices; those of `SPACES` for the tracker if left out.
       number: Values per range, ends included.
       metric: Score that is looked at.
 
@@ -86,9 +114,9 @@ def move_one_at_a_time(
       Curves, the widest first, and the rows that they were made of.
 
     Raises:
-      SweepError: If there is no such score.
+      SweepError: If there is no such score, or no space for the tracker.
     """
-    space = PAPER_SPACE if space is None else space
+    space = space or space_of(bench.tracker)
     values = {name: spread(ends, number) for name, ends in space.items()}
     settings: list[Setting] = [{name: v} for name, several in values.items() for v in several]
     result = bench.run([GIVEN, *settings])
@@ -119,7 +147,7 @@ def estimate_sobol(
 
     Args:
       bench: What settings are tried on.
-      space: Least and largest value by threshold; those of the paper's table if left out.
+      space: Least and largest value by threshold; those of `SPACES` for the tracker if left out.
       number: A power of two.
       metric: Score that is looked at; must be known on some scene for every setting.
       seed: Of the points.
@@ -128,12 +156,12 @@ def estimate_sobol(
       Indices, the largest total first, and the rows that they were made of.
 
     Raises:
-      SweepError: If `number` is no power of two, a threshold has no two ends, or a setting has no
-        score.
+      SweepError: If `number` is no power of two, a threshold has no two ends, a setting has no
+        score, or there is no space for the tracker.
     """
     from scipy.stats import sobol_indices, uniform
 
-    space = PAPER_SPACE if space is None else space
+    space = space or space_of(bench.tracker)
     if number < 2 or number & (number - 1):
         raise SweepError(f"Sobol indices of {number} points; give a power of two, such as 64")
     for name, values in space.items():
@@ -175,6 +203,20 @@ def estimate_sobol(
             )
         )
     return sorted(indices, key=lambda index: -np.nan_to_num(index.total)), join(results)
+
+
+def space_of(tracker: str) -> Space:
+    """The ranges in which thresholds of a tracker are usually varied.
+
+    Raises:
+      SweepError: If there are none for this tracker.
+    """
+    if tracker not in SPACES:
+        raise SweepError(
+            f"there are no usual ranges for thresholds of '{tracker}'; give some with "
+            "--set KEY=LOWEST,HIGHEST"
+        )
+    return SPACES[tracker]
 
 
 def spread(values: Sequence[Value], number: int) -> list[Value]:

@@ -114,8 +114,8 @@ def test_detector_that_is_no_model(command, scene, tmp_path):
         (("--backbone", "patch-statistic"), "did you mean 'patch-statistics'?"),
         (("--config", "defualt"), "did you mean 'default'?"),
         (("--config", "missing.yaml"), "cannot read configuration missing.yaml"),
-        (("--set", "thresholds.matching.mach=0.7"), "did you mean 'match'?"),
-        (("--set", "thresholds.matching.match=high"), "must be a number"),
+        (("--set", "thresholds.decision.frim=0.7"), "did you mean 'firm'?"),
+        (("--set", "thresholds.decision.firm=high"), "must be a number"),
         (("--memory", "missing.safetensors"), "cannot read memory from missing.safetensors"),
     ],
 )
@@ -167,7 +167,8 @@ def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path)
     grown = [event for event in summary_of(tight)["events"] if event["kind"] == "capacity"]
     assert [event["message"] for event in grown] == [
         "3 detections do not fit; the capacity is 4 now",
-        "4 objects do not fit; the capacity is 6 now",
+        "6 objects do not fit; the capacity is 6 now",
+        "7 objects do not fit; the capacity is 12 now",
     ]
     assert summary_of(ample)["identities"] == 4
     runs = (Result.load(tmp_path / name).tracks for name in ("ample", "tight"))

@@ -20,9 +20,9 @@ def test_show_can_be_read_back(command, tmp_path):
 
 
 def test_diff_prints_keys_that_differ(command, tmp_path):
-    (tmp_path / "mine.yaml").write_text("base: default\nthresholds: {matching: {match: 0.5}}\n")
-    outcome = command("config", "diff", "mine.yaml")
-    shipped = load_config("default").thresholds.matching.match
+    (tmp_path / "mine.yaml").write_text("base: remind\nthresholds: {matching: {match: 0.5}}\n")
+    outcome = command("config", "diff", "mine.yaml", "remind")
+    shipped = load_config("remind").thresholds.matching.match
     assert outcome.stdout == f"thresholds.matching.match: 0.5 -> {shipped}\n"
     assert command("config", "diff", "default").stdout == ""
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import json
 
 import pytest
 
 import remind_jax.synthetic
-from remind_jax.cli import demo
-from remind_jax.cli.overrides import load_config_with
+from remind_jax.result import Result
 from remind_jax.synthetic import SceneOptions, demo_options
 from tests.cli import scenes
 
@@ -24,21 +22,28 @@ def short_tour(monkeypatch):
     monkeypatch.setattr(
         remind_jax.synthetic, "demo_options", lambda seed: dataclasses.replace(options, seed=seed)
     )
-    config = load_config_with("default", (scenes.STATIC,))
-    track = functools.partial(demo.track, config=config)
-    monkeypatch.setattr(demo, "track", track)
 
 
 @pytest.mark.usefixtures("short_tour")
 def test_demo_prints_what_was_recovered(command):
-    outcome = command("demo", "--out", "tour")
+    words = ("demo", "--out", "tour", "--set", *scenes.STATIC)
+    outcome = command(*words)
     assert (outcome.code, outcome.stderr) == (0, "")
     assert "demo: 4 frames" in outcome.stdout
     assert "IDF1" in outcome.stdout
-    again = command("demo", "--out", "tour", "--json", "--seed", 1)
+    assert Result.load("tour").info.config["tracker"] == "plus"
+    again = command(*words, "--json", "--seed", 1)
     facts = json.loads(again.stdout)
     assert facts["frames"] == 4
     assert 0 <= facts["metrics"]["IDF1"] <= 1
+
+
+@pytest.mark.usefixtures("short_tour")
+@pytest.mark.parametrize("words", [("--config", "bank.yaml"), ("--tracker", "bank")])
+def test_demo_of_another_configuration(command, tmp_path, words):
+    (tmp_path / "bank.yaml").write_text("base: default\ntracker: bank\n")
+    assert command("demo", "--out", "tour", "--quiet", *words, "--set", *scenes.STATIC).code == 0
+    assert Result.load("tour").info.config["tracker"] == "bank"
 
 
 @pytest.mark.usefixtures("short_tour")
@@ -55,4 +60,4 @@ def test_folder_of_somebody_else_is_left_alone(command, tmp_path):
 def test_the_real_demo_recovers_identities(command):
     facts = json.loads(command("demo", "--json").stdout)
     assert facts["frames"] == demo_options().frames == 120
-    assert facts["metrics"]["IDF1"] >= 0.90
+    assert facts["metrics"]["IDF1"] >= 0.97

@@ -17,14 +17,25 @@ def kept(tmp_path_factory):
     return tmp_path_factory.mktemp("kept") / "run"
 
 
-@pytest.fixture
-def traced(command, scene, kept):
-    """A run of four frames with a trace, made once."""
+def trace_once(command, scene, kept, config):
+    """A run of four frames with a trace, made where it is not there yet."""
     if not kept.exists():
         words = ("run", scene[0], "--masks", scene[1], "--trace", "--quiet", "--no-overlay")
-        outcome = command(*words, "--out", kept)
+        outcome = command(*words, "--config", config, "--out", kept)
         assert (outcome.code, outcome.stderr) == (0, "")
     return kept
+
+
+@pytest.fixture
+def traced(command, scene, kept):
+    """A run of the paper's tracker."""
+    return trace_once(command, scene, kept, "remind")
+
+
+@pytest.fixture
+def traced_by_default(command, scene, kept):
+    """A run of the configuration that runs when none is named."""
+    return trace_once(command, scene, kept.with_name("default"), "default")
 
 
 def test_a_traced_run_keeps_its_trace(traced):
@@ -59,6 +70,17 @@ def test_machines_read_the_same(command, traced):
         term["weight"] * term["score"] for term in content["candidates"][0]["terms"].values()
     )
     assert content["candidates"][0]["visual_score"] == pytest.approx(mean / total, abs=1e-5)
+
+
+def test_a_decision_of_the_default_is_explained(command, traced_by_default):
+    outcome = command("explain", traced_by_default, "--frame", 3, "--detection", 0)
+    assert (outcome.code, outcome.stderr) == (0, "")
+    name = Result.load(traced_by_default).tracks[3].display_name(0)
+    assert outcome.stdout.startswith(f"frame 3 (0.10 s, 0003.png), detection 0: {name}\nmatch ")
+    assert "1. it is detection 4 of a tracklet" in outcome.stdout
+    words = ("explain", traced_by_default, "--frame", 3, "--detection", 0, "--json")
+    content = json.loads(command(*words).stdout)
+    assert (content["name"], content["outcome"], content["age"]) == (name, "match", 4)
 
 
 def test_without_a_detection_the_frame_is_listed(command, traced):

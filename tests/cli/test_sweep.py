@@ -17,7 +17,7 @@ def benches(monkeypatch, tmp_path):
     opened = []
 
     def open_bench(scenes, **options):
-        tracker = "plus" if options.get("config") == "plus" else "remind"
+        tracker = {"bank": "bank", "remind": "remind"}.get(options["config"], "plus")
         bench = FakeBench(hill, tuple("abcdef"[: len(scenes)]), tracker=tracker)
         options["out"].mkdir(parents=True, exist_ok=True)
         opened.append((bench, options))
@@ -99,16 +99,23 @@ def test_search_proposes_settings(benches, method):
 
 
 @pytest.mark.parametrize(("kind", "number"), [("curves", "3"), ("sobol", "2")])
-def test_sensitivity_is_of_the_paper_s_table_by_default(benches, capsys, kind, number):
-    assert main(["sweep", "a", "--sensitivity", kind, "--number", number]) == exit_codes.FINE
-    assert "| matching.match |" in capsys.readouterr().out
+@pytest.mark.parametrize(
+    ("config", "named"), [("default", "| decision.new |"), ("remind", "| matching.match |")]
+)
+def test_sensitivity_has_thresholds_of_its_own(benches, capsys, kind, number, config, named):
+    words = ["sweep", "a", "--config", config, "--sensitivity", kind, "--number", number]
+    assert main(words) == exit_codes.FINE
+    assert named in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         ([], "nothing to sweep over"),
-        (["--config", "plus", "--sensitivity", "curves"], "no thresholds of 'plus'"),
+        (
+            ["--config", "bank", "--sensitivity", "curves"],
+            "no usual ranges for thresholds of 'bank'",
+        ),
         (["--set", "matching.match"], "gives no values"),
         (["--set", "matching.match=0.5:0.4"], "first:last:step"),
         (["--set", "matching.match=1,2", "--random", "3", "--search", "tpe"], "exclude each other"),

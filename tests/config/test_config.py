@@ -4,17 +4,25 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.plus import BARE, LADDER
 from remind_jax.config import Config, Input, Static, Thresholds, list_configs, load_config
 from remind_jax.config.dotted_keys import flatten
 from remind_jax.errors import ConfigError
+from remind_jax.plus.thresholds import PlusThresholds
 
 
 def test_published_is_the_plain_config():
     assert load_config("published") == Config()
 
 
-def test_default_differs_where_users_need_it():
-    changed = load_config("default").difference(load_config("published"))
+def test_default_is_plus():
+    changed = load_config("default").difference(load_config("plus"))
+    assert changed == [("backbone_profile", True, False)]
+    assert load_config("default").thresholds == PlusThresholds()
+
+
+def test_remind_differs_from_published_where_users_need_it():
+    changed = load_config("remind").difference(load_config("published"))
     keys = [
         "input.ignored_classes",
         "thresholds.matching.one_detection_each",
@@ -24,7 +32,7 @@ def test_default_differs_where_users_need_it():
 
 
 def test_a_profile_fills_in_what_nobody_changed():
-    mine = load_config({"thresholds": {"matching": {"match": 0.8}}})
+    mine = load_config({"base": "remind", "thresholds": {"matching": {"match": 0.8}}})
     config = mine.for_backbone("patch-statistics")
     assert config.thresholds.matching.match == 0.8
     assert config.thresholds.appearance.patches_min == 4.0
@@ -53,8 +61,63 @@ def test_published_thresholds_follow_no_profile():
     ],
 )
 def test_an_ablation_takes_one_thing_away(name, keys):
-    changed = load_config(f"ablation_{name}").difference(load_config("default"))
+    changed = load_config(f"ablation_{name}").difference(load_config("remind"))
     assert {key for key, _, _ in changed} == keys
+
+
+# Steps of the ladder of benchmarks/plus.py that an ablation of plus takes away.
+ABLATED = {
+    "no_layout": ["+ layout"],
+    "no_place": ["+ place"],
+    "no_companions": ["+ companions"],
+    "no_background": ["+ background"],
+    "no_whitening": ["+ whitening"],
+    "no_calibration": ["+ calibration"],
+    "no_optimism": ["+ optimism"],
+    "no_familiarity": ["+ familiarity", "+ familiarity of what is in view"],
+    "no_late_recognition": ["+ late recognition"],
+}
+
+
+@pytest.mark.parametrize(("name", "steps"), ABLATED.items())
+def test_an_ablation_of_plus_takes_steps_of_the_ladder_away(name, steps):
+    bare = {}
+    for step in steps:
+        for group, values in dict(LADDER)[step].items():
+            bare.setdefault(group, {}).update({key: BARE[group][key] for key in values})
+    assert load_config(f"ablation_plus_{name}") == load_config({"thresholds": bare})
+
+
+def test_every_ablation_of_plus_is_checked():
+    shipped = {name for name in list_configs() if name.startswith("ablation_plus_")}
+    assert shipped == {f"ablation_plus_{name}" for name in ABLATED}
+
+
+def test_a_tracker_by_name_brings_the_thresholds_of_its_configuration():
+    default, remind = load_config("default"), load_config("remind")
+    assert default.with_tracker("remind").thresholds == remind.thresholds
+    assert default.with_tracker("remind").input == default.input
+    assert load_config({"tracker": "remind"}) == default.with_tracker("remind")
+    assert load_config("published").with_tracker("plus").thresholds == PlusThresholds()
+    assert load_config("published").with_tracker("remind") == Config()
+
+
+def test_values_start_from_their_base(tmp_path):
+    (tmp_path / "mine.yaml").write_text("base: remind\nthresholds: {matching: {match: 0.5}}")
+    values = {"base": str(tmp_path / "mine.yaml"), "static": {"num_objects": 7}}
+    expected = load_config("remind").updated(
+        {"thresholds": {"matching": {"match": 0.5}}, "static": {"num_objects": 7}}
+    )
+    assert load_config(values) == expected
+
+
+def test_bases_in_a_circle_are_refused(tmp_path):
+    first, second = tmp_path / "first.yaml", tmp_path / "second.yaml"
+    first.write_text(f"base: {second}")
+    second.write_text(f"base: {first}")
+    for start in (first, {"base": str(second)}):
+        with pytest.raises(ConfigError, match=r"circle: .*\.yaml -> .*\.yaml -> .*\.yaml$"):
+            load_config(start)
 
 
 @pytest.mark.parametrize("name", list_configs())
@@ -70,8 +133,8 @@ def test_values_survive_yaml(tmp_path):
 
 
 def test_a_file_starts_from_its_base(tmp_path):
-    (tmp_path / "mine.yaml").write_text("base: default\nthresholds: {matching: {match: 0.5}}")
-    expected = load_config("default").updated({"thresholds": {"matching": {"match": 0.5}}})
+    (tmp_path / "mine.yaml").write_text("base: remind\nthresholds: {matching: {match: 0.5}}")
+    expected = load_config("remind").updated({"thresholds": {"matching": {"match": 0.5}}})
     assert load_config(tmp_path / "mine.yaml") == expected
 
 
@@ -88,16 +151,19 @@ def test_a_config_is_returned_as_it_is():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"thresholds": {"matching": {"mach": 0.7}}}, "thresholds.matching.mach.*'match'"),
+        (
+            {"base": "remind", "thresholds": {"matching": {"mach": 0.7}}},
+            "thresholds.matching.mach.*'match'",
+        ),
         ({"treshholds": {}}, "'treshholds'.*'thresholds'"),
         ({"thresholds": 3}, "thresholds.*keys and values"),
         (
-            {"thresholds": {"matching": {"match": "high"}}},
+            {"base": "remind", "thresholds": {"matching": {"match": "high"}}},
             "match in changes is 'high'; it must be a number",
         ),
-        ({"thresholds": {"matching": {"match": True}}}, "must be a number"),
-        ({"thresholds": {"matching": {"locks": 1}}}, "true or false"),
-        ({"thresholds": {"appearance": {"promote_hits": 2.5}}}, "a whole number"),
+        ({"thresholds": {"decision": {"new": True}}}, "must be a number"),
+        ({"thresholds": {"looks": {"whitening": 1}}}, "true or false"),
+        ({"thresholds": {"decision": {"commit_age": 2.5}}}, "a whole number"),
         ({"static": {"num_objects": 0}}, "num_objects is 0.*positive"),
         ({"static": {"part_seed": -1}}, "part_seed is -1.*whole"),
         ({"static": {"appearance_slots": [20]}}, "appearance_slots.*two"),
@@ -108,6 +174,8 @@ def test_a_config_is_returned_as_it_is():
         ({"input": {"sanitize": "hull"}}, "allowed: convex_hull, morphology, none"),
         ({"input": {"max_width_px": 0}}, "max_width_px is 0"),
         ({"input": {"ignored_classes": "wall"}}, "a list"),
+        ({"base": 3}, "base in changes is 3; it must be the name"),
+        ({"base": "remnid"}, "no configuration 'remnid'.*'remind'"),
     ],
 )
 def test_wrong_values_are_answered_in_one_sentence(changes, words):

@@ -16,7 +16,7 @@ from remind_jax.config.reference_page import (
     read_comments,
     render_page,
 )
-from remind_jax.methods import DEFAULT_METHOD, list_methods
+from remind_jax.methods import PAPER_METHOD, list_methods
 
 PAGE = Path(__file__).parents[2] / "docs" / "thresholds.md"
 
@@ -36,7 +36,7 @@ class Sample:
     silent: int = 2
 
 
-def settings(method=DEFAULT_METHOD):
+def settings(method=PAPER_METHOD):
     return {
         f"{section.path}.{row.name}": row
         for section in list_sections(method)
@@ -63,7 +63,7 @@ def test_every_setting_has_meaning_and_default(method):
     assert rows
     # The numbers of other trackers may be said by their section alone.
     lacking = [path for path, row in rows.items() if not row.meaning]
-    assert not lacking or method != DEFAULT_METHOD, lacking
+    assert not lacking or method != PAPER_METHOD, lacking
     assert all(row.default for row in rows.values())
 
 

@@ -19,7 +19,7 @@ class FakeBench:
     scenes: tuple[str, ...] = ("a", "b")
     asked: list[tuple[list[Setting], float]] = dataclasses.field(default_factory=list)
     stop_after: int = 1_000_000  # calls
-    tracker: str = "remind"
+    tracker: str = "remind"  # whose thresholds the formula is about
 
     def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:
         if len(self.asked) >= self.stop_after:
