@@ -138,7 +138,7 @@ show(cv2.imread(str(work / "tour/timeline.png"))[..., ::-1], 1000)
 # %% [markdown]
 # ## Gallery
 #
-# Each identity at first sight and at every return: the quickest way to spot a mistake.
+# The best view of each visit of every identity: the quickest way to spot a mistake.
 
 # %%
 show(cv2.imread(str(work / "tour/gallery.png"))[..., ::-1], 1000)

@@ -1,4 +1,4 @@
-"""`gallery.png`: what each identity looked like at first sight and at each return."""
+"""`gallery.png`: the best view of each visit of each identity."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from remind_jax.outputs.overlay import NO_IMAGE_GREY, fit_image
 from remind_jax.outputs.palette import identity_colour
 from remind_jax.outputs.rle import decode_mask
 from remind_jax.outputs.tables import firm_rows
+from remind_jax.outputs.view_quality import view_quality
 from remind_jax.result import MIN_ABSENCE_FRAMES
 from remind_jax.tracks import Tracks
 
 CROP_PX = 144
-MAX_SIGHTINGS = 8  # per identity: the first sight and the first returns
+MAX_SIGHTINGS = 8  # visits shown per identity, the first ones
 
 _BACKGROUND = (250, 250, 251)
 _INK = (28, 31, 38)
@@ -29,45 +30,72 @@ _HEADING_PX = 64
 _GAP_PX = 12
 _NAME_PX = 34
 _LINE_PX = _NAME_PX + CROP_PX + 40
+_NO_VIEW = np.full((CROP_PX, CROP_PX, 3), NO_IMAGE_GREY, np.uint8)
+# A view replaces another only if it is better by this factor, so that a visit costs few crops.
+_CLEARLY_BETTER = 1.1
 
 
 @dataclasses.dataclass(frozen=True)
 class Sighting:
-    """An identity's crop at its first sight or at a return."""
+    """A visit of an identity: from its first sight or a return until it is gone again."""
 
     object_id: int
     label: str
-    position: int  # place in the run, 0, 1, 2, ...
-    frame_index: int
-    absent_frames: int  # before this sighting; 0 at first sight
-    image: UInt8[np.ndarray, "S S 3"]  # RGB, mask outlined, S = CROP_PX
+    position: int  # of the first frame of the visit in the run, 0, 1, 2, ...
+    frame_index: int  # number of that frame
+    absent_frames: int  # before the visit; 0 at first sight
+    image: UInt8[np.ndarray, "S S 3"]  # best view of the visit: RGB, outlined, S = CROP_PX
+
+
+@dataclasses.dataclass
+class _Visit:
+    """What is going on with an identity."""
+
+    last_position: int
+    place: int | None = None  # in the list of sightings; None where no more are shown
+    quality: float = 0.0  # of the view kept
+    count: int = 0  # visits so far
 
 
 class SightingCollector:
-    """Cuts out the crops of first sights and returns while frames pass by.
+    """Cuts out the best view of each visit while frames pass by.
 
-    Memory grows with the number of identities, not of frames.
+    Memory grows with the number of identities, not of frames: of each visit one crop is kept.
     """
 
     def __init__(self) -> None:
         self.sightings: list[Sighting] = []
-        self._last_position: dict[int, int] = {}
-        self._num_sightings: dict[int, int] = {}
+        self._visits: dict[int, _Visit] = {}
         self._position = 0
 
     def add(self, image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> None:
         """Looks at the next frame of the run; without an image the mask is drawn on grey."""
-        for row in firm_rows(tracks):
-            object_id = int(tracks.object_id[row])
-            last = self._last_position.get(object_id)
-            absent = 0 if last is None else self._position - last - 1
-            self._last_position[object_id] = self._position
-            if last is not None and absent < MIN_ABSENCE_FRAMES:
+        if image is not None:
+            image = fit_image(image, *tracks.frame_size)
+        for row in firm_rows(tracks).tolist():
+            visit = self._follow(tracks, row)
+            if visit.place is None:
                 continue
-            num_sightings = self._num_sightings.get(object_id, 0)
-            if num_sightings >= MAX_SIGHTINGS:
-                continue
-            self._num_sightings[object_id] = num_sightings + 1
+            quality = view_quality(image, tracks, row)
+            if quality > _CLEARLY_BETTER * visit.quality:
+                visit.quality = quality
+                self.sightings[visit.place] = dataclasses.replace(
+                    self.sightings[visit.place], image=crop_detection(image, tracks, row)
+                )
+        self._position += 1
+
+    def _follow(self, tracks: Tracks, row: int) -> _Visit:
+        """The visit that a detection belongs to, started if it is a first sight or a return."""
+        object_id = int(tracks.object_id[row])
+        visit = self._visits.setdefault(object_id, _Visit(self._position))
+        absent = max(0, self._position - visit.last_position - 1)
+        visit.last_position = self._position
+        if visit.count and absent < MIN_ABSENCE_FRAMES:
+            return visit
+        visit.count += 1
+        visit.place, visit.quality = None, 0.0
+        if visit.count <= MAX_SIGHTINGS:
+            visit.place = len(self.sightings)
             self.sightings.append(
                 Sighting(
                     object_id=object_id,
@@ -75,10 +103,10 @@ class SightingCollector:
                     position=self._position,
                     frame_index=tracks.frame_index,
                     absent_frames=absent,
-                    image=crop_detection(image, tracks, int(row)),
+                    image=_NO_VIEW,
                 )
             )
-        self._position += 1
+        return visit
 
 
 def crop_detection(
@@ -134,7 +162,7 @@ def draw_gallery(sightings: Sequence[Sighting], title: str) -> UInt8[np.ndarray,
     places, num_lines = _flow([len(groups[object_id]) for object_id in sorted(groups)])
     height = _HEADING_PX + max(num_lines, 1) * _LINE_PX
     canvas = np.full((height, _WIDTH_PX, 3), _BACKGROUND, np.uint8)
-    told = f": {len(groups)} identities at first sight and at each return"
+    told = f": {len(groups)} identities, the best view of each visit"
     heading = shorten(title, 19, _WIDTH_PX - 2 * _MARGIN_PX, tail=told)
     put_text(canvas, heading, _MARGIN_PX, 38, 19, _INK)
     for object_id, (line, left) in zip(sorted(groups), places, strict=True):

@@ -449,7 +449,7 @@ function drawGallery() {
       const away = crop.absent_frames ? `${crop.absent_frames} frames away` : "first sight";
       return make("button", { type: "button", "data-position": crop.position,
         onclick: () => seek(crop.position) },
-      make("img", { src: crop.image, alt: `${who.name} in ${when}, ${away}`, loading: "lazy" }),
+      make("img", { src: crop.image, alt: `${who.name}, best view of the visit from ${when}, ${away}`, loading: "lazy" }),
       make("span", {}, when), make("span", {}, away));
     });
     return make("div", { class: crops.length > 2 ? "card wide" : "card",

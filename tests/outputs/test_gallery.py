@@ -1,4 +1,6 @@
+import cv2
 import numpy as np
+import pytest
 
 from remind_jax.outputs.gallery import (
     CROP_PX,
@@ -40,6 +42,69 @@ def test_flicker_is_no_return():
 
 def test_crops_of_one_identity_are_limited():
     assert len(collect(("x" + "." * MIN_ABSENCE_FRAMES) * 20)) == MAX_SIGHTINGS
+
+
+def square(left: int, top: int, side: int) -> np.ndarray:
+    mask = np.zeros((90, 120), bool)
+    mask[top : top + side, max(0, left) : left + side] = True
+    return mask
+
+
+def textured(seed: int = 0) -> np.ndarray:
+    noise = np.random.default_rng(seed).integers(0, 255, (90, 120, 3), np.uint8)
+    return cv2.GaussianBlur(noise, (5, 5), 0)
+
+
+def best_of(views) -> tuple[int, SightingCollector]:
+    """Which of the views of one visit is kept."""
+    collector = SightingCollector()
+    crops = []
+    for index, (mask, image) in enumerate(views):
+        tracks = make_tracks(index, mask[None], [{"object_id": 0}])
+        collector.add(image, tracks)
+        crops.append(crop_detection(image, tracks, 0).tobytes())
+    (sighting,) = collector.sightings
+    return crops.index(sighting.image.tobytes()), collector
+
+
+def test_the_largest_view_of_a_visit_is_kept_and_its_first_frame_named():
+    masks = [square(40, 30, side) for side in (8, 14, 30, 12)]
+    kept, collector = best_of([(mask, textured(i)) for i, mask in enumerate(masks)])
+    assert kept == 2
+    assert (collector.sightings[0].position, collector.sightings[0].frame_index) == (0, 0)
+
+
+@pytest.mark.parametrize("cut_off", [square(-10, 30, 40), square(90, 30, 40), square(40, 60, 40)])
+def test_a_whole_view_is_better_than_a_larger_one_that_the_border_cuts_off(cut_off):
+    whole = square(40, 30, 24)
+    assert best_of([(cut_off, textured()), (whole, textured(1)), (cut_off, textured())])[0] == 1
+
+
+def test_a_sharp_view_is_better_than_a_larger_blurred_one():
+    blurred = cv2.GaussianBlur(textured(), (0, 0), 5)
+    views = [(square(40, 30, 34), blurred), (square(40, 30, 28), textured(1))]
+    assert best_of(views)[0] == 1
+    assert best_of(views[::-1])[0] == 0
+
+
+def test_without_images_the_size_decides():
+    masks = [square(40, 30, side) for side in (8, 30, 12)]
+    assert best_of([(mask, None) for mask in masks])[0] == 1
+
+
+def test_a_visit_keeps_one_crop_however_long_it_is():
+    _, collector = best_of([(square(40, 30, 10 + i), textured(i)) for i in range(40)])
+    assert len(collector.sightings) == 1
+
+
+def test_a_return_starts_another_view():
+    collector = SightingCollector()
+    for index, side in enumerate([30, *[0] * MIN_ABSENCE_FRAMES, 8]):
+        rows = [{"object_id": 0}] if side else []
+        collector.add(None, make_tracks(index, square(40, 30, side)[None][: len(rows)], rows))
+    first, back = collector.sightings
+    assert first.image.tobytes() != back.image.tobytes()
+    assert back.position == MIN_ABSENCE_FRAMES + 1
 
 
 def test_crop_shows_the_object_in_its_middle():
