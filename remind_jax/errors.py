@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 
 class RemindError(ValueError):
@@ -16,6 +16,26 @@ class SourceError(RemindError):
 
 class ConfigError(RemindError):
     """A configuration key or value is not accepted."""
+
+
+class OptionError(ConfigError):
+    """An option has a value that makes no sense; its sentence names options in quotes.
+
+    Args:
+      sentence: What is wrong.
+      *names: Options that are named in it.
+    """
+
+    def __init__(self, sentence: str, *names: str) -> None:
+        super().__init__(sentence)
+        self._names = names
+
+    def spelled(self, spell: Callable[[str], str]) -> str:
+        """The sentence with every option named as `spell` says, as the command line needs it."""
+        sentence = str(self)
+        for name in self._names:
+            sentence = sentence.replace(f"'{name}'", spell(name))
+        return sentence
 
 
 class WeightsError(RemindError):

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import BackboneName, DetectionFlags, SamplingFlags, quiet_defaults
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
-from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError
-from remind_jax.sources.sampling import Sampling
 
 if TYPE_CHECKING:
     from remind_jax.benchmark.contenders import Contender
@@ -27,29 +26,31 @@ if TYPE_CHECKING:
 DEFAULT_FOLDER = Path("benchmarks-out")
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Benchmark:
     """Run many trackers on every scene of a data set and write tables of scores.
 
-    Results are kept as they come: stopped or repeated, nothing that is there is done again. A scene
-    that fails is reported, counted, and left behind.
+    Results are kept as they come: nothing that is there is done again.
+
+    A scene that fails is reported, counted, and left behind.
 
     Examples:
       remind benchmark                                  twelve rendered tours
       remind benchmark DAVIS --backbone dinov3-vits16
       remind benchmark scannetpp/ --methods default remind bank
-      remind benchmark scannetpp/ --detector yolo.onnx  masks of a detector instead of the true ones
+      remind benchmark scannetpp/ --detector yolo.onnx  masks of a detector
     """
 
     # DAVIS or ScanNet++ folder, or a folder of scenes; twelve rendered tours if left out
-    root: Annotated[Positional[Path | None], arg(metavar="DATASET_ROOT")] = None
+    root: Annotated[Positional[Path | None], arg(metavar="[DATASET_ROOT]")] = None
     # configurations, trackers or YAML files; default, remind, published, all ablations, all other
     # trackers if left out
     methods: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
     # only these scenes
     scenes: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
     detector: Path | None = None  # ONNX segmentation model; the scenes' own masks if left out
-    backbone: Annotated[str, arg(metavar="NAME")] = "patch-statistics"  # as in 'remind run'
+    backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights of the backbone
     feature_cache: Path | None = None  # keep features there, in the user's cache if left out
     # name of the metadata file in each scene's folder, where it has several
@@ -60,8 +61,8 @@ class Benchmark:
     retry_failed: bool = False  # run again what failed before
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print scores as JSON on stdout
-    sampling: Sampling = dataclasses.field(default_factory=Sampling)
-    detection: DetectorOptions = dataclasses.field(default_factory=DetectorOptions)
+    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
+    detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
 
     def execute(self) -> int:
         """Runs what is missing, scores everything, writes tables; returns the exit code.

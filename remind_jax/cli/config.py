@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg, subcommand
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import OutputError
 
@@ -25,11 +26,12 @@ class List:
         return exit_codes.FINE
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Show:
     """Print every value of a configuration as YAML, which 'remind run --config' reads."""
 
-    name: Annotated[Positional[str], arg(metavar="NAME|FILE")] = "default"  # shipped, or YAML
+    name: Annotated[Positional[str], arg(metavar="[NAME|FILE]")] = "default"  # shipped, or YAML
     changes: Assignments = ()
 
     def execute(self) -> int:
@@ -38,12 +40,13 @@ class Show:
         return exit_codes.FINE
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Diff:
     """Print the keys in which two configurations differ; nothing if they are equal."""
 
     first: Annotated[Positional[str], arg(metavar="NAME|FILE")]  # shipped, or YAML
-    second: Annotated[Positional[str], arg(metavar="NAME|FILE")] = "default"  # shipped, or YAML
+    second: Annotated[Positional[str], arg(metavar="[NAME|FILE]")] = "default"  # shipped, or YAML
 
     def execute(self) -> int:
         """Prints one line per differing key."""
@@ -53,11 +56,12 @@ class Diff:
         return exit_codes.FINE
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Validate:
     """Check configurations; the first unknown key or wrong value gives exit code 1."""
 
-    files: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME|FILE")]  # shipped, or YAML
+    files: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME|FILE ...")]  # shipped, or YAML
 
     def execute(self) -> int:
         """Prints one line per valid configuration."""
@@ -67,9 +71,10 @@ class Validate:
         return exit_codes.FINE
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class ImportReference:
-    """Translate settings of the original implementation; prints what differs from published."""
+    """Translate settings of the original implementation: what differs from published."""
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]  # the original's YAML
     out: Path | None = None  # write to this file instead of printing

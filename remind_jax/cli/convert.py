@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError, SourceError
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from weights_convert.reference_values import Check
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Convert:
     """Convert published weights of DINOv3, DINOv2 or DINO for 'remind run --weights'.
@@ -26,13 +28,13 @@ class Convert:
     The network is recognised by its tensors; every one is used, or reported.
 
     Examples:
-      remind convert dinov3_vits16_pretrain_lvd1689m-08c60483.pth -o dinov3-vits16.safetensors
-      remind convert dinov3-vits16-pretrain-lvd1689m/ -o dinov3-vits16.safetensors
+      remind convert dinov3_vits16_pretrain_lvd1689m-08c60483.pth
+      remind convert dinov3-vits16-pretrain-lvd1689m/ -o dinov3.safetensors
       remind convert --list
     """
 
     # official .pth, or Hugging Face's .safetensors, index of shards, or folder
-    source: Annotated[Positional[Path | None], arg(metavar="SOURCE")] = None
+    source: Annotated[Positional[Path | None], arg(metavar="[SOURCE]")] = None
     # converted file; NAME.safetensors where 'remind run' looks for it if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
     list: bool = False  # print the known networks instead

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import RunDisplay
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 NAME = "demo"
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Demo:
     """Render a tour through two rooms, track its objects and compare with the truth.

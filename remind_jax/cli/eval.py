@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OutputError, RemindError
 
 if TYPE_CHECKING:
@@ -24,25 +25,29 @@ _COUNTED = ("IDSW", "Frag", "MT", "PT", "ML", "GT_IDs", "IDs", "GT_Dets", "Dets"
 FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Eval:
-    """Score tracks against ground truth with the standard metrics; compare several trackers.
+    """Score tracks of one or several trackers against ground truth.
 
-    Numbers equal TrackEval's. Recovery: returns that got their identity back. Truth and predictions
-    may be MOTChallenge or MOTS text, folders of instance maps (DAVIS), COCO-video / YouTube-VIS,
-    TAO or BURST JSON, output folders of `remind run`, or folders with many scenes of these.
+    Numbers equal TrackEval's. Recovery: returns that got their identity back.
+
+    Truth and predictions may be:
+      MOTChallenge or MOTS text; COCO-video, YouTube-VIS, TAO or BURST JSON;
+      a folder of instance maps (DAVIS); an output folder of 'remind run';
+      a folder with many scenes of these.
 
     Examples:
       remind eval gt.txt runs/rooms/mot.txt
       remind eval gt.txt pred.txt --format mots --json scores.json
       remind eval runs/rooms                      a run made with ground-truth masks
       remind eval DAVIS_ROOT runs/rooms --protocol paper
-      remind eval DAVIS_ROOT runs/ours masks_of_a_vos_tracker --table comparison.html
+      remind eval DAVIS_ROOT runs/ours runs/theirs --table comparison.html
     """
 
     truth: Annotated[Positional[Path], arg(metavar="GT")]  # ground truth
-    # any number of trackers
-    predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="PRED")] = ()
+    # predictions of any number of trackers
+    predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="[PRED ...]")] = ()
     # of the predictions, and of text truth; recognised if left out
     format: FormatName | None = None
     truth_format: FormatName | None = None  # of the truth; recognised if left out

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import OutputError
 
@@ -17,12 +18,14 @@ if TYPE_CHECKING:
     from remind_jax.result import Result
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Explain:
-    """Say why a detection became what it became: candidates, context, thresholds, in words.
+    """Say in words why a detection became what it became.
 
-    The run must have been made with --trace. Without --detection, the detections of the frame are
-    listed.
+    The run must have been made with --trace.
+
+    Without --detection, the detections of the frame are listed.
 
     Examples:
       remind run rooms.mp4 --detector yolo11n-seg.onnx --trace
@@ -33,7 +36,7 @@ class Explain:
 
     run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
     frame: Annotated[int, arg(metavar="T")]  # number of the frame, as in overlay and report
-    detection: Annotated[int | None, arg(metavar="I")] = None  # row in the frame, from 0
+    detection: Annotated[int | None, arg(metavar="I")] = None  # row in the frame, from 0; a list of all if left out
     json: bool = False  # print JSON; its keys are described in docs/explain.md
 
     def execute(self) -> int:

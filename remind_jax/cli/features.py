@@ -10,28 +10,30 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.errors import SourceError
-from remind_jax.sources.sampling import Sampling
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Features:
-    """Compute the patch features of every frame and keep them for 'remind run --feature-cache'.
+    """Compute patch features of every frame and keep them for 'remind run'.
 
-    What is there already is not computed again, so an interrupted run goes on where it stopped.
+    What is there already is not computed again; stopped, it goes on where it was.
+
     Features are found again by frame, backbone, weights and size.
 
     Examples:
-      remind features rooms.mp4 --backbone dinov3-vits16 --cache features/
-      remind run rooms.mp4 --backbone dinov3-vits16 --feature-cache features/ --masks masks/
+      remind features rooms.mp4 --backbone dinov3-vits16 --cache kept/
+      remind run rooms.mp4 --backbone dinov3-vits16 --feature-cache kept/
     """
 
     # video, folder or tar of images, DAVIS or ScanNet++ folder or tar
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
-    backbone: Annotated[str, arg(metavar="NAME")] = "dinov3-vits16"  # what features come from
-    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    backbone: BackboneName = "dinov3-vits16"
+    weights: Path | None = None  # converted weights; see 'remind convert'
     cache: Path | None = None  # folder of features; in the user's cache folder if left out
     # configuration by name or YAML file: frames are scaled and cropped as it says
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
@@ -40,7 +42,7 @@ class Features:
     images: str | None = None  # which images of a ScanNet++ scene, e.g. iphone/rgb
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON
-    sampling: Sampling = dataclasses.field(default_factory=Sampling)
+    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
 
     def execute(self) -> int:
         """Computes what is missing and reports; returns the exit code.

@@ -20,10 +20,11 @@ from remind_jax.cli.demo import Demo
 from remind_jax.cli.eval import Eval
 from remind_jax.cli.explain import Explain
 from remind_jax.cli.features import Features
+from remind_jax.cli.flags import KINDS, UsageError, spell_flag
 from remind_jax.cli.run import Run
 from remind_jax.cli.sweep import Sweep
 from remind_jax.cli.view import View
-from remind_jax.errors import RemindError, nearest_names
+from remind_jax.errors import OptionError, RemindError, nearest_names
 
 DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
 
@@ -73,6 +74,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _parse(words).execute()
     except SystemExit as stop:  # help was shown, or wrong usage explained
         return stop.code if isinstance(stop.code, int) else exit_codes.USAGE
+    except UsageError as error:
+        print(f"remind: {error}", file=sys.stderr)
+        return exit_codes.USAGE
+    except OptionError as error:
+        print(f"remind: {error.spelled(spell_flag)}", file=sys.stderr)
+        return exit_codes.USAGE
     except RemindError as error:
         print(f"remind: {error}", file=sys.stderr)
         for note in getattr(error, "__notes__", ()):
@@ -89,29 +96,40 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parse(words: Sequence[str]) -> Verb:
     """The verb with its flags; shows help or explains wrong usage, and exits."""
-    choices = tuple(
-        Annotated[verb, subcommand(name, description=_describe(verb, in_full=words[0] == name))]
-        for name, verb in VERBS.items()
-    )
     parse: Any = tyro.cli  # its stubs know no unions made at run time
-    return parse(
-        Union[choices],  # noqa: UP007
-        prog="remind",
-        description=DESCRIPTION,
-        args=words,
-        config=(
+    options: Any = {
+        "config": (
             tyro.conf.FlagCreatePairsOff,
             tyro.conf.OmitArgPrefixes,
             tyro.conf.OmitSubcommandPrefixes,
             tyro.conf.DisallowNone,
         ),
+        "registry": KINDS,
+    }
+    verb = VERBS.get(words[0])
+    if verb is not None:  # alone, so that no other verb is suggested
+        return parse(
+            verb,
+            prog=f"remind {words[0]}",
+            description=inspect.getdoc(verb),
+            args=words[1:],
+            **options,
+        )
+    choices = tuple(
+        Annotated[verb, subcommand(name, description=_first_line(verb))]
+        for name, verb in VERBS.items()
+    )
+    return parse(
+        Union[choices],  # noqa: UP007
+        prog="remind",
+        description=DESCRIPTION,
+        args=words,
+        **options,
     )
 
 
-def _describe(verb: type[Verb], in_full: bool) -> str:
-    """The class's own words: all, examples included, or the first line for the list of verbs."""
-    text = inspect.getdoc(verb) or ""
-    return text if in_full else text.partition("\n")[0]
+def _first_line(verb: type[Verb]) -> str:
+    return (inspect.getdoc(verb) or "").partition("\n")[0]
 
 
 if __name__ == "__main__":

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import BackboneName, DetectionFlags, SamplingFlags, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
-from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import RemindError
-from remind_jax.sources.sampling import Sampling
 
 if TYPE_CHECKING:
     from remind_jax.result import Result
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 DEFAULT_FOLDER = Path("runs")
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Layout:
     """What to read where a folder or archive leaves a choice."""
@@ -39,6 +39,7 @@ class Layout:
     allow_size_change: bool = False  # go on when the frame size changes, else skip such frames
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Run:
     """Track every object of a video and say who is who in every frame.
@@ -60,10 +61,8 @@ class Run:
     # instance maps (folder, tar, .npz) or COCO JSON; 'none' ignores those of the layout
     masks: Path | None = None
     detector: Path | None = None  # ONNX segmentation export (YOLO-seg, RF-DETR-seg)
-    backbone: Annotated[str, arg(metavar="NAME")] = (
-        "patch-statistics"  # what patch features come from, e.g. dinov3-vits16, onnx:encoder.onnx
-    )
-    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    backbone: BackboneName = "patch-statistics"
+    weights: Path | None = None  # converted weights; see 'remind convert'
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
@@ -79,8 +78,8 @@ class Run:
     delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
-    sampling: Sampling = dataclasses.field(default_factory=Sampling)
-    detection: DetectorOptions = dataclasses.field(default_factory=DetectorOptions)
+    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
+    detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
     layout: Layout = dataclasses.field(default_factory=Layout)
 
     def execute(self) -> int:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
 from remind_jax.errors import OutputError, SweepError
-from remind_jax.sources.sampling import Sampling
 
 if TYPE_CHECKING:
     from remind_jax.sweep import SweepResult
@@ -36,16 +36,18 @@ Ranges = Annotated[
 ]
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """Score many settings on annotated scenes: a table, the best ones, what they trade.
+    """Score many settings on annotated scenes: a table, the best, what they trade.
 
-    A row equals the run with that setting. Rows are written as they come; the same command again
-    goes on where it was stopped. The first row is the configuration as it stands.
+    A row equals the run with that setting; the first is the configuration as it is.
+
+    Rows are written as they come; the same command again goes on where it stopped.
 
     Examples:
       remind sweep rooms/ --set decision.new=0:2:0.5
-      remind sweep a/ b/ c/ --set decision.new=0.0,2.5 layout.weight=0.0,1.2 --random 256
+      remind sweep a/ b/ --set decision.new=0.0,2.5 layout.weight=0.0,1.2 --random 256
       remind sweep a/ b/ c/ --set decision.new=0.0,2.5 --search tpe --number 128
       remind sweep a/ b/ c/ --search nsga2 --set ... --objectives IDF1 Ambiguous
       remind sweep a/ b/ c/ --sensitivity sobol     thresholds that matter most
@@ -54,7 +56,7 @@ class Sweep:
     """
 
     # folders, archives or feature files whose masks say which object they show
-    sources: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE")]
+    sources: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE ...")]
     ranges: Ranges = ()
     random: int | None = None  # draw so many settings instead of trying all combinations
     settings: Path | None = None  # CSV with one column per threshold, or JSON with a list
@@ -65,15 +67,14 @@ class Sweep:
     # settings of a search, values of a curve, points of Sobol indices; chosen if left out
     number: int | None = None
     at_once: int = 16  # settings that a search proposes together
-    objectives: tuple[str, ...] = ("IDF1",)  # of a search
+    objectives: tuple[str, ...] = ("IDF1",)  # what a search makes best
     metric: str = "IDF1"  # what is best
     seed: int = 0  # of everything random
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # what a setting does not name
-    # what patch features come from, e.g. dinov3-vits16
-    backbone: Annotated[str, arg(metavar="NAME")] = "patch-statistics"
-    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    backbone: BackboneName = "patch-statistics"
+    weights: Path | None = None  # converted weights; see 'remind convert'
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
-    masks: Path | None = None  # of the scene, if there is only one and its layout holds none
+    masks: Path | None = None  # of the scene, if there is one only and its layout holds none
     memory_gib: float = 2.0  # that the compiled program may take, on each device
     batch: int | None = None  # settings side by side; chosen by memory if left out
     workers: int | None = None  # processes (needs Ray); this one does all if left out
@@ -83,7 +84,7 @@ class Sweep:
     top: int = 10  # settings shown
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
-    sampling: Sampling = dataclasses.field(default_factory=Sampling)
+    sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
     layout: Layout = dataclasses.field(default_factory=Layout)
 
     def execute(self) -> int:

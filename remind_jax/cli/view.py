@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.summary import print_summary
 from remind_jax.errors import SourceError
@@ -18,9 +19,10 @@ if TYPE_CHECKING:
     from remind_jax.sources import Source
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class View:
-    """Draw overlay, timeline, gallery and report of a finished or interrupted run again.
+    """Draw overlay, timeline, gallery and report of a run again, finished or not.
 
     Frames are read where the run found them; without them the overlay stays.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, Literal, get_args
 
-from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.errors import OptionError, nearest_names
 
-ENGINES = ("auto", "onnxruntime", "cv2.dnn")
+Engine = Literal["auto", "onnxruntime", "cv2.dnn"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,12 +26,12 @@ class DetectorOptions:
     mask_threshold: float = 0.5  # probability from which a pixel belongs to an instance
     erosion_px: int = 2  # square kernel of 2 r + 1, once; the image border does not eat into masks
     min_mask_px: int = 1  # smaller masks are dropped and counted, after erosion
-    classes: tuple[str, ...] | None = None  # keep only these, any letter case; None keeps all
+    classes: tuple[str, ...] | None = None  # keep only these, any letter case; all if left out
     ignored_classes: tuple[str, ...] = ()  # never kept, any letter case
-    class_names: tuple[str, ...] | None = None  # by class index, instead of the file's own
+    class_names: tuple[str, ...] | None = None  # by index, in the place of the file's own
     input_size_px: int | None = None  # longer side of the input of models that leave it open
-    num_threads: int | None = None  # of onnxruntime within one operator; None leaves it the choice
-    engine: str = "auto"  # one of `ENGINES`; auto is onnxruntime where installed
+    num_threads: int | None = None  # of onnxruntime in one operator; it chooses if left out
+    engine: Engine = "auto"  # what runs the network; auto is onnxruntime where installed
 
     def __post_init__(self):
         for name in ("classes", "ignored_classes", "class_names"):
@@ -45,9 +45,12 @@ class DetectorOptions:
         for name, least in (("input_size_px", 32), ("num_threads", 1)):
             if getattr(self, name) is not None:
                 _require_count(name, getattr(self, name), least)
-        if self.engine not in ENGINES:
-            raise ConfigError(
-                f"detector engine {self.engine!r} is unknown; {nearest_names(self.engine, ENGINES)}"
+        engines = get_args(Engine)
+        if self.engine not in engines:
+            raise OptionError(
+                f"'engine' is {self.engine!r}; "
+                f"{nearest_names(str(self.engine), engines)}",
+                "engine",
             )
 
     def admits(self, label: str) -> bool:
@@ -63,21 +66,25 @@ def _names(field: str, value: Any) -> tuple[str, ...] | None:
         return None
     if isinstance(value, (list, tuple, set, frozenset)) and all(isinstance(n, str) for n in value):
         return tuple(sorted(value) if isinstance(value, (set, frozenset)) else value)
-    raise ConfigError(
-        f"detector option {field} is {value!r}; give a list of class names, for example ['chair']"
+    raise OptionError(
+        f"'{field}' is {value!r}; give a list of class names, for example ['chair']",
+        field,
     )
 
 
 def _require_number(field: str, value: Any, low: float, high: float) -> None:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not is_number or not math.isfinite(value) or not low <= value <= high:
-        raise ConfigError(
-            f"detector option {field} is {value!r}; give a number from {low:g} to {high:g}"
+        shown = f"{value:g}" if is_number else repr(value)
+        raise OptionError(
+            f"'{field}' is {shown}; give a number from {low:g} to {high:g}",
+            field,
         )
 
 
 def _require_count(field: str, value: Any, least: int) -> None:
     if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ConfigError(
-            f"detector option {field} is {value!r}; give a whole number of {least} or more"
+        raise OptionError(
+            f"'{field}' is {value!r}; give a whole number of {least} or more",
+            field,
         )

@@ -30,7 +30,7 @@ from scipy.special import expit, logit
 from remind_jax.detectors.class_names import find_wanted_classes, read_class_names
 from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
 from remind_jax.detectors.options import DetectorOptions
-from remind_jax.errors import ConfigError, WeightsError
+from remind_jax.errors import ConfigError, OptionError, WeightsError
 from remind_jax.frame import Detections
 
 KNOWN_SHAPES = "RF-DETR-seg dets [1, Q, 4], labels [1, Q, C], masks [1, Q, mh, mw]"
@@ -112,9 +112,10 @@ class RfDetrSeg:
         side = options.input_size_px
         height, width = (size or side or 0 for size in declared)
         if not (height and width):
-            raise ConfigError(
-                f"'{file.path}' leaves its input size open; "
-                "give the size it was trained with as detector option input_size_px"
+            raise OptionError(
+                f"'{file.path}' leaves its input size open; give the size that it was trained with "
+                "as 'input_size_px'",
+                "input_size_px",
             )
         return cls(layout, names, find_wanted_classes(names, options), (height, width), options)
 

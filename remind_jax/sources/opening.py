@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from remind_jax.errors import ConfigError, SourceError, nearest_names
+from remind_jax.errors import ConfigError, OptionError, SourceError, nearest_names
 from remind_jax.sources.arrays import ArrayMasks, ItemReader, StoredMaps
 from remind_jax.sources.class_names import UNNAMED, read_metadata
 from remind_jax.sources.coco_masks import CocoMasks, read_categories
@@ -67,9 +67,11 @@ def open_source(
     """
     chosen = _check_sampling(sampling)
     if not (math.isfinite(image_fps) and image_fps > 0):
-        raise ConfigError(f"image_fps is {image_fps}; give a number above 0")
+        raise OptionError(f"'image_fps' is {image_fps:g}; give a number above 0", "image_fps")
     if unlabelled not in ("error", "skip"):
-        raise ConfigError(f"unlabelled is {unlabelled!r}; give 'error' or 'skip'")
+        raise OptionError(
+            f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled"
+        )
     if isinstance(spec, Source) and masks is None and chosen == Sampling():
         return spec
     json_file = None if metadata is None else _existing(metadata)

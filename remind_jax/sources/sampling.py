@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Protocol, TypeVar
 
-from remind_jax.errors import ConfigError
+from remind_jax.errors import OptionError
 
 RATE_SLACK = 1e-6  # frames; time stamps are rounded to the container's clock
 
@@ -34,10 +34,10 @@ class Sampling:
     """Chooses frames by number first (`start`, `end`), then by `stride` or `fps`.
 
     Raises:
-      ConfigError: If a value is out of range, or both `fps` and `stride` are given.
+      OptionError: If a value is out of range, or both `fps` and `stride` are given.
     """
 
-    fps: float | None = None  # at most so many frames per second of source time; never repeats one
+    fps: float | None = None  # at most so many frames per second of the source; never repeats one
     stride: int = 1  # every so many frames
     start: int = 0  # first source frame
     end: int | None = None  # source frame to stop before
@@ -45,21 +45,32 @@ class Sampling:
 
     def __post_init__(self) -> None:
         if self.fps is not None and not (math.isfinite(self.fps) and self.fps > 0):
-            raise ConfigError(f"sampling fps is {self.fps}; give a number above 0")
+            raise OptionError(f"'fps' is {self.fps:g}; give a number above 0", "fps")
         if self.stride < 1:
-            raise ConfigError(f"sampling stride is {self.stride}; give 1 (every frame) or more")
+            raise OptionError(
+                f"'stride' is {self.stride}; give 1 (every frame) or more", "stride"
+            )
         if self.fps is not None and self.stride != 1:
-            raise ConfigError(
-                f"sampling has both fps={self.fps} and stride={self.stride}; give one of them"
+            raise OptionError(
+                f"both 'fps' ({self.fps:g}) and 'stride' ({self.stride}) are given; give one of them",
+                "fps",
+                "stride",
             )
         if self.start < 0:
-            raise ConfigError(f"sampling start is {self.start}; frames are numbered from 0")
+            raise OptionError(
+                f"'start' is {self.start}; frames are numbered from 0", "start"
+            )
         if self.end is not None and self.end <= self.start:
-            raise ConfigError(
-                f"sampling end is {self.end}; it must lie after start, which is {self.start}"
+            raise OptionError(
+                f"'end' is {self.end}; it is the frame to stop before and must lie after "
+                f"'start', which is {self.start}",
+                "start",
+                "end",
             )
         if self.max_frames is not None and self.max_frames < 1:
-            raise ConfigError(f"sampling max_frames is {self.max_frames}; give 1 or more")
+            raise OptionError(
+                f"'max_frames' is {self.max_frames}; give 1 or more", "max_frames"
+            )
 
     def select(self, items: Iterable[TimedT]) -> Iterator[TimedT]:
         """Yields the chosen items, in order, and asks for none beyond the last of them."""

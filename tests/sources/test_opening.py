@@ -78,8 +78,8 @@ def test_sources_can_be_read_ahead(tmp_path):
     ("options", "why"),
     [
         ({"sampling": {"strid": 2}}, "did you mean 'stride'"),
-        ({"image_fps": 0}, "image_fps is 0"),
-        ({"unlabelled": "ignore"}, "unlabelled is 'ignore'"),
+        ({"image_fps": 0}, "'image_fps' is 0"),
+        ({"unlabelled": "ignore"}, "'unlabelled' is 'ignore'"),
     ],
 )
 def test_bad_options_are_named(options, why):

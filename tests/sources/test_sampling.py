@@ -81,13 +81,13 @@ def test_rate_after_sampling():
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"fps": 0}, "fps is 0"),
-        ({"fps": float("nan")}, "fps is nan"),
-        ({"stride": 0}, "stride is 0"),
-        ({"start": -1}, "start is -1"),
-        ({"start": 5, "end": 5}, "end is 5"),
-        ({"max_frames": 0}, "max_frames is 0"),
-        ({"fps": 5, "stride": 2}, "both fps=5 and stride=2"),
+        ({"fps": 0}, "'fps' is 0"),
+        ({"fps": float("nan")}, "'fps' is nan"),
+        ({"stride": 0}, "'stride' is 0"),
+        ({"start": -1}, "'start' is -1"),
+        ({"start": 5, "end": 5}, "'end' is 5"),
+        ({"max_frames": 0}, "'max_frames' is 0"),
+        ({"fps": 5, "stride": 2}, r"both 'fps' \(5\) and 'stride' \(2\)"),
     ],
 )
 def test_bad_values_are_named(options, named):

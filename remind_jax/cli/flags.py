@@ -1,0 +1,158 @@
+"""How flags are read and told: in the words of the shell, not in those of Python or the parser."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, Union, get_args, get_type_hints
+
+from tyro.conf import arg
+from tyro.constructors import (
+    ConstructorRegistry,
+    PrimitiveConstructorSpec,
+    PrimitiveTypeInfo,
+    UnsupportedTypeAnnotationError,
+)
+
+from remind_jax.backbone.vit_variants import VARIANTS
+from remind_jax.detectors.options import DetectorOptions
+from remind_jax.errors import OptionError
+from remind_jax.sources.sampling import Sampling
+
+VerbT = TypeVar("VerbT")
+KINDS = ConstructorRegistry()  # how values of each kind are read and called
+
+BackboneName = Annotated[
+    str,
+    arg(
+        metavar="NAME",
+        help="what patch features come from: patch-statistics, which needs no weights; with "
+        f"converted weights (see 'remind convert') {', '.join(VARIANTS)}, or vit for whatever "
+        "--weights holds; onnx:FILE, any ONNX encoder",
+    ),
+]
+
+_NUMBERS: dict[Any, tuple[str, str]] = {int: ("N", "whole number"), float: ("X", "number")}
+_NOTHING = ("None", "False", "")  # defaults that the help of a flag tells in words, if at all
+
+
+class UsageError(Exception):
+    """Flags whose values make no sense, in one sentence.
+
+    No `ValueError`: the parser catches those and tells them with its own inner names.
+    """
+
+
+def spell_flag(option: str) -> str:
+    """The flag that sets an option: `max_frames` is `--max-frames`."""
+    return "--" + option.replace("_", "-")
+
+
+@contextlib.contextmanager
+def past_the_parser() -> Iterator[None]:
+    """Brings errors of options to the user as they are, with flags in the place of names."""
+    try:
+        yield
+    except OptionError as error:
+        raise UsageError(error.spelled(spell_flag)) from error
+
+
+def _tell_default(default: str) -> str:
+    return "" if default in _NOTHING else f"(default: {default})"
+
+
+def quiet_defaults(flags: type[VerbT]) -> type[VerbT]:
+    """Leaves "(default: None)" and "(default: False)" out of the help of a class of flags."""
+    for name, kind in get_type_hints(flags, include_extras=True).items():
+        flags.__annotations__[name] = Annotated[kind, arg(help_behavior_hint=_tell_default)]
+    return flags
+
+
+@quiet_defaults
+@dataclasses.dataclass(frozen=True)
+class SamplingFlags(Sampling):
+    """Frames are chosen by number (--start, --end) first, then by --stride or --fps."""
+
+    def __post_init__(self) -> None:
+        with past_the_parser():
+            super().__post_init__()
+
+
+@quiet_defaults
+@dataclasses.dataclass(frozen=True)
+class DetectionFlags(DetectorOptions):
+    """Thresholds and class lists of the detector."""
+
+    def __post_init__(self) -> None:
+        with past_the_parser():
+            super().__post_init__()
+
+
+@KINDS.primitive_rule
+def _read_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    if info.type not in _NUMBERS:
+        return None
+    metavar, called = _NUMBERS[info.type]
+
+    def read(words: list[str]) -> int | float:
+        try:
+            return info.type(words[0])
+        except ValueError:
+            raise ValueError(f"{words[0]!r} is no {called}") from None
+
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=metavar,
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, info.type),
+        str_from_instance=lambda value: [f"{value:g}"],
+    )
+
+
+@KINDS.primitive_rule
+def _read_text(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    if info.type not in (str, Path):
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="NAME" if info.type is str else "PATH",
+        instance_from_str=lambda words: info.type(words[0]),
+        is_instance=lambda value: isinstance(value, info.type),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+@KINDS.primitive_rule
+def _read_names(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    if info.type != tuple[str, ...]:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar="NAME ...",
+        instance_from_str=tuple,
+        is_instance=lambda value: isinstance(value, tuple),
+        str_from_instance=list,
+    )
+
+
+@KINDS.primitive_rule
+def _read_what_may_be_left_out(
+    info: PrimitiveTypeInfo,
+) -> PrimitiveConstructorSpec[Any] | UnsupportedTypeAnnotationError | None:
+    """`X | None` is read as X: None is what a flag is that was left out, never a word."""
+    kinds = [kind for kind in get_args(info.type) if kind is not type(None)]
+    if info.type_origin not in (Union, types.UnionType) or len(kinds) != 1:
+        return None
+    inner = PrimitiveTypeInfo.make(kinds[0], info.markers)
+    spec = ConstructorRegistry.get_primitive_spec(inner)
+    if isinstance(spec, UnsupportedTypeAnnotationError):
+        return spec
+    tell = spec.str_from_instance
+    return dataclasses.replace(
+        spec,
+        is_instance=lambda value: value is None or spec.is_instance(value),
+        str_from_instance=lambda value: ["None"] if value is None else tell(value),
+    )

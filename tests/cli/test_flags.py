@@ -1,0 +1,110 @@
+"""Flags are read and told in the words of the shell."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from remind_jax.backbone.registry import list_backbones
+from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import DetectionFlags, SamplingFlags
+from remind_jax.cli.main import VERBS, main
+from remind_jax.detectors.options import DetectorOptions
+from remind_jax.methods import list_methods
+from remind_jax.sources.sampling import Sampling
+
+ACTIONS = ("list", "show", "diff", "validate", "import-reference")
+PAGES = [(verb,) for verb in VERBS] + [("config", action) for action in ACTIONS]
+
+
+@pytest.fixture
+def help_of(monkeypatch, capfd):
+    """The help of a verb on a terminal of 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def show(*words: str) -> str:
+        capfd.readouterr()
+        assert main([*words, "--help"]) == exit_codes.FINE
+        return capfd.readouterr().out
+
+    return show
+
+
+@pytest.mark.parametrize("words", PAGES, ids="-".join)
+def test_help_speaks_no_python_and_fits_80_columns(help_of, words):
+    shown = help_of(*words)
+    assert max(map(len, shown.splitlines())) <= 80
+    for inner in ("None", "False", "STR", "INT", "FLOAT", "ENGINES", "{[", "tyro", "(default: )"):
+        assert inner not in shown
+
+
+@pytest.mark.parametrize("verb", ["run", "benchmark", "sweep", "features"])
+def test_help_lists_every_backbone(help_of, verb):
+    told = help_of(verb).partition("--backbone")[2].partition("(default")[0]
+    named = set(re.findall(r"[\w-]+", told))
+    assert set(list_backbones()) <= named
+
+
+def test_help_lists_every_tracker(help_of):
+    told = help_of("run").partition("--tracker")[2].partition("if left")[0]
+    assert set(list_methods()) <= set(re.findall(r"[\w-]+", told))
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            ("--start", "10", "--end", "5"),
+            "--end is 5; it is the frame to stop before and must lie after --start, which is 10",
+        ),
+        (("--fps", "0"), "--fps is 0; give a number above 0"),
+        (
+            ("--fps", "5", "--stride", "2"),
+            "both --fps (5) and --stride (2) are given; give one of them",
+        ),
+        (("--stride", "0"), "--stride is 0; give 1 (every frame) or more"),
+        (("--start", "-1"), "--start is -1; frames are numbered from 0"),
+        (("--max-frames", "0"), "--max-frames is 0; give 1 or more"),
+        (("--confidence", "3"), "--confidence is 3; give a number from 0 to 1"),
+        (("--input-size-px", "7"), "--input-size-px is 7; give a whole number of 32 or more"),
+    ],
+)
+def test_a_value_out_of_range_is_told_by_its_flag(capfd, words, sentence):
+    assert main(["run", "rooms.mp4", *words]) == exit_codes.USAGE
+    assert capfd.readouterr().err == f"remind: {sentence}\n"
+
+
+def test_options_checked_later_are_told_by_their_flag_too(command, scene):
+    outcome = command("run", scene[0], "--masks", scene[1], "--image-fps", "0")
+    assert outcome.code == exit_codes.USAGE
+    assert outcome.stderr == "remind: --image-fps is 0; give a number above 0\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--stride", "many"), "'many' is no whole number"),
+        (("--fps", "fast"), "'fast' is no number"),
+        (("--engine", "onnx"), "'auto', 'onnxruntime', 'cv2.dnn'"),
+        (("--egnine", "auto"), "--engine"),
+    ],
+)
+def test_a_word_of_the_wrong_kind_is_explained(capfd, words, told):
+    assert main(["run", "rooms.mp4", *words]) == exit_codes.USAGE
+    said = " ".join(capfd.readouterr().err.split())
+    assert told in said
+    assert "remind run --help" in said
+    assert "benchmark" not in said
+
+
+def test_none_is_a_name_like_any_other(capfd):
+    assert main(["explain", "None", "--frame", "0"]) == exit_codes.ERROR
+    assert "None" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("flags", "options"), [(SamplingFlags, Sampling), (DetectionFlags, DetectorOptions)]
+)
+def test_flags_have_the_defaults_of_the_library(flags, options):
+    assert vars(flags()) == vars(options())
