@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg, subcommand
 from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.errors import OutputError
+from remind_jax.errors import ConfigError, OutputError
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +64,13 @@ class Validate:
     files: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME|FILE ...")]  # shipped, or YAML
 
     def execute(self) -> int:
-        """Prints one line per valid configuration."""
+        """Prints one line per valid configuration.
+
+        Raises:
+          ConfigError: If one of them is not valid, or none is named.
+        """
+        if not self.files:
+            raise ConfigError("name the configurations to check, for example mine.yaml")
         for name in self.files:
             load_config_with(name)
             print(f"{name} is valid")

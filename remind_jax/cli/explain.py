@@ -36,7 +36,7 @@ class Explain:
 
     run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
     frame: Annotated[int, arg(metavar="T")]  # number of the frame, as in overlay and report
-    detection: Annotated[int | None, arg(metavar="I")] = None  # row in the frame, from 0; a list of all if left out
+    detection: Annotated[int | None, arg(metavar="I")] = None  # row in the frame, from 0
     json: bool = False  # print JSON; its keys are described in docs/explain.md
 
     def execute(self) -> int:

@@ -47,7 +47,7 @@ class Sweep:
 
     Examples:
       remind sweep rooms/ --set decision.new=0:2:0.5
-      remind sweep a/ b/ --set decision.new=0.0,2.5 layout.weight=0.0,1.2 --random 256
+      remind sweep a/ --set decision.new=0,2.5 layout.weight=0,1.2 --random 256
       remind sweep a/ b/ c/ --set decision.new=0.0,2.5 --search tpe --number 128
       remind sweep a/ b/ c/ --search nsga2 --set ... --objectives IDF1 Ambiguous
       remind sweep a/ b/ c/ --sensitivity sobol     thresholds that matter most

@@ -48,8 +48,7 @@ class DetectorOptions:
         engines = get_args(Engine)
         if self.engine not in engines:
             raise OptionError(
-                f"'engine' is {self.engine!r}; "
-                f"{nearest_names(str(self.engine), engines)}",
+                f"'engine' is {self.engine!r}; {nearest_names(str(self.engine), engines)}",
                 "engine",
             )
 

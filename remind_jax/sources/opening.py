@@ -69,9 +69,7 @@ def open_source(
     if not (math.isfinite(image_fps) and image_fps > 0):
         raise OptionError(f"'image_fps' is {image_fps:g}; give a number above 0", "image_fps")
     if unlabelled not in ("error", "skip"):
-        raise OptionError(
-            f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled"
-        )
+        raise OptionError(f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled")
     if isinstance(spec, Source) and masks is None and chosen == Sampling():
         return spec
     json_file = None if metadata is None else _existing(metadata)

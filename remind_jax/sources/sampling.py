@@ -47,19 +47,15 @@ class Sampling:
         if self.fps is not None and not (math.isfinite(self.fps) and self.fps > 0):
             raise OptionError(f"'fps' is {self.fps:g}; give a number above 0", "fps")
         if self.stride < 1:
-            raise OptionError(
-                f"'stride' is {self.stride}; give 1 (every frame) or more", "stride"
-            )
+            raise OptionError(f"'stride' is {self.stride}; give 1 (every frame) or more", "stride")
         if self.fps is not None and self.stride != 1:
             raise OptionError(
-                f"both 'fps' ({self.fps:g}) and 'stride' ({self.stride}) are given; give one of them",
+                f"both 'fps' ({self.fps:g}) and 'stride' ({self.stride}) are given; give one",
                 "fps",
                 "stride",
             )
         if self.start < 0:
-            raise OptionError(
-                f"'start' is {self.start}; frames are numbered from 0", "start"
-            )
+            raise OptionError(f"'start' is {self.start}; frames are numbered from 0", "start")
         if self.end is not None and self.end <= self.start:
             raise OptionError(
                 f"'end' is {self.end}; it is the frame to stop before and must lie after "
@@ -68,9 +64,7 @@ class Sampling:
                 "end",
             )
         if self.max_frames is not None and self.max_frames < 1:
-            raise OptionError(
-                f"'max_frames' is {self.max_frames}; give 1 or more", "max_frames"
-            )
+            raise OptionError(f"'max_frames' is {self.max_frames}; give 1 or more", "max_frames")
 
     def select(self, items: Iterable[TimedT]) -> Iterator[TimedT]:
         """Yields the chosen items, in order, and asks for none beyond the last of them."""

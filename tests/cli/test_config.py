@@ -37,6 +37,12 @@ def test_validate(command, tmp_path):
     assert "did you mean 'close_px'" in outcome.stderr
 
 
+def test_validate_needs_a_name(command):
+    outcome = command("config", "validate")
+    assert (outcome.code, outcome.stdout) == (1, "")
+    assert "name the configurations" in outcome.stderr
+
+
 @pytest.mark.parametrize("to_file", [False, True])
 def test_settings_of_the_original_are_imported(command, tmp_path, to_file):
     settings = {"association": {"matching": {"match_thr": 0.65}}}
