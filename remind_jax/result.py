@@ -195,7 +195,8 @@ class Result:
         """The detections of the `t`-th processed frame for the `supervision` library.
 
         `tracker_id` is the identity, -1 while undecided; `confidence` is the detector's, the
-        tracker's own is in `data["identity_confidence"]`; `class_id` counts `class_names`.
+        tracker's own is in `data["identity_confidence"]`, NaN where it has none; `class_id`
+        counts `class_names`.
 
         Raises:
           OutputError: If supervision is not installed or the run has no such frame.
@@ -220,7 +221,9 @@ class Result:
             data={
                 "class_name": np.array(tracks.labels, dtype=str),
                 "outcome": np.array([Outcome(code).name.lower() for code in tracks.outcome], str),
-                "identity_confidence": np.asarray(tracks.confidence, np.float32),
+                "identity_confidence": np.array(
+                    [tracks.shown_confidence(row) for row in range(len(tracks))], np.float32
+                ),
             },
         )
 

@@ -63,6 +63,25 @@ class Tracks:
         """Detections that have one identity now (matched or new)."""
         return np.isin(self.outcome, [Outcome.MATCH, Outcome.NEW])
 
+    def is_rated(self, row: int) -> bool:
+        """Whether a detection has a score and a confidence.
+
+        What was left out has neither, nor have new objects of trackers that rate only what they
+        recognize: their score is 0.
+        """
+        outcome = self.outcome[row]
+        left_out = outcome in (Outcome.EMPTY, Outcome.UNASSIGNED, Outcome.DROPPED)
+        return not left_out and (outcome != Outcome.NEW or float(self.score[row]) != 0)
+
+    def shown_score(self, row: int) -> float | None:
+        """The score to show; None where there is none or it is the confidence itself."""
+        score = float(self.score[row])
+        return score if self.is_rated(row) and score != float(self.confidence[row]) else None
+
+    def shown_confidence(self, row: int) -> float | None:
+        """The confidence to show; None where there is none."""
+        return float(self.confidence[row]) if self.is_rated(row) else None
+
     def display_name(self, row: int) -> str:
         """What to write beside a detection: `cup 3`, `cup 3 or 5?`, `cup new?`."""
         label, object_id = self.labels[row], int(self.object_id[row])

@@ -169,8 +169,8 @@ class Explanation:
     outcome: Outcome
     reason: Reason
     object_id: int | None
-    score: float
-    confidence: float
+    score: float | None  # with what context added, can exceed 1; None: there is none
+    confidence: float | None  # of the same
     status: Status  # of the visual scores
     status_final: Status  # of the final scores of open candidates
     best_score: float
@@ -216,6 +216,7 @@ class Circumstances:
     name: str
     first_frame: int | None  # of the pending track
     num_detections: int  # of the pending track so far
+    is_rated: bool  # whether it has a score and a confidence
 
 
 def account_for(case: Case, around: Circumstances, why: tuple[str, ...]) -> Explanation:
@@ -231,8 +232,8 @@ def account_for(case: Case, around: Circumstances, why: tuple[str, ...]) -> Expl
         outcome=case.outcome,
         reason=case.reason,
         object_id=_id(known("object_id")),
-        score=known("score"),
-        confidence=known("confidence"),
+        score=known("score") if around.is_rated else None,
+        confidence=known("confidence") if around.is_rated else None,
         status=Status(known("status")),
         status_final=Status(known("status_final")),
         best_score=known("best_score"),

@@ -58,6 +58,7 @@ class Explainer:
             name=_name(case),
             first_frame=None if since is None else since[0],
             num_detections=0 if since is None else since[1],
+            is_rated=tracks.is_rated(detection),
         )
         return account_for(case, around, tell_reasons(case, since))
 

@@ -346,8 +346,9 @@ def _tell_verdict(case: Case, since: tuple[int, int] | None) -> str:
     outcome, object_id = case.outcome, case.decision("object_id")
     if outcome == Outcome.MATCH:
         score = number(case.decision("score"))
+        context = " with context" if case.candidate(object_id, "bonus") else ""
         settled = case.decision("source") > Source.ASSOCIATION
-        return f"{'settled' if settled else 'matched'} as {case.name(object_id)} ({score})"
+        return f"{'settled' if settled else 'matched'} as {case.name(object_id)} ({score}{context})"
     if outcome == Outcome.NEW:
         return f"a new object: {case.name(object_id)}"
     if outcome == Outcome.UNASSIGNED:

@@ -51,10 +51,16 @@ def render_text(explanation: Explanation) -> str:
 def _head(e: Explanation) -> str:
     outcome = e.outcome.name.lower().replace("_", " ")
     reason = e.reason.name.lower().replace("_", " ")
+    score = "" if e.score is None else f", score with context {number(e.score)}"
     return (
         f"frame {e.frame} ({e.time_s:.2f} s, {e.frame_name}), detection {e.detection}: {e.name}\n"
-        f"{outcome} ({reason}), score {number(e.score)}, confidence {number(e.confidence)}"
+        f"{outcome} ({reason}){score}{say_confidence(e.confidence)}"
     )
+
+
+def say_confidence(confidence: float | None) -> str:
+    """The end of a headline; empty where there is none."""
+    return "" if confidence is None else f", confidence {number(confidence)}"
 
 
 def _why(e: Explanation) -> list[str]:
@@ -208,16 +214,22 @@ def render_frame(tracks: Tracks) -> str:
             str(row),
             tracks.display_name(row),
             _outcome(tracks, row),
-            number(float(tracks.score[row])),
-            number(float(tracks.confidence[row])),
+            _number(tracks.shown_score(row)),
+            _number(tracks.shown_confidence(row)),
         )
         for row in range(len(tracks))
     ]
     title = f"frame {tracks.frame_index} ({tracks.time_s:.2f} s, {tracks.name})"
     if not rows:
         return f"{title}: nothing was detected"
-    head = ("detection", "name", "outcome", "score", "confidence")
-    return "\n".join((title, *align((head, *rows), (1, 2))))
+    table = [("detection", "name", "outcome", "score with context", "confidence"), *rows]
+    if not any(row[3] for row in rows):
+        table = [(*row[:3], row[4]) for row in table]
+    return "\n".join((title, *align(table, (1, 2))))
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else number(value)
 
 
 def _outcome(tracks: Tracks, row: int) -> str:

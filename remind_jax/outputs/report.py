@@ -195,8 +195,8 @@ def _detection_data(tracks: Tracks, row: int) -> list[Any]:
         tracks.display_name(row),
         int(tracks.outcome[row]),
         int(tracks.reason[row]),
-        _short(tracks.score[row]),
-        _short(tracks.confidence[row]),
+        _short(tracks.shown_score(row)),
+        _short(tracks.shown_confidence(row)),
         [
             [int(tracks.candidate_id[row, place]), _short(tracks.candidate_score[row, place])]
             for place in shown
@@ -204,8 +204,8 @@ def _detection_data(tracks: Tracks, row: int) -> list[Any]:
     ]
 
 
-def _short(value: float) -> float | None:
-    return round(float(value), 3) if np.isfinite(value) else None
+def _short(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else round(float(value), 3)
 
 
 def _sighting_data(sighting: Sighting) -> dict[str, Any]:

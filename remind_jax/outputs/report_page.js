@@ -73,6 +73,8 @@ function drawStage() {
   onFrame.push(drawDetections);
 }
 
+const hasScores = run.frames.some((frame) => frame.detections.some((row) => row[4] !== null));
+
 function drawDetections(position) {
   const rows = run.frames[position].detections.map(
     ([id, name, outcome, reason, score, confidence, candidates], row) => {
@@ -81,11 +83,12 @@ function drawDetections(position) {
       return make("tr", { title: why.join("; "), ...rowToExplain(position, row) },
         make("td", {}, swatch(colourOf.get(id)), nameToExplain(position, row, name)),
         make("td", {}, words(run.outcomes[outcome])),
-        make("td", { class: "number" }, number(score)),
+        ...(hasScores ? [make("td", { class: "number" }, number(score))] : []),
         make("td", { class: "number" }, number(confidence)));
     });
   const head = make("tr", {}, make("th", {}, "Detection"), make("th", {}, "Outcome"),
-    make("th", { class: "number" }, "Score"), make("th", { class: "number" }, "Conf."));
+    ...(hasScores ? [make("th", { class: "number narrow" }, "Score with context")] : []),
+    make("th", { class: "number" }, "Confidence"));
   byId("seen").replaceChildren(rows.length
     ? make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))
     : make("p", { class: "faint" }, "Nothing was detected."));
@@ -164,8 +167,9 @@ function drawWhy(frame, position, row) {
   }
   const told = frame.detections[row];
   byId("why-title").textContent = `Why ${told.name.replace("?", "")}? (${title})`;
-  const sum = `${words(run.outcomes[outcome])} (${words(run.reasons[reason])}), score ` +
-    `${number(score)}, confidence ${number(told.confidence)}`;
+  const sum = [`${words(run.outcomes[outcome])} (${words(run.reasons[reason])})`,
+    score !== null && `score with context ${number(score)}`,
+    told.confidence !== null && `confidence ${number(told.confidence)}`].filter(Boolean).join(", ");
   byId("why-body").replaceChildren(make("p", { class: "faint" }, sum),
     make("ol", {}, ...told.why.map((text) => make("li", {}, text))),
     ...("context" in frame ? drawDeliberation(frame, told) : drawEvidence(told)));

@@ -48,7 +48,7 @@ CSV_COLUMNS: tuple[str, ...] = (
 
 
 def detection_rows(tracks: Tracks) -> list[dict[str, Any]]:
-    """The rows of `tracks.csv` for one frame, one per detection; pixels, seconds."""
+    """The rows of `tracks.csv` for one frame, one per detection; pixels, seconds, None: empty."""
     return [_detection_row(tracks, row) for row in range(len(tracks))]
 
 
@@ -73,8 +73,8 @@ def _detection_row(tracks: Tracks, row: int) -> dict[str, Any]:
         "object_id": int(tracks.object_id[row]),
         "pending_id": int(tracks.pending_id[row]),
         "status": Status(tracks.status[row]).name.lower(),
-        "score": round(float(tracks.score[row]), 6),
-        "confidence": round(float(tracks.confidence[row]), 6),
+        "score": _round(tracks.shown_score(row)),
+        "confidence": _round(tracks.shown_confidence(row)),
         "candidates": ";".join(candidates),
         "left": left,
         "top": top,
@@ -83,6 +83,10 @@ def _detection_row(tracks: Tracks, row: int) -> dict[str, Any]:
         "area": int(tracks.areas[row]),
         "detector_score": round(float(tracks.detector_scores[row]), 6),
     }
+
+
+def _round(value: float | None) -> float | None:
+    return None if value is None else round(value, 6)
 
 
 class CsvWriter:

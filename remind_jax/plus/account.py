@@ -50,7 +50,7 @@ class PlusExplanation:
     reason: Reason
     object_id: int | None  # as told, after a delay if there was one
     told_at_once: int | None  # without it
-    confidence: float
+    confidence: float | None  # None where it is left out
     stage: Stage  # how far the tracklet was decided before
     tracklet_id: int | None  # names the tracklet, and its object if that is new
     age: int  # detections of the tracklet, with this one
@@ -133,7 +133,7 @@ def _gather(record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:
         reason=Reason(int(tracks.reason[row])),
         object_id=_id(tracks.object_id[row]),
         told_at_once=_id(record.object_id[row]),
-        confidence=float(tracks.confidence[row]),
+        confidence=tracks.shown_confidence(row),
         stage=stage,
         tracklet_id=_id(v.tracklet_id[row]),
         age=int(v.age[row]),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from remind_jax.explanation.text import WIDTH, align
+from remind_jax.explanation.text import WIDTH, align, say_confidence
 from remind_jax.explanation.words import change, number
 from remind_jax.plus.account import PlusExplanation
 from remind_jax.plus.state import PARTS
@@ -16,7 +16,7 @@ def render_text(e: PlusExplanation) -> str:
     reason = e.reason.name.lower().replace("_", " ")
     lines = [
         f"frame {e.frame} ({e.time_s:.2f} s, {e.frame_name}), detection {e.detection}: {e.name}",
-        f"{outcome} ({reason}), confidence {number(e.confidence)}",
+        f"{outcome} ({reason}){say_confidence(e.confidence)}",
         "",
         "why",
     ]

@@ -118,18 +118,22 @@ def _tell_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
         return f"{e.label} {e.merged_id} turned out to be {_answer(e)}; the two are one from now on"
     if e.stage == Stage.FRESH:
         return f"it stays {_answer(e)}"
-    sure = f"confidence {number(e.confidence)}"
+    # Two numbers for one answer need to be told apart: what the evidence says, and how often
+    # answers of which it says so are right.
+    sure = f"probability {number(e.probability)}"
+    if e.confidence is not None:
+        sure = f"confidence {number(e.confidence)}, calibrated from {sure}"
     if e.is_decided and e.age >= d.commit_age:
-        return f"after {d.commit_age} detections it is decided: {_answer(e)}, {sure}"
+        return f"after {d.commit_age} detections it is decided: {_answer(e)}; {sure}"
     if e.is_decided:
         margin = "" if e.margin is None else f" ({compare(e.margin, '>', d.early_margin)} log odds)"
-        return f"the lead is clear{margin}, so it is decided: {_answer(e)}, {sure}"
+        return f"the lead is clear{margin}, so it is decided: {_answer(e)}; {sure}"
     if e.told_at_once is not None:
-        return f"not decided yet, and more likely than not {_answer(e)}, {sure}"
+        return f"not decided yet, and more likely than not {_answer(e)}; {sure}"
     options = [f"{c.name} ({number(c.probability)})" for c in e.candidates if _could_be(c, t)]
     new = f"new ({number(e.new_probability or 0.0)})"
     return (
-        f"not decided yet and no answer is likely enough ({sure}, firm from {number(d.firm)}): "
+        f"not decided yet and no answer is likely enough ({sure}; firm from {number(d.firm)}): "
         f"{listing([*options, new], 'or')}"
     )
 

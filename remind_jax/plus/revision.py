@@ -82,6 +82,7 @@ class DelayedAnswers:
         ]
         object_id, outcome = tracks.object_id.copy(), tracks.outcome.copy()
         reason, confidence = tracks.reason.copy(), tracks.confidence.copy()
+        score = tracks.score.copy()  # the confidence, as everywhere in plus
         taken = {int(now) for now in object_id if now != NO_ID}
         # One that waits for an id that another gives up comes after that one.
         for row in [*range(len(revised)), *range(len(revised))]:
@@ -90,7 +91,7 @@ class DelayedAnswers:
                 continue
             taken.discard(int(object_id[row]))
             taken.add(now)
-            object_id[row], confidence[row] = now, one.confidence
+            object_id[row], confidence[row], score[row] = now, one.confidence, one.confidence
             is_new = outcome[row] == Outcome.NEW and now == tracklet[row]
             outcome[row] = Outcome.NEW if is_new else Outcome.MATCH
             reason[row] = Reason.CREATED_NEW if is_new else Reason.ASSIGNED
@@ -100,6 +101,7 @@ class DelayedAnswers:
             object_id=object_id,
             outcome=outcome,
             reason=reason,
+            score=score,
             confidence=confidence,
             pending_id=np.where(settled, NO_ID, tracks.pending_id),
             candidate_id=np.where(settled[:, None], NO_ID, tracks.candidate_id),
