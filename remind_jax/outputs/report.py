@@ -24,7 +24,8 @@ from remind_jax.outputs import store
 from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.palette import identity_colour, to_hex
-from remind_jax.outputs.timeline import build_timeline, nice_step
+from remind_jax.outputs.ticks import frame_steps, time_steps
+from remind_jax.outputs.timeline import build_timeline
 from remind_jax.result import Result
 from remind_jax.tracks import Tracks
 
@@ -81,7 +82,8 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         "video": video,
         "explanations": pack_explanations(result),
         "fps": info.fps,
-        "tick": nice_step(timeline.num_frames),
+        "frame_steps": frame_steps(timeline.num_frames),
+        "time_steps": time_steps(max(timeline.num_frames, 1) / info.fps) if info.fps > 0 else [],
         "frames": [_frame_data(tracks) for tracks in result.tracks],
         "outcomes": [outcome.name.lower() for outcome in Outcome],
         "reasons": [reason.name.lower() for reason in Reason],

@@ -94,7 +94,9 @@ function drawDetections(position) {
     : make("p", { class: "faint" }, "Nothing was detected."));
 }
 
-const number = (value) => (value === null ? "" : value.toFixed(2));
+/** Two decimals, three for what would look like nothing. */
+const number = (value) => (value === null ? ""
+  : value.toFixed(value !== 0 && Math.abs(value) < 0.01 ? 3 : 2));
 
 // --- why: the decision about one detection ---------------------------------------------------
 
@@ -362,8 +364,8 @@ function drawLanes() {
     for (const candidate of lane.candidate) bar(candidate, middle - 2, 4, "#ffffff");
     for (const position of lane.returns) drawReturn(pen, x(position), middle);
   });
-  byId("ticks").replaceChildren(...ticks(width).map((position) =>
-    make("span", { style: { left: `${(100 * position) / numFrames}%` } }, frameLabel(position))));
+  drawTicks(byId("ticks"), run.frame_steps, 1, width, frameLabel);
+  drawTicks(byId("times"), run.time_steps, run.fps, width, timeLabel);
 }
 
 function drawReturn(pen, x, middle) {
@@ -379,12 +381,25 @@ function drawReturn(pen, x, middle) {
   pen.fill();
 }
 
-function ticks(width) {
-  const room = 48; // pixels for one number
-  const step = run.tick * Math.ceil((room * numFrames) / (Math.max(width, room) * run.tick));
-  const positions = [];
-  for (let position = 0; position < numFrames; position += step) positions.push(position);
-  return positions;
+/** Labels at round numbers, as close as there is room; steps are in units of so many frames. */
+function drawTicks(axis, steps, framesPerUnit, width, label) {
+  const room = 56; // pixels for one label
+  const length = numFrames / framesPerUnit;
+  const step = steps.find((one) => width * one >= room * length) ?? steps.at(-1);
+  const labels = [];
+  for (let number = 0; step && number * step < length; number += 1) {
+    const left = `${(100 * number * step) / length}%`;
+    labels.push(make("span", { style: { left } }, label(number * step, step)));
+  }
+  axis.replaceChildren(...labels);
+}
+
+/** Minutes and seconds, `1:05`, with the decimals that the step needs. */
+function timeLabel(seconds, step) {
+  const decimals = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+  const rounded = Number(seconds.toFixed(decimals));
+  const rest = (rounded % 60).toFixed(decimals);
+  return `${Math.floor(rounded / 60)}:${rest.padStart(decimals ? 3 + decimals : 2, "0")}`;
 }
 
 function drawTimeline() {

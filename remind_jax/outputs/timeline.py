@@ -17,6 +17,7 @@ from jaxtyping import UInt8
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.outputs.lettering import put_text, shorten, text_width
 from remind_jax.outputs.palette import AMBIGUOUS, PROVISIONAL, Colour, identity_colour
+from remind_jax.outputs.ticks import choose_step, frame_steps, time_label, time_steps
 from remind_jax.result import MIN_ABSENCE_FRAMES, UNDECIDED, Result
 
 Run = tuple[int, int]  # first and last position, both included
@@ -166,21 +167,37 @@ def _draw_heading(canvas: np.ndarray, result: Result, timeline: Timeline) -> Non
 
 
 def _draw_grid(canvas: np.ndarray, axes: _Axes, num_rows: int, fps: float) -> None:
-    """Striped rows and, above and below, frame numbers and seconds."""
+    """Striped rows and, above and below, frame numbers and times."""
     for number in range(0, num_rows, 2):
         canvas[axes.top(number) : axes.top(number + 1), axes.x(0) : axes.x(axes.num_frames)] = (
             _STRIPE
         )
     bottom = axes.top(num_rows)
-    for position in range(0, axes.num_frames, nice_step(axes.num_frames)):
-        x = axes.x(position)
-        cv2.line(canvas, (x, _HEADING_PX - 4), (x, bottom + 4), _GRID, 1)
-        put_text(canvas, str(position), x + 2, _HEADING_PX - 10, 12, _FAINT)
-        if fps > 0:
-            put_text(canvas, f"{position / fps:.4g} s", x + 2, bottom + 20, 12, _FAINT)
     put_text(canvas, "frame", _MARGIN_PX, _HEADING_PX - 10, 12, _FAINT)
-    if fps > 0:
-        put_text(canvas, "time", _MARGIN_PX, bottom + 20, 12, _FAINT)
+    step = round(choose_step(axes.num_frames, frame_steps(axes.num_frames)))
+    for position in range(0, axes.num_frames, step):
+        x = axes.x(position)
+        cv2.line(canvas, (x, _HEADING_PX - 4), (x, bottom), _GRID, 1)
+        _put_tick(canvas, str(position), x, _HEADING_PX - 10)
+    if fps > 0 and axes.num_frames:
+        _draw_times(canvas, axes, bottom, fps)
+
+
+def _draw_times(canvas: np.ndarray, axes: _Axes, bottom: int, fps: float) -> None:
+    """The axis of time below; its round numbers fall on other frames than those above."""
+    put_text(canvas, "time", _MARGIN_PX, bottom + 20, 12, _FAINT)
+    duration_s = axes.num_frames / fps
+    step_s = choose_step(duration_s, time_steps(duration_s))
+    for number in range(math.ceil(duration_s / step_s)):
+        x = axes.x(number * step_s * fps)
+        cv2.line(canvas, (x, bottom), (x, bottom + 6), _FAINT, 1)
+        _put_tick(canvas, time_label(number * step_s, step_s), x, bottom + 20)
+
+
+def _put_tick(canvas: np.ndarray, text: str, x: int, baseline: int) -> None:
+    """A label to the right of its tick, or as far right as the picture goes."""
+    rightmost = canvas.shape[1] - text_width(text, 12) - 2
+    put_text(canvas, text, min(x + 2, rightmost), baseline, 12, _FAINT)
 
 
 def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: TimelineRow) -> None:
@@ -219,10 +236,3 @@ def _draw_return(canvas: np.ndarray, x: int, middle: int, size_px: int) -> None:
     triangle = np.array([[x - half, middle - half], [x - half, middle + half], [x + half, middle]])
     cv2.fillConvexPoly(canvas, triangle, (255, 255, 255), cv2.LINE_AA)
     cv2.polylines(canvas, [triangle], True, _BACKGROUND, 1, cv2.LINE_AA)
-
-
-def nice_step(num_frames: int) -> int:
-    """Frames between ticks: 1, 2 or 5 times a power of ten, some twelve ticks in all."""
-    rough = max(num_frames / 12, 1)
-    power = 10 ** math.floor(math.log10(rough))
-    return int(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough))

@@ -2,11 +2,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from remind_jax.outputs.palette import identity_colour
-from remind_jax.outputs.timeline import build_timeline, draw_timeline, nice_step
+from remind_jax.outputs.timeline import build_timeline, draw_timeline
 from remind_jax.result import Result
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
@@ -50,10 +48,3 @@ def test_any_size_is_drawn(num_objects, num_frames):
     # All bars reach the right end of the plot.
     shown = {tuple(pixel) for pixel in picture[:, -60].tolist()}
     assert {identity_colour(i) for i in range(num_objects if num_frames else 0)} <= shown
-
-
-@given(st.integers(0, 1_000_000))
-def test_ticks_are_round_and_few(num_frames):
-    step = nice_step(num_frames)
-    assert str(step).rstrip("0") in {"1", "2", "5"}
-    assert num_frames / step <= 12
