@@ -383,7 +383,7 @@ function drawReturn(pen, x, middle) {
 
 /** Labels at round numbers, as close as there is room; steps are in units of so many frames. */
 function drawTicks(axis, steps, framesPerUnit, width, label) {
-  const room = 56; // pixels for one label
+  const room = 64; // pixels for one label
   const length = numFrames / framesPerUnit;
   const step = steps.find((one) => width * one >= room * length) ?? steps.at(-1);
   const labels = [];

@@ -155,6 +155,34 @@ def test_the_timeline_works_by_keyboard(page):
         assert track.get_attribute("aria-valuenow") == str(position)
 
 
+def test_the_axes_have_round_numbers(page):
+    def ticks(axis: str) -> list[str]:
+        return page.execute_script(
+            f"return [...document.querySelectorAll('#{axis} span')].map((s) => s.textContent)"
+        )
+
+    assert ticks("ticks") == [str(frame) for frame in range(0, NUM_FRAMES, 5)]
+    assert ticks("times") == [f"0:{half / 2:04.1f}" for half in range(12)]
+
+
+def test_what_has_no_score_shows_none(page):
+    page.execute_script("seek(0)")
+    row = page.find_elements("css selector", "#seen tbody tr")[0]
+    assert row.text == "cup 0 new"
+    page.execute_script("seek(1)")
+    row = page.find_elements("css selector", "#seen tbody tr")[0]
+    assert row.text == "cup 0 match 0.90 0.80"
+    heads = [cell.text for cell in page.find_elements("css selector", "#seen th")]
+    assert heads == ["Detection", "Outcome", "Score with context", "Confidence"]
+
+
+def test_one_number_is_shown_once(browser, tmp_path):
+    report.write_report(tmp_path, make_plus_run(), [], None)
+    browser.get(f"file://{tmp_path / report.REPORT_NAME}")
+    heads = [cell.text for cell in browser.find_elements("css selector", "#seen th")]
+    assert heads == ["Detection", "Outcome", "Confidence"]
+
+
 def test_crops_and_absences_seek(page):
     crop = find(page, '#cards button[data-position="43"]')  # object 1 decides at frame 43
     assert "cup 1" in crop.find_element("css selector", "img").get_attribute("alt")

@@ -91,7 +91,8 @@ def make_plus_run(num_frames: int = 8) -> Result:
                     shown["option_parts"][0, place, PARTS.index(part)] = value
         else:
             shown |= {"stage": np.array([Stage.SETTLED]), "is_decided": np.array([True])}
-        row = {"label": "mug", "outcome": Outcome.MATCH, "object_id": 0, "confidence": 0.75}
+        row = {"label": "mug", "outcome": Outcome.MATCH, "object_id": 0}
+        row |= {"score": 0.75, "confidence": 0.75}  # plus tells one number
         tracks.append(make_tracks(index, masks, [row]))
         told = tracks[-1]
         archive._frames[index] = PlusRecord(
