@@ -21,10 +21,10 @@ from remind_jax.config import Config
 from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
-from remind_jax.errors import ConfigError, RemindError, SourceError
+from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
-from remind_jax.outputs.writer import RunWriter
+from remind_jax.outputs.writer import RunWriter, check_folder
 from remind_jax.result import UNDECIDED, Event, Result, RunInfo
 from remind_jax.sources import Sampling, Source, open_source, prefetch
 from remind_jax.tracks import Tracks
@@ -102,6 +102,8 @@ def run(
       RemindError: If something about the input, the configuration or the output is wrong; what was
         written until then is kept and finished.
     """
+    if out is not None:
+        check_folder(Path(out), overwrite)
     finder = as_detector(detector, detector_options)
     eyes = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
     live = Tracker(config, eyes, tracker=tracker, trace=trace)
@@ -135,7 +137,7 @@ def run(
 def _delay_answers(tracker: Tracker, delay: int) -> Any:
     """What revises answers, None if they are given at once."""
     if delay < 0:
-        raise ConfigError(f"delay is {delay}; give 0 or more frames")
+        raise OptionError(f"'delay' is {delay}; give 0 or more frames", "delay")
     if not delay:
         return None
     if tracker.method.delayed is None:

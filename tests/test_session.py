@@ -15,7 +15,7 @@ import pytest
 import remind_jax as rj
 from remind_jax.baselines.bank import BankThresholds
 from remind_jax.decision import Outcome
-from remind_jax.errors import SourceError
+from remind_jax.errors import OutputError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import Tracker
 from remind_jax.result import Result
@@ -156,6 +156,16 @@ def test_a_source_that_fails_midway_leaves_finished_outputs(whole, tmp_path):
     assert not kept.complete
     assert identities(kept) == identities(whole)[:2]
     assert (out / MEMORY_NAME).is_file()
+
+
+def test_an_occupied_folder_is_refused_before_anything_is_done(tmp_path):
+    """Neither is the source opened, nor anything compiled or written."""
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(OutputError, match="not empty"):
+        rj.run("no such video.mp4", detector="no such model.onnx", out=tmp_path)
+    with pytest.raises(OutputError, match="is a file"):
+        rj.run("no such video.mp4", out=tmp_path / "thesis.tex")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 def test_nothing_to_track():

@@ -77,10 +77,11 @@ class Benchmark:
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.benchmark.contenders import make_contenders
         from remind_jax.benchmark.running import Setup, run_all
+        from remind_jax.detectors.other_formats import refuse_other_formats
 
         contenders = make_contenders([name for names in self.methods for name in names])
-        if self.detector is not None and not self.detector.is_file():
-            raise ConfigError(f"there is no detector '{self.detector}'; give an ONNX file")
+        if self.detector is not None:
+            refuse_other_formats(self.detector)
         scenes = self._find_scenes()
         keep_compiled_programs()
         setup = Setup(

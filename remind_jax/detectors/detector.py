@@ -15,6 +15,7 @@ from remind_jax.detectors import rfdetr_seg, yolo_seg
 from remind_jax.detectors.onnx_file import OnnxFile
 from remind_jax.detectors.onnx_session import OnnxSession
 from remind_jax.detectors.options import DetectorOptions
+from remind_jax.detectors.other_formats import refuse_other_formats
 from remind_jax.detectors.refinement import DropCounts, refine_detections
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
@@ -56,6 +57,7 @@ class OnnxDetector:
           ConfigError: If an option does not fit the network.
         """
         self.options = options or DetectorOptions()
+        refuse_other_formats(Path(path))
         file = OnnxFile.read(path)
         # The file says what it is before a runtime spends seconds on loading it.
         self._head = recognise_head(file, self.options)

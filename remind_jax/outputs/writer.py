@@ -219,14 +219,25 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     store.replace_file(path, png.tobytes())
 
 
-def _prepare_folder(folder: Path, overwrite: bool) -> None:
-    store.make_folder(folder)
-    present = sorted(path.name for path in folder.iterdir())
+def check_folder(folder: Path, overwrite: bool) -> None:
+    """Looks whether a run may write to a folder, which need not be there; changes nothing.
+
+    Raises:
+      OutputError: If it is a file, or has files and `overwrite` is False.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise OutputError(f"the output folder '{folder}' is a file; choose another name")
+    present = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
     if present and not overwrite:
         raise OutputError(
             f"the output folder '{folder}' is not empty (it holds '{present[0]}'); choose another "
             "one or allow overwriting (--overwrite)"
         )
+
+
+def _prepare_folder(folder: Path, overwrite: bool) -> None:
+    store.make_folder(folder)
+    check_folder(folder, overwrite)
     for name in (*FILE_NAMES, TRACE_NAME):
         with store.writing(folder / name):
             (folder / name).unlink(missing_ok=True)

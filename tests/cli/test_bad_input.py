@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from remind_jax.live import Tracker
 from remind_jax.result import Result
 from tests.cli import scenes
 
@@ -200,7 +201,8 @@ def test_hostile_archive(command, tmp_path):
     assert not (tmp_path.parent / "outside.png").exists()
 
 
-def test_output_folder_with_files_is_left_alone(command, scene, tmp_path):
+def test_output_folder_with_files_is_left_alone(command, scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(Tracker, "prepare", None)  # no frame is looked at
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.tex").write_text("years of work")
     outcome = command("run", scene[0], "--masks", scene[1], "--out", "out")

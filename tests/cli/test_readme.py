@@ -41,6 +41,12 @@ def test_robot_loop_runs(tmp_path, monkeypatch):
     assert (tmp_path / "memory.safetensors").exists()
 
 
+def test_nothing_is_installed_before_an_environment_is_named():
+    lines = "\n".join(blocks("bash")).splitlines()
+    installs = next(i for i, line in enumerate(lines) if line.startswith("pip install"))
+    assert any(line.startswith("source .venv/bin/activate") for line in lines[:installs])
+
+
 def remind_commands() -> list[str]:
     lines = "\n".join(blocks("bash")).splitlines()
     return [line for line in lines if line.startswith("remind ")]

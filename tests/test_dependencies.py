@@ -1,0 +1,77 @@
+"""Nothing is installed that nothing uses."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+FOR_USERS = ("detect", "viz", "sweep", "cluster", "convert")  # extras; others are for developers
+
+# Distributions whose modules are called otherwise.
+MODULES = {"opencv-python-headless": "cv2", "pyyaml": "yaml"}
+# What is used without being imported by us: where, and by which word.
+TOOLS = {
+    "cmaes": ("remind_jax/sweep/search.py", "CmaEsSampler"),  # Optuna imports it
+    "ipykernel": ("tests/notebooks/test_notebooks.py", "ipykernel"),
+    "mkdocs-material": ("docs/site/mkdocs.yml", "material"),
+    "pre-commit": (".pre-commit-config.yaml", "pre-commit"),
+    "pyright": ("Makefile", "pyright"),
+    "pytest-xdist": ("Makefile", "-n 2"),
+    "ruff": ("Makefile", "ruff"),
+}
+
+
+def names(requirements: list[str]) -> list[str]:
+    return [re.split(r"[<>=!~\[; ]", requirement)[0] for requirement in requirements]
+
+
+@cache
+def imported(*folders: str) -> frozenset[str]:
+    """Every top module that a file in one of the folders imports, inside functions too."""
+    found = set()
+    for path in (path for folder in folders for path in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found.add(node.module.partition(".")[0])
+    return frozenset(found)
+
+
+def is_used(name: str, *folders: str) -> bool:
+    if name in TOOLS:
+        file, word = TOOLS[name]
+        return word in (ROOT / file).read_text(encoding="utf-8")
+    return MODULES.get(name, name.replace("-", "_")) in imported(*folders)
+
+
+@pytest.mark.parametrize("name", names(PROJECT["dependencies"]))
+def test_the_package_imports_what_it_depends_on(name):
+    assert is_used(name, "remind_jax", "weights_convert")
+
+
+@pytest.mark.parametrize("extra", PROJECT["optional-dependencies"])
+def test_every_part_of_an_extra_is_used(extra):
+    folders = ["remind_jax", "weights_convert"]
+    if extra not in FOR_USERS:
+        folders += ["tests", "notebooks", "benchmarks", "docs"]
+    for name in names(PROJECT["optional-dependencies"][extra]):
+        assert is_used(name, *folders), name
+
+
+def test_every_extra_that_a_message_names_exists():
+    sources = [
+        path for top in ("remind_jax", "weights_convert") for path in ROOT.glob(f"{top}/**/*.py")
+    ]
+    text = "".join(path.read_text(encoding="utf-8") for path in sources)
+    named = {
+        extra for group in re.findall(r"remind-jax\[([\w,]+)\]", text) for extra in group.split(",")
+    }
+    assert named <= set(FOR_USERS)
