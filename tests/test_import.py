@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import importlib
+import os
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -74,6 +76,53 @@ def test_import_is_quick_and_loads_nothing_heavy():
     spent_s, *loaded = finished.stdout.split()
     assert loaded == []
     assert float(spent_s) < BUDGET_S
+
+
+def level_after_import(**variables: str) -> str:
+    """What the compiler's library will read when it is loaded."""
+    code = (
+        "import os, sys, remind_jax; assert 'jaxlib' not in sys.modules; "
+        "print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
+    )
+    inherited = {k: v for k, v in os.environ.items() if k != "TF_CPP_MIN_LOG_LEVEL"}
+    finished = subprocess.run(
+        [sys.executable, "-c", code],
+        env=inherited | variables,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    return finished.stdout.strip()
+
+
+def test_alarms_of_the_compiler_are_off_unless_asked_for():
+    assert level_after_import() == "3"
+    assert level_after_import(TF_CPP_MIN_LOG_LEVEL="0") == "0"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("level", "is_told"), [(None, False), ("0", True)])
+def test_a_slow_compilation_alarms_nobody(level, is_told):
+    """Folding this constant takes seconds, which the compiler complains about after one."""
+    code = """
+        import remind_jax, jax, jax.numpy as jnp
+        def fold():
+            ones = jnp.ones((400, 400))
+            return jax.lax.reduce_window(ones, 0.0, jax.lax.add, (5, 5), (1, 1), "SAME").sum()
+        jax.jit(fold).lower().compile()
+    """
+    chosen = {} if level is None else {"TF_CPP_MIN_LOG_LEVEL": level}
+    inherited = {k: v for k, v in os.environ.items() if k != "TF_CPP_MIN_LOG_LEVEL"}
+    finished = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        env=inherited | chosen,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert ("file a bug" in finished.stderr) == is_told
 
 
 def test_every_public_name_is_there():

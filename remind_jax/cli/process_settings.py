@@ -28,11 +28,7 @@ def keep_compiled_programs() -> None:
 
 
 def silence_libraries() -> None:
-    """Keeps OpenCV, FFmpeg and XLA from writing to the terminal; what fails is told by us.
-
-    Has to be called before JAX is imported.
-    """
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    """Keeps OpenCV and FFmpeg from writing to the terminal; what fails is told by us."""
     import av.logging
     import cv2
 
