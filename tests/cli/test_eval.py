@@ -6,7 +6,10 @@ import json
 import math
 from pathlib import Path
 
+import pytest
+
 BOX = "10,10,50,50,1,1,1"
+BOX_AWAY = "310,310,50,50,1,1,1"
 
 
 def write_tracks(path, ids: list[int]) -> None:
@@ -41,6 +44,28 @@ def test_result_that_cannot_be_written(command, tmp_path):
     outcome = command("eval", "gt.txt", "gt.txt", "--json", "no/scores.json")
     assert outcome.code == 1
     assert "cannot write 'no/scores.json'" in outcome.stderr
+
+
+@pytest.mark.parametrize(("box", "first"), [(BOX_AWAY, 1), (BOX, 101)], ids=["place", "frames"])
+def test_truth_of_another_scene_is_doubted(command, tmp_path, box, first):
+    write_tracks(tmp_path / "gt.txt", [1] * 30)
+    rows = "".join(f"{frame},1,{box}\n" for frame in range(first, first + 30))
+    (tmp_path / "pred.txt").write_text(rows)
+    outcome = command("eval", "gt.txt", "pred.txt", "--json", "scores.json")
+    doubt = "only 0 of 30 predictions have a counterpart that overlaps by half or more"
+    assert outcome.code == 0
+    assert doubt in " ".join(outcome.stdout.split())
+    assert doubt in json.loads((tmp_path / "scores.json").read_text())["notes"][0]
+    several = command("eval", "gt.txt", "pred.txt", "gt.txt", "--resamples", "0").stdout
+    assert doubt in " ".join(several.split())
+    assert several.count("counterpart") == 1
+
+
+def test_a_poor_but_fitting_prediction_is_not_doubted(command, tmp_path):
+    write_tracks(tmp_path / "gt.txt", [1] * 30)
+    rows = [f"{frame},1,{BOX if frame <= 3 else BOX_AWAY}\n" for frame in range(1, 31)]
+    (tmp_path / "pred.txt").write_text("".join(rows))
+    assert "counterpart" not in command("eval", "gt.txt", "pred.txt").stdout
 
 
 def test_several_predictions_are_compared(command, tmp_path):
