@@ -64,7 +64,8 @@ plt.show()
 # ## A detector
 #
 # Any function from an RGB frame to instances: `rj.Detections`, `supervision.Detections`, masks, or a
-# mapping. This one takes connected colourful regions.
+# mapping. This one takes connected colourful regions. It finds nothing that is not there, so the runs
+# below give ids at once (`announce_after=1`), not to what was found five times.
 
 
 # %%
@@ -122,7 +123,7 @@ plt.show()
 # tracker `bank`, which keeps several looks of each object:
 
 # %%
-result = rj.run(video, detector=find_discs, backbone=eyes, tracker="bank")
+result = rj.run(video, detector=find_discs, announce_after=1, backbone=eyes, tracker="bank")
 
 
 def true_disc(tracks, row):
@@ -204,14 +205,14 @@ def step(state, frame_feats, masks, *, static, thresholds):
 
 
 register_method(Method("nearest", NearestThresholds, init, step))
-near = rj.run(video, detector=find_discs, backbone=eyes, tracker="nearest")
+near = rj.run(video, detector=find_discs, announce_after=1, backbone=eyes, tracker="nearest")
 
 # %% [markdown]
 # Its numbers are settings like any other: in a dictionary, or in a YAML file for `--config`.
 
 # %%
 config = {"tracker": "nearest", "thresholds": {"reach_px": 10.0}}
-short = rj.run(video, detector=find_discs, backbone=eyes, config=config)
+short = rj.run(video, detector=find_discs, announce_after=1, backbone=eyes, config=config)
 draw_identities({"'nearest', reach 40 px": near, "'nearest', reach 10 px": short})
 
 # %% [markdown]
@@ -238,7 +239,9 @@ def without_border(name):
 
 
 register_method(without_border("bank"))
-whole = rj.run(video, detector=find_discs, backbone=eyes, tracker="bank-without-border")
+whole = rj.run(
+    video, detector=find_discs, announce_after=1, backbone=eyes, tracker="bank-without-border"
+)
 draw_identities({"'bank', discs that touch the border left out": whole})
 
 # %% [markdown]
@@ -267,7 +270,11 @@ careful = dataclasses.replace(get_method("remind"), name="careful", step=careful
 register_method(dataclasses.replace(careful, step_traced=None))
 capacities = {"num_detections": 4, "num_objects": 8, "num_pending": 4}  # they grow if need be
 inside = rj.run(
-    video, detector=find_discs, backbone=eyes, config={"tracker": "careful", "static": capacities}
+    video,
+    detector=find_discs,
+    announce_after=1,
+    backbone=eyes,
+    config={"tracker": "careful", "static": capacities},
 )
 draw_identities({"REMIND with the rule inside": inside})
 

@@ -61,6 +61,7 @@ class Reason(enum.IntEnum):
     UNCERTAIN_NEW = 16
     INVALID_INPUT = 17
     KNOWN_BUT_HELD_BY_BETTER_MATCH = 18
+    SEEN_TOO_FEW_TIMES = 19  # it has an identity, which is not announced (yet)
 
 
 class Lock(enum.IntEnum):

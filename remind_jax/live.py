@@ -17,10 +17,11 @@ import jax
 import numpy as np
 
 from remind_jax.alignment import Alignment
+from remind_jax.announcement import Announcements, choose_after, hear, tell
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled_step import compiled_step, empty_state, settle_types, stay
 from remind_jax.config import Config, Static, Thresholds, load_config
-from remind_jax.decision import Decisions
+from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import ConfigError, RemindError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import pad_masks, reduce_masks
@@ -71,6 +72,7 @@ class Tracker:
         *,
         tracker: str | None = None,
         trace: bool = False,
+        announce_after: int | None = None,
         **backbone_options: Any,
     ) -> None:
         """Makes an empty memory.
@@ -82,6 +84,9 @@ class Tracker:
             shipped configuration of that name, else its published ones; that of the configuration
             if left out.
           trace: Keep what the decisions of the last frame were made of, as `trace`.
+          announce_after: Detections after which an object gets its id; until then its detections
+            are provisional. As the configuration says if left out, else 1, for masks that are
+            right; `announcement.DETECTOR_DEFAULT` suits those of a detector.
           **backbone_options: Options of a backbone given by name.
 
         Raises:
@@ -90,6 +95,7 @@ class Tracker:
         self.config = load_config(config)
         if tracker is not None:
             self.config = self.config.with_tracker(tracker)
+        self.announce_after = choose_after(announce_after, self.config.input.announce_after, False)
         self.method = get_method(self.config.tracker)
         if trace and self.method.step_traced is None:
             raise ConfigError(
@@ -114,8 +120,10 @@ class Tracker:
         self._features_given = False
         self._has_profile = False
         self._placed: tuple[Config | None, Packed | None] = (None, None)  # thresholds on the device
+        self.announcements = self._announce_nothing()
         self._is_tracing = trace
         self.trace: Trace | None = None  # of the last frame, on the host
+        self.decided: Tracks | None = None  # the last frame, by ids of the memory
         self.notices: list[Notice] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
 
@@ -144,7 +152,8 @@ class Tracker:
         self._state = None
         self._last_image = None
         self._class_ids = {}
-        self.trace = None
+        self.trace = self.decided = None
+        self.announcements = self._announce_nothing()
 
     def update(self, frame: Any, detections: Any = None) -> Tracks:
         """Takes the next frame and says who is who in it.
@@ -238,9 +247,7 @@ class Tracker:
         size = np.array(prepared.frame.size, np.int32)
         self.notices = self._say_ignored(prepared)
         decisions, outlines = self._step(FrameFeats(patches, size, attention), prepared)
-        tracks = self._read(prepared, outlines, decisions)
-        if self.method.report is not None:
-            self.notices += [Notice(*told) for told in self.method.report(self._state)]
+        tracks = self._announce(self._read(prepared, outlines, decisions))
         done = time.perf_counter()
         self.stage_ms = {
             **prepared.stage_ms,
@@ -259,7 +266,10 @@ class Tracker:
         if self._state is None:
             raise SourceError("there is no memory to save before the first frame")
         name = FEATURES_GIVEN if self._features_given else self.backbone.name
-        saved = SavedMemory(self._state, self._static, self.class_names, name, self.method.name)
+        told = None if self.announcements.is_identity else self.announcements
+        saved = SavedMemory(
+            self._state, self._static, self.class_names, name, self.method.name, told
+        )
         save_memory(path, saved)
 
     def load(self, path: str | Path) -> None:
@@ -283,6 +293,12 @@ class Tracker:
         self._features_given = memory.backbone == FEATURES_GIVEN
         self._state, self._static = stay(memory.state), memory.static
         self._class_ids = {name: number for number, name in enumerate(memory.class_names)}
+        if memory.announced is not None:
+            self.announcements = memory.announced
+        elif self.announce_after > 1:
+            self.announcements = Announcements.all_below(int(memory.state.next_id))
+        else:
+            self.announcements = Announcements()
 
     def _follow_profile(self) -> None:
         """Takes the thresholds made for the backbone, now that it is known to be used."""
@@ -425,3 +441,22 @@ class Tracker:
         if empty:
             self.notices.append(Notice("dropped", f"{len(empty)} empty masks were dropped"))
         return read_tracks(prepared.frame, prepared.detections, outlines, decisions)
+
+    def _announce_nothing(self) -> Announcements:
+        """What is announced of an empty memory."""
+        return (
+            Announcements.none(self._static.first_object_id)
+            if self.announce_after > 1
+            else Announcements()
+        )
+
+    def _announce(self, decided: Tracks) -> Tracks:
+        """The frame by what is announced, this frame included; tells of objects that became one."""
+        merges = [] if self.method.merges is None else self.method.merges(self._state)
+        before, self.decided = self.announcements, decided
+        self.announcements = hear(before, decided, self.announce_after, merges)
+        for gone, kept in merges:
+            old, new = before.id_of(gone), self.announcements.id_of(kept)
+            if NO_ID not in (old, new) and old != new:
+                self.notices.append(Notice("merged", f"object {old} turned out to be object {new}"))
+        return tell(self.announcements, decided)

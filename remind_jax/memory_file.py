@@ -13,6 +13,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
+from remind_jax.announcement import Announcements
 from remind_jax.config import Static
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.methods import PAPER_METHOD, get_method
@@ -30,6 +31,7 @@ class SavedMemory:
     class_names: tuple[str, ...]  # class id -> name
     backbone: str
     tracker: str = PAPER_METHOD  # name of the method
+    announced: Announcements | None = None  # None: all objects, under their own ids
 
 
 def save_memory(path: str | Path, memory: SavedMemory) -> None:
@@ -48,6 +50,8 @@ def save_memory(path: str | Path, memory: SavedMemory) -> None:
         "backbone": memory.backbone,
         "tracker": memory.tracker,
     }
+    if memory.announced is not None:
+        header["announced"] = json.dumps(memory.announced.to_json())
     unfinished = path.with_name(path.name + ".part")
     try:
         save_file(leaves, unfinished, metadata=header)
@@ -77,7 +81,7 @@ def load_memory(path: str | Path) -> SavedMemory:
             f"{path} has memory schema {header.get('schema')}; this version reads schema "
             f"{SCHEMA_VERSION}"
         )
-    static, names, backbone = _read_description(header, path)
+    static, names, backbone, announced = _read_description(header, path)
     # Files of version 0.1.0 name no tracker: there was one.
     tracker = header.get("tracker", PAPER_METHOD)
     empty = get_method(tracker).init(static)
@@ -87,7 +91,7 @@ def load_memory(path: str | Path) -> SavedMemory:
             raise OutputError(f"{path} is damaged: '{name}' is missing or of another shape")
         leaves.append(jax.numpy.asarray(tensors[name], leaf.dtype))
     state = jax.tree.unflatten(jax.tree.structure(empty), leaves)
-    return SavedMemory(state, static, names, backbone, tracker)
+    return SavedMemory(state, static, names, backbone, tracker, announced)
 
 
 def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None:
@@ -112,13 +116,17 @@ def _read_header(path: Path) -> dict[str, str]:
         return json.loads(file.read(length)).get("__metadata__", {})
 
 
-def _read_description(header: dict[str, str], path: Path) -> tuple[Static, tuple[str, ...], str]:
-    """Static, class names and backbone that the memory was made with."""
+def _read_description(
+    header: dict[str, str], path: Path
+) -> tuple[Static, tuple[str, ...], str, Announcements | None]:
+    """Static, class names and backbone that the memory was made with, and what was announced."""
     try:
         values: Any = json.loads(header["static"])
         values = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
         static = Static(**values)
         names, backbone = tuple(json.loads(header["class_names"])), header["backbone"]
+        told = header.get("announced")
+        announced = None if told is None else Announcements.from_json(json.loads(told))
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise OutputError(f"{path} is damaged: its description cannot be read ({error})") from error
     if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
@@ -126,7 +134,7 @@ def _read_description(header: dict[str, str], path: Path) -> tuple[Static, tuple
             f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "
             "environment variable JAX_ENABLE_X64=1"
         )
-    return static, names, backbone
+    return static, names, backbone, announced
 
 
 def _named_leaves(state: Any) -> list[tuple[str, jax.Array]]:

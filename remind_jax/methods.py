@@ -52,7 +52,8 @@ class Method:
     argument: `observed`, a pytree of arrays whose shapes never change.
 
     The memory is a pytree of arrays in which a run reads `objects.id` `[O]` (-1 in free slots),
-    `frame` (frames processed so far, the number of the next one), `decisions`
+    `next_id` (no object had that id or a higher one), `frame` (frames processed so far, the number
+    of the next one), `decisions`
     (`decision.Decisions` about the last frame) and `overflow` (`objects`, `pending`: slots that the
     frame needs, 0 if they sufficed; a frame that overflows changes nothing else).
     """
@@ -71,8 +72,9 @@ class Method:
     # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
     # previous one is None in the first frame, both are None where frames come as features.
     observe: Callable[[Any, Any], Any] | None = None
-    # What the last frame did besides its decisions: `report(state) -> [(kind, message), ...]`.
-    report: Callable[[Any], list[tuple[str, str]]] | None = None
+    # Objects that turned out to be others in the last frame: `merges(state)` gives pairs of ids,
+    # the one that is gone and the one that it is.
+    merges: Callable[[Any], list[tuple[int, int]]] | None = None
     # `delayed(delay)` makes what revises answers that wait: an object with
     # `push(frame, tracks, state) -> [(frame, tracks), ...]` and `flush()`, which gives the rest.
     delayed: Callable[[int], Any] | None = None

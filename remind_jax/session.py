@@ -8,6 +8,7 @@ import datetime
 import importlib.metadata
 import platform
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,15 @@ from typing import Any
 import jax
 import numpy as np
 
+from remind_jax.announcement import choose_after, tell
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
-from remind_jax.config import Config
+from remind_jax.config import Config, load_config
 from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError
+from remind_jax.explanation.words import plural
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
 from remind_jax.outputs.writer import RunWriter, check_folder
@@ -62,6 +65,7 @@ def run(
     overlay: bool = True,
     trace: bool = False,
     delay: int = 0,
+    announce_after: int | None = None,
     overwrite: bool = False,
     progress: Callable[[Progress], None] | None = None,
     **source_options: Any,
@@ -91,12 +95,16 @@ def run(
       trace: Keep what every decision was made of, for `Result.explain`.
       delay: Frames that answers wait, to be revised by what turns out meanwhile; only trackers that
         decide late, such as "plus", can do so.
+      announce_after: Detections after which an object gets its id, back to its first sight; what is
+        seen less often stays provisional. `input.announce_after` of the configuration if left out,
+        and 0 there is 1 for masks and `announcement.DETECTOR_DEFAULT` for a detector.
       overwrite: Allow an output folder with files in it.
       progress: Called after every frame.
       **source_options: Further options of `open_source`.
 
     Returns:
-      Identities of every frame. After Ctrl-C, those so far, with `complete` false.
+      Identities of every frame, as known at the end. After Ctrl-C, those so far, with `complete`
+      false.
 
     Raises:
       RemindError: If something about the input, the configuration or the output is wrong; what was
@@ -106,13 +114,18 @@ def run(
         check_folder(Path(out), overwrite)
     finder = as_detector(detector, detector_options)
     eyes = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
-    live = Tracker(config, eyes, tracker=tracker, trace=trace)
+    config = load_config(config)
+    after = choose_after(announce_after, config.input.announce_after, finder is not None)
+    live = Tracker(config, eyes, tracker=tracker, trace=trace, announce_after=after)
     if memory is not None:
         live.load(memory)
     frames = open_source(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
-    session = _Session(live, frames, finder, progress, _delay_answers(live, delay))
+    # Most objects that are announced at all are seen in frame after frame at first, so frames wait
+    # for it with what cannot be written anew: their pictures.
+    waiting = max(0, after - 1 - delay)
+    session = _Session(live, frames, finder, progress, _delay_answers(live, delay), waiting)
     with contextlib.closing(
         prefetch(_decode(frames, finder), lambda timed: _prepare(live, timed), depth=_AHEAD)
     ) as ahead:
@@ -166,11 +179,14 @@ class _Session:
         detector: Detector | None,
         progress: Callable[[Progress], None] | None,
         delayed: Any = None,
+        num_waiting: int = 0,
     ) -> None:
         self._delayed = delayed  # revises answers that wait, None if they are given at once
+        self._num_waiting = num_waiting  # frames that wait for announcements
+        self._waiting: deque[tuple[Frame, Tracks]] = deque()  # as decided
         self._tracker, self._source, self._detector = tracker, source, detector
         self._progress = progress
-        self._tracks: list[Tracks] = []
+        self._decided: list[Tracks] = []
         self._events: list[Event] = []
         self._timings: dict[str, list[float]] = {}
         self._first_frame_ms: float | None = None
@@ -193,20 +209,26 @@ class _Session:
     def release(self, writer: RunWriter | None) -> None:
         """Gives the answers that still wait."""
         if self._delayed is not None:
-            self._keep(self._delayed.flush(), writer)
+            self._waiting.extend(self._delayed.flush())
+        self._keep(0, writer)
 
     def conclude(self, info: RunInfo, complete: bool) -> Result:
-        """What was found so far."""
+        """What was found so far, by what is announced now."""
         self._note_drops()
+        self._note_silence()
+        announced = self._tracker.announcements
+        archive = self._archive
+        if archive is not None and not announced.is_identity:
+            archive = archive.renumbered(announced.number)
         return Result(
-            tracks=tuple(self._tracks),
+            tracks=tuple(tell(announced, decided) for decided in self._decided),
             info=info,
             timings_ms=self._timings,
             first_frame_ms=self._first_frame_ms,
             skipped=tuple(self._source.skipped),
             events=tuple(self._events),
             complete=complete,
-            trace=self._archive,
+            trace=archive,
         )
 
     def _take(self, prepared: Prepared, writer: RunWriter | None) -> None:
@@ -216,11 +238,13 @@ class _Session:
         if self._first_frame_ms is None:
             before = sum(prepared.stage_ms.values())
             self._first_frame_ms = before + 1000 * (tracked - start)
+        decided = self._tracker.decided
+        assert decided is not None
         if self._delayed is None:
-            self._keep([(prepared.frame, tracks)], writer)
+            self._waiting.append((prepared.frame, decided))
         else:
-            told = self._delayed.push(prepared.frame, tracks, self._tracker.state)
-            self._keep(told, writer)
+            self._waiting.extend(self._delayed.push(prepared.frame, decided, self._tracker.state))
+        self._keep(self._num_waiting, writer)
         spent = {**self._tracker.stage_ms, "write": 1000 * (time.perf_counter() - tracked)}
         for stage, milliseconds in spent.items():
             self._timings.setdefault(stage, []).append(milliseconds)
@@ -231,12 +255,13 @@ class _Session:
         ]
         self._report(tracks)
 
-    def _keep(self, told: list[tuple[Frame, Tracks]], writer: RunWriter | None) -> None:
-        """Writes and collects what is told now."""
-        for frame, tracks in told:
+    def _keep(self, num_waiting: int, writer: RunWriter | None) -> None:
+        """Writes and collects all frames but the last ones."""
+        while len(self._waiting) > num_waiting:
+            frame, decided = self._waiting.popleft()
             if writer is not None:
-                writer.add(frame, tracks)
-            self._tracks.append(tracks)
+                writer.add(frame, tell(self._tracker.announcements, decided))
+            self._decided.append(decided)
 
     def _record(self, tracks: Tracks) -> None:
         """Keeps the account of the frame, if the tracker gives one."""
@@ -268,13 +293,23 @@ class _Session:
 
     def _note_drops(self) -> None:
         """Reports detections that the detector found and gave up again."""
-        if self._detector is None or not self._tracks:
+        if self._detector is None or not self._decided:
             return
-        last = self._tracks[-1].frame_index
+        last = self._decided[-1].frame_index
         for reason, count in dataclasses.asdict(self._detector.dropped).items():
             if count:
                 message = f"{count} detections were dropped by the detector: {reason} mask"
                 self._events.append(Event(last, "dropped", message))
+
+    def _note_silence(self) -> None:
+        """Reports objects that were not announced."""
+        num, after = len(self._tracker.announcements.counts), self._tracker.announce_after
+        if num and self._decided:
+            message = (
+                f"{plural(num, 'object')} without an id: detected fewer than {after} times "
+                "(--announce-after)"
+            )
+            self._events.append(Event(self._decided[-1].frame_index, "announced", message))
 
 
 def _decode(source: Source, detector: Detector | None) -> Iterator[tuple[Frame, dict[str, float]]]:
@@ -305,6 +340,8 @@ def describe_run(source: Source, tracker: Tracker, first: Prepared) -> RunInfo:
     backbone = FEATURES_GIVEN if brings_features else tracker.backbone.name
     # The thresholds that will decide, those made for the backbone among them.
     config = tracker.config if brings_features else tracker.config.for_backbone(backbone)
+    announcing = dataclasses.replace(config.input, announce_after=tracker.announce_after)
+    config = dataclasses.replace(config, input=announcing)
     return RunInfo(
         name=source.name,
         source=source.describe(),

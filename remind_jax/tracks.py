@@ -12,7 +12,7 @@ import numpy as np
 import pycocotools.mask
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import NO_ID, Outcome, Reason
 
 # Its stubs know neither bytes in `counts` nor lists of masks.
 _coco: Any = pycocotools.mask
@@ -67,11 +67,12 @@ class Tracks:
         """Whether a detection has a score and a confidence.
 
         What was left out has neither, nor have new objects of trackers that rate only what they
-        recognize: their score is 0.
+        recognize, announced or not: their score is 0.
         """
         outcome = self.outcome[row]
         left_out = outcome in (Outcome.EMPTY, Outcome.UNASSIGNED, Outcome.DROPPED)
-        return not left_out and (outcome != Outcome.NEW or float(self.score[row]) != 0)
+        may_be_new = outcome == Outcome.NEW or self.reason[row] == Reason.SEEN_TOO_FEW_TIMES
+        return not left_out and (not may_be_new or float(self.score[row]) != 0)
 
     def shown_score(self, row: int) -> float | None:
         """The score to show; None where there is none or it is the confidence itself."""

@@ -76,6 +76,8 @@ class Run:
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
     delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
+    # detections after which an object gets its id; 1 for masks, 5 for a detector if left out
+    announce_after: Annotated[int | None, arg(metavar="N")] = None
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
     sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
@@ -108,6 +110,7 @@ class Run:
             overlay=not self.no_overlay,
             trace=self.trace,
             delay=self.delay,
+            announce_after=self.announce_after,
             overwrite=self.overwrite,
         )
         if self.json:

@@ -37,9 +37,13 @@ class Input:
     close_px: int = 3  # "morphology": side of the closing square
     open_px: int = 0  # "morphology": side of the opening square, 0: none
     erosion_px: int = 0  # masks lose so many pixels on every side first
+    # Detections after which an object gets its id. 0: 1 for given masks, 5 for a detector.
+    announce_after: int = 0
 
     def __post_init__(self) -> None:
-        check_fields(self, "input", may_be_zero=("close_px", "open_px", "erosion_px"))
+        check_fields(
+            self, "input", may_be_zero=("close_px", "open_px", "erosion_px", "announce_after")
+        )
 
 
 @dataclasses.dataclass(frozen=True)

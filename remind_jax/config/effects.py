@@ -17,6 +17,7 @@ NUMBERS: dict[str, dict[str, tuple[str, str]]] = {
         "close_px": ("px", "larger gaps in masks are closed"),
         "open_px": ("px", "larger specks of masks vanish"),
         "erosion_px": ("px", "masks shrink more; less background in the appearance"),
+        "announce_after": ("detections", "fewer objects that never were, each known later"),
     },
     "static": {
         "num_detections": ("detections", _CAPACITY),

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence, Sized
 from typing import Any, TypeVar
 
 from remind_jax.config import Config
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OutputError
 from remind_jax.explanation.account import Circumstances, Explanation, account_for, pending_kind
 from remind_jax.explanation.archive import TraceArchive
@@ -60,7 +61,25 @@ class Explainer:
             num_detections=0 if since is None else since[1],
             is_rated=tracks.is_rated(detection),
         )
-        return account_for(case, around, tell_reasons(case, since))
+        told = account_for(case, around, tell_reasons(case, since))
+        if tracks.reason[detection] != Reason.SEEN_TOO_FEW_TIMES:
+            return told
+        return dataclasses.replace(
+            told,
+            name=tracks.display_name(detection),
+            outcome=Outcome(int(tracks.outcome[detection])),
+            reason=Reason.SEEN_TOO_FEW_TIMES,
+            object_id=None,
+            why=(*told.why, tell_silence(self._config)),
+        )
+
+
+def tell_silence(config: Config) -> str:
+    """Why a detection with an identity is told of without one."""
+    return (
+        "what it shows was detected too few times to be announced (input.announce_after "
+        f"{config.input.announce_after}), so it is told of as provisional"
+    )
 
 
 def _name(case: Case) -> str:
@@ -129,7 +148,8 @@ def _follow_pending(tracks: Sequence[Tracks]) -> dict[tuple[int, int], tuple[int
     followed = {}
     for frame in tracks:
         for row, track in enumerate(frame.pending_id.tolist()):
-            if track == NO_ID:
+            # Objects that wait to be announced are no undecided tracks.
+            if track == NO_ID or frame.reason[row] == Reason.SEEN_TOO_FEW_TIMES:
                 continue
             key = (pending_kind(Outcome(int(frame.outcome[row]))), track)
             first, count = seen.get(key, (frame.frame_index, 0))

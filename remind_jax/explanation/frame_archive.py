@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import io
 import zipfile
-from collections.abc import Mapping, Sized
+from collections.abc import Callable, Iterable, Mapping, Sized
 from pathlib import Path
 from typing import Generic, Self, TypeVar
 
@@ -49,25 +49,46 @@ class FrameArchive(abc.ABC, Generic[Record]):
         self._read()
         return self._frames.get(frame_index)
 
+    def renumbered(self, number: Callable[[Iterable[int]], Mapping[int, int]]) -> Self:
+        """The same records with other ids of objects.
+
+        Args:
+          number: Gives the new id of each of some ids.
+        """
+        columns = self._join_frames()
+        ids = {name: column for name, column in columns.items() if _holds_objects(name)}
+        known = np.unique(np.concatenate([column.ravel() for column in ids.values()]))
+        new = number(known.tolist())
+        table = np.array([new[int(i)] for i in known], np.int32)
+        changed = {name: table[np.searchsorted(known, column)] for name, column in ids.items()}
+        other = type(self)()
+        other._frames = other._from_columns(columns | changed)
+        return other
+
     def save(self, path: Path) -> None:
         """Writes `trace.npz` at once or not at all.
 
         Raises:
           OutputError: If it cannot be written.
         """
-        self._read()
-        index = sorted(self._frames)
-        frames = {i: self._frames[i] for i in index}
         columns = {
             "tracker": np.array(self.TRACKER),
             "version": np.array(self.VERSION),
-            "frame.index": np.array(index, np.int32),
-            "frame.detections": np.array([len(frame) for frame in frames.values()], np.int32),
-            **self._to_columns(list(frames.values())),
+            **self._join_frames(),
         }
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **columns)  # pyright: ignore[reportArgumentType]
         store.replace_file(path, buffer.getvalue())
+
+    def _join_frames(self) -> Columns:
+        self._read()
+        index = sorted(self._frames)
+        frames = [self._frames[i] for i in index]
+        return {
+            "frame.index": np.array(index, np.int32),
+            "frame.detections": np.array([len(frame) for frame in frames], np.int32),
+            **self._to_columns(frames),
+        }
 
     @abc.abstractmethod
     def _to_columns(self, frames: list[Record]) -> Columns:
@@ -105,3 +126,9 @@ class FrameArchive(abc.ABC, Generic[Record]):
                 "with --trace"
             ) from error
         self._path = None
+
+
+def _holds_objects(column: str) -> bool:
+    """Whether these are ids of objects; undecided tracks are numbered by themselves."""
+    name = column.rpartition(".")[2]
+    return (name == "id" or name.endswith("_id")) and name != "pending_id"

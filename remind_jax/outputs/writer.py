@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import logging
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,13 +19,14 @@ from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
 from remind_jax.result import Result, RunInfo
 from remind_jax.tracks import Tracks
 
+CSV_NAME = "tracks.csv"
 OVERLAY_NAME = "overlay.mp4"
 TIMELINE_NAME = "timeline.png"
 GALLERY_NAME = "gallery.png"
 # What a run writes and `overwrite` removes; the memory file is left to whoever writes it.
 FILE_NAMES = (
     store.DETECTIONS_NAME,
-    "tracks.csv",
+    CSV_NAME,
     "mot.txt",
     "mots.txt",
     "coco_video.json",
@@ -76,7 +78,7 @@ class RunWriter:
             self._detections = opening.enter_context(
                 store.DetectionsWriter(self.folder / store.DETECTIONS_NAME, self._info.to_json())
             )
-            self._csv = opening.enter_context(tables.CsvWriter(self.folder / "tracks.csv"))
+            self._csv = opening.enter_context(tables.CsvWriter(self.folder / CSV_NAME))
             self._video = (
                 opening.enter_context(
                     overlay.OverlayVideo(self.folder / OVERLAY_NAME, self._info.fps)
@@ -112,6 +114,8 @@ class RunWriter:
         )
         try:
             self._open_files.close()
+            if any(itertools.starmap(_differ, zip(self._tracks, result.tracks, strict=False))):
+                self._write_records_again(result)
             result.save_trace(self.folder)
             _write_products(self.folder, result, self._sightings.sightings)
         except BaseException:
@@ -119,6 +123,21 @@ class RunWriter:
                 dataclasses.replace(result, complete=False).save_run_json(self.folder)
             raise
         result.save_run_json(self.folder)
+
+    def _write_records_again(self, result: Result) -> None:
+        """Detections and table of a run in which later frames told more about earlier ones."""
+        detections, table = self.folder / store.DETECTIONS_NAME, self.folder / CSV_NAME
+        partial = [path.with_name(f"{path.name}.part") for path in (detections, table)]
+        with (
+            store.DetectionsWriter(partial[0], self._info.to_json()) as records,
+            tables.CsvWriter(partial[1]) as rows,
+        ):
+            for tracks in result.tracks:
+                records.add(tracks)
+                rows.add(tracks)
+        for path, new in zip((detections, table), partial, strict=True):
+            with store.writing(path):
+                new.replace(path)
 
     def __exit__(
         self,
@@ -212,6 +231,14 @@ def _write_products(folder: Path, result: Result, sightings: list[gallery.Sighti
     _write_png(folder / GALLERY_NAME, gallery.draw_gallery(sightings, result.info.name))
     video = folder / OVERLAY_NAME
     report.write_report(folder, result, sightings, video if overlay.is_playable(video) else None)
+
+
+def _differ(told: Tracks, final: Tracks) -> bool:
+    """Whether what was told of a frame at first is not what is told in the end."""
+    return told is not final and any(
+        not np.array_equal(getattr(told, name), getattr(final, name))
+        for name in ("object_id", "outcome", "pending_id", "candidate_id")
+    )
 
 
 def _write_png(path: Path, image: np.ndarray) -> None:

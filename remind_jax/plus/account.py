@@ -15,7 +15,7 @@ import numpy as np
 from remind_jax.config import Config
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.explanation.account import to_jsonable
-from remind_jax.explanation.explain import find_detection, fit_record
+from remind_jax.explanation.explain import find_detection, fit_record, tell_silence
 from remind_jax.plus.archive import PlusArchive, PlusRecord
 from remind_jax.plus.state import PARTS, Stage
 from remind_jax.plus.thresholds import PlusThresholds
@@ -96,7 +96,8 @@ class PlusExplainer:
         """
         self._archive = archive
         self._tracks = tracks
-        self._thresholds = cast(PlusThresholds, Config().updated(config).thresholds)
+        self._config = Config().updated(config)
+        self._thresholds = cast(PlusThresholds, self._config.thresholds)
 
     def explain(self, frame: int, detection: int) -> PlusExplanation:
         """Why a detection became what it became.
@@ -113,7 +114,10 @@ class PlusExplainer:
         tracks = find_detection(self._tracks, frame, detection)
         record = fit_record(self._archive.frame(frame), tracks)
         bare = _gather(record, tracks, detection)
-        return dataclasses.replace(bare, why=tell_reasons(bare, self._thresholds))
+        why = tell_reasons(bare, self._thresholds)
+        if bare.reason == Reason.SEEN_TOO_FEW_TIMES:
+            why = (*why, tell_silence(self._config))
+        return dataclasses.replace(bare, why=why)
 
 
 def _gather(record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:

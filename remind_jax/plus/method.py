@@ -13,7 +13,7 @@ from remind_jax.image_motion import observe_motion
 from remind_jax.methods import Method, StepHalves
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.observation import Motion, Sightings, observe
-from remind_jax.plus.revision import DelayedAnswers, report_merges
+from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance, step, step_traced
@@ -57,7 +57,7 @@ METHOD = Method(
     init,
     step,
     observe=observe_motion,
-    report=report_merges,
+    merges=find_merges,
     delayed=DelayedAnswers,
     step_traced=step_traced,
     archive_name="remind_jax.plus.archive:PlusArchive",

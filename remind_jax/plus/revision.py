@@ -27,14 +27,11 @@ class _Latest(NamedTuple):
     confidence: float
 
 
-def report_merges(state: Any) -> list[tuple[str, str]]:
-    """Objects that turned out to be known ones in the last frame, as kind and message."""
+def find_merges(state: Any) -> list[tuple[int, int]]:
+    """Objects that turned out to be known ones in the last frame, and which."""
     verdicts: Verdicts = state.verdicts
     gone, kept = np.asarray(verdicts.merged_id), np.asarray(verdicts.answer_id)
-    return [
-        ("merged", f"object {gone[row]} turned out to be object {kept[row]}")
-        for row in np.flatnonzero(gone != NO_ID)
-    ]
+    return [(int(gone[row]), int(kept[row])) for row in np.flatnonzero(gone != NO_ID)]
 
 
 class DelayedAnswers:

@@ -9,6 +9,7 @@ import pytest
 
 from remind_jax.outputs.writer import FILE_NAMES
 from remind_jax.result import Result
+from tests.cli import scenes
 
 
 @pytest.fixture(scope="module")
@@ -117,3 +118,23 @@ def test_no_run_is_one_sentence(command, tmp_path):
     assert outcome.code == 1
     assert outcome.stderr.startswith("remind: 'nowhere' is not the output folder of a run")
     assert len(outcome.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("config", ["default", "remind"])
+def test_objects_are_called_as_they_were_announced(command, tmp_path, config):
+    """The vase of the first frame is seen once; without waiting it would be object 0."""
+    images, masks = scenes.write_scene(tmp_path / "scene", seen={0: (4,)})
+    out = tmp_path / "run"
+    options = ("--trace", "--quiet", "--no-overlay", "--announce-after", 2, "--out", out)
+    options = (*options, "--config", config)
+    assert command("run", images, "--masks", masks, *options).code == 0
+    assert [i for t in Result.load(out).tracks for i in t.object_id] == [-1, *(3 * [0, 1, 2])]
+    once = command("explain", out, "--frame", 0, "--detection", 0).stdout
+    assert "detection 0: vase new?\nprovisional new (seen too few times)" in once
+    assert "detected too few times to be announced (input.announce_after 2)" in " ".join(
+        line.strip() for line in once.splitlines()
+    )
+    content = json.loads(command("explain", out, "--frame", 3, "--detection", 2, "--json").stdout)
+    assert (content["object_id"], content["name"]) == (2, "book 2")
+    compared = [candidate["object_id"] for candidate in content["candidates"]]
+    assert compared == ([2] if config == "remind" else [])  # plus compares what is open

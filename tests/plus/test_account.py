@@ -10,7 +10,7 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.cli.main import main
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OutputError
 from remind_jax.plus.state import PARTS, Stage
 from tests.plus.test_method import pan_frames
@@ -119,3 +119,22 @@ def test_unknown_frames_and_damaged_traces_are_refused(result, tmp_path):
 def test_no_detection_is_explained_twice_or_left_out(result, told):
     assert len(told) == sum(len(tracks) for tracks in result.tracks)
     assert all(one.tracklet_id not in (None, NO_ID) for one in told)
+
+
+def test_objects_are_called_as_they_were_announced(result):
+    after = 1 + min(thing.num_frames for thing in result.objects())
+    waited = rj.run(pan_frames(), config="plus", trace=True, announce_after=after)
+    named = {i for tracks in waited.tracks for i in tracks.object_id.tolist()} - {NO_ID}
+    assert named == set(range(len(named)))
+    silent = 0
+    for tracks in waited.tracks:
+        for row, object_id in enumerate(tracks.object_id.tolist()):
+            one = waited.explain(tracks.frame_index, row)
+            assert one.object_id == (None if object_id == NO_ID else object_id)
+            text = " ".join(one.why)
+            if one.reason == Reason.SEEN_TOO_FEW_TIMES:
+                silent += 1
+                assert f"too few times to be announced (input.announce_after {after})" in text
+            elif one.stage == Stage.SETTLED:
+                assert f"{one.label} {object_id}" in text
+    assert silent > 0

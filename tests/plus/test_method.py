@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -85,3 +87,17 @@ def test_answers_that_wait_are_as_many_and_no_worse(frames, result):
 def test_other_trackers_do_not_revise(frames):
     with pytest.raises(ConfigError, match="never revises"):
         rj.run(frames, tracker="iou", delay=3)
+
+
+@pytest.mark.parametrize("delay", [0, 8])
+def test_announcing_changes_no_answer_but_its_number(frames, delay):
+    at_once = rj.run(frames, config="plus", delay=delay)
+    announced = rj.run(frames, config="plus", delay=delay, announce_after=3)
+    number: dict[int, int] = {}
+    for plain, told in zip(at_once.tracks, announced.tracks, strict=True):
+        for old, new in zip(plain.object_id.tolist(), told.object_id.tolist(), strict=True):
+            if new != NO_ID:
+                assert number.setdefault(old, new) == new
+    assert sorted(number.values()) == list(range(len(number)))
+    seen = Counter(i for tracks in at_once.tracks for i in tracks.object_id.tolist())
+    assert {old for old, count in seen.items() if count >= 3} - {NO_ID} == set(number)
