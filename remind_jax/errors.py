@@ -50,10 +50,15 @@ class OutputError(RemindError):
     """A result cannot be written or read back."""
 
 
+def close_names(name: str, allowed: Iterable[str]) -> list[str]:
+    """At most three names that are much like a misspelt one, the closest first."""
+    return difflib.get_close_matches(name, sorted(allowed), n=3, cutoff=0.6)
+
+
 def nearest_names(name: str, allowed: Iterable[str]) -> str:
     """Half a sentence that helps with a misspelt name: the closest ones, else all of them."""
     names = sorted(allowed)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    close = close_names(name, names)
     if close:
         return "did you mean " + " or ".join(repr(c) for c in close) + "?"
     return "allowed: " + ", ".join(names)

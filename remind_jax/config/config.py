@@ -2,23 +2,24 @@
 
 A file holds any part of the tree `input`, `static`, `thresholds`; what it leaves out keeps the
 published value. `base: NAME` starts from another configuration or file, `tracker: NAME` chooses
-the method whose thresholds these are.
+the method whose thresholds these are. How keys may be written: `config/keys.py`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
 import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from remind_jax.config.dotted_keys import flatten, nest
+from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
+from remind_jax.config.files import find_file, find_profile, list_configs, read_yaml
+from remind_jax.config.keys import THRESHOLDS, flat_keys
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
 from remind_jax.config.validation import check_fields
-from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.errors import ConfigError
 from remind_jax.methods import PAPER_METHOD, get_method
 
 
@@ -55,21 +56,37 @@ class Config:
     static: Static = dataclasses.field(default_factory=Static)
     # Those of REMIND; other trackers have their own.
     thresholds: Thresholds | Any = dataclasses.field(default_factory=Thresholds)
-    backbone_profile: bool = False  # what nobody changed follows configs/backbones/NAME.yaml
+    backbone_profile: bool = False  # what nobody chose follows configs/backbones/NAME.yaml
+    # Dotted keys that a file, values or `--set` gave, whatever the value: no profile changes them.
+    chosen: frozenset[str] = dataclasses.field(default=frozenset(), compare=False, repr=False)
+
+    @property
+    def keys(self) -> list[str]:
+        """All keys that can be given a value, dotted."""
+        return [key for key, _ in flatten_fields(self) if key != "chosen"]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested values, fit for YAML and JSON."""
-        return _plain(dataclasses.asdict(self))
+        values = dataclasses.asdict(self)
+        del values["chosen"]
+        return _plain(values)
 
     def updated(self, changes: Mapping[str, Any], origin: str = "changes") -> Config:
         """A copy with some values changed, e.g. `{"thresholds": {"matching": {"match": 0.7}}}`.
+
+        Args:
+          changes: Nested values; `thresholds` may be left out, and keys may be dotted.
+          origin: Where they were written, for messages.
 
         Raises:
           ConfigError: For an unknown key or a value of the wrong kind.
         """
         changes = dict(changes)
-        start = self.with_tracker(changes.pop("tracker", self.tracker))
-        return _update(start, changes, (), origin)
+        tracker = changes.pop("tracker", None)
+        start = self if tracker is None else self.with_tracker(_as_tracker(tracker, origin))
+        flat = flat_keys(changes, start.keys, start.tracker, origin)
+        told = start.chosen | flat.keys() | ({"tracker"} if tracker is not None else set())
+        return dataclasses.replace(start._with_values(flat, origin), chosen=told)
 
     def with_tracker(self, name: str) -> Config:
         """The configuration for another tracker; input and static stay.
@@ -84,7 +101,11 @@ class Config:
             return self
         get_method(name)
         start = load_config(name) if name in list_configs() else _neutral(name)
-        return dataclasses.replace(self, tracker=name, thresholds=start.thresholds)
+        chosen = {key for key in self.chosen if not key.startswith(THRESHOLDS)}
+        chosen |= {key for key in start.chosen if key.startswith(THRESHOLDS)}
+        return dataclasses.replace(
+            self, tracker=name, thresholds=start.thresholds, chosen=frozenset(chosen)
+        )
 
     def difference(self, other: Config) -> list[tuple[str, Any, Any]]:
         """Keys whose values differ, with this value and the other's (None: it has no such key)."""
@@ -94,20 +115,21 @@ class Config:
     def for_backbone(self, name: str) -> Config:
         """The configuration with the profile of a backbone, where one is shipped and wanted.
 
-        Published thresholds belong to the features that they were tuned on. A profile replaces
-        those that still have their published value.
+        Published thresholds belong to the features that they were tuned on. A profile gives values
+        to keys that nobody chose: that are not `chosen` and have their published value. Once more
+        changes nothing.
         """
-        folder = _shipped_folder() / "backbones"
-        if self.tracker != PAPER_METHOD:
-            folder /= self.tracker.replace("-", "_")
-        path = folder / f"{name.replace('-', '_')}.yaml"
-        if not self.backbone_profile or not path.is_file():
+        path = find_profile(self.tracker, name)
+        if not self.backbone_profile or path is None:
             return self
-        mine = dict(flatten(self.to_dict()))
-        published = dict(flatten(_neutral(self.tracker).to_dict()))
-        profile = dict(flatten(read_yaml(path)))
-        changes = {key: profile[key] for key in profile if mine.get(key) == published.get(key)}
-        return self.updated(nest(changes), str(path))
+        mine, published = dict(flatten_fields(self)), dict(flatten_fields(_neutral(self.tracker)))
+        profile = flat_keys(read_yaml(path), self.keys, self.tracker, str(path))
+        free = {
+            key: value
+            for key, value in profile.items()
+            if key not in self.chosen and mine[key] == published[key]
+        }
+        return self._with_values(free, str(path))
 
     @classmethod
     def from_reference(cls, settings: Mapping[str, Any] | str | Path) -> Config:
@@ -126,6 +148,10 @@ class Config:
             settings = read_yaml(Path(settings))
         changes = translate(settings, cls().to_dict())
         return cls().updated(changes, "settings of the original")
+
+    def _with_values(self, flat: Mapping[str, Any], origin: str) -> Config:
+        """The same with values by full key, checked."""
+        return _update(self, nest(flat), (), origin)
 
 
 def load_config(name: str | Path | Config | Mapping[str, Any] = "default") -> Config:
@@ -146,7 +172,7 @@ def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Conf
     if isinstance(name, Mapping):
         origin, values = "changes", {"base": "default", **name}
     else:
-        path = _find(name)
+        path = find_file(name)
         origin, values = str(path), read_yaml(path)
         if origin in opened:
             circle = " -> ".join((*opened[opened.index(origin) :], origin))
@@ -154,7 +180,8 @@ def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Conf
         opened = (*opened, origin)
     base = values.pop("base", None)
     if base is None:
-        return _neutral(values.pop("tracker", PAPER_METHOD)).updated(values, origin)
+        tracker = _as_tracker(values.get("tracker", PAPER_METHOD), origin)
+        return _neutral(tracker).updated(values, origin)
     if not isinstance(base, (str, Path)):
         raise ConfigError(
             f"base in {origin} is {base!r}; it must be the name of a configuration or a .yaml file"
@@ -162,56 +189,16 @@ def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Conf
     return _load(base, opened).updated(values, origin)
 
 
-def _find(name: str | Path) -> Path:
-    """The file of a configuration by name or path."""
-    path = Path(name)
-    if path.suffix in (".yaml", ".yml"):
-        return path
-    shipped = {file.stem: file for file in sorted(_shipped_folder().glob("*.yaml"))}
-    if str(name) not in shipped:
-        hint = nearest_names(str(name), shipped)
-        raise ConfigError(f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)")
-    return shipped[str(name)]
-
-
 def _neutral(tracker: str) -> Config:
     """A tracker with everything as published."""
     return Config(tracker=tracker, thresholds=get_method(tracker).thresholds())
 
 
-def list_configs() -> list[str]:
-    """Names of the shipped configurations."""
-    return sorted(file.stem for file in _shipped_folder().glob("*.yaml"))
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Reads a mapping from a YAML file.
-
-    Raises:
-      ConfigError: If the file is missing, is no YAML or holds something else than a mapping.
-    """
-    import yaml  # the core needs no YAML
-
-    try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
-    except yaml.YAMLError as error:
-        reason = str(error).replace("\n", " ")
-        raise ConfigError(f"{path} is not valid YAML: {reason}") from error
-    if values is None:
-        return {}
-    if not isinstance(values, dict):
-        raise ConfigError(f"{path} must hold keys and values, not a {type(values).__name__}")
-    return values
-
-
-@functools.cache
-def _shipped_folder() -> Path:
-    """The folder of shipped files: inside the wheel, or beside the package in a checkout."""
-    package = Path(__file__).resolve().parent.parent
-    inside = package / "configs"
-    return inside if inside.is_dir() else package.parent / "configs"
+def _as_tracker(name: Any, origin: str) -> str:
+    """What should be the name of a tracker."""
+    if not isinstance(name, str):
+        raise ConfigError(f"tracker in {origin} is {name!r}; it must be the name of a tracker")
+    return name
 
 
 def _plain(value: Any) -> Any:
@@ -223,23 +210,14 @@ def _plain(value: Any) -> Any:
 
 
 def _update(node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin: str) -> Any:
-    """Replaces fields of nested dataclasses, checking names and kinds."""
-    fields = {field.name: field for field in dataclasses.fields(node)}
+    """Replaces fields of nested dataclasses, checking kinds; all of them are there."""
     updated = {}
     for key, value in changes.items():
-        dotted = ".".join((*path, str(key)))
-        if key not in fields:
-            hint = nearest_names(str(key), fields)
-            raise ConfigError(f"unknown key {dotted!r} in {origin}; {hint}")
-        old = getattr(node, key)
+        old, below = getattr(node, key), (*path, key)
         if dataclasses.is_dataclass(old):
-            if not isinstance(value, Mapping):
-                raise ConfigError(
-                    f"{dotted} in {origin} is {value!r}; it must hold keys and values"
-                )
-            updated[key] = _update(old, value, (*path, str(key)), origin)
+            updated[key] = _update(old, value, below, origin)
         else:
-            updated[key] = _coerce(value, old, dotted, origin)
+            updated[key] = _coerce(value, old, ".".join(below), origin)
     return dataclasses.replace(node, **updated)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -12,6 +13,16 @@ def flatten(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]
         dotted = f"{path}.{key}" if path else str(key)
         if isinstance(value, Mapping):
             yield from flatten(value, dotted)
+        else:
+            yield dotted, value
+
+
+def flatten_fields(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Walks the fields of nested dataclasses as dotted keys."""
+    for field in dataclasses.fields(node):
+        dotted, value = f"{path}{field.name}", getattr(node, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from flatten_fields(value, f"{dotted}.")
         else:
             yield dotted, value
 

@@ -12,7 +12,7 @@ from typing import Any
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
-from remind_jax.config.dotted_keys import flatten, nest
+from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import SweepError, nearest_names
 from remind_jax.methods import StepHalves, get_method, list_methods
 from remind_jax.sources import Sampling, Source, open_source
@@ -54,10 +54,9 @@ class SceneBench:
         Raises:
           RemindError: If a scene or the configuration is not accepted.
         """
-        base = load_config(config)
-        self._halves = _halves_of(base.tracker)
+        self._config = load_config(config)
+        self._halves = _halves_of(self._config.tracker)
         self._backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
-        self._config = base.for_backbone(self._backbone.name)
         sources = [
             open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
         ]
@@ -136,7 +135,7 @@ class SceneBench:
         if share < 1:
             scene = scene.first(max(1, math.ceil(share * scene.num_frames - 1e-9)))
         origin = {
-            "config": self._config.to_dict(),
+            "config": scene.config.to_dict(),
             "scene": scene.digest,
             "version": importlib.metadata.version("remind-jax"),
         }
@@ -180,19 +179,20 @@ class SceneBench:
     def _load(self, name: str) -> SceneFrames:
         if name in self._read:
             return self._read[name]
-        reading = self._config.updated({"thresholds": nest(self._reading)})
-        scene = load_scene(self._sources[name], reading, self._backbone)
+        source = self._sources[name]
+        scene = load_scene(source, self._config, self._backbone, self._reading)
         if self._keep_scenes:
             self._read[name] = scene
         return scene
 
     def _sharpen(self, settings: Sequence[Setting]) -> None:
         """Has masks read as exactly as the most demanding setting so far needs."""
-        given: dict[str, Any] = dict(flatten(self._config.to_dict()["thresholds"]))
+        starts = (self._config, self._config.for_backbone(self._backbone.name))
+        given: list[dict[str, Any]] = [dict(flatten_fields(one.thresholds)) for one in starts]
         reading = {}
         for name in self._halves.reduced_by:
-            asked = (self._reading, *settings)
-            reading[name] = max(float({**given, **one}[name]) for one in asked)
+            asked = [start | one for start in given for one in (self._reading, *settings)]
+            reading[name] = max(float(one[name]) for one in asked)
         if reading != self._reading:
             self._read.clear()
             self._reading = reading

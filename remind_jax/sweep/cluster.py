@@ -34,7 +34,7 @@ class Cluster:
         """Joins a cluster, or starts one on this machine.
 
         Args:
-          config: What a setting does not name.
+          config: Capacities and the method; what a setting does not name comes with the scene.
           memory_gib: Memory that the program of each worker may take, on each device.
           batch: Settings side by side in a worker, and settings per task.
           workers: Tasks at the same time; as many as the cluster has CPUs (GPUs) if left out.

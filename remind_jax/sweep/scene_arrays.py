@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -16,6 +17,7 @@ from jaxtyping import Int
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, Static
+from remind_jax.config.dotted_keys import nest
 from remind_jax.errors import SourceError
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.live import Tracker
@@ -46,6 +48,7 @@ class SceneFrames:
     masks: list[Masks]  # one slot per detection
     observed: list[Any]  # what the method observed beside them
     truth: Truth
+    config: Config  # what a setting does not name, with the profile of what features come from
 
     @property
     def num_frames(self) -> int:
@@ -79,26 +82,35 @@ class SceneFrames:
             self.masks[:num_frames],
             self.observed[:num_frames],
             truth,
+            self.config,
         )
 
 
-def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrames:
+def load_scene(
+    source: Source,
+    config: Config,
+    backbone: Backbone,
+    reduced_with: Mapping[str, float] | None = None,
+) -> SceneFrames:
     """Reads a scene and its features.
 
     Args:
       source: Frames with masks of known objects.
-      config: How masks are reduced, and what is observed beside them.
-      backbone: What features come from; one that caches them does so once.
+      config: What a setting does not name.
+      backbone: What features come from where the source brings none; one that caches them does so
+        once. Its profile is followed then.
+      reduced_with: Thresholds that masks are reduced with instead of those of `config`, by name.
 
     Raises:
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
-    reader = Tracker(config, backbone)
+    reader = Tracker(config.updated({"thresholds": nest(reduced_with or {})}), backbone)
     feats, masks, observed, instances = [], [], [], []
     for frame in source:
         prepared = reader.prepare(frame)
         patches = prepared.features
         if patches is None:
+            config = config.for_backbone(backbone.name)
             assert prepared.image is not None
             patches = backbone.extract(prepared.image[None])[0]
         feats.append(FrameFeats(np.asarray(patches), np.array(frame.size, np.int32)))
@@ -113,7 +125,8 @@ def load_scene(source: Source, config: Config, backbone: Backbone) -> SceneFrame
             f"'{source.name}' does not say which object a mask shows; a sweep is scored against "
             "annotated masks"
         )
-    return SceneFrames(source.name, feats, masks, observed, _truth(instances, masks, found))
+    truth = _truth(instances, masks, found)
+    return SceneFrames(source.name, feats, masks, observed, truth, config)
 
 
 def _truth(instances: list[np.ndarray], masks: list[Masks], found: list[int]) -> Truth:

@@ -1,13 +1,14 @@
 """Settings of a sweep: which thresholds take which values.
 
 A setting gives values to thresholds by their dotted names below `thresholds`, such as
-`matching.match`; what it does not name keeps the value of the configuration.
+`matching.match`; what it does not name keeps the value of the configuration. How names may be
+written: `config/keys.py`.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,14 @@ import jax
 import numpy as np
 
 from remind_jax.config import Config
-from remind_jax.config.dotted_keys import flatten, nest
-from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
+from remind_jax.config.keys import THRESHOLDS, full_key
+from remind_jax.errors import ConfigError
 
 Value = float | int | bool
 Setting = dict[str, Value]
 
-_PREFIX = "thresholds."
+_ORIGIN = "a setting of the sweep"
 _MANY = 1_000_000  # settings that a grid may have
 
 
@@ -126,42 +128,36 @@ def read_settings(path: str | Path) -> list[Setting]:
 
 
 def complete(settings: Sequence[Mapping[str, Value]], config: Config) -> list[Setting]:
-    """The settings under full names, each checked against the configuration.
+    """The settings under full names below `thresholds`, each checked against the configuration.
 
     Raises:
       ConfigError: If there is none, or a threshold is unknown or its value of the wrong kind.
     """
     if not settings:
         raise ConfigError("there are no settings to sweep over; give at least one")
-    known = {
-        name.removeprefix(_PREFIX): value
-        for name, value in flatten(config.to_dict())
-        if name.startswith(_PREFIX)
-    }
+    known = frozenset(config.keys)
+    names = {name for setting in settings for name in setting}
+    full = {name: _threshold(name, known, config) for name in names}
     checked = []
     for setting in settings:
-        named = {_full_name(name, known): _like(known, name, v) for name, v in setting.items()}
-        config.updated({"thresholds": nest(named)}, "a setting of the sweep")
-        checked.append(named)
+        named = {full[name]: value for name, value in setting.items()}
+        if len(named) < len(setting):
+            raise ConfigError(f"{_ORIGIN} gives a threshold twice: {', '.join(setting)}")
+        values = dict(
+            flatten_fields(config.updated({"thresholds": nest(named)}, _ORIGIN).thresholds)
+        )
+        checked.append({name: values[name] for name in named})
     return checked
 
 
-def _full_name(name: str, known: Mapping[str, Any]) -> str:
-    name = name.removeprefix(_PREFIX)
-    if name in known:
-        return name
-    last = [full for full in known if full.rpartition(".")[2] == name]
-    if len(last) == 1:
-        return last[0]
-    hint = f"it may be one of {', '.join(last)}" if last else nearest_names(name, known)
-    raise ConfigError(f"there is no threshold {name!r}; {hint}")
-
-
-def _like(known: Mapping[str, Any], name: str, value: Value) -> Value:
-    """Whole numbers are numbers, too, where a number is asked for."""
-    wanted = known[_full_name(name, known)]
-    is_whole = isinstance(value, int) and not isinstance(value, bool)
-    return float(value) if isinstance(wanted, float) and is_whole else value
+def _threshold(name: str, known: Collection[str], config: Config) -> str:
+    """The name below `thresholds`."""
+    key = full_key(name, known, config.tracker, _ORIGIN)
+    if not key.startswith(THRESHOLDS):
+        raise ConfigError(
+            f"{key} is no threshold and cannot be swept; run once for each of its values"
+        )
+    return key.removeprefix(THRESHOLDS)
 
 
 def stack(thresholds: Any, settings: Sequence[Mapping[str, Value]], scalar: Any) -> Any:

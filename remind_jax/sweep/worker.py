@@ -44,12 +44,12 @@ class Worker:
         """Prepares a worker.
 
         Args:
-          config: What a setting does not name.
+          config: Capacities and the method; what a setting does not name comes with the scene.
           memory_gib: Memory that the compiled program may take, on each device.
           batch: Settings side by side; chosen by memory if left out.
         """
         self.batch, self.program_bytes = 0, 0
-        self._config, self._static = config, config.static
+        self._static = config.static
         self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
         self._method = get_method(config.tracker)
         assert self._method.halves is not None
@@ -67,14 +67,14 @@ class Worker:
         for job in jobs:
             numbers = list(job)
             frames = self._describe(scene, job[numbers[0]])
-            self._choose_batch(frames, [len(job) for job in jobs])
+            self._choose_batch(scene, frames, [len(job) for job in jobs])
             while numbers:
                 part = numbers[: self.batch]
                 # The last setting again until the batch is full: one program serves all batches.
                 filled = [job[i] for i in part + part[-1:] * (self.batch - len(part))]
                 # A batch that outgrows its memory is done over, in smaller ones.
                 answers, grown = run_batch(
-                    frames, self._config, filled, self._static,
+                    frames, scene.config, filled, self._static,
                     self._budget_bytes if self._wanted is None else None,
                 )  # fmt: skip
                 if answers is not None:
@@ -82,7 +82,7 @@ class Worker:
                     numbers = numbers[len(part) :]
                 if grown != self._static:
                     self._static = grown
-                    self._plan(frames, self.batch)
+                    self._plan(scene, frames, self.batch)
 
     def finish(self) -> None:
         """Nothing is left to do: `start` returns when all is done."""
@@ -97,11 +97,11 @@ class Worker:
         seen = _under(self._described_by, setting)
         what = (scene.digest, seen, self._static.num_detections)
         if self._described is None or self._described[0] != what:
-            config = self._config.updated({"thresholds": nest(seen)})
+            config = scene.config.updated({"thresholds": nest(seen)})
             self._described = what, describe_scene(scene, self._static, config)
         return self._described[1]
 
-    def _choose_batch(self, frames: Any, sizes: Sequence[int]) -> None:
+    def _choose_batch(self, scene: SceneFrames, frames: Any, sizes: Sequence[int]) -> None:
         if self._wanted is not None:
             self.batch = round_to_devices(self._wanted)
             return
@@ -109,13 +109,13 @@ class Worker:
         best = fit_batch(sizes, most)
         if self.batch and _cost(sizes, self.batch) <= _WORTH_COMPILING * _cost(sizes, best):
             return
-        self._plan(frames, best)
+        self._plan(scene, frames, best)
 
-    def _plan(self, frames: Any, wanted: int) -> None:
+    def _plan(self, scene: SceneFrames, frames: Any, wanted: int) -> None:
         """Sets the batch size to what is wanted, or to less where memory has no room for it."""
         if self._wanted is None:
             self.batch, self.program_bytes = plan_batch(
-                frames, self._config, self._static, wanted, self._budget_bytes
+                frames, scene.config, self._static, wanted, self._budget_bytes
             )
 
 

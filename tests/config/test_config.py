@@ -6,8 +6,9 @@ import yaml
 
 from benchmarks.plus import BARE, LADDER
 from remind_jax.config import Config, Input, Static, Thresholds, list_configs, load_config
-from remind_jax.config.dotted_keys import flatten
+from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.errors import ConfigError
+from remind_jax.methods import get_method
 from remind_jax.plus.thresholds import PlusThresholds
 
 
@@ -31,13 +32,97 @@ def test_remind_differs_from_published_where_users_need_it():
     assert [key for key, _, _ in changed] == keys
 
 
-def test_a_profile_fills_in_what_nobody_changed():
-    mine = load_config({"base": "remind", "thresholds": {"matching": {"match": 0.8}}})
-    config = mine.for_backbone("patch-statistics")
+BACKBONE = "patch-statistics"
+WITH_PROFILE = ("remind", "bank", "momentum", "running-mean")
+
+
+@pytest.mark.parametrize("match", [0.8, 0.75])
+def test_a_profile_fills_in_what_nobody_chose(match):
+    """0.75 is the published value: who writes it down has chosen it."""
+    mine = load_config({"base": "remind", "thresholds": {"matching": {"match": match}}})
+    config = mine.for_backbone(BACKBONE)
+    assert config.thresholds.matching.match == match
+    assert config.thresholds.appearance.patches_min == 4.0
+    assert config.for_backbone(BACKBONE) == config
+    assert mine.for_backbone("dinov3-vits16") == mine
+
+
+@pytest.mark.parametrize("tracker", WITH_PROFILE)
+def test_every_threshold_set_to_its_published_value_runs_with_it(tracker):
+    default = load_config("default").with_tracker(tracker)
+    published = Config(tracker=tracker, thresholds=get_method(tracker).thresholds())
+    profile = {key for key, _, _ in default.for_backbone(BACKBONE).difference(default)}
+    assert profile
+    values = dict(flatten(published.to_dict()["thresholds"]))
+    for key, value in values.items():
+        config = default.updated({key: value}).for_backbone(BACKBONE)
+        told = dict(flatten(config.to_dict()["thresholds"]))
+        assert told[key] == value, key
+        left = {f"thresholds.{name}" for name in told if told[name] != values[name]}
+        assert profile - left == profile & {f"thresholds.{key}"}
+    everything = default.updated({"thresholds": nest(values)})
+    assert everything.for_backbone(BACKBONE).thresholds == published.thresholds
+
+
+def test_any_ten_thresholds_set_to_their_published_values_run_with_them():
+    values = dict(flatten(Config().to_dict()["thresholds"]))
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        names = rng.choice(sorted(values), 10, replace=False)
+        config = load_config({"base": "remind", **{name: values[name] for name in names}})
+        told = dict(flatten(config.for_backbone(BACKBONE).to_dict()["thresholds"]))
+        assert {name: told[name] for name in names} == {name: values[name] for name in names}
+
+
+def test_what_a_shipped_configuration_says_is_chosen(tmp_path):
+    """Though it is the published value, and whatever starts from it."""
+    (tmp_path / "mine.yaml").write_text(
+        "base: remind\nthresholds: {similarity: {parts_weight: 0.1}}"
+    )
+    for start in (tmp_path / "mine.yaml", {"base": str(tmp_path / "mine.yaml"), "input": {}}):
+        config = load_config(start)
+        assert Thresholds().similarity.parts_weight == 0.1
+        assert config.for_backbone(BACKBONE).thresholds.similarity.parts_weight == 0.1
+    assert load_config("remind").for_backbone(BACKBONE).thresholds.similarity.parts_weight == 0.3
+
+
+def test_values_of_a_configuration_made_in_python_are_chosen_where_they_differ():
+    matching = dataclasses.replace(Thresholds().matching, match=0.8)
+    made = Config(thresholds=dataclasses.replace(Thresholds(), matching=matching))
+    config = dataclasses.replace(made, backbone_profile=True).for_backbone(BACKBONE)
     assert config.thresholds.matching.match == 0.8
     assert config.thresholds.appearance.patches_min == 4.0
-    assert config.for_backbone("patch-statistics") == config
-    assert mine.for_backbone("dinov3-vits16") == mine
+
+
+def test_the_record_of_what_was_chosen_is_no_value():
+    config = load_config({"decision.new": 1.0})
+    assert "thresholds.decision.new" in config.chosen
+    assert config == load_config("default")
+    assert "chosen" not in config.to_dict()
+
+
+def test_another_tracker_keeps_what_was_chosen_of_the_rest():
+    config = load_config({"decision.new": 1.0, "input": {"open_px": 0}}).with_tracker("remind")
+    assert "input.open_px" in config.chosen
+    assert "thresholds.decision.new" not in config.chosen
+    assert "thresholds.matching.one_detection_each" in config.chosen
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"thresholds": {"matching": {"match": 0.6}}},
+        {"matching": {"match": 0.6}},
+        {"matching.match": 0.6},
+        {"thresholds.matching": {"match": 0.6}},
+        {"match": 0.6},
+    ],
+)
+def test_thresholds_may_go_without_their_prefix(values, tmp_path):
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"base": "remind", **values}))
+    for config in (load_config({"base": "remind", **values}), load_config(tmp_path / "mine.yaml")):
+        assert config.thresholds.matching.match == 0.6
+        assert {"thresholds.matching.match"} == config.chosen - load_config("remind").chosen
 
 
 def test_published_thresholds_follow_no_profile():
@@ -174,6 +259,21 @@ def test_a_config_is_returned_as_it_is():
         ({"input": {"sanitize": "hull"}}, "allowed: convex_hull, morphology, none"),
         ({"input": {"max_width_px": 0}}, "max_width_px is 0"),
         ({"input": {"ignored_classes": "wall"}}, "a list"),
+        ({"tracker": 3}, "tracker in changes is 3; it must be the name of a tracker"),
+        (
+            {"matching": {"match": 0.7}},
+            "'matching.match' in changes is a threshold of tracker 'remi",
+        ),
+        ({"thresholds": {"match": 0.7}}, r"'thresholds\.match' .* of trackers .*'bank'"),
+        ({"num_objects": 7}, r"did you mean 'static\.num_objects'"),
+        ({"decisions": {"new": 0.5}}, r"did you mean 'decision\.new'"),
+        ({"decision.nwe": 0.5}, "did you mean 'new'"),
+        ({"new": 0.5}, r"may be thresholds\.decision\.new or thresholds\.confidence\.new"),
+        ({"decision": 3}, "decision in changes is 3; it must hold keys and values"),
+        (
+            {"looks.gain": 1.0, "thresholds": {"looks": {"gain": 1.0}}},
+            r"twice, as 'looks\.gain' and as 'thresholds\.looks\.gain'",
+        ),
         ({"base": 3}, "base in changes is 3; it must be the name"),
         ({"base": "remnid"}, "no configuration 'remnid'.*'remind'"),
     ],

@@ -110,8 +110,12 @@ def test_interruption_keeps_what_is_done(tmp_path):
 
 
 def test_bad_input_is_told_before_work_starts():
-    with pytest.raises(ConfigError, match=r"no threshold 'matching\.mtch'"):
+    with pytest.raises(ConfigError, match=r"'matching\.mtch' in a setting.*'match'"):
         sweep(SCENES, {"matching.mtch": [0.5]}, config=CONFIG)
+    with pytest.raises(ConfigError, match=r"input\.open_px is no threshold"):
+        sweep(SCENES, {"input.open_px": [0, 3]}, config=CONFIG)
+    with pytest.raises(ConfigError, match=r"a threshold twice: matching\.match, match"):
+        sweep(SCENES, {"matching.match": [0.5], "match": [0.6]}, config=CONFIG)
     with pytest.raises(ConfigError, match="must be true or false"):
         sweep(SCENES, {"influence.enabled": [0.5]}, config=CONFIG)
     unknown = [

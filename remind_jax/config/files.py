@@ -1,0 +1,85 @@
+"""Configuration files: those that are shipped, and YAML as plain nested values."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from pathlib import Path
+from typing import Any
+
+from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.methods import PAPER_METHOD
+
+_SUFFIXES = (".yaml", ".yml")
+
+
+def list_configs() -> list[str]:
+    """Names of the shipped configurations."""
+    return sorted(file.stem for file in shipped_folder().glob("*.yaml"))
+
+
+def find_file(name: str | Path) -> Path:
+    """The file of a configuration by name or path.
+
+    Raises:
+      ConfigError: If it is no path of a YAML file and no name of a shipped configuration.
+    """
+    path = Path(name)
+    if path.suffix in _SUFFIXES:
+        return path
+    shipped = list_configs()
+    if str(name) not in shipped:
+        hint = nearest_names(str(name), shipped)
+        raise ConfigError(f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)")
+    return shipped_folder() / f"{name}.yaml"
+
+
+def find_profile(tracker: str, backbone: str) -> Path | None:
+    """The file of thresholds of a tracker made for a backbone; None where none is shipped."""
+    folder = shipped_folder() / "backbones"
+    if tracker != PAPER_METHOD:
+        folder /= tracker.replace("-", "_")
+    path = folder / f"{backbone.replace('-', '_')}.yaml"
+    return path if path.is_file() else None
+
+
+def describe_config(name: str) -> str:
+    """What a shipped configuration is: the first sentence of the comment that its file begins with.
+
+    Raises:
+      ConfigError: If there is no such configuration.
+    """
+    lines = find_file(name).read_text(encoding="utf-8").splitlines()
+    comment = itertools.takewhile(lambda line: line.startswith("#"), lines)
+    words = " ".join(line.lstrip("# ") for line in comment)
+    return words.partition(". ")[0].rstrip(".")
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Reads a mapping from a YAML file.
+
+    Raises:
+      ConfigError: If the file is missing, is no YAML or holds something else than a mapping.
+    """
+    import yaml  # the core needs no YAML
+
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
+    except yaml.YAMLError as error:
+        reason = str(error).replace("\n", " ")
+        raise ConfigError(f"{path} is not valid YAML: {reason}") from error
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path} must hold keys and values, not a {type(values).__name__}")
+    return values
+
+
+@functools.cache
+def shipped_folder() -> Path:
+    """The folder of shipped files: inside the wheel, or beside the package in a checkout."""
+    package = Path(__file__).resolve().parent.parent
+    inside = package / "configs"
+    return inside if inside.is_dir() else package.parent / "configs"

@@ -1,0 +1,149 @@
+"""Names of settings: which dotted key somebody means, in files, values, `--set` and sweeps.
+
+A threshold may be named in full (`thresholds.matching.match`), without `thresholds.`
+(`matching.match`), or by its last part alone where only one threshold ends so. All other keys are
+named in full.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
+
+from remind_jax.config.dotted_keys import flatten_fields
+from remind_jax.config.files import list_configs
+from remind_jax.errors import ConfigError, close_names, nearest_names
+from remind_jax.methods import get_method, list_methods
+
+THRESHOLDS = "thresholds."
+
+
+def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> str:
+    """The key that a name stands for.
+
+    Args:
+      name: As somebody wrote it.
+      known: All keys of the configuration, in full.
+      tracker: Method that the thresholds among them belong to.
+      origin: Where the name was written, for messages.
+
+    Raises:
+      ConfigError: If it stands for none of them, or for several.
+    """
+    for key in (name, THRESHOLDS + name):
+        if key in known:
+            return key
+    if _is_section(name, known):
+        keys = ", ".join(_below(name, known))
+        raise ConfigError(f"{name!r} in {origin} is a section; name one of its keys: {keys}")
+    if name == "base":
+        raise ConfigError(
+            f"base cannot be changed by {origin}; it is what values start from: give it in a file, "
+            "or with --config"
+        )
+    alike = _ending_in(name, known)
+    if len(alike) == 1:
+        return alike[0]
+    if alike:
+        raise ConfigError(f"{name!r} in {origin} may be {' or '.join(alike)}; give one of them")
+    if owners := _owners(name, tracker):
+        raise ConfigError(_say_owners(name, owners, tracker, origin))
+    raise ConfigError(f"unknown key {name!r} in {origin}; {_nearest(name, known)}")
+
+
+def flat_keys(
+    changes: Mapping[str, Any], known: Collection[str], tracker: str, origin: str
+) -> dict[str, Any]:
+    """Nested values by full key, each key once.
+
+    Args:
+      changes: Nested or dotted, `thresholds.` written or left out.
+      known: All keys of the configuration, in full.
+      tracker: Method that the thresholds among them belong to.
+      origin: Where the values were written, for messages.
+
+    Raises:
+      ConfigError: If a key is unknown or given twice, or a section holds a value of its own.
+    """
+    flat: dict[str, Any] = {}
+    written: dict[str, str] = {}
+    for name, value in _walk(changes):
+        if _is_section(name, known):
+            if not isinstance(value, Mapping):
+                raise ConfigError(f"{name} in {origin} is {value!r}; it must hold keys and values")
+            continue
+        key = full_key(name, known, tracker, origin)
+        if key in flat:
+            raise ConfigError(
+                f"{origin} gives {key} twice, as {written[key]!r} and as {name!r}; leave out one"
+            )
+        flat[key], written[key] = value, name
+    return flat
+
+
+def _walk(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted names of everything in nested values; of a section only if it is empty."""
+    for key, value in tree.items():
+        name = f"{path}.{key}" if path else str(key)
+        if isinstance(value, Mapping) and value:
+            yield from _walk(value, name)
+        else:
+            yield name, value
+
+
+def _is_section(name: str, known: Collection[str]) -> bool:
+    """Whether keys lie below this name."""
+    starts = f"{name}.", f"{THRESHOLDS}{name}."
+    return any(key.startswith(starts) for key in known)
+
+
+def _ending_in(name: str, keys: Collection[str]) -> list[str]:
+    """Thresholds whose last part is the name."""
+    return [key for key in keys if key.startswith(THRESHOLDS) and key.endswith(f".{name}")]
+
+
+def _owners(name: str, tracker: str) -> list[str]:
+    """Other trackers that have such a threshold."""
+    bare = name.removeprefix(THRESHOLDS)
+    return [
+        other
+        for other in list_methods()
+        if other != tracker
+        and any(key == bare or key.startswith(f"{bare}.") for key in _thresholds_of(other))
+    ]
+
+
+def _thresholds_of(tracker: str) -> list[str]:
+    return [key for key, _ in flatten_fields(get_method(tracker).thresholds())]
+
+
+def _say_owners(name: str, owners: list[str], tracker: str, origin: str) -> str:
+    shown = " and ".join(f"'{owner}'" for owner in owners)
+    many = "trackers" if len(owners) > 1 else "tracker"
+    start = "base" if owners[0] in list_configs() else "tracker"
+    option = "config" if start == "base" else "tracker"
+    return (
+        f"{name!r} in {origin} is a threshold of {many} {shown}, and tracker '{tracker}' is "
+        f"chosen; give --{option} {owners[0]}, or `{start}: {owners[0]}` in a file or in values"
+    )
+
+
+def _nearest(name: str, known: Collection[str]) -> str:
+    """Half a sentence with the keys that are most like a misspelt one."""
+    section, _, last = name.rpartition(".")
+    beside = _below(section, known) if section else []
+    if beside:
+        return nearest_names(last, beside)
+    names = {key.removeprefix(THRESHOLDS) for key in known}
+    names |= {key.rpartition(".")[0] for key in names} | {THRESHOLDS.rstrip(".")}
+    close = [key for key in names if key.endswith(f".{name}")] or close_names(name, names)
+    return nearest_names(name, close or {key.partition(".")[0] for key in names})
+
+
+def _below(section: str, known: Collection[str]) -> list[str]:
+    """Last parts of the keys right below a section."""
+    return [
+        key.rpartition(".")[2]
+        for key in known
+        if key.rpartition(".")[0] in (section, THRESHOLDS + section)
+    ]
