@@ -157,6 +157,19 @@ def list_backbones() -> tuple[str, ...]:
     return tuple(sorted(_factories))
 
 
+def check_name(name: str) -> None:
+    """Checks that `get_backbone` knows a name; imports no backbone.
+
+    Raises:
+      ConfigError: If there is no such backbone.
+    """
+    family, _, _ = name.partition(":")
+    if family not in _factories:
+        raise ConfigError(
+            f"there is no backbone '{family}'; {nearest_names(family, list_backbones())}"
+        )
+
+
 def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
     """Makes the backbone called `name`.
 
@@ -168,11 +181,8 @@ def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
     Raises:
       ConfigError: If there is no such backbone or it does not take such an option.
     """
+    check_name(name)
     family, colon, target = name.partition(":")
-    if family not in _factories:
-        raise ConfigError(
-            f"there is no backbone '{family}'; {nearest_names(family, list_backbones())}"
-        )
     factory = _factories[family]
     if isinstance(factory, str):
         module, function, *arguments = factory.split(":")

@@ -4,55 +4,69 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg, subcommand
 
+from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
 from remind_jax.cli import exit_codes
-from remind_jax.cli.flags import quiet_defaults
+from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import ConfigError, OutputError
+
+if TYPE_CHECKING:
+    from remind_jax.config import Config
 
 
 @dataclasses.dataclass(frozen=True)
 class List:
-    """Print the names of the shipped configurations."""
+    """Print the shipped configurations, and what each of them is."""
 
     def execute(self) -> int:
-        """Prints one name per line."""
-        from remind_jax.config import list_configs
+        """Prints one configuration per line."""
+        from remind_jax.config import describe_config, list_configs
 
-        print("\n".join(list_configs()))
+        names = list_configs()
+        width = max(map(len, names))
+        for name in names:
+            print(f"{name:<{width}}  {describe_config(name)}")
         return exit_codes.FINE
 
 
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Show:
-    """Print every value of a configuration as YAML, which 'remind run --config' reads."""
+    """Print every value that runs with a configuration, as YAML for 'remind run --config'."""
 
     name: Annotated[Positional[str], arg(metavar="[NAME|FILE]")] = "default"  # shipped, or YAML
+    backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
     changes: Assignments = ()
 
     def execute(self) -> int:
         """Prints the configuration."""
-        print(_as_yaml(load_config_with(self.name, self.changes).to_dict()))
+        print(_as_yaml(_load(self.name, self.backbone, self.changes).to_dict()))
         return exit_codes.FINE
 
 
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Diff:
-    """Print the keys in which two configurations differ; nothing if they are equal."""
+    """Print the keys whose values differ in runs with two configurations; nothing if none do."""
 
     first: Annotated[Positional[str], arg(metavar="NAME|FILE")]  # shipped, or YAML
     second: Annotated[Positional[str], arg(metavar="[NAME|FILE]")] = "default"  # shipped, or YAML
+    backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
 
     def execute(self) -> int:
-        """Prints one line per differing key."""
-        first, second = load_config_with(self.first), load_config_with(self.second)
+        """Prints one line per differing key; thresholds that only one tracker has are counted."""
+        first, second = (_load(name, self.backbone) for name in (self.first, self.second))
+        shared = set(first.keys) & set(second.keys)
         for key, mine, theirs in first.difference(second):
-            print(f"{key}: {mine!r} -> {theirs!r}")
+            if key in shared:
+                print(f"{key}: {mine!r} -> {theirs!r}")
+        for name, config in ((self.first, first), (self.second, second)):
+            if num := len(set(config.keys) - shared):
+                print(f"only in {name}: {num} thresholds of tracker '{config.tracker}'")
         return exit_codes.FINE
 
 
@@ -113,6 +127,7 @@ class ConfigVerb:
 
     Examples:
       remind config show default > mine.yaml
+      remind config show --backbone dinov3-vits16
       remind config diff mine.yaml
       remind config validate mine.yaml
       remind config import-reference remind.yaml --out imported.yaml
@@ -133,6 +148,12 @@ class ConfigVerb:
           RemindError: If a configuration is not accepted.
         """
         return self.action.execute()
+
+
+def _load(name: str, backbone: str, changes: Assignments = ()) -> Config:
+    """The values that run: the profile of the backbone is filled in."""
+    check_name(backbone)
+    return load_config_with(name, changes).for_backbone(backbone)
 
 
 def _as_yaml(values: dict[str, Any]) -> str:

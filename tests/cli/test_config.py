@@ -5,11 +5,16 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from remind_jax.config import Config, load_config
+from remind_jax.config import Config, list_configs, load_config
+from remind_jax.config.dotted_keys import flatten
 
 
-def test_list_names_the_shipped_configurations(command):
-    assert {"default", "published"} <= set(command("config", "list").stdout.split())
+def test_list_says_what_the_shipped_configurations_are(command):
+    lines = command("config", "list").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list_configs()
+    assert "default                            What runs unless another is named: plus" in lines
+    assert all(len(line.split("  ")[-1]) > 10 for line in lines)
+    assert max(map(len, lines)) <= 80
 
 
 def test_show_can_be_read_back(command, tmp_path):
@@ -19,12 +24,49 @@ def test_show_can_be_read_back(command, tmp_path):
     assert load_config(tmp_path / "mine.yaml").to_dict() == Config().updated(changed).to_dict()
 
 
+@pytest.mark.parametrize("backbone", ["patch-statistics", "dinov3-vits16"])
+def test_show_prints_what_runs_and_a_file_of_it_runs_the_same(command, tmp_path, backbone):
+    words = ("--backbone", backbone, "--set", "similarity.parts_weight=0.1")
+    shown = yaml.safe_load(command("config", "show", "remind", *words).stdout)
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(shown))
+    runs = load_config({"base": "remind", "similarity.parts_weight": 0.1}).for_backbone(backbone)
+    assert shown == runs.to_dict()
+    again = load_config(tmp_path / "mine.yaml")
+    assert again == again.for_backbone("patch-statistics") == runs
+    assert shown["thresholds"]["similarity"]["parts_weight"] == 0.1
+    fitted = backbone == "patch-statistics"
+    assert (shown["thresholds"]["matching"]["match"] == 0.7) == fitted
+
+
+def test_show_is_of_the_backbone_that_runs_by_default(command):
+    shown = command("config", "show", "remind").stdout
+    assert shown == command("config", "show", "remind", "--backbone", "patch-statistics").stdout
+    outcome = command("config", "show", "--backbone", "patch-statistic")
+    assert (outcome.code, outcome.stdout) == (1, "")
+    assert "did you mean 'patch-statistics'?" in outcome.stderr
+
+
 def test_diff_prints_keys_that_differ(command, tmp_path):
     (tmp_path / "mine.yaml").write_text("base: remind\nthresholds: {matching: {match: 0.5}}\n")
     outcome = command("config", "diff", "mine.yaml", "remind")
-    shipped = load_config("remind").thresholds.matching.match
-    assert outcome.stdout == f"thresholds.matching.match: 0.5 -> {shipped}\n"
+    runs = load_config("remind").for_backbone("patch-statistics").thresholds.matching.match
+    assert outcome.stdout == f"thresholds.matching.match: 0.5 -> {runs}\n"
     assert command("config", "diff", "default").stdout == ""
+
+
+def test_diff_across_trackers_compares_what_both_have(command):
+    outcome = command("config", "diff", "plus", "ablation_greedy")
+    num = {
+        name: len(list(flatten(load_config(name).to_dict()["thresholds"])))
+        for name in ("plus", "remind")
+    }
+    assert outcome.stdout.splitlines() == [
+        "tracker: 'plus' -> 'remind'",
+        "static.assignment: 'joint' -> 'greedy'",
+        "backbone_profile: False -> True",
+        f"only in plus: {num['plus']} thresholds of tracker 'plus'",
+        f"only in ablation_greedy: {num['remind']} thresholds of tracker 'remind'",
+    ]
 
 
 def test_validate(command, tmp_path):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone.registry import get_backbone
+from remind_jax.config import load_config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.decision import Outcome
 from remind_jax.errors import ConfigError, SourceError
@@ -107,6 +108,19 @@ def test_interruption_keeps_what_is_done(tmp_path):
     stopped = sweep(SCENES, SETTINGS[:2], config=CONFIG, batch=4, out=tmp_path, progress=stop)
     assert not stopped.complete
     assert len((tmp_path / "rows.jsonl").read_text().splitlines()) == 1
+
+
+def test_a_profile_is_followed_where_features_come_from_the_backbone():
+    config, backbone = load_config("remind"), get_backbone("patch-statistics")
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 255, (2, 64, 96, 3), np.uint8)
+    masks = np.zeros((2, 64, 96), np.int32)
+    masks[:, 8:40, 8:40] = 1
+    pairs = list(zip(images, masks, strict=True))
+    described = load_scene(open_source(pairs), config, backbone)
+    assert described.config == config.for_backbone("patch-statistics") != config
+    given = load_scene(open_source(SCENES[0]), config, backbone)
+    assert given.first(2).config == config
 
 
 def test_bad_input_is_told_before_work_starts():
