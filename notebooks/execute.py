@@ -71,8 +71,15 @@ def execute(source: Path, folder: Path | None = None) -> nbformat.NotebookNode:
         client.execute()
     for cell in notebook.cells:
         cell.metadata.clear()
+        if cell.cell_type == "code":
+            cell.outputs = [output for output in cell.outputs if not _is_empty_page(output)]
     notebook.metadata = read(source).metadata  # the kernel adds its version
     return notebook
+
+
+def _is_empty_page(output: nbformat.NotebookNode) -> bool:
+    """What the line of a run leaves behind."""
+    return output.output_type == "display_data" and output.data.get("text/html") == ""
 
 
 def main(prefixes: list[str]) -> int:

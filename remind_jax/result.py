@@ -80,10 +80,10 @@ class RunInfo:
 
 @dataclasses.dataclass(frozen=True)
 class Event:
-    """Something worth knowing that happened at a frame (capacity grown, detections dropped)."""
+    """Something worth knowing that happened at a frame, as detections that were dropped."""
 
     frame_index: int
-    kind: str  # a word or two: "capacity", "dropped"
+    kind: str  # a word or two: "dropped", "features"
     message: str
 
 
@@ -111,6 +111,7 @@ class Result:
     compile_s: float | None = None
     skipped: tuple[SkippedFrame, ...] = ()
     events: tuple[Event, ...] = ()
+    grown_at: tuple[int, ...] = ()  # frames at which the memory got more room; not kept in files
     complete: bool = True  # False if the run was interrupted
     # What the decisions were made of, if that was kept.
     trace: TraceArchive | PlusArchive | None = None

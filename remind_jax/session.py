@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import datetime
 import importlib.metadata
+import logging
 import platform
 import time
 from collections import deque
@@ -28,23 +29,16 @@ from remind_jax.explanation.words import plural
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
 from remind_jax.outputs.writer import RunWriter, check_folder
+from remind_jax.progress import Progress, follow_run
 from remind_jax.result import UNDECIDED, Event, Result, RunInfo
 from remind_jax.sources import Sampling, Source, open_source, prefetch
 from remind_jax.tracks import Tracks
 
 MEMORY_NAME = "memory.safetensors"
+CAPACITY = "capacity"  # kind of a tracker's notice about its own room
 _AHEAD = 4  # frames that are decoded and reduced before the tracker asks for them
 
-
-@dataclasses.dataclass(frozen=True)
-class Progress:
-    """How far a run is; handed to the caller's function after every frame."""
-
-    num_done: int  # frames
-    num_frames: int | None  # frames in all, where known
-    ms_per_frame: float  # median of the last frames
-    num_identities: int
-    undecided_share: float  # of the detections so far
+_log = logging.getLogger("remind_jax")
 
 
 def run(
@@ -67,7 +61,7 @@ def run(
     delay: int = 0,
     announce_after: int | None = None,
     overwrite: bool = False,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[Progress], None] | bool | None = None,
     **source_options: Any,
 ) -> Result:
     """Tracks everything in a source and says who is who in every frame.
@@ -99,7 +93,8 @@ def run(
         seen less often stays provisional. `input.announce_after` of the configuration if left out,
         and 0 there is 1 for masks and `announcement.DETECTOR_DEFAULT` for a detector.
       overwrite: Allow an output folder with files in it.
-      progress: Called after every frame.
+      progress: Called after every frame. Left out, a line on a terminal or in a notebook shows how
+        far the run is, and nothing elsewhere; False for nothing at all.
       **source_options: Further options of `open_source`.
 
     Returns:
@@ -125,10 +120,13 @@ def run(
     # Most objects that are announced at all are seen in frame after frame at first, so frames wait
     # for it with what cannot be written anew: their pictures.
     waiting = max(0, after - 1 - delay)
-    session = _Session(live, frames, finder, progress, _delay_answers(live, delay), waiting)
-    with contextlib.closing(
-        prefetch(_decode(frames, finder), lambda timed: _prepare(live, timed), depth=_AHEAD)
-    ) as ahead:
+    delayed = _delay_answers(live, delay)
+    preparing = prefetch(_decode(frames, finder), lambda timed: _prepare(live, timed), depth=_AHEAD)
+    with (
+        follow_run(progress, frames.name, frames.num_frames) as follow,
+        contextlib.closing(preparing) as ahead,
+    ):
+        session = _Session(live, frames, finder, follow, delayed, waiting)
         first = next(ahead, None)
         if first is None:
             raise SourceError(f"'{frames.name}' has no frames")
@@ -188,6 +186,7 @@ class _Session:
         self._progress = progress
         self._decided: list[Tracks] = []
         self._events: list[Event] = []
+        self._grown_at: list[int] = []
         self._timings: dict[str, list[float]] = {}
         self._first_frame_ms: float | None = None
         self._archive: Any = None  # made with the first trace
@@ -227,6 +226,7 @@ class _Session:
             first_frame_ms=self._first_frame_ms,
             skipped=tuple(self._source.skipped),
             events=tuple(self._events),
+            grown_at=tuple(self._grown_at),
             complete=complete,
             trace=archive,
         )
@@ -249,11 +249,17 @@ class _Session:
         for stage, milliseconds in spent.items():
             self._timings.setdefault(stage, []).append(milliseconds)
         self._record(tracks)
-        self._events += [
-            Event(tracks.frame_index, notice.kind, notice.message)
-            for notice in self._tracker.notices
-        ]
+        self._note(tracks.frame_index)
         self._report(tracks)
+
+    def _note(self, frame_index: int) -> None:
+        """Keeps what the tracker says of a frame; of its own room, only who debugs is told."""
+        for notice in self._tracker.notices:
+            if notice.kind == CAPACITY:
+                _log.debug("frame %d: %s", frame_index, notice.message)
+                self._grown_at.append(frame_index)
+            else:
+                self._events.append(Event(frame_index, notice.kind, notice.message))
 
     def _keep(self, num_waiting: int, writer: RunWriter | None) -> None:
         """Writes and collects all frames but the last ones."""

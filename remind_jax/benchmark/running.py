@@ -53,6 +53,7 @@ class Setup:
     sampling: Sampling = dataclasses.field(default_factory=Sampling)
     feature_cache: Path | None = None  # the user's cache folder if left out
     retry_failed: bool = False
+    is_shown: bool = True  # how far each run is, where somebody looks on
 
 
 Report = Callable[[Record, bool], None]  # the record, and whether it was there already
@@ -112,6 +113,7 @@ def _run_one(
         detector_options=setup.detector_options,
         backbone=_keep_features(setup),
         config=contender.config,
+        progress=None if setup.is_shown else False,
     )
     peak_mib, device_mib = peak_rss_mib(), device_memory_mib()
     if not result.complete:
@@ -140,7 +142,7 @@ def _stage(result: Result, name: str) -> np.ndarray:
 
 def _compiling_frames(result: Result) -> set[int]:
     """The first frame, and those in which a capacity grew."""
-    grown = {event.frame_index for event in result.events if event.kind == "capacity"}
+    grown = set(result.grown_at)
     return grown | {result.tracks[0].frame_index} if len(result) else set()
 
 

@@ -93,6 +93,7 @@ class Benchmark:
             sampling=self.sampling,
             feature_cache=self.feature_cache,
             retry_failed=self.retry_failed,
+            is_shown=not self.quiet,
         )
         records = run_all(setup, scenes, contenders, self._say_record)
         runs = self._score(records, scenes)

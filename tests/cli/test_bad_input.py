@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import logging
+import re
 import resource
 import tarfile
 
@@ -155,22 +157,22 @@ def test_changing_frame_size_is_skipped_and_reported(command, scene):
     assert "48x48" in summary["skipped"][0]["reason"]
 
 
-def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path):
-    """The fourth object comes while three are remembered."""
+def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path, caplog):
+    """The fourth object comes while three are remembered; nobody but who debugs is told."""
+    caplog.set_level(logging.DEBUG, "remind_jax")
     images, masks = scenes.write_scene(tmp_path / "scene", seen={2: (1, 2, 3, 4), 3: (1, 2, 3, 4)})
     words = ("run", images, "--masks", masks, "--json", "--out")
     ample = command(*words, "ample")
+    caplog.clear()
     tight = command(
         *words,
         "tight",
         static=("static.num_detections=2", "static.num_objects=3", "static.num_pending=4"),
     )
-    grown = [event for event in summary_of(tight)["events"] if event["kind"] == "capacity"]
-    assert [event["message"] for event in grown] == [
-        "3 detections do not fit; the capacity is 4 now",
-        "6 objects do not fit; the capacity is 6 now",
-        "7 objects do not fit; the capacity is 12 now",
-    ]
+    assert summary_of(tight)["events"] == []
+    told = [record.getMessage() for record in caplog.records if record.name == "remind_jax"]
+    grown = [re.findall(r"(\d+) now|room for (\d+)", message)[0] for message in told]
+    assert [int(first or second) for first, second in grown] == [4, 6, 12]
     assert summary_of(ample)["identities"] == 4
     runs = (Result.load(tmp_path / name).tracks for name in ("ample", "tight"))
     for wide, narrow in zip(*runs, strict=True):

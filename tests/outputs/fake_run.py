@@ -115,7 +115,7 @@ def make_run(
         first_frame_ms=812.5,
         compile_s=6.25,
         skipped=(SkippedFrame("000017.jpg", "the image is corrupt"),),
-        events=(Event(12, "capacity", "objects: 64 to 128"),),
+        events=(Event(12, "features", "2 patches were left out"),),
     )
     return frames, result
 
