@@ -43,7 +43,7 @@ CORE = (
 )
 ALLOWED = {"jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}
 # Configuration files are read where they are asked for.
-EXCEPTIONS = {("config/config.py", "yaml")}
+EXCEPTIONS = {("config/files.py", "yaml")}
 
 
 def modules_of_the_core() -> Iterator[Path]:

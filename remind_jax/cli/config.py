@@ -36,9 +36,9 @@ class List:
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Show:
-    """Print every value that runs with a configuration, as YAML for 'remind run --config'."""
+    """Print every value that runs with a configuration, as YAML for 'run --config'."""
 
-    name: Annotated[Positional[str], arg(metavar="[NAME|FILE]")] = "default"  # shipped, or YAML
+    name: Annotated[Positional[str], arg(metavar="[CONFIG]")] = "default"  # name, or YAML file
     backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
     changes: Assignments = ()
 
@@ -51,10 +51,10 @@ class Show:
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Diff:
-    """Print the keys whose values differ in runs with two configurations; nothing if none do."""
+    """Print the keys whose values differ in runs with two configurations."""
 
-    first: Annotated[Positional[str], arg(metavar="NAME|FILE")]  # shipped, or YAML
-    second: Annotated[Positional[str], arg(metavar="[NAME|FILE]")] = "default"  # shipped, or YAML
+    first: Annotated[Positional[str], arg(metavar="CONFIG")]  # name, or YAML file
+    second: Annotated[Positional[str], arg(metavar="[CONFIG]")] = "default"  # name, or YAML file
     backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
 
     def execute(self) -> int:
@@ -75,7 +75,7 @@ class Diff:
 class Validate:
     """Check configurations; the first unknown key or wrong value gives exit code 1."""
 
-    files: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME|FILE ...")]  # shipped, or YAML
+    files: Annotated[Positional[tuple[str, ...]], arg(metavar="CONFIG ...")]  # names, or YAML files
 
     def execute(self) -> int:
         """Prints one line per valid configuration.
