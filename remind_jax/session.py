@@ -117,9 +117,9 @@ def run(
     frames = open_source(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
-    # Most objects that are announced at all are seen in frame after frame at first, so frames wait
-    # for it with what cannot be written anew: their pictures.
-    waiting = max(0, after - 1 - delay)
+    # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
+    # detectors miss them now and then, hence twice the detections that it takes.
+    waiting = max(0, 2 * after - delay) if after > 1 else 0
     delayed = _delay_answers(live, delay)
     preparing = prefetch(_decode(frames, finder), lambda timed: _prepare(live, timed), depth=_AHEAD)
     with (
@@ -240,10 +240,12 @@ class _Session:
             self._first_frame_ms = before + 1000 * (tracked - start)
         decided = self._tracker.decided
         assert decided is not None
+        # What waits are images; masks of many detections would be larger.
+        frame = dataclasses.replace(prepared.frame, detections=None, features=None)
         if self._delayed is None:
-            self._waiting.append((prepared.frame, decided))
+            self._waiting.append((frame, decided))
         else:
-            self._waiting.extend(self._delayed.push(prepared.frame, decided, self._tracker.state))
+            self._waiting.extend(self._delayed.push(frame, decided, self._tracker.state))
         self._keep(self._num_waiting, writer)
         spent = {**self._tracker.stage_ms, "write": 1000 * (time.perf_counter() - tracked)}
         for stage, milliseconds in spent.items():

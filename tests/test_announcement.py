@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import remind_jax as rj
+from remind_jax import session
 from remind_jax.announcement import (
     DETECTOR_DEFAULT,
     Announcements,
@@ -295,6 +296,17 @@ def test_late_announcements_reach_what_was_written_before(tmp_path):
     final = [[0, 1], *[[0]] * 4, [0, 1]]
     assert ids(list(result.tracks)) == final
     assert ids(list(Result.load(tmp_path).tracks)) == final
+
+
+def test_pictures_wait_for_announcements(tmp_path, monkeypatch):
+    """Overlay and gallery are drawn once, so frames come to them some frames late."""
+    drawn: list[Tracks] = []
+    monkeypatch.setattr(session.RunWriter, "add", lambda self, frame, tracks: drawn.append(tracks))
+    run(announce_after=AFTER, out=tmp_path)
+    assert ids(drawn) == EXPECTED
+    drawn.clear()
+    run(announce_after=1, out=tmp_path, overwrite=True)
+    assert ids(drawn)[3] == [0, 1, 2]
 
 
 def test_an_interrupted_run_tells_of_all_frames(tmp_path):

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
+from remind_jax.announcement import Announcements
 from remind_jax.config import Static
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.memory_file import (
@@ -62,6 +63,23 @@ def test_round_trip_is_exact(path, memory):
     assert loaded.static == memory.static
     assert hash(loaded.static) == hash(memory.static)
     assert (loaded.class_names, loaded.backbone) == (NAMES, "patch-statistics")
+
+
+def test_what_was_announced_is_kept(tmp_path, memory):
+    announced = Announcements(3, {7: 3, 4: 4}, {9: 2}, next_id=5)
+    told = dataclasses.replace(memory, announced=announced)
+    save_memory(tmp_path / "memory", told)
+    assert load_memory(tmp_path / "memory").announced == announced
+
+
+def test_files_that_tell_of_no_announcements_are_read(path):
+    assert load_memory(path).announced is None
+
+
+@pytest.mark.parametrize("damaged", ["[]", '{"known_below": 0}', '{"ids": [[1]]}', "{"])
+def test_announcements_that_cannot_be_read(path, damaged):
+    with pytest.raises(OutputError, match="description cannot be read"):
+        load_memory(rewrite(path, header={"announced": damaged}))
 
 
 def test_round_trip_in_double_precision(tmp_path, x64):
