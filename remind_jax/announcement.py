@@ -21,7 +21,6 @@ from remind_jax.tracks import Tracks
 
 # Detections from which on an object of a detector is announced (`benchmarks/announcement.py`).
 DETECTOR_DEFAULT = 5
-AUTOMATIC = 0  # 1 for given masks, else `DETECTOR_DEFAULT`
 
 _ALL = sys.maxsize
 
@@ -108,8 +107,9 @@ def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
     """Detections after which objects are announced.
 
     Args:
-      asked: What the caller wants; None or `AUTOMATIC` leaves it to the configuration.
-      configured: `input.announce_after`; `AUTOMATIC` leaves it to the kind of detections.
+      asked: What the caller wants; None or 0 leaves it to the configuration.
+      configured: `input.announce_after`; 0 leaves it to the kind of detections: 1 for given masks,
+        else `DETECTOR_DEFAULT`.
       has_detector: Whether detections come from a detector.
 
     Raises:
@@ -170,7 +170,7 @@ def tell(announced: Announcements, tracks: Tracks) -> Tracks:
     candidate_id, candidate_score = _name_candidates(announced, tracks, waits)
     outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
     for row in range(len(tracks)):
-        if outcome[row] == Outcome.AMBIGUOUS:
+        if outcome[row] in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
             options = tracks.candidate_id[row][tracks.candidate_id[row] != NO_ID]
             num_named = np.sum(candidate_id[row] != NO_ID)
             if len(options) and announced.id_of(int(options[0])) == NO_ID:

@@ -103,18 +103,21 @@ def test_candidates_speak_of_announced_objects_only():
         doubt | {"candidates": [(9, 0.6), (3, 0.3), (8, 0.1)]},
         doubt | {"candidates": [(9, 0.6), (8, 0.4)]},
         doubt | {"candidates": [(8, 0.6), (9, 0.4)]},
+        doubt | {"outcome": Outcome.PROVISIONAL_PARENT, "candidates": [(8, 0.6)]},
     ]
     known = Announcements(0, {9: 0, 3: 1}, next_id=2)
     told = tell(known, frame_of(*rows))
-    assert told.candidate_id.tolist() == [[0, 1, -1], [0, 1, -1], [0, -1, -1], [0, -1, -1]]
-    np.testing.assert_allclose(told.candidate_score[:, 0], [0.9, 0.6, 0.6, 0.4])  # as given
+    assert told.candidate_id[:, 0].tolist() == [0, 0, 0, 0, -1]
+    assert told.candidate_id[:, 1].tolist() == [1, 1, -1, -1, -1]
+    np.testing.assert_array_equal(told.candidate_score[:, 0], np.float32([0.9, 0.6, 0.6, 0.4, 0]))
     assert told.outcome.tolist() == [
         Outcome.MATCH,
         Outcome.AMBIGUOUS,
         Outcome.PROVISIONAL_PARENT,  # the only one left
         Outcome.PROVISIONAL_NEW,  # most likely one that is not announced
+        Outcome.PROVISIONAL_NEW,
     ]
-    assert told.pending_id.tolist() == [-1, 2, 2, 2]
+    assert told.pending_id.tolist() == [-1, 2, 2, 2, 2]
     waiting = tell(Announcements.none(), frame_of(near))
     assert waiting.candidate_id.tolist() == [[-1, -1, -1]]
 
