@@ -22,10 +22,17 @@ from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled_step import compiled_step, empty_state, settle_types, stay
 from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.decision import NO_ID, Decisions
-from remind_jax.errors import ConfigError, RemindError, SourceError
+from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.mask_reduction import pad_masks, reduce_masks
-from remind_jax.memory_file import SavedMemory, check_backbone, load_memory, save_memory
+from remind_jax.memory_file import (
+    SavedMemory,
+    check_backbone,
+    check_tracker,
+    load_memory,
+    save_memory,
+    static_of,
+)
 from remind_jax.methods import get_method
 from remind_jax.observation import FrameFeats, Masks, PatchAttention
 from remind_jax.packing import Packed
@@ -275,23 +282,20 @@ class Tracker:
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.
 
-        Thresholds stay those of this tracker, capacities and structural switches become those of
-        the file.
+        Thresholds stay those of this tracker, capacities and structural switches that nobody chose
+        become those of the file.
 
         Raises:
           OutputError: If the file is missing, damaged or of another schema.
-          RemindError: If it was made with another backbone or by another tracker.
+          RemindError: If it was made with another backbone, by another tracker, or with room for
+            other switches.
         """
         memory = load_memory(path)
-        if memory.tracker != self.method.name:
-            raise RemindError(
-                f"{path} is the memory of tracker '{memory.tracker}', not '{self.method.name}'; "
-                "go on with the tracker that it was made by"
-            )
+        check_tracker(memory, self.method.name, path)
         if memory.backbone != FEATURES_GIVEN:
             check_backbone(memory, self.backbone.name, path)
         self._features_given = memory.backbone == FEATURES_GIVEN
-        self._state, self._static = stay(memory.state), memory.static
+        self._state, self._static = stay(memory.state), static_of(memory, self.config, path)
         self._class_ids = {name: number for number, name in enumerate(memory.class_names)}
         if memory.announced is not None:
             self.announcements = memory.announced

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 from pathlib import Path
@@ -14,12 +15,16 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from remind_jax.announcement import Announcements
-from remind_jax.config import Static
+from remind_jax.config import Config, Static
+from remind_jax.config.keys import how_to_choose
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.methods import PAPER_METHOD, get_method
 
 SCHEMA_VERSION = 1
 _FORMAT = "remind-jax memory"
+_GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
+_BOUND = ("first_object_id", "precision")  # a memory has them from its start
+_PUBLISHED = Static()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +97,50 @@ def load_memory(path: str | Path) -> SavedMemory:
         leaves.append(jax.numpy.asarray(tensors[name], leaf.dtype))
     state = jax.tree.unflatten(jax.tree.structure(empty), leaves)
     return SavedMemory(state, static, names, backbone, tracker, announced)
+
+
+def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
+    """Refuses the memory of another tracker.
+
+    Raises:
+      RemindError: If the trackers differ.
+    """
+    if memory.tracker != tracker:
+        raise RemindError(
+            f"{path} is the memory of tracker '{memory.tracker}', not '{tracker}'; go on with "
+            f"{how_to_choose(memory.tracker)}"
+        )
+
+
+def static_of(memory: SavedMemory, config: Config, path: str | Path) -> Static:
+    """Capacities and structural switches to go on with: those of the memory.
+
+    Switches that a configuration chose take their place where the memory has room for them.
+
+    Raises:
+      RemindError: If one of them asks for a memory of another shape.
+    """
+    asked = {
+        name: value
+        for name, value in dataclasses.asdict(config.static).items()
+        if name not in _GROWN
+        and (f"static.{name}" in config.chosen or value != getattr(_PUBLISHED, name))
+    }
+    for name, value in asked.items():
+        made_with = getattr(memory.static, name)
+        other = dataclasses.replace(memory.static, **{name: value})
+        is_bound = name in _BOUND and value != made_with
+        if is_bound or _shape(memory.tracker, other) != _shape(memory.tracker, memory.static):
+            raise RemindError(
+                f"{path} was made with static.{name} {made_with}, not {value}; leave that as it "
+                "was, or start without the memory"
+            )
+    return dataclasses.replace(memory.static, **asked)
+
+
+def _shape(tracker: str, static: Static) -> Any:
+    """Shapes and types of the memory of a method."""
+    return jax.eval_shape(functools.partial(get_method(tracker).init, static))
 
 
 def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None:

@@ -348,6 +348,7 @@ def describe_run(source: Source, tracker: Tracker, first: Prepared) -> RunInfo:
     backbone = FEATURES_GIVEN if brings_features else tracker.backbone.name
     # The thresholds that will decide, those made for the backbone among them.
     config = tracker.config if brings_features else tracker.config.for_backbone(backbone)
+    config = dataclasses.replace(config, static=tracker.static)  # of a memory, if there is one
     announcing = dataclasses.replace(config.input, announce_after=tracker.announce_after)
     config = dataclasses.replace(config, input=announcing)
     return RunInfo(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import jax
@@ -16,14 +17,16 @@ import pytest
 from safetensors.numpy import load_file, save_file
 
 from remind_jax.announcement import Announcements
-from remind_jax.config import Static
+from remind_jax.config import Static, load_config
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.memory_file import (
     SCHEMA_VERSION,
     SavedMemory,
     check_backbone,
+    check_tracker,
     load_memory,
     save_memory,
+    static_of,
 )
 from remind_jax.state import init
 from tests.test_state import assert_equal, fill
@@ -159,6 +162,33 @@ def test_features_of_another_backbone_are_refused(memory):
     check_backbone(memory, "patch-statistics", "file")
     with pytest.raises(RemindError, match="cannot be compared"):
         check_backbone(memory, "dinov3", "file")
+
+
+def test_switches_that_leave_room_are_followed(memory):
+    config = load_config({"base": "remind", "static": {"assignment": "greedy", "num_objects": 999}})
+    going_on = static_of(memory, config, "file")
+    assert going_on == dataclasses.replace(STATIC, assignment="greedy")
+    assert static_of(memory, load_config("published"), "file") == STATIC
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("appearance_slots", (3, 5)), ("precision", "float64"), ("first_object_id", 100)],
+)
+def test_switches_that_ask_for_another_memory_are_refused(memory, name, value):
+    config = load_config({"base": "remind", "static": {name: value}})
+    made_with = re.escape(str(getattr(STATIC, name)))
+    with pytest.raises(RemindError, match=rf"file was made with static\.{name} {made_with}, not"):
+        static_of(memory, config, "file")
+    assert static_of(memory, load_config("remind"), "file") == STATIC
+
+
+@pytest.mark.parametrize(("tracker", "said"), [("plus", "--config"), ("bank", "--tracker")])
+def test_the_memory_of_another_tracker_says_what_to_do(memory, tracker, said):
+    made = dataclasses.replace(memory, tracker=tracker)
+    with pytest.raises(RemindError, match=rf"memory of tracker '{tracker}'.*{said} {tracker}, or"):
+        check_tracker(made, "remind", "file")
+    check_tracker(made, tracker, "file")
 
 
 def test_static_with_every_kind_of_field_survives(tmp_path):

@@ -81,6 +81,12 @@ def flat_keys(
     return flat
 
 
+def how_to_choose(tracker: str) -> str:
+    """What chooses a tracker: its configuration, where one is shipped."""
+    option, key = ("config", "base") if tracker in list_configs() else ("tracker", "tracker")
+    return f"--{option} {tracker}, or `{key}: {tracker}` in a file or in values"
+
+
 def _walk(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted names of everything in nested values; of a section only if it is empty."""
     for key, value in tree.items():
@@ -120,11 +126,9 @@ def _thresholds_of(tracker: str) -> list[str]:
 def _say_owners(name: str, owners: list[str], tracker: str, origin: str) -> str:
     shown = " and ".join(f"'{owner}'" for owner in owners)
     many = "trackers" if len(owners) > 1 else "tracker"
-    start = "base" if owners[0] in list_configs() else "tracker"
-    option = "config" if start == "base" else "tracker"
     return (
         f"{name!r} in {origin} is a threshold of {many} {shown}, and tracker '{tracker}' is "
-        f"chosen; give --{option} {owners[0]}, or `{start}: {owners[0]}` in a file or in values"
+        f"chosen; give {how_to_choose(owners[0])}"
     )
 
 
