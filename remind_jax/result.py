@@ -20,6 +20,7 @@ from remind_jax.errors import OutputError
 from remind_jax.frame import SkippedFrame
 from remind_jax.methods import PAPER_METHOD
 from remind_jax.outputs import store
+from remind_jax.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 
 if TYPE_CHECKING:
@@ -38,8 +39,8 @@ MIN_ABSENCE_FRAMES = 5
 UNDECIDED = (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_NEW, Outcome.PROVISIONAL_PARENT)
 
 
-@dataclasses.dataclass(frozen=True)
-class RunInfo:
+@dataclasses.dataclass(frozen=True, repr=False)
+class RunInfo(Printable):
     """What a run was made with: enough to read its outputs and to repeat it."""
 
     name: str
@@ -77,6 +78,18 @@ class RunInfo:
         values["class_names"] = tuple(values["class_names"])
         return cls(**values)
 
+    def _summarize(self) -> SmallTable:
+        return SmallTable(f"run '{self.name}'", self.facts())
+
+    def facts(self) -> tuple[str, ...]:
+        """What it was made with, in two lines."""
+        height, width = self.frame_size
+        used = [f"{key} {self.config[key]}" for key in ("tracker",) if key in self.config]
+        return (
+            f"{width} x {height} pixels, {self.fps:.4g} frames per second",
+            ", ".join([*used, self.backbone, self.device, f"started at {self.started_at}"]),
+        )
+
 
 @dataclasses.dataclass(frozen=True)
 class Event:
@@ -100,15 +113,15 @@ class ObjectHistory:
     returns: tuple[int, ...]  # the frame after each absence
 
 
-@dataclasses.dataclass(frozen=True)
-class Result:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Result(Printable):
     """Everything a run found, in frame order."""
 
     tracks: tuple[Tracks, ...]
     info: RunInfo
     timings_ms: dict[str, list[float]] = dataclasses.field(default_factory=dict)  # by stage, [T]
     first_frame_ms: float | None = None  # from the first image to its identities
-    compile_s: float | None = None
+    compile_s: float | None = None  # waited for programs, in the whole run
     skipped: tuple[SkippedFrame, ...] = ()
     events: tuple[Event, ...] = ()
     grown_at: tuple[int, ...] = ()  # frames at which the memory got more room; not kept in files
@@ -118,6 +131,26 @@ class Result:
 
     def __len__(self) -> int:
         return len(self.tracks)
+
+    def _summarize(self) -> SmallTable:
+        told, objects = self.summary(), self.objects()
+        stopped = "" if self.complete else ", interrupted"
+        return SmallTable(
+            f"run '{self.info.name}'{stopped}: {told['frames']} frames, {len(objects)} identities, "
+            f"{told['returns']} returns, {100 * told['undecided_share']:.1f} % undecided",
+            self.info.facts(),
+            ("identity", "first frame", "last frame", "frames seen", "returns"),
+            [
+                (
+                    f"{seen.label} {seen.object_id}",
+                    str(seen.first_frame),
+                    str(seen.last_frame),
+                    str(seen.num_frames),
+                    str(len(seen.returns)),
+                )
+                for seen in objects
+            ],
+        )
 
     @property
     def class_names(self) -> tuple[str, ...]:

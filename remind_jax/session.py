@@ -224,6 +224,7 @@ class _Session:
             info=info,
             timings_ms=self._timings,
             first_frame_ms=self._first_frame_ms,
+            compile_s=getattr(self._tracker, "compile_s", None),
             skipped=tuple(self._source.skipped),
             events=tuple(self._events),
             grown_at=tuple(self._grown_at),

@@ -13,6 +13,8 @@ import pycocotools.mask
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.explanation.words import number
+from remind_jax.small_table import Printable, SmallTable
 
 # Its stubs know neither bytes in `counts` nor lists of masks.
 _coco: Any = pycocotools.mask
@@ -20,8 +22,8 @@ _coco: Any = pycocotools.mask
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 
-@dataclasses.dataclass(frozen=True)
-class Tracks:
+@dataclasses.dataclass(frozen=True, repr=False)
+class Tracks(Printable):
     """Identities of the detections of one frame, in detection order.
 
     Masks are kept run-length encoded, so that thousands of frames fit in memory.
@@ -94,6 +96,26 @@ class Tracks:
         if self.outcome[row] == Outcome.PROVISIONAL_PARENT and shown:
             return f"{label} {shown[0]}?"
         return f"{label} new?"
+
+    def _summarize(self) -> SmallTable:
+        height, width = self.frame_size
+        num = len(self)
+        return SmallTable(
+            f"frame {self.frame_index} ({self.time_s:.2f} s, {self.name}), {width} x {height}: "
+            f"{num} detection{'' if num == 1 else 's'}",
+            heads=("row", "name", "outcome", "confidence", "left", "top", "right", "bottom"),
+            rows=[
+                (
+                    str(row),
+                    self.display_name(row),
+                    Outcome(int(self.outcome[row])).name.lower().replace("_", " "),
+                    "" if (sure := self.shown_confidence(row)) is None else number(sure),
+                    *(f"{side:.0f}" for side in self.boxes[row]),
+                )
+                for row in range(num)
+            ],
+            is_text=(1, 2),
+        )
 
 
 def encode_masks(masks: Bool[np.ndarray, "N H W"]) -> tuple[Rle, ...]:

@@ -173,7 +173,8 @@ class Benchmark:
             return
         if not self.quiet:
             for table in tables.values():
-                print(table.to_text())
+                table.print()
+                print()
         for failure in failures:
             print(f"failed: {failure}", file=sys.stderr)
 

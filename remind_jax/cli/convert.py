@@ -14,6 +14,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError, SourceError
+from remind_jax.terminal import print_table
 
 if TYPE_CHECKING:
     from weights_convert.conversion import Conversion
@@ -131,17 +132,14 @@ def _print_check(check: Check) -> None:
 
 
 def _print_variants() -> None:
-    from rich.console import Console
-    from rich.table import Table
-
     from remind_jax.backbone.vit_variants import TERMS, VARIANTS
     from remind_jax.backbone.vit_weights import leaf_shapes
 
-    table = Table()
-    for heading in ("name", "patch", "width", "depth", "heads", "MiB", "licence of the weights"):
-        table.add_column(heading, justify="left" if heading[0] in "nl" else "right")
+    rows: list[tuple[str, ...]] = [
+        ("name", "patch", "width", "depth", "heads", "MiB", "licence of the weights")
+    ]
     for v in VARIANTS.values():
         mib = 4 * sum(math.prod(shape) for shape in leaf_shapes(v).values()) / 2**20
-        sizes = (v.patch_px, v.width, v.depth, v.heads, round(mib))
-        table.add_row(v.name, *map(str, sizes), TERMS[v.family].licence)
-    Console().print(table)
+        sizes = map(str, (v.patch_px, v.width, v.depth, v.heads, round(mib)))
+        rows.append((v.name, *sizes, TERMS[v.family].licence))
+    print_table(rows, is_text=(0, 6))

@@ -17,6 +17,7 @@ from remind_jax.cli.process_settings import keep_compiled_programs, silence_libr
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import print_summary, track
 from remind_jax.cli.summary import summary_facts
+from remind_jax.terminal import print_table
 
 if TYPE_CHECKING:
     from remind_jax.metrics import Evaluation
@@ -83,14 +84,7 @@ class Demo:
 
 def print_recovered(evaluation: Evaluation) -> None:
     """Prints what a tour gave back of its truth, with what each number means."""
-    from rich.console import Console
-    from rich.table import Table
-
     scores = evaluation.scores()
-    table = Table(title="What was recovered", title_justify="left")
-    table.add_column("measure")
-    table.add_column("value", justify="right")
-    table.add_column("meaning")
 
     def share(name: str) -> str:
         return "-" if math.isnan(scores[name]) else f"{100 * scores[name]:.1f} %"
@@ -98,10 +92,13 @@ def print_recovered(evaluation: Evaluation) -> None:
     def count(name: str) -> str:
         return f"{scores[name]:.0f}"
 
-    table.add_row("IDF1", share("IDF1"), "detections with the identity of their object")
-    table.add_row("recovery", share("Recovery"), "returns that got the old identity back")
-    table.add_row("hard recovery", share("HardRecovery"), "the same, in their first frame")
-    table.add_row("returns", count("Opportunities"), "times that an object came back into view")
-    table.add_row("objects", count("GT_IDs"), "true objects seen")
-    table.add_row("identities", count("IDs"), "identities found; best: as many as objects")
-    Console().print(table)
+    rows = [
+        ("measure", "value", "meaning"),
+        ("IDF1", share("IDF1"), "detections with the identity of their object"),
+        ("recovery", share("Recovery"), "returns that got the old identity back"),
+        ("hard recovery", share("HardRecovery"), "the same, in their first frame"),
+        ("returns", count("Opportunities"), "times that an object came back into view"),
+        ("objects", count("GT_IDs"), "true objects seen"),
+        ("identities", count("IDs"), "identities found; best: as many as objects"),
+    ]
+    print_table(rows, "What was recovered", is_text=(0, 2))

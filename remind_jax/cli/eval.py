@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,14 +12,11 @@ from tyro.conf import Positional, UseAppendAction, arg
 from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OutputError, RemindError
+from remind_jax.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
     from remind_jax.metrics.federated import FederatedScores
-
-_SHOWN = ("HOTA", "DetA", "AssA", "LocA", "MOTA", "IDF1", "IDP", "IDR", "Recovery", "HardRecovery")
-_FEDERATED = ("HOTA", "DetA", "AssA", "LocA", "MOTA", "IDF1", "IDP", "IDR")
-_COUNTED = ("IDSW", "Frag", "MT", "PT", "ML", "GT_IDs", "IDs", "GT_Dets", "Dets", "Frames")
 
 FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
 
@@ -177,43 +173,30 @@ def print_evaluation(evaluation: SetEvaluation) -> None:
     print_scores(evaluation.scores())
     if evaluation.federated is not None:
         print_federated(evaluation.federated)
+    num_scenes = _num_scenes(evaluation)
+    lines = [f"note: {note}" for note in evaluation.notes]
     if evaluation.failed:
-        print(f"{len(evaluation.failed)} of {_num_scenes(evaluation)} scenes failed:")
-        for scene, why in evaluation.failed.items():
-            print(f"  {scene}: {why}")
-    elif _num_scenes(evaluation) > 1:
-        print(f"{_num_scenes(evaluation)} scenes, counts added")
-    for note in evaluation.notes:
-        print(f"note: {note}")
+        told = [f"  {scene}: {why}" for scene, why in evaluation.failed.items()]
+        lines = [f"{len(evaluation.failed)} of {num_scenes} scenes failed:", *told, *lines]
+    elif num_scenes > 1:
+        lines = [f"{num_scenes} scenes, counts added", *lines]
+    print_lines(lines)
 
 
 def print_scores(scores: dict[str, float]) -> None:
     """Prints the main scores in percent and the main counts."""
-    from rich.console import Console
-    from rich.table import Table
+    from remind_jax.metrics.evaluation import show_scores
 
-    table = Table()
-    for heading in ("score", "count"):
-        table.add_column(heading)
-        table.add_column("", justify="right")
-    for score, count in zip(_SHOWN, _COUNTED, strict=True):
-        value = "-" if math.isnan(scores[score]) else f"{100 * scores[score]:.2f} %"
-        table.add_row(score, value, count, f"{scores[count]:.0f}")
-    Console().print(table)
+    shown = show_scores(scores)
+    print_table([shown["heads"], *shown["rows"]], is_text=shown["is_text"])
 
 
 def print_federated(scores: FederatedScores) -> None:
     """Prints what the labels of federated truth allow to say, over classes and detections."""
-    from rich.console import Console
-    from rich.table import Table
+    from remind_jax.metrics.federated import FEDERATED_HEADS
 
-    averages = scores.class_averaged(), scores.detection_averaged()
-    table = Table(title=f"only what the labels judge, {len(scores.by_class)} classes")
-    for heading in ("score", "mean of classes", "over detections"):
-        table.add_column(heading, justify="left" if heading == "score" else "right")
-    for name in _FEDERATED:
-        table.add_row(name, *(f"{100 * average[name]:.2f} %" for average in averages))
-    Console().print(table)
+    title = f"only what the labels judge, {len(scores.by_class)} classes"
+    print_table([FEDERATED_HEADS, *scores.rows()], title)
 
 
 def _num_scenes(evaluation: SetEvaluation) -> int:

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from remind_jax.terminal import print_lines
+
 if TYPE_CHECKING:
     from remind_jax.result import Result
 
@@ -34,8 +36,7 @@ def print_summary(result: Result, out: Path, notes: Iterable[str] = ()) -> None:
       out: Its output folder.
       notes: What the source found worth saying.
     """
-    for line in (*notes, *summary_lines(result, out)):
-        print(line)
+    print_lines([*notes, *summary_lines(result, out)])
 
 
 def summary_lines(result: Result, out: Path) -> list[str]:
@@ -66,9 +67,10 @@ def _say_times(facts: dict[str, Any]) -> list[str]:
     if not stages:
         return []
     parts = ", ".join(f"{stage} {times['median']:.1f}" for stage, times in stages.items())
-    first_ms = facts["first_frame_ms"]
-    first = "" if first_ms is None else f"; first identities after {first_ms / 1000:.1f} s"
-    return [f"median ms per frame: {parts}{first}"]
+    first_ms, compile_s = facts["first_frame_ms"], facts["compile_s"]
+    waits = [] if first_ms is None else [f"first identities after {first_ms / 1000:.1f} s"]
+    waits += [] if compile_s is None else [f"{compile_s:.1f} s spent on compiling"]
+    return [f"median ms per frame: {parts}", *([", ".join(waits)] if waits else [])]
 
 
 def _say_skipped(result: Result) -> list[str]:

@@ -16,6 +16,7 @@ from remind_jax.cli.process_settings import keep_compiled_programs, silence_libr
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
 from remind_jax.errors import OutputError, SweepError
+from remind_jax.terminal import print_lines, print_markdown
 
 if TYPE_CHECKING:
     from remind_jax.sweep import SweepResult
@@ -109,8 +110,8 @@ class Sweep:
         if self.json:
             print(json.dumps(self._facts(result, out), indent=1))
         elif not self.quiet:
-            print("\n\n".join(sections))
-            print(f"\nAll {len(result.settings)} settings: {out / TABLE_FILE}")
+            print_markdown("\n\n".join(sections))
+            print_lines(["", f"All {len(result.settings)} settings: {out / TABLE_FILE}"])
         return exit_codes.FINE if result.complete else exit_codes.INTERRUPTED
 
     def _plan(self) -> Any:

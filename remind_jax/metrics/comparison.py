@@ -19,15 +19,18 @@ from typing import TYPE_CHECKING
 
 from remind_jax.errors import OutputError
 from remind_jax.metrics.columns import Column, Interval, column_of, format_cell
+from remind_jax.small_table import Printable, SmallTable
+from remind_jax.terminal import (
+    lay_out,
+    natural_widths,
+    output_width,
+    table_width,
+    wide_console,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
-
-# Characters of a line where nothing limits it.
-_WIDE = 4000
-_HIGH = 25  # without a height, rich takes the width of dumb terminals to be 80
 
 # Scores closer than this are equal: less than any format shows.
 _SAME = 1e-9
@@ -67,8 +70,8 @@ class Chart:
     column: str | Column = "IDF1"  # how the scores are written
 
 
-@dataclasses.dataclass(frozen=True)
-class ComparisonTable:
+@dataclasses.dataclass(frozen=True, repr=False)
+class ComparisonTable(Printable):
     """Rows of scores under common columns."""
 
     rows: Sequence[Row]
@@ -77,40 +80,46 @@ class ComparisonTable:
     title: str = ""
     charts: Sequence[Chart] = ()
 
+    def _summarize(self) -> SmallTable:
+        columns = self.resolved_columns
+        return SmallTable(
+            self.title or f"comparison of {len(self.rows)} rows",
+            heads=("", *(column.heading for column in columns)),
+            rows=[(row.name, *(row.format(column)[0] for column in columns)) for row in self.rows],
+        )
+
     def to_text(self, *, width: int | None = None) -> str:
         """For a terminal; intervals stand under the scores.
 
         Args:
           width: Characters per line; as wide as needed if left out. Where the methods do not fit
-            below each other with all columns, they stand beside each other.
+            below each other with all columns, they stand beside each other; where these do not fit
+            either, the columns are shared out among several tables.
         """
-        from rich.console import Console
-
-        console = Console(width=width or _WIDE, height=_HIGH)
+        console = wide_console(width)
         with console.capture() as capture:
             self.print(console)
         return "\n".join(line.rstrip() for line in capture.get().splitlines()) + "\n"
 
     def print(self, console: Console | None = None) -> None:
         """Prints the table to a `rich` console, by default that of the process."""
-        from rich.console import Console
-
-        if console is None:
-            console = Console()
-            if not console.is_terminal:
-                console = Console(width=_WIDE, height=_HIGH)
-        table = self._lay_out()
-        # Measured on a wide console: measurements stop at the width of their console.
-        if Console(width=_WIDE, height=_HIGH).measure(table).maximum > console.width:
-            table = self._lay_out(beside=True)
-        console.print(table)
+        console = console or wide_console(output_width())
+        lines = self._cells()
+        beside = [list(line) for line in zip(*lines, strict=True)]
+        if (
+            table_width(natural_widths(lines))
+            > console.width
+            >= table_width(natural_widths(beside))
+        ):
+            lines = beside
+        for table in lay_out(lines, console.width, self.title):
+            console.print(table)
         for sentence in self.legend:
             console.print(sentence, markup=False, highlight=False)
 
-    def _lay_out(self, *, beside: bool = False) -> Table:
-        """The table for `rich`; with `beside`, methods are columns and scores are rows."""
+    def _cells(self) -> list[list[str]]:
+        """Cells by row in markup of `rich`, the heads first."""
         from rich.markup import escape
-        from rich.table import Table
 
         lines = [["", *(escape(column.heading) for column in self.resolved_columns)]]
         lines += [
@@ -120,14 +129,7 @@ class ComparisonTable:
         if self._has_notes:
             notes = ["note", *(escape(row.note) for row in self.rows)]
             lines = [[*line, note] for line, note in zip(lines, notes, strict=True)]
-        if beside:
-            lines = [list(line) for line in zip(*lines, strict=True)]
-        table = Table(title=escape(self.title) or None, title_justify="left")
-        for place, heading in enumerate(lines[0]):
-            table.add_column(heading, justify="right" if place else "left", overflow="fold")
-        for line in lines[1:]:
-            table.add_row(*line)
-        return table
+        return lines
 
     def to_markdown(self) -> str:
         """A pipe table, the best of each column bold, and the legend as a list."""

@@ -30,6 +30,7 @@ from remind_jax.metrics.recovery import (
 )
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import UncertaintyCounts, uncertainty_scores
+from remind_jax.small_table import Printable, SmallTable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,8 +45,15 @@ class SizeCounts:
     repeated_ids: Int[np.ndarray, "*batch"]  # ids taken back, given twice in one frame
 
 
-@dataclasses.dataclass(frozen=True)
-class Evaluation:
+# Scores and counts that are shown side by side.
+MAIN_SCORES = (
+    "HOTA", "DetA", "AssA", "LocA", "MOTA", "IDF1", "IDP", "IDR", "Recovery", "HardRecovery"
+)  # fmt: skip
+MAIN_COUNTS = ("IDSW", "Frag", "MT", "PT", "ML", "GT_IDs", "IDs", "GT_Dets", "Dets", "Frames")
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Evaluation(Printable):
     """All counts of one sequence, or of several pooled, and the scores that follow from them."""
 
     name: str
@@ -102,6 +110,23 @@ class Evaluation:
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": scores}`, ready for `json.dump`; undefined scores are null."""
         return {"metrics": without_nan(self.scores())}
+
+    def _summarize(self) -> SmallTable:
+        return SmallTable(f"evaluation of '{self.name}'", **show_scores(self.scores()))
+
+
+def show_scores(scores: Mapping[str, float]) -> dict[str, Any]:
+    """Heads and rows of the main scores, in percent, beside the main counts."""
+    rows = [
+        (
+            score,
+            "-" if math.isnan(scores[score]) else f"{100 * scores[score]:.2f} %",
+            count,
+            f"{scores[count]:.0f}",
+        )
+        for score, count in zip(MAIN_SCORES, MAIN_COUNTS, strict=True)
+    ]
+    return {"heads": ("score", "", "count", ""), "rows": rows, "is_text": (0, 2)}
 
 
 def evaluate_sequence(

@@ -28,6 +28,7 @@ from remind_jax.metrics.identity import identity_scores
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.pairing import PairedScene, class_key
 from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.small_table import Printable, SmallTable
 
 # Overlap at which a prediction is one of a labelled object.
 MATCH_THRESHOLD = 0.5
@@ -38,8 +39,12 @@ NO_COMMON_CLASS = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class FederatedScores:
+_MAIN_SCORES = ("HOTA", "DetA", "AssA", "LocA", "MOTA", "IDF1", "IDP", "IDR")
+FEDERATED_HEADS = ("score", "mean of classes", "over detections")  # of `FederatedScores.rows`
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class FederatedScores(Printable):
     """Scores of every class with truth, scenes pooled, and of all classes together."""
 
     by_class: Mapping[str, Evaluation]
@@ -51,6 +56,18 @@ class FederatedScores:
     def detection_averaged(self) -> dict[str, float]:
         """Counts of all classes added, then the formulas: detections weigh alike."""
         return _mean(_standard_fields(pool_evaluations(list(self.by_class.values()))))
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The main scores, in percent: name, mean of classes, over detections."""
+        averages = self.class_averaged(), self.detection_averaged()
+        return [
+            (name, *(f"{100 * average[name]:.2f} %" for average in averages))
+            for name in _MAIN_SCORES
+        ]
+
+    def _summarize(self) -> SmallTable:
+        title = f"only what the labels judge, {len(self.by_class)} classes"
+        return SmallTable(title, (), FEDERATED_HEADS, self.rows())
 
     def classes(self) -> dict[str, dict[str, float]]:
         """Scores of each class."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.metrics.columns import column_of, format_cell
 from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
 from remind_jax.metrics.comparison import ComparisonTable, Row
 from remind_jax.metrics.evaluation import without_nan
@@ -33,14 +34,15 @@ from remind_jax.metrics.paper_scores import (
 )
 from remind_jax.metrics.scene_stream import SceneStream, open_stream
 from remind_jax.metrics.sequence import TrackingSequence
+from remind_jax.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 
 COLUMNS = ("IDF1", "Recovery", "HardRecovery", "IDSWRate", "DetA", "AssA", "IDP", "IDR")
 _UNCERTAIN = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate", "CollapseAccuracy")
 
 
-@dataclasses.dataclass(frozen=True)
-class PaperEvaluation:
+@dataclasses.dataclass(frozen=True, repr=False)
+class PaperEvaluation(Printable):
     """One set of predictions under one path of the original."""
 
     name: str
@@ -65,6 +67,14 @@ class PaperEvaluation:
         left_out = () if self.is_remind else (*_UNCERTAIN, "WeakShare")
         named = {**scores, **counted}
         return {name: float(value) for name, value in named.items() if name not in left_out}
+
+    def _summarize(self) -> SmallTable:
+        scores = {column_of(name): value for name, value in self.scores().items()}
+        return SmallTable(
+            f"'{self.name}' under the paper's protocol",
+            heads=("score", "value"),
+            rows=[(c.heading, format_cell(c, value)[0]) for c, value in scores.items()],
+        )
 
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": ..., "protocol": "paper", "legend": ...}`, `failed` and `notes`."""

@@ -19,6 +19,7 @@ from remind_jax.metrics.evaluation import (
     evaluate_sequence,
     pool_evaluations,
     scene_intervals,
+    show_scores,
     without_nan,
 )
 from remind_jax.metrics.federated import (
@@ -35,6 +36,7 @@ from remind_jax.metrics.run_evaluation import evaluate_run
 from remind_jax.metrics.scene_stream import open_stream
 from remind_jax.metrics.text_evaluation import evaluate_text
 from remind_jax.metrics.tracks_evaluation import Undecided
+from remind_jax.small_table import Printable, SmallTable
 
 _LEAST_MATCHED = 0.05  # of the detections of the side that has fewer
 
@@ -50,8 +52,8 @@ class SceneOptions:
     by_object: bool = False  # keep counts by object of a single scene, for intervals over them
 
 
-@dataclasses.dataclass(frozen=True)
-class SetEvaluation:
+@dataclasses.dataclass(frozen=True, repr=False)
+class SetEvaluation(Printable):
     """One set of predictions: its scenes, and those that could not be scored."""
 
     name: str
@@ -86,6 +88,12 @@ class SetEvaluation:
           **options: `level`, `num_resamples`, `seed`.
         """
         return scene_intervals(self.scenes, **options)
+
+    def _summarize(self) -> SmallTable:
+        failed = f", {len(self.failed)} failed" if self.failed else ""
+        size = "1 scene" if len(self.scenes) == 1 else f"{len(self.scenes)} scenes"
+        title = f"evaluation of '{self.name}': {size}{failed}"
+        return SmallTable(title, **(show_scores(self.scores()) if self.scenes else {}))
 
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`.

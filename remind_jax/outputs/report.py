@@ -176,7 +176,7 @@ def _start_up(result: Result) -> str:
     if result.first_frame_ms is not None:
         parts.append(f"first frame after {result.first_frame_ms / 1000:.1f} s")
     if result.compile_s is not None:
-        parts.append(f"compilation {result.compile_s:.1f} s")
+        parts.append(f"{result.compile_s:.1f} s spent on compiling")
     return ", ".join(parts).capitalize()
 
 

@@ -10,7 +10,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from remind_jax.errors import SweepError
-from remind_jax.sweep.result import SweepResult
+from remind_jax.small_table import Printable, SmallTable
+from remind_jax.sweep.result import SweepResult, show_setting
 from remind_jax.sweep.search import GIVEN
 from remind_jax.sweep.settings import Setting
 
@@ -28,8 +29,8 @@ class Fold:
     given_score: float  # of the configuration as it stands, on the same scene
 
 
-@dataclasses.dataclass(frozen=True)
-class CrossValidation:
+@dataclasses.dataclass(frozen=True, repr=False)
+class CrossValidation(Printable):
     """What tuning brings on scenes not used for it."""
 
     metric: str
@@ -67,23 +68,43 @@ class CrossValidation:
         ).confidence_interval
         return float(drawn.low), float(drawn.high)
 
-    def to_markdown(self) -> str:
-        """A table of the folds, and the means with their intervals below."""
-        head = f"| scene held out | {self.metric} | as it stands | gain | on the others | setting |"
-        lines = [head, "| --- | --- | --- | --- | --- | --- |"]
-        for fold, gain in zip(self.folds, self.gains, strict=True):
-            values = ", ".join(f"{name}={value:g}" for name, value in fold.setting.items())
-            lines.append(
-                f"| {fold.scene} | {fold.score:.3f} | {fold.given_score:.3f} | {gain:+.3f} | "
-                f"{fold.chosen_score:.3f} | {values or 'as it stands'} |"
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """Over the columns of `rows`."""
+        return ("scene held out", self.metric, "as it stands", "gain", "on the others", "setting")
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The folds as text."""
+        return [
+            (
+                fold.scene,
+                f"{fold.score:.3f}",
+                f"{fold.given_score:.3f}",
+                f"{gain:+.3f}",
+                f"{fold.chosen_score:.3f}",
+                show_setting(fold.setting),
             )
+            for fold, gain in zip(self.folds, self.gains, strict=True)
+        ]
+
+    def mean(self) -> str:
+        """The means and their intervals in a sentence."""
         (low, high), (least, most) = self.interval(), self.interval(self.gains)
-        lines.append(
-            f"\nMean over {len(self.folds)} scenes: {self.metric} {np.nanmean(self.scores):.3f} "
+        return (
+            f"Mean over {len(self.folds)} scenes: {self.metric} {np.nanmean(self.scores):.3f} "
             f"[{low:.3f}, {high:.3f}], gain {np.nanmean(self.gains):+.3f} "
             f"[{least:+.3f}, {most:+.3f}] (95 %, bootstrap over scenes)"
         )
-        return "\n".join(lines)
+
+    def to_markdown(self) -> str:
+        """A table of the folds, and the means with their intervals below."""
+        lines = [self.heads, ("---",) * len(self.heads), *self.rows()]
+        table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        return f"{table}\n\n{self.mean()}"
+
+    def _summarize(self) -> SmallTable:
+        title = f"settings chosen on the other scenes, by {self.metric}"
+        return SmallTable(title, (self.mean(),), self.heads, self.rows(), is_text=(0, 5))
 
 
 BenchT = TypeVar("BenchT", bound="ScenesBench")

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from remind_jax.errors import OutputError, SweepError, nearest_names
+from remind_jax.small_table import Printable, SmallTable
 from remind_jax.sweep.records import Row
 from remind_jax.sweep.settings import Setting
 
@@ -25,8 +26,8 @@ class Standing:
     scores: dict[str, float]
 
 
-@dataclasses.dataclass(frozen=True)
-class SweepResult:
+@dataclasses.dataclass(frozen=True, repr=False)
+class SweepResult(Printable):
     """All rows of a sweep; settings keep the order in which they were given."""
 
     settings: tuple[Setting, ...]
@@ -35,6 +36,21 @@ class SweepResult:
     batch: int  # settings that went side by side; 0 if nothing had to be run
     program_bytes: int  # that the compiled program needed for them
     complete: bool = True  # false after an interruption; settings without all scenes are left out
+
+    def _summarize(self) -> SmallTable:
+        size = f"{len(self.settings)} settings on {len(self.scenes)} scenes"
+        stopped = "" if self.complete else ", interrupted"
+        if not self.rows:
+            return SmallTable(f"sweep of {size}{stopped}: nothing was run")
+        metric = self.metrics[0]
+        return SmallTable(
+            f"sweep of {size}{stopped}; best {metric} first",
+            heads=("setting", *self.metrics),
+            rows=[
+                (show_setting(best.setting), *(f"{best.scores[m]:.3f}" for m in self.metrics))
+                for best in self.best(metric, len(self.settings))
+            ],
+        )
 
     @property
     def metrics(self) -> tuple[str, ...]:
@@ -121,6 +137,11 @@ class SweepResult:
     def _check(self, metric: str) -> None:
         if metric not in self.metrics:
             raise SweepError(f"there is no score {metric!r}; {nearest_names(metric, self.metrics)}")
+
+
+def show_setting(setting: Setting) -> str:
+    """A setting in one line."""
+    return ", ".join(f"{n}={_show(value)}" for n, value in setting.items()) or "as it stands"
 
 
 def _show(value: object) -> str:

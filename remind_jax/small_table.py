@@ -1,0 +1,110 @@
+"""What `print` and notebooks show of a large thing: a headline, facts, a few rows.
+
+A class derives from `Printable`, says what it is in `_summarize`, and, if it is a dataclass, leaves
+`repr` to it:
+
+    @dataclasses.dataclass(frozen=True, repr=False)
+    class Scores(Printable):
+        def _summarize(self) -> SmallTable:
+            return SmallTable("a run", heads=("score", "value"), rows=[("IDF1", "88.7 %")])
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+from collections.abc import Sequence
+
+_WIDTH = 80
+_LINES, _HTML_ROWS = 12, 50  # that are shown at most
+_GAP = "  "
+_CELL_STYLE = "text-align:{};padding:.15em .7em .15em 0"
+
+
+@dataclasses.dataclass(frozen=True)
+class SmallTable:
+    """A headline, sentences, and a table of text; columns after the first are flush right."""
+
+    title: str
+    facts: Sequence[str] = ()
+    heads: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+    is_text: Sequence[int] = (0,)  # columns that are flush left
+
+    def to_text(self, width: int = _WIDTH, max_lines: int = _LINES) -> str:
+        """A few lines without an end; what did not fit is counted."""
+        lines = [_shorten(self.title, width), *(f"  {_shorten(f, width - 2)}" for f in self.facts)]
+        if not self.rows:
+            return "\n".join(lines)
+        room = max_lines - len(lines) - 1  # below the heads
+        shown = self.rows if len(self.rows) <= room else self.rows[: room - 1]
+        table = [[_shorten(cell, width // 2) for cell in row] for row in (self.heads, *shown)]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        num_columns = _fitting(widths, width)
+        for row in table:
+            cells = [
+                cell.ljust(size) if place in self.is_text else cell.rjust(size)
+                for place, (cell, size) in enumerate(zip(row, widths, strict=True))
+            ]
+            lines.append((_GAP + _GAP.join(cells[:num_columns])).rstrip())
+        left_out = [
+            f"{number} more {thing}{'' if number == 1 else 's'}"
+            for number, thing in (
+                (len(self.rows) - len(shown), "row"),
+                (len(widths) - num_columns, "column"),
+            )
+            if number
+        ]
+        if left_out:
+            lines.append(f"{_GAP}and {', '.join(left_out)}")
+        return "\n".join(lines)
+
+    def to_html(self) -> str:
+        """A fragment that needs no style sheet; all text is escaped."""
+        parts = [f"<p><b>{html.escape(self.title)}</b></p>"]
+        parts += [f"<p>{html.escape(fact)}</p>" for fact in self.facts]
+        if self.rows:
+            body = "".join(self._html_row(row, "td") for row in self.rows[:_HTML_ROWS])
+            head = self._html_row(self.heads, "th")
+            parts.append(f"<table><thead>{head}</thead><tbody>{body}</tbody></table>")
+        if len(self.rows) > _HTML_ROWS:
+            parts.append(f"<p>and {len(self.rows) - _HTML_ROWS} more rows</p>")
+        return f"<div>{''.join(parts)}</div>"
+
+    def _html_row(self, row: Sequence[str], tag: str) -> str:
+        cells = [
+            f'<{tag} style="{_CELL_STYLE.format("left" if place in self.is_text else "right")}">'
+            f"{html.escape(cell)}</{tag}>"
+            for place, cell in enumerate(row)
+        ]
+        return f"<tr>{''.join(cells)}</tr>"
+
+
+class Printable:
+    """Shows a summary in place of all that it holds."""
+
+    def _summarize(self) -> SmallTable:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return self._summarize().to_text()
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        return self._summarize().to_html()
+
+
+def _fitting(widths: Sequence[int], width: int) -> int:
+    """Columns that fit side by side, one at least."""
+    total = 0
+    for number, size in enumerate(widths):
+        total += len(_GAP) + size
+        if total > width and number:
+            return number
+    return len(widths)
+
+
+def _shorten(text: str, width: int) -> str:
+    """One line of at most so many characters."""
+    line = " ".join(text.split())
+    return line if len(line) <= width else line[: max(width - 3, 0)] + "..."
