@@ -97,7 +97,8 @@ def lay_out(
     from rich.table import Table
 
     shown = lines if is_markup else [[escape(cell) for cell in line] for line in lines]
-    for number, columns in enumerate(_split_columns(natural_widths(shown), width)):
+    widths = [min(size, _MOST_FOLDED) for size in natural_widths(shown)]
+    for number, columns in enumerate(split_columns(widths, width - 1, _AROUND_CELL)):
         table = Table(title=escape(title) or None if number == 0 else None, title_justify="left")
         for place in columns:
             justify = "left" if place in is_text else "right"
@@ -122,16 +123,18 @@ def table_width(widths: Sequence[int]) -> int:
     return 1 + sum(size + _AROUND_CELL for size in widths)
 
 
-def _split_columns(widths: Sequence[int], width: int) -> Iterator[list[int]]:
-    """Columns by table: all if they fit, else as many as do, after the first one."""
-    least = [min(size, _MOST_FOLDED) for size in widths]
-    if table_width(least) <= width or len(widths) < 3:
-        yield list(range(len(widths)))
-        return
-    columns = [0]
+def split_columns(widths: Sequence[int], width: int, around_cell: int) -> Iterator[tuple[int, ...]]:
+    """Columns by table: all if they fit, else as many as do, after the first one.
+
+    Args:
+      widths: Characters of each column.
+      width: Characters per line.
+      around_cell: Characters of what separates columns.
+    """
+    columns = (0,)
     for place in range(1, len(widths)):
-        if len(columns) > 1 and table_width([least[i] for i in (*columns, place)]) > width:
+        if len(columns) > 1 and sum(widths[i] + around_cell for i in (*columns, place)) > width:
             yield columns
-            columns = [0]
-        columns.append(place)
+            columns = (0,)
+        columns = (*columns, place)
     yield columns

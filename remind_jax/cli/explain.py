@@ -13,6 +13,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import OutputError
+from remind_jax.terminal import output_width
 
 if TYPE_CHECKING:
     from remind_jax.result import Result
@@ -58,7 +59,7 @@ class Explain:
         if self.json:
             print(json.dumps(explanation.to_json(), indent=1, ensure_ascii=False))
         else:
-            print(explanation.to_text())
+            print(explanation.to_text(output_width()))
         return exit_codes.FINE
 
     def _list(self, result: Result) -> None:

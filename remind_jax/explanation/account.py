@@ -197,11 +197,11 @@ class Explanation:
             field.name: to_jsonable(getattr(self, field.name)) for field in dataclasses.fields(self)
         }
 
-    def to_text(self) -> str:
-        """The same as a page of plain text."""
+    def to_text(self, width: int | None = None) -> str:
+        """The same as a page of plain text, with lines of at most `width` characters if given."""
         from remind_jax.explanation.text import render_text
 
-        return render_text(self)
+        return render_text(self, width)
 
     def __str__(self) -> str:
         return self.to_text()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from remind_jax.association.gating import Gate
 from remind_jax.context.veto import Veto
@@ -12,9 +13,13 @@ from remind_jax.decision import Outcome
 from remind_jax.explanation.account import Candidate, Explanation, KnownSet, Term
 from remind_jax.explanation.words import change, listing, number, plural
 from remind_jax.state import Lifecycle
+from remind_jax.terminal import split_columns
 from remind_jax.tracks import Tracks
 
-WIDTH = 100  # columns of running text; tables may be wider
+if TYPE_CHECKING:
+    from remind_jax.plus.account import PlusExplanation
+
+_MOST_WIDTH = 100  # columns of running text
 SHOWN_SETS = 5
 
 GATES = {
@@ -34,41 +39,54 @@ VETOES = {
 _COLUMNS = ("visual", "context", "assign", "final", "common", "open to assignment")
 
 
-def render_text(explanation: Explanation) -> str:
-    """The whole page; without a line end at its end."""
+def render_text(explanation: Explanation, width: int | None = None) -> str:
+    """The whole page; without a line end at its end.
+
+    Args:
+      explanation: What to tell.
+      width: Characters per line; tables are as wide as they need to be if left out.
+    """
     e = explanation
     sections = (
-        [_head(e)],
-        ["", "why", *_why(e)],
-        ["", _candidates_title(e), *_candidates(e)] if e.candidates else [],
-        ["", *_surroundings(e)],
-        *(["", *_known_set(e, known)] for known in e.known_sets if known.proposed_id is not None),
-        ["", *_pending(e)] if e.pending else [],
+        headline(e, {"score with context": e.score, "confidence": e.confidence}, width),
+        ["", "why", *number_lines(e.why, width)],
+        ["", *wrap(_candidates_title(e), width), *_candidates(e, width)] if e.candidates else [],
+        ["", *_surroundings(e, width)],
+        *(
+            ["", *_known_set(e, known, width)]
+            for known in e.known_sets
+            if known.proposed_id is not None
+        ),
+        ["", *wrap(_pending(e), width)] if e.pending else [],
     )
     return "\n".join(line for section in sections for line in section)
 
 
-def _head(e: Explanation) -> str:
+def headline(
+    e: Explanation | PlusExplanation, numbers: Mapping[str, float | None], width: int | None
+) -> list[str]:
+    """What is explained and what it became, with those of the numbers that there are."""
     outcome = e.outcome.name.lower().replace("_", " ")
     reason = e.reason.name.lower().replace("_", " ")
-    score = "" if e.score is None else f", score with context {number(e.score)}"
-    return (
-        f"frame {e.frame} ({e.time_s:.2f} s, {e.frame_name}), detection {e.detection}: {e.name}\n"
-        f"{outcome} ({reason}){score}{say_confidence(e.confidence)}"
-    )
+    told = [f"{name} {number(value)}" for name, value in numbers.items() if value is not None]
+    place = f"frame {e.frame} ({e.time_s:.2f} s, {e.frame_name}), detection {e.detection}"
+    became = ", ".join([f"{outcome} ({reason})", *told])
+    return [*wrap(f"{place}: {e.name}", width), *wrap(became, width)]
 
 
-def say_confidence(confidence: float | None) -> str:
-    """The end of a headline; empty where there is none."""
-    return "" if confidence is None else f", confidence {number(confidence)}"
+def number_lines(sentences: Sequence[str], width: int | None) -> list[str]:
+    """Numbered sentences."""
+    return [
+        line
+        for place, text in enumerate(sentences, start=1)
+        for line in wrap(text, width, head=f"{place:3d}. ", indent=5)
+    ]
 
 
-def _why(e: Explanation) -> list[str]:
-    lines = []
-    for place, text in enumerate(e.why, start=1):
-        mark = f"{place:3d}. "
-        lines += textwrap.wrap(text, WIDTH, initial_indent=mark, subsequent_indent=" " * len(mark))
-    return lines
+def wrap(text: str, width: int | None, *, head: str = "", indent: int = 2) -> list[str]:
+    """The lines of a paragraph; all but the first are indented."""
+    most = min(width or _MOST_WIDTH, _MOST_WIDTH)
+    return textwrap.wrap(text, most, initial_indent=head, subsequent_indent=" " * indent)
 
 
 def _candidates_title(e: Explanation) -> str:
@@ -81,7 +99,7 @@ def _candidates_title(e: Explanation) -> str:
     )
 
 
-def _candidates(e: Explanation) -> list[str]:
+def _candidates(e: Explanation, width: int | None) -> list[str]:
     terms = [f"{term.replace('_', ' ')} x w" for term in e.candidates[0].terms]
     heads = ("candidate", "state", *terms, *_COLUMNS)
     rows = [
@@ -98,7 +116,7 @@ def _candidates(e: Explanation) -> list[str]:
         )
         for c in e.candidates
     ]
-    return align((heads, *rows), (0, 1, len(heads) - 1))
+    return align((heads, *rows), (0, 1, len(heads) - 1), width)
 
 
 def _state(c: Candidate) -> str:
@@ -123,28 +141,27 @@ def _openness(c: Candidate) -> str:
     return told if c.held_by is None else f"{told}; detection {c.held_by} got it"
 
 
-def _surroundings(e: Explanation) -> list[str]:
+def _surroundings(e: Explanation, width: int | None) -> list[str]:
     """Anchors and sets of objects of the frame."""
     state = "off" if not e.context.enabled else "usable" if e.context.usable else "not usable"
     lines = [f"context of the frame: {state}, quality {number(e.context.quality)}"]
     anchors = [f"{anchor.name} (detection {anchor.detection})" for anchor in e.anchors]
-    lines += textwrap.wrap(
-        f"anchors: {', '.join(anchors) or 'none'}", WIDTH, subsequent_indent="  "
-    )
-    return lines + (_sets(e) if e.sets else [])
+    lines += wrap(f"anchors: {', '.join(anchors) or 'none'}", width)
+    return lines + (_sets(e, width) if e.sets else [])
 
 
-def _sets(e: Explanation) -> list[str]:
+def _sets(e: Explanation, width: int | None) -> list[str]:
     """The best sets; those of the same objects that explain other detections are one line."""
     times = Counter(found.object_ids for found in e.sets)
     distinct = list({found.object_ids: found for found in reversed(e.sets)}.values())[::-1]
     agree = sum(bool(found.agrees) for found in e.sets)
     voted = "" if e.sets[0].agrees is None else f"; {agree} of {len(e.sets)} agree"
     shown = min(len(distinct), SHOWN_SETS)
-    lines = [
+    lines = wrap(
         f"sets of objects that explain the frame best ({shown} of {len(distinct)}{voted}), "
-        "candidates of this detection in brackets"
-    ]
+        "candidates of this detection in brackets",
+        width,
+    )
     for found in distinct[:SHOWN_SETS]:
         members = ", ".join(
             f"[{name}]" if i in found.candidates else name
@@ -153,28 +170,31 @@ def _sets(e: Explanation) -> list[str]:
         agrees = "" if found.agrees is None else ", agrees" if found.agrees else ", disagrees"
         count = f", {times[found.object_ids]} ways" if times[found.object_ids] > 1 else ""
         head = f"  {number(found.score)} (covers {number(found.coverage)}{count}{agrees}): "
-        lines += textwrap.wrap(head + members, WIDTH, subsequent_indent=" " * 8)
+        lines += wrap(head + members, width, indent=8)
     return lines
 
 
-def _known_set(e: Explanation, known: KnownSet) -> list[str]:
+def _known_set(e: Explanation, known: KnownSet, width: int | None) -> list[str]:
     names = {c.object_id: c.name for c in e.candidates}
 
     def name(object_id: int) -> str:
         return names.get(object_id, f"{e.label} {object_id}")
 
     status = known.status.name.lower().replace("_", " ")
-    lines = [
+    lines = wrap(
         f"layout, pass {known.turn + 1}: {status}; detections "
         f"{listing([str(row) for row in known.detections])}; in question "
-        f"{listing([f'{name(i)} ({number(s)})' for i, s in known.options.items()], 'or')}"
-    ]
+        f"{listing([f'{name(i)} ({number(s)})' for i, s in known.options.items()], 'or')}",
+        width,
+    )
     if known.proposed_id is not None:
         second = "none" if known.second is None else number(known.second)
-        lines.append(
+        lines += wrap(
             f"  proposed {name(known.proposed_id)}: score {number(known.score)} (second {second}), "
             f"layout alone {number(known.core)} (ahead by {number(known.core_gap)}), evidence "
-            f"{number(known.evidence)}"
+            f"{number(known.evidence)}",
+            width,
+            indent=4,
         )
     if known.voters:
         head = ("voter", "separates", "away now", *(f"{name(i)} usually" for i in known.options))
@@ -190,21 +210,21 @@ def _known_set(e: Explanation, known: KnownSet) -> list[str]:
             )
             for voter in known.voters
         ]
-        lines += align((head, *rows), (0,))
+        lines += align((head, *rows), (0,), width)
     return lines
 
 
-def _pending(e: Explanation) -> list[str]:
+def _pending(e: Explanation) -> str:
     assert e.pending is not None
     p = e.pending
     options = [
         f"{option.name} ({number(option.score)}{', held by another' if option.blocked else ''})"
         for option in p.options
     ]
-    return [
+    return (
         f"{p.kind} track {p.track_id}: {plural(p.num_detections, 'detection')} since frame "
         f"{p.first_frame}; could be {listing(options, 'or') or 'nothing known'}"
-    ]
+    )
 
 
 def render_frame(tracks: Tracks) -> str:
@@ -236,14 +256,20 @@ def _outcome(tracks: Tracks, row: int) -> str:
     return Outcome(int(tracks.outcome[row])).name.lower().replace("_", " ")
 
 
-def align(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
-    """Lines of a table; columns `left` are flush left, the others right."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  "
-        + "  ".join(
-            cell.ljust(width) if column in left else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
+def align(
+    rows: Sequence[Sequence[str]], left: Sequence[int], width: int | None = None
+) -> list[str]:
+    """Lines of a table; columns `left` are flush left, the others right.
+
+    Where the table is wider than `width`, the columns that do not fit follow below, with the first
+    column again.
+    """
+    sizes = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = []
+    for columns in split_columns(sizes, width or sum(sizes) + 2 * len(sizes), around_cell=2):
+        for row in rows:
+            cells = [
+                row[c].ljust(sizes[c]) if c in left else row[c].rjust(sizes[c]) for c in columns
+            ]
+            lines.append(("  " + "  ".join(cells)).rstrip())
+    return lines

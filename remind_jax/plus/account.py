@@ -68,11 +68,11 @@ class PlusExplanation:
         """The same as `json` can write it; codes are words."""
         return {"format": FORMAT, "version": VERSION} | to_jsonable(self)
 
-    def to_text(self) -> str:
-        """The same as a page of plain text."""
+    def to_text(self, width: int | None = None) -> str:
+        """The same as a page of plain text, with lines of at most `width` characters if given."""
         from remind_jax.plus.account_text import render_text
 
-        return render_text(self)
+        return render_text(self, width)
 
     def __str__(self) -> str:
         return self.to_text()

@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-import textwrap
-
-from remind_jax.explanation.text import WIDTH, align, say_confidence
+from remind_jax.explanation.text import align, headline, number_lines
 from remind_jax.explanation.words import change, number
 from remind_jax.plus.account import PlusExplanation
 from remind_jax.plus.state import PARTS
 
 
-def render_text(e: PlusExplanation) -> str:
-    """The whole page; without a line end at its end."""
-    outcome = e.outcome.name.lower().replace("_", " ")
-    reason = e.reason.name.lower().replace("_", " ")
+def render_text(e: PlusExplanation, width: int | None = None) -> str:
+    """The whole page; without a line end at its end.
+
+    Args:
+      e: What to tell.
+      width: Characters per line; the table is as wide as it needs to be if left out.
+    """
     lines = [
-        f"frame {e.frame} ({e.time_s:.2f} s, {e.frame_name}), detection {e.detection}: {e.name}",
-        f"{outcome} ({reason}){say_confidence(e.confidence)}",
+        *headline(e, {"confidence": e.confidence}, width),
         "",
         "why",
+        *number_lines(e.why, width),
     ]
-    for place, text in enumerate(e.why, start=1):
-        mark = f"{place:3d}. "
-        lines += textwrap.wrap(text, WIDTH, initial_indent=mark, subsequent_indent=" " * len(mark))
     if e.candidates:
-        lines += ["", "candidates, evidence in log odds", *_table(e)]
+        lines += ["", "candidates, evidence in log odds", *_table(e, width)]
     return "\n".join(lines)
 
 
-def _table(e: PlusExplanation) -> list[str]:
+def _table(e: PlusExplanation, width: int | None) -> list[str]:
     heads = ("candidate", *PARTS, "sum", "probability", "")
     rows = [
         (
@@ -46,4 +44,4 @@ def _table(e: PlusExplanation) -> list[str]:
     new = f"{'*' if is_new else ' '} {e.label} {e.tracklet_id}, new"
     blank = [""] * len(PARTS)
     rows.append((new, *blank, change(e.new_log_odds), number(e.new_probability), ""))
-    return align((heads, *rows), (0, len(heads) - 1))
+    return align((heads, *rows), (0, len(heads) - 1), width)

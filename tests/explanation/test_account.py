@@ -61,6 +61,14 @@ def test_json_has_the_documented_keys(result):
     assert content["outcome"] == "ambiguous"
 
 
+def test_the_page_fits_a_terminal(result):
+    told = result.explain(UNDECIDED, 0)
+    page = told.to_text(80)
+    assert max(map(len, page.splitlines())) <= 80
+    # Only where lines break differs, and that the first column comes again.
+    assert set(told.to_text().split()) == set(page.split())
+
+
 def test_text_has_every_part(result):
     text = str(result.explain(UNDECIDED, 0))
     assert text.startswith(
