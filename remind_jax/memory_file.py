@@ -74,6 +74,10 @@ def load_memory(path: str | Path) -> SavedMemory:
       ConfigError: If it was made by a tracker that there is not.
     """
     path = Path(path)
+    if path.is_dir():
+        raise OutputError(
+            f"memory '{path}' is a folder; give the file, memory.safetensors of a run"
+        )
     try:
         header = _read_header(path)
         tensors = load_file(path)

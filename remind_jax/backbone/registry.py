@@ -215,7 +215,16 @@ def _check_call(
         for key in options:
             if key not in allowed:
                 hint = nearest_names(key, allowed) if allowed else "it takes none"
+                hint = "it needs none, leave them out" if key == "weights" else hint
                 raise ConfigError(f"backbone '{name}' has no option '{key}'; {hint}")
+    needed = [
+        key for key in allowed if signature.parameters[key].default is inspect.Parameter.empty
+    ]
+    if needed and not targets and needed[0] not in options:
+        also = " or as weights (--weights FILE)" if needed[0] == "weights" else ""
+        raise ConfigError(
+            f"backbone '{name}' needs its {needed[0]}; give it after a colon, '{name}:FILE'{also}"
+        )
     try:
         signature.bind(*targets, **options)
     except TypeError as error:

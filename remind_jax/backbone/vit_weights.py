@@ -125,7 +125,7 @@ def find_weights(name: str, given: str | Path | None) -> Path:
         f"there are no weights for '{name}' at {' or '.join(tried)}: {terms.source}; they are "
         f"under the {terms.licence} ({terms.licence_url}); convert them once with 'remind convert "
         f"SOURCE -o {default_folder() / f'{name}.safetensors'}', or name the converted file by "
-        f"weights=PATH or the environment variable {WEIGHTS_VARIABLE}"
+        f"weights (--weights PATH) or the environment variable {WEIGHTS_VARIABLE}"
     )
 
 

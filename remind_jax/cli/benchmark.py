@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import exit_codes
-from remind_jax.cli.flags import BackboneName, DetectionFlags, SamplingFlags, quiet_defaults
+from remind_jax.cli.flags import (
+    BackboneName,
+    DetectionFlags,
+    SamplingFlags,
+    quiet_defaults,
+    refuse_flags,
+)
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.errors import ConfigError
 
@@ -82,6 +88,8 @@ class Benchmark:
         contenders = make_contenders([name for names in self.methods for name in names])
         if self.detector is not None:
             refuse_other_formats(self.detector)
+        else:
+            refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         scenes = self._find_scenes()
         keep_compiled_programs()
         setup = Setup(

@@ -17,6 +17,7 @@ from remind_jax.cli.process_settings import keep_compiled_programs, silence_libr
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import print_summary, track
 from remind_jax.cli.summary import summary_facts
+from remind_jax.errors import OutputError
 from remind_jax.terminal import print_table
 
 if TYPE_CHECKING:
@@ -59,6 +60,12 @@ class Demo:
         from remind_jax.synthetic import demo_options, make_scene, render
 
         silence_libraries()
+        is_earlier_run = (self.out / DETECTIONS_NAME).exists()
+        if self.out.is_dir() and any(self.out.iterdir()) and not is_earlier_run:
+            raise OutputError(
+                f"the output folder '{self.out}' is not empty and holds no earlier run; choose "
+                "another one with --out"
+            )
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         options = demo_options(self.seed)
         scene = make_scene(options)
@@ -68,7 +75,7 @@ class Demo:
             self.out,
             source=render(scene),
             config=config,
-            overwrite=(self.out / DETECTIONS_NAME).exists(),
+            overwrite=is_earlier_run,
             name=NAME,
             image_fps=options.fps,
         )

@@ -11,7 +11,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
-from remind_jax.errors import OutputError, RemindError
+from remind_jax.errors import OptionError, OutputError, RemindError
 from remind_jax.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
@@ -72,7 +72,9 @@ class Eval:
         from remind_jax.metrics.scene_comparison import table_of
 
         if self.resamples < 0:
-            raise RemindError(f"resamples is {self.resamples}; give 0 or more")
+            raise OptionError(f"'resamples' is {self.resamples}; give 0 or more", "resamples")
+        if self.num_frames is not None and self.num_frames < 1:
+            raise OptionError(f"'num_frames' is {self.num_frames}; give 1 or more", "num_frames")
         if self.protocol == "paper":
             return self._execute_paper()
         evaluations = self._evaluate()

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union, get_args, get_type_hints
 
-from tyro.conf import arg
+from tyro.conf import Positional, arg
 from tyro.constructors import (
     ConstructorRegistry,
     PrimitiveConstructorSpec,
@@ -71,6 +71,21 @@ def quiet_defaults(flags: type[VerbT]) -> type[VerbT]:
     return flags
 
 
+def refuse_flags(group: Any, reason: str) -> None:
+    """Refuses flags that would change nothing.
+
+    Args:
+      group: Flags that belong together, as parsed.
+      reason: The sentence after the flag's name.
+
+    Raises:
+      UsageError: If one of them has another value than its default.
+    """
+    for field in dataclasses.fields(group):
+        if getattr(group, field.name) != field.default:
+            raise UsageError(f"{spell_flag(field.name)} {reason}")
+
+
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class SamplingFlags(Sampling):
@@ -129,10 +144,16 @@ def _read_text(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
 def _read_names(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     if info.type != tuple[str, ...]:
         return None
+
+    def read(words: list[str]) -> tuple[str, ...]:
+        if not words and Positional not in info.markers:
+            raise ValueError("nothing follows it")
+        return tuple(words)
+
     return PrimitiveConstructorSpec(
         nargs="*",
         metavar="NAME ...",
-        instance_from_str=tuple,
+        instance_from_str=read,
         is_instance=lambda value: isinstance(value, tuple),
         str_from_instance=list,
     )

@@ -63,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
       The exit code.
     """
     words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
+    if words[0] == "help":
+        words = [*words[1:], "--help"]
     if words[0] in ("--version", "-V"):
         print(f"remind-jax {remind_jax.__version__}")
         return exit_codes.FINE

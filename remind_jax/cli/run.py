@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
-from remind_jax.cli.flags import BackboneName, DetectionFlags, SamplingFlags, quiet_defaults
+from remind_jax.cli.flags import (
+    BackboneName,
+    DetectionFlags,
+    SamplingFlags,
+    quiet_defaults,
+    refuse_flags,
+)
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import RunDisplay
@@ -91,6 +97,8 @@ class Run:
           RemindError: As `remind_jax.run`.
         """
         silence_libraries()
+        if self.detector is None:
+            refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         source = self._open()
         out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
         config = load_config_with(self.config, self.changes, tracker=self.tracker)

@@ -15,7 +15,7 @@ from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
-from remind_jax.errors import OutputError, SweepError
+from remind_jax.errors import OptionError, OutputError, SweepError
 from remind_jax.terminal import print_lines, print_markdown
 
 if TYPE_CHECKING:
@@ -116,6 +116,12 @@ class Sweep:
 
     def _plan(self) -> Any:
         """What is to be done with the bench, checked before any work."""
+        if not self.sources:
+            raise SweepError("name the scenes to sweep over: folders, archives or feature files")
+        for name in ("random", "number", "at_once", "batch", "workers", "memory_gib", "top"):
+            value = getattr(self, name)
+            if value is not None and value <= 0:
+                raise OptionError(f"'{name}' is {value:g}; give a number above 0", name)
         ways = [self.random, self.settings, self.search, self.sensitivity]
         if sum(way is not None for way in ways) > 1:
             raise SweepError(

@@ -140,6 +140,7 @@ def _nearest(name: str, known: Collection[str]) -> str:
         return nearest_names(last, beside)
     names = {key.removeprefix(THRESHOLDS) for key in known}
     names |= {key.rpartition(".")[0] for key in names} | {THRESHOLDS.rstrip(".")}
+    names.discard("")
     close = [key for key in names if key.endswith(f".{name}")] or close_names(name, names)
     return nearest_names(name, close or {key.partition(".")[0] for key in names})
 

@@ -188,6 +188,21 @@ def tracks_from_json(content: dict[str, Any]) -> Tracks:
     )
 
 
+def _say_lacking(path: Path) -> str:
+    """Why a run cannot be read, and which runs are near."""
+    folder = path.parent
+    if not folder.exists():
+        beside = folder.absolute().parent
+        names = [p.parent.name for p in beside.glob(f"*/{path.name}")]
+        hint = f"; runs beside it: {', '.join(sorted(names))}" if names else ""
+        return f"it does not exist{hint}"
+    if not folder.is_dir():
+        return "it is a file"
+    below = sorted(str(p.parent) for p in folder.glob(f"*/{path.name}"))
+    hint = f"; it holds the runs {', '.join(below)}" if below else ""
+    return f"it has no '{path.name}'{hint}"
+
+
 def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
     """Reads `detections.jsonl`: the description of the run and its frames.
 
@@ -200,8 +215,7 @@ def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
         lines = path.read_bytes().splitlines(keepends=True)
     except OSError as error:
         raise OutputError(
-            f"'{path.parent}' is not the output folder of a run: cannot read '{path.name}' "
-            f"({error.strerror})"
+            f"'{path.parent}' is not the output folder of a run: {_say_lacking(path)}"
         ) from error
     if lines and not lines[-1].endswith(b"\n"):
         lines.pop()

@@ -42,7 +42,7 @@ class LabelMaps:
         whatever the frame is called (ScanNet++, `frame_000012.png` with `frame_names`).
 
     Raises:
-      SourceError: If no annotation belongs to any frame, or instances lack a class.
+      SourceError: If no annotation belongs to any frame or can be used, or instances lack a class.
     """
 
     def __init__(
@@ -96,14 +96,22 @@ class LabelMaps:
             raise UnreadableFrame(f"its annotation '{file}' cannot be used: {error}") from error
 
     def _check_some(self) -> None:
-        """Looks at a few annotations, so that missing classes show before work starts."""
+        """Looks at a few annotations, so that what all of them lack shows before work starts."""
         files = list(self._file_of.values())
-        for at in np.unique(np.linspace(0, len(files) - 1, NUM_CHECKED).astype(int)):
+        looked_at = np.unique(np.linspace(0, len(files) - 1, NUM_CHECKED).astype(int))
+        reasons = []
+        for at in looked_at:
             try:
                 labels = self._read(files[at])
-            except UnreadableFrame:
+            except UnreadableFrame as error:
+                reasons.append(str(error))
                 continue
             self._require_classes(instance_ids_in(labels))
+        if len(reasons) == len(looked_at):
+            raise SourceError(
+                f"'{self._tree.locate(self._folder)}' holds no instance maps that can be used: "
+                f"{reasons[0].removeprefix('its ')}"
+            )
 
     def _require_classes(self, ids: list[int]) -> None:
         if self._unlabelled == "error" and self._classes.missing(ids):

@@ -180,8 +180,8 @@ class SampledSource:
             )
         if self._reader.num_entries:
             return (
-                f"'{self.name}' has {self._reader.num_entries} frames, none of them chosen by "
-                f"start={self._sampling.start}, end={self._sampling.end}; lower the start"
+                f"'{self.name}' has {self._reader.num_entries} frames, numbered from 0; the first "
+                f"one asked for is number {self._sampling.start}; lower the start"
             )
         if self._sampling.start:
             return f"'{self.name}' has no frame from number {self._sampling.start} on"

@@ -116,7 +116,12 @@ def read_settings(path: str | Path) -> list[Setting]:
     except OSError as error:
         raise ConfigError(f"cannot read settings from '{path}': {error.strerror}") from error
     if path.suffix.lower() != ".json":
-        rows = csv.DictReader(text.splitlines())
+        rows = list(csv.DictReader(text.splitlines()))
+        if not rows:
+            raise ConfigError(
+                f"'{path}' holds no settings; its first row names thresholds, and every row below "
+                "it is a setting"
+            )
         return [{name: parse_values(value)[0] for name, value in row.items()} for row in rows]
     try:
         found = json.loads(text)

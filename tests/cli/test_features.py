@@ -57,7 +57,10 @@ def test_a_run_with_a_transformer(command, scene):
         (("--weights", "missing.safetensors"), "no weights for 'dinov3-vits16' at 'missing"),
         (("--backbone", "dinov3-vit16"), "did you mean 'dinov3-vit"),
         (("--backbone", "onnx:missing.onnx"), "'missing.onnx' does not exist"),
-        (("--backbone", "vit"), "cannot be made from no target"),
+        (
+            ("--backbone", "vit"),
+            "'vit' needs its weights; give it after a colon, 'vit:FILE' or as weights",
+        ),
     ],
 )
 def test_wrong_backbones_are_answered_in_one_sentence(command, scene, words, told):

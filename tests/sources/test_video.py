@@ -129,7 +129,9 @@ def test_telephone_video_is_turned_upright(tmp_path):
 
 def test_range_behind_the_end_is_named(tmp_path):
     making.write_video(tmp_path / "a.mp4", 5)
-    with pytest.raises(SourceError, match="has 5 frames, none of them chosen by start=9"):
+    with pytest.raises(
+        SourceError, match="has 5 frames, numbered from 0; the first one asked for is number 9"
+    ):
         open_source(tmp_path / "a.mp4", sampling=Sampling(start=9))
 
 

@@ -1,0 +1,96 @@
+"""What a new user gets wrong is told in one sentence that says what to do."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from remind_jax.cli import exit_codes
+from tests.cli import scenes
+
+
+@pytest.fixture
+def things(tmp_path) -> Path:
+    """A folder with what may be taken for something else."""
+    scenes.write_scene(tmp_path / "scene", num=4)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "notes.txt").write_text("hello\n")
+    (tmp_path / "runs" / "rooms").mkdir(parents=True)
+    (tmp_path / "runs" / "rooms" / "detections.jsonl").write_text("")
+    return tmp_path
+
+
+SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (("run", "scene/images", "--masks", "scene/images"), 1, "it is a colour picture"),
+        (("run", "scene/images", "--masks", "empty"), 1, "holds no instance maps"),
+        ((*SCENE, "--classes", "chair"), 2, "--classes is for a detector; give --detector"),
+        ((*SCENE, "--confidence", "0.7"), 2, "--confidence is for a detector; give --detector"),
+        ((*SCENE, "--start", "100"), 1, "has 4 frames, numbered from 0; the first one asked for"),
+        ((*SCENE, "--memory", "empty"), 1, "is a folder; give the file, memory.safetensors"),
+        ((*SCENE, "--delay", "-1"), 2, "--delay is -1; give 0 or more frames"),
+        ((*SCENE, "--weights", "x.safetensors"), 1, "it needs none, leave them out"),
+        ((*SCENE, "--backbone", "onnx"), 1, "give it after a colon, 'onnx:FILE'"),
+        ((*SCENE, "--backbone", "vit"), 1, "'vit:FILE' or as weights (--weights FILE)"),
+        ((*SCENE, "--detector", "yolo11n-seg.pt"), 1, "yolo export model=yolo11n-seg.pt"),
+        (("demo", "--out", "scene"), 1, "holds no earlier run; choose another one with --out"),
+        (("view", "nowhere"), 1, "'nowhere' is not the output folder of a run: it does not exist"),
+        (("view", "runs/room"), 1, "it does not exist; runs beside it: rooms"),
+        (("view", "runs"), 1, "it has no 'detections.jsonl'; it holds the runs runs/rooms"),
+        (("explain", "notes.txt", "--frame", "0"), 1, "it is a file"),
+        (("eval", "notes.txt", "notes.txt", "--resamples", "-3"), 2, "--resamples is -3; give 0"),
+        (("eval", "notes.txt", "notes.txt", "--num-frames", "0"), 2, "--num-frames is 0; give 1"),
+        (("benchmark", "scene", "--detector", "x.engine"), 1, "a TensorRT engine"),
+        (("benchmark", "scene", "--iou", "0.4"), 2, "--iou is for a detector"),
+        (("sweep",), 1, "name the scenes to sweep over"),
+        (("sweep", "scene", "--set", "decision.new=1,2", "--random", "0"), 2, "--random is 0"),
+        (("sweep", "scene", "--set", "decision.new=1,2", "--batch", "0"), 2, "--batch is 0"),
+        (("sweep", "scene", "--set", "decision.new=1,2", "--top", "0"), 2, "--top is 0"),
+        (("sweep", "scene", "--settings", "notes.txt"), 1, "holds no settings"),
+        (
+            ("features", "scene/images", "--backbone", "vit"),
+            1,
+            "'vit' needs its weights; give it after",
+        ),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, tuple) else "",
+)
+def test_one_sentence_says_what_to_do(command, things, words, code, told):
+    outcome = command(*words, static=("static.num_objects=6",))
+    assert outcome.code == code
+    assert told in outcome.stderr
+    assert outcome.stderr.startswith("remind: ")
+    assert outcome.stderr.count("\n") == 1
+    assert "Errno" not in outcome.stderr
+    assert not (things / "out").exists()
+
+
+@pytest.mark.parametrize("flag", ["--classes", "--ignored-classes", "--set"])
+def test_a_list_without_names_is_wrong_usage(command, things, flag):
+    outcome = command(*SCENE, flag, static=("static.num_objects=6",))
+    assert outcome.code == exit_codes.USAGE
+    assert f"Error parsing {flag}: nothing follows it" in outcome.stderr
+
+
+@pytest.mark.parametrize("words", [("help",), ("help", "eval"), ("eval", "--help")])
+def test_help_is_found_either_way(command, words):
+    outcome = command(*words)
+    assert outcome.code == exit_codes.FINE
+    assert outcome.stdout.startswith("usage: remind")
+
+
+def test_one_damaged_mask_is_no_wrong_folder(command, things):
+    """It is skipped and reported; what all of them lack is what counts."""
+    size = (scenes.HEIGHT_PX, scenes.WIDTH_PX, 3)
+    picture = np.random.default_rng(0).integers(0, 255, size, np.uint8)
+    cv2.imwrite(str(things / "scene" / "masks" / "0000.png"), picture)
+    summary = json.loads(command(*SCENE, "--json", "--no-overlay").stdout)
+    assert (summary["frames"], summary["skipped_frames"]) == (3, 1)
