@@ -82,7 +82,8 @@ def load_memory(path: str | Path) -> SavedMemory:
         header = _read_header(path)
         tensors = load_file(path)
     except (OSError, SafetensorError, json.JSONDecodeError) as error:
-        raise OutputError(f"cannot read memory from {path}: {error}") from error
+        reason = getattr(error, "strerror", None) or error
+        raise OutputError(f"cannot read memory from {path}: {reason}") from error
     if header.get("format") != _FORMAT:
         raise OutputError(f"{path} is not a memory file of remind-jax")
     if header.get("schema") != str(SCHEMA_VERSION):

@@ -185,7 +185,10 @@ def open_tree(path: Path) -> FileTree:
         return FolderTree(path)
     if is_tar_name(path.name):
         return TarTree(path)
-    raise SourceError(f"'{path}' is neither a folder nor a tar archive")
+    raise SourceError(
+        f"'{path}' is neither a folder nor a tar archive; masks are such, with instance maps "
+        "(.png), or an array (.npz, .npy), or COCO run-length JSON"
+    )
 
 
 def read_bytes(path: Path) -> bytes:

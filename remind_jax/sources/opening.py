@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Sourc
 
 DEFAULT_IMAGE_FPS = 30.0
 NO_MASKS = "none"
+PACKED = (".zip", ".rar", ".7z")
 
 
 def open_source(
@@ -182,8 +184,16 @@ def _open_maps(place: MaskPlace, reader: Reader, choice: Choice) -> LabelMaps:
 
 def _existing(path: str | Path) -> Path:
     resolved = Path(path).expanduser().absolute()
+    if resolved.suffix.lower() in PACKED:
+        raise SourceError(f"'{path}' is a packed folder; unpack it, or pack it as .tar")
     if resolved.exists():
         return resolved
+    # A path has lost one of the slashes of an address.
+    if re.match(r"\w\w+:/", str(path)) or str(path).isdecimal():
+        raise SourceError(
+            f"'{path}' is no file or folder; download what is at an address, and give frames of a "
+            "camera to remind_jax.Tracker one by one"
+        )
     where = resolved.parent
     if not where.is_dir():
         raise SourceError(f"'{path}' does not exist, nor does the folder '{where}'")

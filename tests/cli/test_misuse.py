@@ -32,6 +32,11 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
     [
         (("run", "scene/images", "--masks", "scene/images"), 1, "it is a colour picture"),
         (("run", "scene/images", "--masks", "empty"), 1, "holds no instance maps"),
+        (("run", "scene/images", "--masks", "notes.txt"), 1, "neither a folder nor a tar archive;"),
+        (("run", "scene.zip"), 1, "is a packed folder; unpack it, or pack it as .tar"),
+        (("run", "https://example.com/a.mp4"), 1, "download what is at an address"),
+        (("run", "0"), 1, "give frames of a camera to remind_jax.Tracker"),
+        ((*SCENE, "--memory", "nowhere"), 1, "cannot read memory from nowhere: No such file"),
         ((*SCENE, "--classes", "chair"), 2, "--classes is for a detector; give --detector"),
         ((*SCENE, "--confidence", "0.7"), 2, "--confidence is for a detector; give --detector"),
         ((*SCENE, "--start", "100"), 1, "has 4 frames, numbered from 0; the first one asked for"),
