@@ -123,7 +123,7 @@ def _read_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | Non
         metavar=metavar,
         instance_from_str=read,
         is_instance=lambda value: isinstance(value, info.type),
-        str_from_instance=lambda value: [f"{value:g}"],
+        str_from_instance=lambda value: [f"{value:g}" if info.type is float else str(value)],
     )
 
 
