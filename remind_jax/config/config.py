@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
-from remind_jax.config.files import find_file, find_profile, list_configs, read_yaml
+from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
 from remind_jax.config.keys import THRESHOLDS, flat_keys
 from remind_jax.config.static import Static
 from remind_jax.config.thresholds import Thresholds
@@ -186,6 +186,8 @@ def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Conf
         raise ConfigError(
             f"base in {origin} is {base!r}; it must be the name of a configuration or a .yaml file"
         )
+    if not isinstance(name, Mapping):
+        base = beside(Path(origin), base)
     return _load(base, opened).updated(values, origin)
 
 

@@ -34,6 +34,12 @@ def find_file(name: str | Path) -> Path:
     return shipped_folder() / f"{name}.yaml"
 
 
+def beside(file: Path, base: str | Path) -> str | Path:
+    """What a file starts from: the file of that name in its folder, if there is one."""
+    there = file.parent / base
+    return there if there.suffix in _SUFFIXES and there.is_file() else base
+
+
 def find_profile(tracker: str, backbone: str) -> Path | None:
     """The file of thresholds of a tracker made for a backbone; None where none is shipped."""
     folder = shipped_folder() / "backbones"

@@ -34,7 +34,7 @@ def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> st
         if key in known:
             return key
     if _is_section(name, known):
-        keys = ", ".join(_below(name, known))
+        keys = ", ".join(sorted(_below(name, known)))
         raise ConfigError(f"{name!r} in {origin} is a section; name one of its keys: {keys}")
     if name == "base":
         raise ConfigError(

@@ -24,6 +24,7 @@ from remind_jax.config.thresholds import Thresholds
 from remind_jax.errors import SweepError
 from remind_jax.explanation.archive import FrameRecord
 from remind_jax.frame import NO_INSTANCE
+from remind_jax.methods import PAPER_METHOD
 from remind_jax.result import Result
 from remind_jax.sweep.settings import Setting
 
@@ -63,10 +64,17 @@ def collect_candidates(result: Result, thresholds: Thresholds) -> Candidates:
       thresholds: That it was made with.
 
     Raises:
-      SweepError: If the run was not traced, or nothing in it can be learned from.
+      SweepError: If the run was not traced, is of a tracker without these weights, or nothing in it
+        can be learned from.
     """
     if result.trace is None:
         raise SweepError(f"the run '{result.info.name}' was not traced; run it with trace=True")
+    tracker = result.info.config.get("tracker", PAPER_METHOD)
+    if tracker != PAPER_METHOD:
+        raise SweepError(
+            f"the run '{result.info.name}' is of tracker '{tracker}', which has no weights of "
+            f"channels; run '{PAPER_METHOD}' or search instead"
+        )
     t = thresholds.similarity
     nominal = np.array([getattr(t, name) for name in WEIGHTS], float)
     given: dict[int, collections.Counter[int]] = collections.defaultdict(collections.Counter)

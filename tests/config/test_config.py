@@ -196,6 +196,16 @@ def test_values_start_from_their_base(tmp_path):
     assert load_config(values) == expected
 
 
+def test_a_file_starts_from_the_file_beside_it(tmp_path, monkeypatch):
+    (tmp_path / "first.yaml").write_text("base: remind\nmatching: {match: 0.5}")
+    (tmp_path / "second.yaml").write_text("base: first.yaml")
+    assert load_config(tmp_path / "second.yaml") == load_config(tmp_path / "first.yaml")
+    (tmp_path / "rooms").mkdir()
+    (tmp_path / "rooms" / "third.yaml").write_text("base: first.yaml")
+    monkeypatch.chdir(tmp_path)  # else from where the command runs
+    assert load_config("rooms/third.yaml") == load_config("first.yaml")
+
+
 def test_bases_in_a_circle_are_refused(tmp_path):
     first, second = tmp_path / "first.yaml", tmp_path / "second.yaml"
     first.write_text(f"base: {second}")

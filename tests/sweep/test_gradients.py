@@ -80,10 +80,13 @@ def test_runs_of_different_width_are_joined():
     assert not joined.shown[10:, 2:].any()
 
 
-def test_an_untraced_run_is_refused():
+def test_runs_without_such_candidates_are_refused():
     from remind_jax.sweep.gradients import collect_candidates
 
     info = RunInfo.__new__(RunInfo)
     object.__setattr__(info, "name", "plain")
     with pytest.raises(SweepError, match="run it with trace=True"):
         collect_candidates(Result((), info), THRESHOLDS)
+    object.__setattr__(info, "config", {"tracker": "plus"})
+    with pytest.raises(SweepError, match="'plain' is of tracker 'plus', which has no weights"):
+        collect_candidates(Result((), info, trace=object()), THRESHOLDS)

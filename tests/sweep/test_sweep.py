@@ -16,6 +16,7 @@ from remind_jax.sources import open_source
 from remind_jax.sweep import batches, sweep
 from remind_jax.sweep.batches import run_batch
 from remind_jax.sweep.scene_arrays import describe_scene, load_scene
+from remind_jax.sweep.settings import complete
 from tests import tiny_world as world
 from tests.sweep.tiny_sweep import CONFIG, SCENES, SETTINGS
 
@@ -108,6 +109,12 @@ def test_interruption_keeps_what_is_done(tmp_path):
     stopped = sweep(SCENES, SETTINGS[:2], config=CONFIG, batch=4, out=tmp_path, progress=stop)
     assert not stopped.complete
     assert len((tmp_path / "rows.jsonl").read_text().splitlines()) == 1
+
+
+def test_thresholds_are_named_as_everywhere():
+    given = [{"thresholds.matching.match": 1}, {"matching.match": 0.5}, {"match": 0.25}]
+    named = [{"matching.match": value} for value in (1.0, 0.5, 0.25)]
+    assert complete(given, CONFIG) == named
 
 
 def test_a_profile_is_followed_where_features_come_from_the_backbone():
