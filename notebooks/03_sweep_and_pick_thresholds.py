@@ -244,8 +244,8 @@ print(
 # ## On the command line
 #
 # ```bash
-# remind sweep kitchen/ office/ --set matching.match=0.60:0.80:0.05 --out sweeps/first
-# remind sweep kitchen/ office/ --set matching.match=0.6,0.9 --search tpe
+# remind sweep kitchen/ office/ --config remind --set matching.match=0.60:0.80:0.05 --out sweeps/first
+# remind sweep kitchen/ office/ --config remind --set matching.match=0.6,0.9 --search tpe
 # ```
 #
 # Rows are kept as they come, so that an interrupted sweep goes on where it stopped; `--workers` and
