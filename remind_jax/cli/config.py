@@ -13,6 +13,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import ConfigError, OutputError
+from remind_jax.terminal import print_lines
 
 if TYPE_CHECKING:
     from remind_jax.config import Config
@@ -61,12 +62,15 @@ class Diff:
         """Prints one line per differing key; thresholds that only one tracker has are counted."""
         first, second = (_load(name, self.backbone) for name in (self.first, self.second))
         shared = set(first.keys) & set(second.keys)
-        for key, mine, theirs in first.difference(second):
-            if key in shared:
-                print(f"{key}: {mine!r} -> {theirs!r}")
+        lines = [
+            f"{key}: {mine!r} -> {theirs!r}"
+            for key, mine, theirs in first.difference(second)
+            if key in shared
+        ]
         for name, config in ((self.first, first), (self.second, second)):
             if num := len(set(config.keys) - shared):
-                print(f"only in {name}: {num} thresholds of tracker '{config.tracker}'")
+                lines.append(f"only in {name}: {num} thresholds of tracker '{config.tracker}'")
+        print_lines(lines)
         return exit_codes.FINE
 
 

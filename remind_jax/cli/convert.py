@@ -14,7 +14,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError, SourceError
-from remind_jax.terminal import print_table
+from remind_jax.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
     from weights_convert.conversion import Conversion
@@ -103,12 +103,15 @@ def _facts(done: Conversion, check: Check | None) -> dict[str, object]:
 
 
 def _print_facts(done: Conversion, check: Check | None) -> None:
-    print(f"{done.path}: {done.variant.name}, {done.num_bytes / 2**20:.1f} MiB")
-    print(f"  source   {done.layout}, sha256 {done.source_sha256}")
-    print(f"  tensors  sha256 {done.data_sha256}")
-    print(f"  licence  {done.licence}")
+    lines = [
+        f"{done.path}: {done.variant.name}, {done.num_bytes / 2**20:.1f} MiB",
+        f"  source   {done.layout}, sha256 {done.source_sha256}",
+        f"  tensors  sha256 {done.data_sha256}",
+        f"  licence  {done.licence}",
+    ]
     if done.dropped:
-        print(f"  left out, needed in training only: {', '.join(done.dropped)}")
+        lines.append(f"  left out, needed in training only: {', '.join(done.dropped)}")
+    print_lines(lines)
     if check is not None:
         _print_check(check)
 
@@ -123,10 +126,11 @@ def _print_check(check: Check) -> None:
         known = check.nearest
         rows += [(f"{known.weights} cls", known.cls), (f"{known.weights} patch 0", known.patch)]
         verdict = "agrees with" if check.agrees else "DIFFERS from"
-        print(
+        told = (
             f"  {verdict} the values published for {IMAGE_NAME}: largest difference "
             f"{check.difference:.1e}, {TOLERANCE:.0e} is allowed"
         )
+        print_lines([told])
     for name, values in rows:
         print(f"    {name:18}" + " ".join(f"{value:9.5f}" for value in values))
 

@@ -14,6 +14,7 @@ from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
 from remind_jax.errors import SourceError
+from remind_jax.terminal import print_lines
 
 
 @quiet_defaults
@@ -93,8 +94,9 @@ class Features:
         if self.json:
             print(json.dumps(facts, indent=1))
         elif not self.quiet:
-            print(
+            told = (
                 f"{folder}: features of {tally.num_computed} frames computed, of "
                 f"{tally.num_found} found, backbone {backbone.name}"
             )
+            print_lines([told])
         return exit_codes.FINE
