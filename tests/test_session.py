@@ -54,6 +54,16 @@ def test_three_objects_keep_their_identity(whole):
     assert {len(times) for times in whole.timings_ms.values()} == {NUM}
 
 
+def test_seconds_of_compiling_are_those_of_the_tracker(monkeypatch, tmp_path):
+    class Waiting(Tracker):
+        compile_s = property(lambda self: 1.5, lambda self, value: None)
+
+    monkeypatch.setattr("remind_jax.session.Tracker", Waiting)
+    result = rj.run(PICTURES[:1], config=CONFIG, tracker="bank", out=tmp_path)
+    assert result.compile_s == result.summary()["compile_s"] == 1.5
+    assert Result.load(tmp_path).compile_s == 1.5
+
+
 def test_thresholds_told_are_those_that_decided():
     live = Tracker(CONFIG, tracker="bank")
     live.update(*PICTURES[0])
