@@ -184,8 +184,8 @@ def _draw_grid(canvas: np.ndarray, axes: _Axes, num_rows: int, fps: float) -> No
 
 
 def _draw_times(canvas: np.ndarray, axes: _Axes, bottom: int, fps: float) -> None:
-    """The axis of time below; its round numbers fall on other frames than those above."""
-    put_text(canvas, "time", _MARGIN_PX, bottom + 20, 12, _FAINT)
+    """Times of the video, below; round ones fall on other frames than those above."""
+    put_text(canvas, "video", _MARGIN_PX, bottom + 20, 12, _FAINT)
     duration_s = axes.num_frames / fps
     step_s = choose_step(duration_s, time_steps(duration_s))
     for number in range(math.ceil(duration_s / step_s)):
