@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.errors import ConfigError
+from remind_jax.errors import OptionError
 from remind_jax.tracks import Tracks
 
 # Detections from which on an object of a detector is announced (`benchmarks/announcement.py`).
@@ -113,12 +113,13 @@ def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
       has_detector: Whether detections come from a detector.
 
     Raises:
-      ConfigError: If what is asked for is no number of detections.
+      OptionError: If what is asked for is no number of detections.
     """
     if asked is not None and asked < 0:
-        raise ConfigError(
-            f"announce_after is {asked}; give a number of detections from 1 on, or 0 for 1 with "
-            f"given masks and {DETECTOR_DEFAULT} with a detector"
+        raise OptionError(
+            f"'announce_after' is {asked}; give a number of detections from 1 on, or 0 for 1 with "
+            f"given masks and {DETECTOR_DEFAULT} with a detector",
+            "announce_after",
         )
     return asked or configured or (DETECTOR_DEFAULT if has_detector else 1)
 

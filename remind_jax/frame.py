@@ -55,6 +55,8 @@ class Detections:
                 f"masks have shape {masks.shape}; give one [H, W] plane per detection, [N, H, W]"
             )
         num = len(masks)
+        if isinstance(labels, str):
+            raise SourceError(f"labels are one text, {labels!r}; give one name per mask in a list")
         labels = ("object",) * num if labels is None else tuple(str(label) for label in labels)
         scores = np.ones(num, np.float32) if scores is None else np.asarray(scores, np.float32)
         ids = np.full(num, NO_INSTANCE) if instance_ids is None else np.asarray(instance_ids)

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import datetime
 import importlib.metadata
+import inspect
 import logging
 import platform
 import time
@@ -24,7 +25,7 @@ from remind_jax.config import Config, load_config
 from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
-from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError
+from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError, nearest_names
 from remind_jax.explanation.words import plural
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import FEATURES_GIVEN, Prepared, Tracker
@@ -105,6 +106,7 @@ def run(
       RemindError: If something about the input, the configuration or the output is wrong; what was
         written until then is kept and finished.
     """
+    _check_options(source_options)
     if out is not None:
         check_folder(Path(out), overwrite)
     finder = as_detector(detector, detector_options)
@@ -143,6 +145,15 @@ def run(
                     _finish(session.conclude(info, complete=False), live, writer)
                 raise
             return _finish(session.conclude(info, complete), live, writer)
+
+
+def _check_options(source_options: Mapping[str, Any]) -> None:
+    """Refuses options that neither a run nor a source has."""
+    known = inspect.signature(open_source).parameters
+    for name in source_options:
+        if name not in known:
+            hint = nearest_names(name, {*known, *inspect.signature(run).parameters})
+            raise ConfigError(f"run has no option '{name}'; {hint}")
 
 
 def _delay_answers(tracker: Tracker, delay: int) -> Any:

@@ -222,7 +222,7 @@ def test_who_chooses(asked, configured, has_detector, after):
 
 
 def test_a_negative_number_is_refused():
-    with pytest.raises(ConfigError, match=r"announce_after is -1; give .* from 1 on"):
+    with pytest.raises(ConfigError, match=r"'announce_after' is -1; give .* from 1 on"):
         rj.run(PICTURES, announce_after=-1, **OPTIONS)
 
 

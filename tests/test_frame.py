@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
 
 
@@ -15,3 +16,9 @@ def test_select_takes_indices_a_mask_or_nothing(keep, left):
     chosen = detections.select(keep)
     assert chosen.labels == left
     assert len(chosen.masks) == len(chosen.scores) == len(chosen.instance_ids) == len(left)
+
+
+def test_one_text_is_no_list_of_labels():
+    """Else it would be taken for one label per letter."""
+    with pytest.raises(SourceError, match="labels are one text, 'mug'; give one name per mask"):
+        Detections.create(np.ones((3, 4, 4), bool), labels="mug")  # pyright: ignore

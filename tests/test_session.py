@@ -15,7 +15,7 @@ import pytest
 import remind_jax as rj
 from remind_jax.baselines.bank import BankThresholds
 from remind_jax.decision import Outcome
-from remind_jax.errors import OutputError, SourceError
+from remind_jax.errors import ConfigError, OutputError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.live import Tracker
 from remind_jax.result import Result
@@ -178,6 +178,11 @@ def test_an_occupied_folder_is_refused_before_anything_is_done(tmp_path):
     with pytest.raises(OutputError, match="is a file"):
         rj.run("no such video.mp4", out=tmp_path / "thesis.tex")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_misspelt_option_is_named():
+    with pytest.raises(ConfigError, match="run has no option 'detectr'; did you mean 'detector'"):
+        rj.run(PICTURES, detectr="yolo11n-seg.onnx")
 
 
 def test_nothing_to_track():

@@ -28,6 +28,8 @@ def find_file(name: str | Path) -> Path:
     if path.suffix in _SUFFIXES:
         return path
     shipped = list_configs()
+    if str(name) not in shipped and path.exists():
+        raise ConfigError(f"'{name}' is no configuration; give a {' or '.join(_SUFFIXES)} file")
     if str(name) not in shipped:
         hint = nearest_names(str(name), shipped)
         raise ConfigError(f"there is no configuration {str(name)!r}; {hint} (or give a .yaml file)")
