@@ -84,7 +84,7 @@ class RunInfo(Printable):
     def facts(self) -> tuple[str, ...]:
         """What it was made with, in two lines."""
         height, width = self.frame_size
-        used = [f"{key} {self.config[key]}" for key in ("tracker",) if key in self.config]
+        used = [f"tracker {self.config['tracker']}"] if "tracker" in self.config else []
         return (
             f"{width} x {height} pixels, {self.fps:.4g} frames per second",
             ", ".join([*used, self.backbone, self.device, f"started at {self.started_at}"]),

@@ -58,7 +58,8 @@ def print_markdown(text: str) -> None:
     rows: list[list[str]] = []
     for line in [*text.splitlines(), ""]:
         if line.startswith("|"):
-            rows.append([cell.strip() for cell in _PIPE.split(line)[1:-1]])
+            cells = _PIPE.split(line)[1:-1]
+            rows.append([cell.strip().replace("\\|", "|") for cell in cells])
             continue
         if rows:
             heads, _, *rest = rows

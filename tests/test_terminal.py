@@ -59,6 +59,7 @@ def test_tables_of_markdown_are_drawn(width, capsys):
     text = capsys.readouterr().out
     assert text.splitlines()[0] == "Best"
     assert "---" not in text
+    assert "a|b" in text
     assert "0.5" in text
     assert text.rstrip().endswith("Mean: 1")
 
