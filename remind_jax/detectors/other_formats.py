@@ -38,18 +38,18 @@ def refuse_other_formats(path: Path) -> None:
     if suffix in _FORMATS:
         raise WeightsError(
             f"'{path}' is {_FORMATS[suffix]}, and a detector is read as ONNX; export it once, with "
-            f"Ultralytics: {export_command(path)}" + _with_rfdetr(path)
+            f"Ultralytics: {_export_command(path)}" + _with_rfdetr(path)
         )
     if path.is_dir():
         raise WeightsError(f"detector '{path}' is a folder; give a .onnx file")
     if not path.is_file():
         raise WeightsError(
             f"detector '{path}' does not exist; give a .onnx file, which Ultralytics makes of its "
-            f"networks: {export_command(path)}"
+            f"networks: {_export_command(path)}"
         )
 
 
-def export_command(path: Path) -> str:
+def _export_command(path: Path) -> str:
     """What is typed to make an ONNX file of a network that Ultralytics knows."""
     return f"yolo export model={path.with_suffix('.pt').name} format=onnx"
 

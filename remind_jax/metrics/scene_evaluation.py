@@ -169,7 +169,7 @@ def evaluate(
         evaluation, notes = evaluate_scene(
             stream.truth, scene, stream.predictions, predicted, options
         )
-        return evaluation, doubt_truth(evaluation) + notes
+        return evaluation, _doubt_truth(evaluation) + notes
 
     scored = stream.score(score, progress)
     return SetEvaluation(
@@ -224,7 +224,7 @@ def evaluate_scene(
     return evaluation, notes
 
 
-def doubt_truth(evaluation: Evaluation) -> list[str]:
+def _doubt_truth(evaluation: Evaluation) -> list[str]:
     """A note if next to nothing overlaps, as where truth and predictions are of two scenes.
 
     Perfect predictions of one room of objects match less than 1 % of those of another by chance;
