@@ -17,7 +17,7 @@
 #
 # * how to run the tracker on frames with instance masks, and what it leaves behind;
 # * to read overlay, timeline and gallery;
-# * what *ambiguous* and *provisional* mean, and why they are not failures;
+# * how sure an answer is, and what *ambiguous* and *provisional* mean;
 # * how to save the memory and go on from it tomorrow.
 #
 # Nothing is downloaded: the video is rendered here, with exact masks and known identities.
@@ -98,8 +98,8 @@ show(tile([tour.frames[i].image for i in SHOWN]), 800)
 # ## Run
 #
 # One call. The source may also be a video file, a folder of images or an array; masks may come from
-# files or from a detector. The first frame compiles the tracker, which takes most of a minute; every
-# further frame takes milliseconds.
+# files or from a detector. What runs is the default tracker, REMIND plus. The first frame compiles it,
+# which takes some fifteen seconds the first time on a machine; every further frame takes milliseconds.
 
 # %%
 result = rj.run(tour.frames, out=work / "tour", name="tour", image_fps=options.fps)
@@ -119,7 +119,7 @@ for outcome, share in summary["outcome_shares"].items():
 # %% [markdown]
 # ## Overlay
 #
-# Every identity has its colour; who is undecided is white and says what it could be.
+# Every identity has its color; what is undecided would be white and say what it could be.
 
 # %%
 show(tile([draw_overlay(tour.frames[i].image, result.tracks[i]) for i in SHOWN]), 1080)
@@ -144,36 +144,42 @@ show(cv2.imread(str(work / "tour/timeline.png"))[..., ::-1], 1000)
 show(cv2.imread(str(work / "tour/gallery.png"))[..., ::-1], 1000)
 
 # %% [markdown]
-# ## What "ambiguous" means
+# ## How sure is it?
 #
-# In the first round the camera never saw the two boxes together, and they look the same: both became
-# one object. After the return they were in view at once, so there must be two, and a second identity
-# was born. From then on a box that is seen alone could be either.
+# Every detection of this tour got an identity at once, but not all are equally certain. `confidence`
+# is the probability that the identity is the right one; over many answers it is about the share that
+# is right. The least certain one:
 
 # %%
-frame, row = next(
-    (tracks.frame_index, row)
-    for tracks in reversed(result.tracks)
-    for row in np.flatnonzero(tracks.outcome == rj.Outcome.AMBIGUOUS)
-)
+answers = [
+    (float(tracks.confidence[row]), tracks.frame_index, row)
+    for tracks in result.tracks
+    for row in range(len(tracks))
+]
+confidence, frame, row = min(answers)
 tracks = result.tracks[frame]
 known = tracks.candidate_id[row] >= 0
 names = [f"{tracks.labels[row]} {i}" for i in tracks.candidate_id[row][known]]
+chances = tracks.candidate_score[row][known]
+if tracks.outcome[row] == rj.Outcome.NEW:
+    names, chances = [*names, "a new object"], [*chances, 1 - sum(chances)]
 
 figure, bars = plt.subplots(figsize=(6, 1.8))
-bars.barh(names, tracks.candidate_score[row][known], color="#0072B2")
-bars.bar_label(bars.containers[0], fmt="%.3f", padding=3)
-bars.set(xlim=(0, 1), xlabel="score of the candidate [0, 1]", title="what the white box could be")
+bars.barh(names, chances, color="#0072B2")
+bars.bar_label(bars.containers[0], fmt="%.2f", padding=3)
+bars.set(xlim=(0, 1), xlabel="probability of the candidate", title="what it could be")
 bars.invert_yaxis()
 plt.show()
-print(f"frame {frame}: {tracks.display_name(row)}")
+print(f"frame {frame}: {tracks.display_name(row)}, confidence {confidence:.2f}")
 show(draw_overlay(tour.frames[frame].image, tracks))
 
 # %% [markdown]
-# Two candidates with nearly the same score: any tracker that had to name one would toss a coin, and
-# then teach the memory of one box what the other one looks like. An ambiguous detection names its
-# candidates, is followed from frame to frame with a memory of its own, and leaves theirs alone. When the
-# evidence suffices, it becomes one of them.
+# The camera comes back, it is dark, and a box comes into view at the border. There are two boxes that
+# look the same, and it could be either of them, or a third one that nobody has seen yet. It was
+# told to be new, and it is not.
+#
+# Where no answer is more likely than not, none is given: the detection is undecided and names
+# its candidates. When the evidence suffices, it becomes one of them.
 #
 # | outcome | meaning | shown as |
 # | --- | --- | --- |
@@ -182,9 +188,9 @@ show(draw_overlay(tour.frames[frame].image, tracks))
 # | `provisional_parent` | probably this known object, not certainly | `mug 3?` |
 # | `provisional_new` | probably new, a known one cannot be excluded | `mug new?` |
 #
-# A *provisional* detection has one explanation, not yet proven (this tour has none or few); an
-# *ambiguous* one has several.
-# What to do with them is your decision: a map may wait, a gripper may look again from elsewhere.
+# The paper's tracker (`config="remind"`) is undecided far more often: notebook 02 looks at one such
+# decision. What to do about doubt is yours to decide: a map may wait (`delay=15` tells every
+# answer 15 frames later, by all that is known then), a gripper may look again from elsewhere.
 
 # %%
 outcomes = [Counter(rj.Outcome(code).name.lower() for code in t.outcome) for t in result.tracks]
@@ -222,16 +228,31 @@ meaning = {
     "Recovery": "returns after which an object got its identity back",
     "FirmShare": "detections with an identity",
     "FirmAccuracy": "of these, identities that belong to the object",
-    "CandidateHitRate": "ambiguous detections whose candidates hold the truth",
 }
 lines = [f"| {name} | {scores[name]:.3f} | {text} |" for name, text in meaning.items()]
 Markdown("\n".join(["| score | value | meaning |", "| --- | ---: | --- |", *lines]))
 
 # %% [markdown]
-# IDF1 counts an undecided detection as a miss, even where its candidates hold the truth. The wrong
-# firm identities are those of the first round, when a second box and a second mug of similar looks were
-# taken for objects known already: they had not been seen together yet.
-# Notebook 03 shows how to choose between answers and doubt.
+# Two objects that came back, one of the boxes and one of the mugs, got a second identity. Both
+# were told with doubt until they were decided: that is what the confidence is good for.
+
+# %%
+right_id = {}  # the identity that an object had first
+right, confidences = [], []
+for tracks, frame in zip(result.tracks, tour.frames):
+    for row, instance in enumerate(frame.detections.instance_ids.tolist()):
+        object_id = int(tracks.object_id[row])
+        right.append(right_id.setdefault(instance, object_id) == object_id)
+        confidences.append(float(tracks.confidence[row]))
+right, confidences = np.array(right), np.array(confidences)
+for low, high in ((0.0, 0.75), (0.75, 1.01)):
+    chosen = (confidences >= low) & (confidences < high)
+    print(
+        f"confidence {low:.2f} to {min(high, 1):.2f}: {right[chosen].sum()} of {chosen.sum()} right"
+    )
+
+# %% [markdown]
+# Notebook 03 shows how thresholds are chosen.
 #
 # ## Save the memory, go on tomorrow
 #
@@ -282,6 +303,6 @@ for path in sorted((work / "tour").iterdir()):
 #
 # or `rj.run("rooms.mp4", detector="yolo11n-seg.onnx", out="runs/rooms")`.
 #
-# **Take-away.** One call gives every detection an identity, or a short list of what it could be. Act on
-# the firm ones; where the answer is open, wait, look again from elsewhere, or settle it by a rule of
-# your own.
+# **Take-away.** One call gives every detection an identity and says how sure it is, or gives a short list
+# of what it could be. Act on what is certain enough for you; else wait, look again from elsewhere, or
+# settle it by a rule of your own.

@@ -22,17 +22,19 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.config import outcome_thresholds, reference_keys
-from remind_jax.config.config import Config
+from remind_jax.config.config import Config, load_config
 from remind_jax.config.effects import NUMBERS
 from remind_jax.methods import PAPER_METHOD, get_method, list_methods
 
 INTRODUCTION = """\
 # Every setting
 
-Made from the code by `make docs`; a test keeps it up to date. Defaults are the published ones of
-each tracker. `remind config show` prints every value that runs, `remind config diff published
-remind` what one configuration changes of another, and what a backbone changes stands in
-`configs/backbones/`.
+Made from the code by `make docs`; a test keeps it up to date. `input` and `static` serve every
+tracker; thresholds belong to one: those of [plus](#thresholds-of-tracker-plus), the default, come
+first, then those of the [paper's](#thresholds-of-tracker-remind) and of the baselines. Values are
+the published ones of each tracker. `remind config show` prints every value that runs, `remind
+config diff published remind` what one configuration changes of another, and what a backbone changes
+stands in `configs/backbones/`.
 
 Set any of them with `--set thresholds.decision.new=1.5`, in a file (`remind run --config FILE`),
 or in Python with `load_config({"thresholds": {"decision": {"new": 1.5}}})`. Names are those of the
@@ -42,7 +44,8 @@ section and the row, joined by a dot.
 * In small print: the key of the [original implementation](parity.md), which
   `remind config import-reference` translates.
 * The *symbols* are those of the paper.
-* `input` is read on the host. `static` fixes the compiled program: another value compiles anew.
+* `input` is read on the host. `static` fixes the compiled program: another value compiles anew. But
+  for capacities, solver and precision its switches are those of the paper's tracker.
   `thresholds` are traced: another value does not, and
   [many can run at once](performance.md#many-settings-at-once).
 * Scores, similarities, shares and qualities lie in [0, 1]. *Effective patches* are patches weighed
@@ -184,24 +187,31 @@ def list_sections(method: str = PAPER_METHOD) -> list[Section]:
 
 
 def render_page() -> str:
-    """The whole page, Markdown."""
-    own = list_sections()
-    lines = [INTRODUCTION, "## Symbols of the paper", "", *_symbol_table(own)]
-    for section in own:
-        is_first = section.path == "thresholds.perception"
-        lines += ["", f"## Thresholds of tracker `{PAPER_METHOD}`"] if is_first else []
-        depth = "###" if section.path.startswith("thresholds") else "##"
-        lines += ["", f"{depth} {section.path}", "", *_section_lines(section)]
+    """The whole page, Markdown: the default tracker, what all share, then the other trackers."""
+    own, default = list_sections(), load_config().tracker
+    shared = [section for section in own if not section.path.startswith("thresholds")]
+    lines = [INTRODUCTION, *_threshold_lines(default, list_sections(default))]
+    for section in shared:
+        lines += ["", f"## {section.path}", "", *_section_lines(section)]
+    lines += ["", "## Symbols of the paper", "", *_symbol_table(own)]
+    lines += ["", *_threshold_lines(PAPER_METHOD, own[len(shared) :])]
     for method in list_methods():
-        if method == PAPER_METHOD:
-            continue
-        lines += ["", f"## Thresholds of tracker `{method}`"]
-        for section in list_sections(method):
-            if section.path != "thresholds":
-                lines += ["", f"### {method}: {section.path}"]
-            lines += ["", *_section_lines(section)]
+        if method not in (PAPER_METHOD, default):
+            lines += ["", *_threshold_lines(method, list_sections(method))]
     lines += ["", *_other_keys()]
     return "\n".join(lines) + "\n"
+
+
+def _threshold_lines(method: str, sections: list[Section]) -> Iterator[str]:
+    yield f"## Thresholds of tracker `{method}`"
+    for section in sections:
+        if section.path != "thresholds":
+            yield ""
+            # Sections of several trackers share their names, headings may not.
+            is_paper = method == PAPER_METHOD
+            yield f"### {section.path}" if is_paper else f"### {method}: {section.path}"
+        yield ""
+        yield from _section_lines(section)
 
 
 def _read_section(path: str, values: Any, known: bool) -> Section:
