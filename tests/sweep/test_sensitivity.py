@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from remind_jax.config import Config
+from remind_jax.config import load_config
+from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import SweepError
 from remind_jax.sweep.search import GIVEN
 from remind_jax.sweep.sensitivity import (
-    PAPER_SPACE,
+    SPACES,
     curves_to_markdown,
     estimate_sobol,
     move_one_at_a_time,
@@ -20,15 +21,15 @@ from remind_jax.sweep.settings import complete
 from tests.sweep.fake_bench import FakeBench, hill
 
 
-def test_the_paper_s_thresholds_exist_and_their_ranges_hold_the_published_values():
-    published = Config().thresholds
-    for name, (low, high) in PAPER_SPACE.items():
-        section, _, field = name.partition(".")
-        value = getattr(getattr(published, section), field)
-        assert low < value < high, name
-        assert type(value) is type(low), name
-    ends = [{name: ends[i] for name, ends in PAPER_SPACE.items()} for i in (0, 1)]
-    complete(ends, Config())  # raises if a value is not accepted
+@pytest.mark.parametrize("tracker", SPACES)
+def test_thresholds_varied_exist_and_their_ranges_hold_the_published_values(tracker):
+    config = load_config("published").with_tracker(tracker)
+    published = dict(flatten_fields(config.thresholds))
+    for name, (low, high) in SPACES[tracker].items():
+        assert low < published[name] < high, name
+        assert type(published[name]) is type(low), name
+    ends = [{name: ends[i] for name, ends in SPACES[tracker].items()} for i in (0, 1)]
+    assert complete(ends, config) == ends  # raises if a value is not accepted
 
 
 def test_curves_move_one_threshold_and_the_steepest_comes_first():
