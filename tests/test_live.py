@@ -14,7 +14,6 @@ from remind_jax.compiled_step import step_packed
 from remind_jax.errors import SourceError
 from remind_jax.frame import Frame
 from remind_jax.live import Tracker
-from remind_jax.tracker import step
 from tests.cli import scenes
 
 CONFIG = {"static": {"num_detections": 4, "num_objects": 6, "num_pending": 4}}
@@ -34,7 +33,8 @@ def test_one_compilation_whatever_the_counts():
         return step(*args, **kwargs)
 
     # A capacity that no other test uses: nothing is compiled yet.
-    tracker = Tracker({"static": {**CONFIG["static"], "num_objects": 7}})
+    tracker = Tracker({"static": {**CONFIG["static"], "num_objects": 13}})
+    step = tracker.method.step
     tracker.method = dataclasses.replace(tracker.method, step=count_and_step)
     for index, ids in enumerate([(1, 2, 3), (1, 2, 3), (1,), (), (1, 2, 3, 4)]):
         tracker.update(*scenes.picture(index, ids))
