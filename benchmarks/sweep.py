@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.step import DEFAULT_SEQUENCE, as_frame
 from remind_jax.backbone.registry import get_backbone
-from remind_jax.compiled_step import ONE_FRAME_OPTIONS, settle_types
+from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, settle_types
 from remind_jax.config import load_config
 from remind_jax.sources import open_source
 from remind_jax.state import init

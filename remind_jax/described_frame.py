@@ -13,7 +13,8 @@ from remind_jax.config.thresholds import Thresholds
 from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.perception.description import describe
 from remind_jax.state import TrackerState
-from remind_jax.tracker import step_described
+from remind_jax.trace import Trace
+from remind_jax.tracker import step_described, step_described_traced
 
 
 @jax.tree_util.register_dataclass
@@ -41,3 +42,12 @@ def decide_described(
 ) -> TrackerState:
     """Decides who is who and remembers it."""
     return step_described(state, seen.descriptors, seen.masks, static=static, thresholds=thresholds)
+
+
+def decide_described_traced(
+    state: TrackerState, seen: DescribedFrame, *, static: Static, thresholds: Thresholds
+) -> tuple[TrackerState, Trace]:
+    """As `decide_described`, and tells what each decision was made of."""
+    return step_described_traced(
+        state, seen.descriptors, seen.masks, static=static, thresholds=thresholds
+    )

@@ -19,7 +19,10 @@ import numpy as np
 from remind_jax.alignment import Alignment
 from remind_jax.announcement import Announcements, choose_after, hear, tell
 from remind_jax.backbone.registry import Backbone, get_backbone
-from remind_jax.compiled_step import compiled_step, empty_state, settle_types, stay
+from remind_jax.compiled.ahead import Forecast, Preparation
+from remind_jax.compiled.frame_step import FrameInput, FrameStep, Told
+from remind_jax.compiled.packing import Packed
+from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, Static, Thresholds, load_config
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import ConfigError, SourceError
@@ -35,12 +38,16 @@ from remind_jax.memory_file import (
 )
 from remind_jax.methods import get_method
 from remind_jax.observation import FrameFeats, Masks, PatchAttention
-from remind_jax.packing import Packed
 from remind_jax.readout import Outlines, outline, read_tracks
 from remind_jax.trace import Trace
 from remind_jax.tracks import Tracks
 
 _ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
+_CAPACITIES = {
+    "detections": "num_detections",
+    "objects": "num_objects",
+    "undecided tracks": "num_pending",
+}
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
 
 
@@ -69,7 +76,9 @@ class Notice:
 class Tracker:
     """Remembers objects over an unbounded stream of frames.
 
-    Not thread-safe, starts no thread and touches no file but in `save` and `load`.
+    Not thread-safe. Touches no file but in `save` and `load`, and for the compiled programs that it
+    keeps (`remind_jax.compiled.kept`); programs for larger capacities are compiled in a thread of
+    its own before they are needed. Results depend on neither.
     """
 
     def __init__(
@@ -133,6 +142,9 @@ class Tracker:
         self.decided: Tracks | None = None  # the last frame, by ids of the memory
         self.notices: list[Notice] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
+        self.compile_s = 0.0  # waited for programs to be compiled or loaded, so far
+        self._frame_step = FrameStep(self.method, traced=trace)
+        self._forecast, self._preparation = Forecast(), Preparation()
 
     @property
     def num_objects(self) -> int:
@@ -155,12 +167,41 @@ class Tracker:
         return tuple(self._class_ids)
 
     def reset(self) -> None:
-        """Forgets everything."""
+        """Forgets everything; compiled programs stay."""
         self._state = None
+        self._forecast = Forecast()
         self._last_image = None
         self._class_ids = {}
         self.trace = self.decided = None
         self.announcements = self._announce_nothing()
+
+    def warm_up(self, frame_size: tuple[int, int], *, num_objects: int = 0) -> float:
+        """Compiles or loads all programs for frames of one size, so that not even the first waits.
+
+        Args:
+          frame_size: Height and width in pixels.
+          num_objects: Prepares the larger capacities as well that so many objects will need.
+
+        Returns:
+          Seconds that it took.
+
+        Raises:
+          SourceError: If frames of this size are too small.
+        """
+        start, last_image = time.perf_counter(), self._last_image
+        image = np.zeros((*frame_size, 3), np.uint8)
+        nothing = Detections.create(np.zeros((0, *frame_size), bool))
+        prepared = self.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing))
+        self._last_image = last_image
+        self._follow_profile()
+        patches, attention = self._extract(prepared)
+        frame_feats = FrameFeats(patches, np.array(frame_size, np.int32), attention)
+        static = self._with_feature_dim(patches.shape[-1])
+        while True:
+            self._frame_step.prepare(self._input(frame_feats, prepared, static), static)
+            if static.num_objects >= num_objects:
+                return time.perf_counter() - start
+            static = static.grow(num_objects=static.num_objects + 1)
 
     def update(self, frame: Any, detections: Any = None) -> Tracks:
         """Takes the next frame and says who is who in it.
@@ -239,7 +280,7 @@ class Tracker:
 
     def advance(self, prepared: Prepared) -> Tracks:
         """The part of `update` that reads and writes memory."""
-        start = time.perf_counter()
+        start, waited_before = time.perf_counter(), waited_s()
         attention = None
         if prepared.features is not None:
             patches, self._features_given = prepared.features, True
@@ -256,6 +297,7 @@ class Tracker:
         decisions, outlines = self._step(FrameFeats(patches, size, attention), prepared)
         tracks = self._announce(self._read(prepared, outlines, decisions))
         done = time.perf_counter()
+        self.compile_s += waited_s() - waited_before
         self.stage_ms = {
             **prepared.stage_ms,
             "backbone": 1000 * (described - start),
@@ -295,7 +337,7 @@ class Tracker:
         if memory.backbone != FEATURES_GIVEN:
             check_backbone(memory, self.backbone.name, path)
         self._features_given = memory.backbone == FEATURES_GIVEN
-        self._state, self._static = stay(memory.state), static_of(memory, self.config, path)
+        self._state, self._static = memory.state, static_of(memory, self.config, path)
         self._class_ids = {name: number for number, name in enumerate(memory.class_names)}
         if memory.announced is not None:
             self.announcements = memory.announced
@@ -361,50 +403,71 @@ class Tracker:
 
     def _step(self, frame_feats: FrameFeats, prepared: Prepared) -> tuple[Decisions, Outlines]:
         """Steps, growing capacities until the frame fits; outlines the masks meanwhile."""
-        static, masks = self._static, prepared.masks
-        dim = frame_feats.patches.shape[-1]
-        if static.feature_dim not in (0, dim):
-            raise SourceError(
-                f"the frame has features of {dim} numbers, the memory knows {static.feature_dim}; "
-                "go on with the features that it was made with"
-            )
-        if static.feature_dim != dim:
-            static = dataclasses.replace(static, feature_dim=dim)
-        num = len(masks.valid)
-        if num > static.num_detections:
-            static = static.grow(num_detections=num)
-            self._note_growth("detections", num, static.num_detections)
+        static = self._with_feature_dim(frame_feats.patches.shape[-1])
         if self._state is None:
-            self._state, self._static = empty_state(self.method.init, static), static
-        elif static != self._static:
-            self._grow(static)
-        given = Packed.of((pad_masks(masks, static.num_detections), prepared.observed))
-        step = self.method.step_traced if self._is_tracing else self.method.step
-        options: Any = {"step": step, "traced": self._is_tracing}
+            self._state, self._static = self.method.init(static), static
+        if (larger := self._preparation.finished(self._static)) is not None:
+            self._grow(larger)
+        if (num := len(prepared.masks.valid)) > self._static.num_detections:
+            self._make_room(num_detections=num)
         outlines: Outlines | None = None
         while True:
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
-            self._state, told, trace = compiled_step()(
-                self._state,
-                frame_feats,
-                given,
-                self._place_thresholds(),
-                static=self._static,
-                **options,
+            self._state, packed, trace = self._frame_step(
+                self._state, self._input(frame_feats, prepared, self._static), self._static
             )
             outlines = outlines or outline(prepared.detections.masks)
-            decisions, overflow = jax.device_get(told).unpack()
-            if not overflow.objects and not overflow.pending:
+            told: Told = jax.device_get(packed).unpack()
+            if not told.overflow.objects and not told.overflow.pending:
                 break
-            objects, pending = int(overflow.objects), int(overflow.pending)
-            self._grow(self._static.grow(num_objects=objects, num_pending=pending))
-            if objects:
-                self._note_growth("objects", objects, self._static.num_objects)
-            if pending:
-                self._note_growth("undecided tracks", pending, self._static.num_pending)
+            self._make_room(
+                num_objects=int(told.overflow.objects), num_pending=int(told.overflow.pending)
+            )
         self.trace = jax.device_get(trace)
-        return decisions, outlines
+        self._look_ahead(frame_feats, prepared, told)
+        return told.decisions, outlines
+
+    def _with_feature_dim(self, dim: int) -> Static:
+        """The capacities with the width of the features, which the first frame tells."""
+        if self._static.feature_dim not in (0, dim):
+            raise SourceError(
+                f"the frame has features of {dim} numbers, the memory knows "
+                f"{self._static.feature_dim}; go on with the features that it was made with"
+            )
+        return dataclasses.replace(self._static, feature_dim=dim)
+
+    def _input(self, frame_feats: FrameFeats, prepared: Prepared, static: Static) -> FrameInput:
+        masks = pad_masks(prepared.masks, static.num_detections)
+        given = Packed.of((masks, prepared.observed))
+        return FrameInput(frame_feats, given, self._place_thresholds())
+
+    def _make_room(self, **needed: int) -> None:
+        """Grows now, as the frame does not fit; the next capacities are often ready by then."""
+        larger = self._static.grow(**needed)
+        larger = self._preparation.wait_for(larger, self._static) or larger
+        self._grow(larger)
+
+    def _look_ahead(self, frame_feats: FrameFeats, prepared: Prepared, told: Told) -> None:
+        """Has the programs for the next capacities compiled once it is foreseen that they come."""
+        num_objects, num_pending = (int(count) for count in told.occupied)
+        self._forecast.add(
+            time.monotonic(),
+            {
+                "num_detections": len(prepared.masks.valid),
+                "num_objects": num_objects,
+                "num_pending": num_pending,
+            },
+        )
+        static = self._forecast.needed(self._static)
+        if static != self._static:
+            # The size of this frame is that of the next ones.
+            self._preparation.start(
+                static,
+                lambda static: self._frame_step.prepare(
+                    self._input(frame_feats, prepared, static), static
+                ),
+            )
 
     def _place_thresholds(self) -> Packed:
         """The thresholds of the configuration, brought to the device once: hundreds of numbers."""
@@ -418,13 +481,13 @@ class Tracker:
         return placed
 
     def _grow(self, static: Static) -> None:
-        assert self._state is not None
-        self._state = stay(settle_types(self.method.enlarge(self._state, static)))
+        """Moves the memory into larger capacities; results do not depend on them."""
+        self._state, before = self.method.enlarge(self._state, static), self._static
         self._static = static
-
-    def _note_growth(self, what: str, needed: int, capacity: int) -> None:
-        message = f"{needed} {what} do not fit; the capacity is {capacity} now"
-        self.notices.append(Notice("capacity", message))
+        for what, name in _CAPACITIES.items():
+            capacity = getattr(static, name)
+            if capacity != getattr(before, name):
+                self.notices.append(Notice("capacity", f"there is room for {capacity} {what} now"))
 
     def _say_ignored(self, prepared: Prepared) -> list[Notice]:
         if prepared.num_ignored and not len(prepared.detections):

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import jax
+import numpy as np
 from jaxtyping import Array
 
 from remind_jax.errors import ConfigError, nearest_names
@@ -35,6 +36,8 @@ class StepHalves:
     # `decide(state, seen, *, static, thresholds) -> state`; nothing may overflow for `seen` of
     # zeros only, which fills up the frames of a scene.
     decide: Callable[..., Any]
+    # As `decide`, giving `(state, trace)`; left out, an account takes the whole `step_traced`.
+    decide_traced: Callable[..., tuple[Any, Any]] | None = None
     # Thresholds that `describe` reads; settings that agree on them share what it returns.
     described_by: tuple[str, ...] = ()
     # Thresholds that the reduction of masks reads; the largest value of all settings serves all.
@@ -62,8 +65,12 @@ class Method:
     thresholds: Callable[[], Any]  # published values of its numbers: a dataclass that is a pytree
     init: Callable[[Static], Any]
     step: Callable[..., Any]
-    # The same memory with larger capacities; left out, arrays are extended at their ends.
+    # The same memory with larger capacities, on the host; left out, arrays are extended at their
+    # ends.
     grow: Callable[[Any, Static], Any] | None = None
+    # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
+    # more will be needed; left out, objects are counted.
+    occupied: Callable[[Any], tuple[Any, Any]] | None = None
     # As `step`, giving `(state, trace)`; left out, the method keeps no account.
     step_traced: Callable[..., tuple[Any, Any]] | None = None
     # "module:class" that keeps these traces on the host and explains them, imported when needed.
@@ -92,16 +99,23 @@ class Method:
             return self.grow(state, static)
         return extend(state, self.init(static))
 
+    def count_occupied(self, state: Any) -> tuple[Any, Any]:
+        """Slots of objects and of pending tracks that are in use."""
+        if self.occupied is not None:
+            return self.occupied(state)
+        return (state.objects.id >= 0).sum(), 0
+
 
 def extend(state: Any, empty: Any) -> Any:
-    """A memory in the first slots of an empty one; what did not fit is forgiven."""
+    """A memory in the first slots of an empty one, on the host; nothing overflows there."""
+    return dataclasses.replace(jax.tree.map(widen, state, empty), overflow=empty.overflow)
 
-    def place(small: Array, large: Array) -> Array:
-        if small.shape == large.shape:
-            return small
-        return large.at[tuple(slice(0, length) for length in small.shape)].set(small)
 
-    return dataclasses.replace(jax.tree.map(place, state, empty), overflow=empty.overflow)
+def widen(small: Array, large: Array) -> np.ndarray:
+    """Values of an array in the first places of a larger one; on the host nothing is compiled."""
+    widened = np.array(large)
+    widened[tuple(slice(0, length) for length in small.shape)] = small
+    return widened
 
 
 # "module:attribute" is imported when the method is first asked for.
@@ -155,15 +169,22 @@ def _import_attribute(path: str) -> Any:
 
 def _remind() -> Method:
     from remind_jax.config.thresholds import Thresholds
-    from remind_jax.described_frame import decide_described, describe_frame
-    from remind_jax.state import grow, init
+    from remind_jax.described_frame import (
+        decide_described,
+        decide_described_traced,
+        describe_frame,
+    )
+    from remind_jax.state import count_occupied, grow, init
     from remind_jax.tracker import step, step_traced
 
     halves = StepHalves(
         describe_frame,
         decide_described,
+        decide_described_traced,
         described_by=("perception", "ring_prototypes", "attention_parts"),
         # Gaps are measured as exactly as any setting needs.
         reduced_by=("relations.scale_min_px", "relations.exact_gap_max"),
     )
-    return Method(PAPER_METHOD, Thresholds, init, step, grow, step_traced, halves=halves)
+    return Method(
+        PAPER_METHOD, Thresholds, init, step, grow, count_occupied, step_traced, halves=halves
+    )

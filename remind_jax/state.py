@@ -12,6 +12,7 @@ import enum
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.config.static import Static
@@ -19,7 +20,8 @@ from remind_jax.decision import NO_ID, NUM_OPTIONS, Decisions, Outcome
 from remind_jax.memory.bank import NEVER, DualBank, empty_bank
 from remind_jax.memory.cooccurrence import CooccurrenceGraph, empty_cooccurrence
 from remind_jax.memory.distances import DistanceGraph, empty_distances
-from remind_jax.memory.pending import PendingTracks, no_pending
+from remind_jax.memory.pending import Kind, PendingTracks, no_pending
+from remind_jax.methods import extend
 
 NUM_APPEARANCE_CHANNELS = 2
 NUM_RINGS = 2
@@ -93,9 +95,9 @@ def init(static: Static) -> TrackerState:
         return DualBank(work, stable)
 
     def column(value: int) -> Array:
-        return jnp.full(objects, int(value), jnp.int32)
+        return np.full(objects, int(value), np.int32)
 
-    return TrackerState(
+    empty = TrackerState(
         objects=Objects(
             id=column(NO_ID),
             class_id=column(NO_ID),
@@ -116,11 +118,12 @@ def init(static: Static) -> TrackerState:
             if static.ring_prototypes
             else None
         ),
-        next_id=jnp.int32(static.first_object_id),
-        frame=jnp.int32(0),
+        next_id=np.int32(static.first_object_id),
+        frame=np.int32(0),
         decisions=no_decisions(static),
-        overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),
+        overflow=Overflow(objects=np.int32(0), pending=np.int32(0)),
     )
+    return jax.device_put(empty)
 
 
 def no_decisions(static: Static) -> Decisions:
@@ -128,11 +131,11 @@ def no_decisions(static: Static) -> Decisions:
     num, shown, scalar = static.num_detections, static.num_candidates, static.scalar
 
     def whole(value: int) -> Array:
-        return jnp.full(num, int(value), jnp.int32)
+        return np.full(num, int(value), np.int32)
 
     def real() -> Array:
         """A new array at each call: buffers are donated to the step, each only once."""
-        return jnp.zeros(num, scalar)
+        return np.zeros(num, scalar)
 
     return Decisions(
         outcome=whole(Outcome.EMPTY),
@@ -150,42 +153,42 @@ def no_decisions(static: Static) -> Decisions:
         source=whole(0),
         assigned_id=whole(NO_ID),
         guarded_id=whole(NO_ID),
-        is_anchor=jnp.zeros(num, bool),
-        option_id=jnp.full((num, NUM_OPTIONS), NO_ID, jnp.int32),
-        option_score=jnp.zeros((num, NUM_OPTIONS), scalar),
-        option_blocked=jnp.zeros((num, NUM_OPTIONS), bool),
-        candidate_id=jnp.full((num, shown), NO_ID, jnp.int32),
-        candidate_score=jnp.zeros((num, shown), scalar),
-        candidate_final=jnp.zeros((num, shown), scalar),
-        candidate_eligible=jnp.zeros((num, shown), bool),
-        candidate_plausible=jnp.zeros((num, shown), bool),
-        candidate_gate=jnp.zeros((num, shown), jnp.int32),
-        candidate_bonus=jnp.zeros((num, shown), scalar),
-        num_bad_patches=jnp.int32(0),
+        is_anchor=np.zeros(num, bool),
+        option_id=np.full((num, NUM_OPTIONS), NO_ID, np.int32),
+        option_score=np.zeros((num, NUM_OPTIONS), scalar),
+        option_blocked=np.zeros((num, NUM_OPTIONS), bool),
+        candidate_id=np.full((num, shown), NO_ID, np.int32),
+        candidate_score=np.zeros((num, shown), scalar),
+        candidate_final=np.zeros((num, shown), scalar),
+        candidate_eligible=np.zeros((num, shown), bool),
+        candidate_plausible=np.zeros((num, shown), bool),
+        candidate_gate=np.zeros((num, shown), np.int32),
+        candidate_bonus=np.zeros((num, shown), scalar),
+        num_bad_patches=np.int32(0),
     )
 
 
 def grow(state: TrackerState, static: Static) -> TrackerState:
-    """The same memory with the larger capacities of `static`; results do not change."""
+    """The same memory with the larger capacities of `static`, on the host."""
     empty = init(static)
     old_objects, new_objects = state.objects.id.shape[0], empty.objects.id.shape[0]
 
-    def widen(small: Array, large: Array) -> Array:
-        if small.shape == large.shape:
-            return small
-        return large.at[tuple(slice(0, length) for length in small.shape)].set(small)
-
-    def widen_rows(small: Array, large: Array) -> Array:
+    def widen_rows(small: Array, large: Array) -> np.ndarray:
         """Rows of objects and rows of pending tracks move apart."""
-        if small.shape == large.shape:
-            return small
-        objects = large.at[:, :old_objects].set(small[:, :old_objects])
+        widened, small = np.array(large), np.asarray(small)
         pending = small[:, old_objects:]
-        return objects.at[:, new_objects : new_objects + pending.shape[1]].set(pending)
+        widened[:, :old_objects] = small[:, :old_objects]
+        widened[:, new_objects : new_objects + pending.shape[1]] = pending
+        return widened
 
     banks = {
         name: jax.tree.map(widen_rows, getattr(state, name), getattr(empty, name))
         for name in ("appearance", "parts", "rings", "ring_prototypes")
     }
-    grown = jax.tree.map(widen, dataclasses.replace(state, **banks), empty)
-    return dataclasses.replace(grown, overflow=empty.overflow)
+    # Banks have their size already: they are copied as they are.
+    return extend(dataclasses.replace(state, **banks), empty)
+
+
+def count_occupied(state: TrackerState) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    """Slots of objects and of pending tracks that are in use."""
+    return jnp.sum(state.objects.exists), jnp.sum(state.pending.kind != Kind.FREE)

@@ -1,7 +1,7 @@
 """The tracker on one page: `init` and the pure `step` from one frame to the next.
 
-`step_described` is the same step for detections that were described before; `step_traced` keeps an
-account of its decisions.
+`step_described` is the same step for detections that were described before; `step_traced` and
+`step_described_traced` keep an account of its decisions.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from remind_jax.perception.relations import observe_relations
 from remind_jax.state import TrackerState, init
 from remind_jax.trace import Deliberation, Trace, collect_trace
 
-__all__ = ["init", "step", "step_described", "step_traced"]
+__all__ = ["init", "step", "step_described", "step_described_traced", "step_traced"]
 
 
 def step(
@@ -83,6 +83,19 @@ def step_traced(
     """As `step`, and tells what each decision was made of."""
     t = thresholds.as_arrays(static.scalar)
     descriptors = describe(frame_feats, masks, static, t)
+    return step_described_traced(state, descriptors, masks, static=static, thresholds=thresholds)
+
+
+def step_described_traced(
+    state: TrackerState,
+    descriptors: Descriptors,
+    masks: Masks,
+    *,
+    static: Static,
+    thresholds: Thresholds,
+) -> tuple[TrackerState, Trace]:
+    """As `step_described`, and tells what each decision was made of."""
+    t = thresholds.as_arrays(static.scalar)
     after, deliberation = _advance(state, descriptors, masks, static, t)
     return after, collect_trace(deliberation, static, t)
 

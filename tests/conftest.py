@@ -13,12 +13,16 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 import jax
 import pytest
 
+from remind_jax.compiled import ahead, kept, programs
+
 # The tests ask what is decided, not how fast: a third of the time to compile, the same results.
 jax.config.update("jax_disable_most_optimizations", True)
 if not jax.config.values["jax_compilation_cache_dir"]:
     cache = Path(tempfile.gettempdir()) / "remind-jax-test-programs"
     jax.config.update("jax_compilation_cache_dir", str(cache))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+# Nothing goes to the cache folder of who runs the tests.
+os.environ[kept.VARIABLE] = kept.OFF
 
 
 @pytest.fixture
@@ -50,3 +54,16 @@ def _let_programs_go():
     """
     yield
     jax.clear_caches()
+    programs.clear_programs()
+
+
+@pytest.fixture(autouse=True)
+def _look_ahead_only_when_asked(request, monkeypatch):
+    """Capacities of tests are tight on purpose; the next ones are not worth compiling."""
+    if "looks_ahead" not in request.fixturenames:
+        monkeypatch.setattr(ahead.Forecast, "needed", lambda self, static: static)
+
+
+@pytest.fixture
+def looks_ahead():
+    """Prepares larger capacities as users' trackers do."""

@@ -14,12 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.compiled_step import settle_types, step_once
+from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import Static
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.state import TrackerState, grow, init
 from remind_jax.tracker import step
 from tests import tiny_world as world
+from tests.stepping import step_once
 
 CLOSE = 2e-5
 SEED = 2  # a world that brings every kind of decision and fits the capacities

@@ -13,13 +13,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from remind_jax.compiled_step import settle_types, step_once
+from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import Config, Static, Thresholds
 from remind_jax.frame import Detections
 from remind_jax.frame import Frame as SceneFrame
 from remind_jax.mask_reduction import reduce_masks
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.state import TrackerState, init
+from tests.stepping import step_once
 
 PATCH, GRID, DIM, BOXES = 4, (8, 10), 8, 6
 HEIGHT, WIDTH = PATCH * GRID[0], PATCH * GRID[1]

@@ -46,6 +46,7 @@ from remind_jax.backbone.cell_histograms import (
     window_mean,
 )
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
+from remind_jax.compiled.programs import KeptFunction
 from remind_jax.errors import ConfigError
 
 PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
@@ -98,9 +99,10 @@ def patch_statistics(*, centering: float = 0.8) -> Backbone:
     """
     if not 0.0 <= centering <= 1.0:
         raise ConfigError(f"centering is {centering}; it must lie in [0, 1]")
-    describe = functools.partial(describe_patches, centering=centering)
+    describe = jax.vmap(functools.partial(describe_patches, centering=centering))
     dim = sum(len(histogram) for _, histogram in _typical_blocks())
-    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, jax.jit(jax.vmap(describe)))
+    apply = KeptFunction(describe, (DEFAULT_BACKBONE, centering))
+    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply)
 
 
 def describe_patches(image: UInt8[Array, "H W 3"], centering: float) -> Float[Array, "Hp Wp D"]:

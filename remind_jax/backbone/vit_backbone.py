@@ -15,6 +15,7 @@ from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
 from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, find_weights, load_weights
+from remind_jax.compiled.programs import KeptFunction
 from remind_jax.errors import ConfigError
 
 Precision = Literal["float32", "bfloat16"]
@@ -94,13 +95,17 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     early = numerics.num_early(variant.depth) or ""
     params = jax.device_put(arrange_params(weights.params, variant, numerics))
 
+    options = _known_options(jax.default_backend())
+    encode_patches = KeptFunction(
+        lambda params, images: run(params, images).patches,
+        ("vit", variant, precision, attention),
+        tuple((options or {}).items()),
+    )
+
     def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
-        return jitted(params, images)
+        return encode_patches(params, images)
 
-    compiled = functools.partial(jax.jit, compiler_options=_known_options(jax.default_backend()))
-    jitted = compiled(lambda params, images: run(params, images).patches)
-
-    @functools.partial(compiled, static_argnames="heads")
+    @functools.partial(jax.jit, compiler_options=options, static_argnames="heads")
     def attending(params: Any, images: Array, patches: Array, heads: tuple[int, ...] | None) -> Any:
         tokens = run(params, images, objects=patches, heads=heads)
         return tokens.patches, tokens.object_attention

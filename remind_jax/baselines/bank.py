@@ -9,6 +9,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from remind_jax.baselines.masked_mean import look
@@ -49,7 +50,7 @@ class Views:
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
     shape = (static.num_objects, NUM_VIEWS)
-    views = Views(jnp.zeros((*shape, static.feature_dim)), jnp.zeros(shape, jnp.int32))
+    views = Views(np.zeros((*shape, static.feature_dim)), np.zeros(shape, np.int32))
     return empty_memory(static, views)
 
 

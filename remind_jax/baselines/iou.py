@@ -13,6 +13,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from remind_jax.baselines.boxes import box_iou
@@ -50,7 +51,7 @@ class LastBoxes:
 
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
-    return empty_memory(static, LastBoxes(jnp.zeros((static.num_objects, 4))))
+    return empty_memory(static, LastBoxes(np.zeros((static.num_objects, 4))))
 
 
 def step(

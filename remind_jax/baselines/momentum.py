@@ -14,6 +14,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.baselines.boxes import box_iou
@@ -56,7 +57,7 @@ class Embeddings:
 
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
-    return empty_memory(static, Embeddings(jnp.zeros((static.num_objects, static.feature_dim))))
+    return empty_memory(static, Embeddings(np.zeros((static.num_objects, static.feature_dim))))
 
 
 def step(

@@ -9,6 +9,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from remind_jax.baselines.masked_mean import look
@@ -47,7 +48,7 @@ class Means:
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
     num, dim = static.num_objects, static.feature_dim
-    return empty_memory(static, Means(jnp.zeros((num, dim)), jnp.zeros(num, jnp.int32)))
+    return empty_memory(static, Means(np.zeros((num, dim)), np.zeros(num, np.int32)))
 
 
 def step(

@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.static import Static
@@ -67,16 +68,17 @@ def empty_memory(static: Static, looks: Any) -> SceneMemory:
     """A memory without objects."""
 
     def column(value: int) -> Array:
-        return jnp.full(static.num_objects, int(value), jnp.int32)
+        return np.full(static.num_objects, int(value), np.int32)
 
-    return SceneMemory(
+    empty = SceneMemory(
         objects=Objects(id=column(NO_ID), class_id=column(NO_ID), last_seen=column(NEVER)),
         looks=looks,
-        next_id=jnp.int32(0),
-        frame=jnp.int32(0),
+        next_id=np.int32(0),
+        frame=np.int32(0),
         decisions=no_decisions(static),
-        overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),
+        overflow=Overflow(objects=np.int32(0), pending=np.int32(0)),
     )
+    return jax.device_put(empty)
 
 
 def same_class(memory: SceneMemory, masks: Masks) -> Bool[Array, "N O"]:

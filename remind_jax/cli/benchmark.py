@@ -19,7 +19,7 @@ from remind_jax.cli.flags import (
     quiet_defaults,
     refuse_flags,
 )
-from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -91,7 +91,6 @@ class Benchmark:
         else:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         scenes = self._find_scenes()
-        keep_compiled_programs()
         setup = Setup(
             out=self.out,
             backbone=open_backbone(self.backbone, weights=self.weights),

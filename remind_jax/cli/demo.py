@@ -13,7 +13,7 @@ from tyro.conf import arg
 from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import print_summary, track
 from remind_jax.cli.summary import summary_facts
@@ -69,7 +69,6 @@ class Demo:
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         options = demo_options(self.seed)
         scene = make_scene(options)
-        keep_compiled_programs()
         result = track(
             RunDisplay(NAME, options.frames, is_shown=not self.quiet),
             self.out,

@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import SourceError
 from remind_jax.terminal import print_lines
 
@@ -68,7 +68,6 @@ class Features:
             images=self.images,
         )
         options = load_config_with(self.config, self.changes).input
-        keep_compiled_programs()
         folder, tally = self.cache or default_folder(), Tally()
         backbone = cache_features(open_backbone(self.backbone, weights=self.weights), folder, tally)
         console = Console(stderr=True)

@@ -19,7 +19,7 @@ from remind_jax.cli.flags import (
     refuse_flags,
 )
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError
@@ -102,7 +102,6 @@ class Run:
         source = self._open()
         out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
-        keep_compiled_programs()
         display = RunDisplay(source.name, source.num_frames, is_shown=not self.quiet)
         result = track(
             display,

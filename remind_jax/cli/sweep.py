@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
-from remind_jax.cli.process_settings import keep_compiled_programs, silence_libraries
+from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
 from remind_jax.errors import OptionError, OutputError, SweepError
@@ -96,7 +96,6 @@ class Sweep:
         """
         silence_libraries()
         plan = self._plan()
-        keep_compiled_programs()
         out = self.out or DEFAULT_FOLDER / "sweep"
         display = SweepDisplay(is_shown=not self.quiet)
         with display:

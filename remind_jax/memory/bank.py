@@ -11,6 +11,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.control_flow import branch
@@ -57,13 +58,13 @@ def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype
     """A bank without prototypes for each entry of the leading axes."""
     shape = (*leading, slots)
     return Bank(
-        embedding=jnp.zeros((*shape, dim), jnp.float32),
-        hits=jnp.zeros(shape, jnp.int32),
-        last_seen=jnp.full(shape, NEVER, jnp.int32),
-        quality_recent=jnp.zeros(shape, scalar),
-        quality_sum=jnp.zeros(shape, scalar),
-        num_qualities=jnp.zeros(shape, jnp.int32),
-        size=jnp.zeros(leading, jnp.int32),
+        embedding=np.zeros((*shape, dim), np.float32),
+        hits=np.zeros(shape, np.int32),
+        last_seen=np.full(shape, NEVER, np.int32),
+        quality_recent=np.zeros(shape, scalar),
+        quality_sum=np.zeros(shape, scalar),
+        num_qualities=np.zeros(shape, np.int32),
+        size=np.zeros(leading, np.int32),
     )
 
 

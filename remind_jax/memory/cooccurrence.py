@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
 from remind_jax.config.relation_thresholds import Cooccurrence as Rules
@@ -85,15 +86,15 @@ def empty_cooccurrence(num_objects: int, scalar: jnp.dtype) -> CooccurrenceGraph
     """A graph without episodes."""
     row, square = (num_objects,), (num_objects, num_objects)
     return CooccurrenceGraph(
-        episodes=jnp.zeros(row, jnp.int32),
-        last_episode=jnp.full(row, NEVER, jnp.int32),
-        context=jnp.zeros(square, bool),
-        pending_context=jnp.zeros(square, bool),
-        pending_hits=jnp.zeros(row, jnp.int32),
-        count=jnp.zeros(square, jnp.int32),
-        weight=jnp.zeros(square, scalar),
-        edge_time=jnp.full(square, NEVER, jnp.int32),
-        edge_order=jnp.zeros(square, jnp.int32),
+        episodes=np.zeros(row, np.int32),
+        last_episode=np.full(row, NEVER, np.int32),
+        context=np.zeros(square, bool),
+        pending_context=np.zeros(square, bool),
+        pending_hits=np.zeros(row, np.int32),
+        count=np.zeros(square, np.int32),
+        weight=np.zeros(square, scalar),
+        edge_time=np.full(square, NEVER, np.int32),
+        edge_order=np.zeros(square, np.int32),
     )
 
 

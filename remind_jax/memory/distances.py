@@ -12,6 +12,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.relation_thresholds import Relations as Rules
@@ -103,22 +104,22 @@ def empty_distances(
     pending, cube = (*square, pending_slots), (*square, num_objects)
     return DistanceGraph(
         pending=PendingRelations(
-            gap=jnp.zeros(pending, jnp.float32),
-            center_distance=jnp.zeros(pending, jnp.float32),
-            support=jnp.zeros(pending, jnp.float32),
-            contact=jnp.zeros(pending, jnp.int32),
-            gap_valid=jnp.zeros(pending, bool),
-            count=jnp.zeros(square, jnp.int32),
+            gap=np.zeros(pending, np.float32),
+            center_distance=np.zeros(pending, np.float32),
+            support=np.zeros(pending, np.float32),
+            contact=np.zeros(pending, np.int32),
+            gap_valid=np.zeros(pending, bool),
+            count=np.zeros(square, np.int32),
         ),
         edges=Edges(
-            contact_count=jnp.zeros((*square, len(Contact)), jnp.int32),
-            gap_count=jnp.zeros(square, jnp.int32),
-            gap_mean=jnp.zeros(square, scalar),
-            center_mean=jnp.zeros(square, scalar),
-            support_mean=jnp.zeros(square, scalar),
+            contact_count=np.zeros((*square, len(Contact)), np.int32),
+            gap_count=np.zeros(square, np.int32),
+            gap_mean=np.zeros(square, scalar),
+            center_mean=np.zeros(square, scalar),
+            support_mean=np.zeros(square, scalar),
         ),
-        nearer=jnp.zeros(cube, jnp.int32),
-        margin=jnp.zeros(cube, scalar),
+        nearer=np.zeros(cube, np.int32),
+        margin=np.zeros(cube, scalar),
     )
 
 

@@ -11,6 +11,7 @@ import enum
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.outcome_thresholds import Pending as Rules
@@ -63,16 +64,16 @@ class Items:
 def no_pending(slots: int, scalar: jnp.dtype) -> PendingTracks:
     """A pool without tracks."""
     return PendingTracks(
-        kind=jnp.full(slots, int(Kind.FREE), jnp.int32),
-        id=jnp.full(slots, NO_ID, jnp.int32),
-        class_id=jnp.full(slots, NO_ID, jnp.int32),
-        hits=jnp.zeros(slots, jnp.int32),
-        known_id=jnp.full((slots, NUM_OPTIONS), NO_ID, jnp.int32),
-        known_score=jnp.zeros((slots, NUM_OPTIONS), scalar),
-        from_parent=jnp.zeros(slots, bool),
-        center=jnp.zeros((slots, 2), scalar),
-        area=jnp.zeros(slots, scalar),
-        next_id=jnp.zeros(2, jnp.int32),
+        kind=np.full(slots, int(Kind.FREE), np.int32),
+        id=np.full(slots, NO_ID, np.int32),
+        class_id=np.full(slots, NO_ID, np.int32),
+        hits=np.zeros(slots, np.int32),
+        known_id=np.full((slots, NUM_OPTIONS), NO_ID, np.int32),
+        known_score=np.zeros((slots, NUM_OPTIONS), scalar),
+        from_parent=np.zeros(slots, bool),
+        center=np.zeros((slots, 2), scalar),
+        area=np.zeros(slots, scalar),
+        next_id=np.zeros(2, np.int32),
     )
 
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from remind_jax.config.static import Static
 from remind_jax.image_motion import observe_motion
@@ -14,7 +14,7 @@ from remind_jax.methods import Method, StepHalves
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
-from remind_jax.plus.state import PlusState, init
+from remind_jax.plus.state import PlusState, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance, step, step_traced
 
@@ -51,17 +51,35 @@ def decide_seen(
     )
 
 
+def decide_seen_traced(
+    state: PlusState, seen: SeenFrame, *, static: Static, thresholds: PlusThresholds
+) -> tuple[PlusState, Verdicts]:
+    """As `decide_seen`, and tells what each decision was made of."""
+    after = decide_seen(state, seen, static=static, thresholds=thresholds)
+    return after, after.verdicts
+
+
+def count_occupied(state: PlusState) -> tuple[Int[Array, ""], int]:
+    """Slots of objects, and those that open tracklets may need."""
+    return jnp.sum(state.objects.exists) + jnp.sum(state.tracklets.is_open), 0
+
+
 METHOD = Method(
     "plus",
     PlusThresholds,
     init,
     step,
+    occupied=count_occupied,
     observe=observe_motion,
     merges=find_merges,
     delayed=DelayedAnswers,
     step_traced=step_traced,
     archive_name="remind_jax.plus.archive:PlusArchive",
     halves=StepHalves(
-        describe_frame, decide_seen, described_by=("looks.unit_patches",), in_turn_on_cpu=True
+        describe_frame,
+        decide_seen,
+        decide_seen_traced,
+        described_by=("looks.unit_patches",),
+        in_turn_on_cpu=True,
     ),
 )

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -97,6 +97,11 @@ class Tracklets:
     leans_new: Bool[Array, "T"]  # last taken for a new object
     id: Int[Array, "T"]  # what it would be called as a new object
 
+    @property
+    def is_open(self) -> Bool[Array, "T"]:
+        """Not decided yet."""
+        return self.alive & (self.slot == NOWHERE)
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -161,12 +166,12 @@ def init(static: Static) -> PlusState:
     white = white_dim(static)
 
     def whole(*shape: int, value: int = 0) -> Array:
-        return jnp.full(shape, value, jnp.int32)
+        return np.full(shape, value, np.int32)
 
     def real(*shape: int, value: float = 0.0) -> Array:
-        return jnp.full(shape, value, jnp.float32)
+        return np.full(shape, value, np.float32)
 
-    return PlusState(
+    empty = PlusState(
         objects=Objects(
             id=whole(num_o, value=NO_ID),
             class_id=whole(num_o, value=NO_ID),
@@ -196,7 +201,7 @@ def init(static: Static) -> PlusState:
             within=real(dim, dim),
             within_weight=real(),
             basis=_any_basis(dim, white),
-            whitener=jnp.eye(white, dim, dtype=jnp.float32),
+            whitener=np.eye(white, dim, dtype=np.float32),
             white_mean=real(dim),
             ring_mean=real(dim),
             num_rings=real(),
@@ -210,34 +215,36 @@ def init(static: Static) -> PlusState:
         verdicts=no_verdicts(static.num_detections),
         overflow=Overflow(objects=whole(), pending=whole()),
     )
+    return jax.device_put(empty)
 
 
+@functools.cache
 def _any_basis(dim: int, num: int) -> Float[Array, "D E"]:
     """Directions to start from; the same on every device."""
     drawn = np.random.default_rng(0).normal(size=(dim, num))
-    return jnp.asarray(np.linalg.qr(drawn)[0], jnp.float32)
+    return np.asarray(np.linalg.qr(drawn)[0], np.float32)
 
 
 def no_tracklets(num: int, dim: int) -> Tracklets:
     """`num` free places."""
     return Tracklets(
-        alive=jnp.zeros(num, bool),
-        box=jnp.zeros((num, 4), jnp.float32),
-        center=jnp.zeros((num, 2), jnp.float32),
-        size=jnp.ones(num, jnp.float32),
-        class_id=jnp.full(num, NO_ID, jnp.int32),
-        last=jnp.full(num, NEVER, jnp.int32),
-        age=jnp.zeros(num, jnp.int32),
-        look=jnp.zeros((num, dim), jnp.float32),
-        ring=jnp.zeros((num, dim), jnp.float32),
-        ring_count=jnp.zeros(num, jnp.int32),
-        first_look=jnp.zeros((num, dim), jnp.float32),
-        slot=jnp.full(num, NOWHERE, jnp.int32),
-        fresh=jnp.zeros(num, bool),
-        belief=jnp.zeros(num, jnp.float32),
-        named=jnp.zeros(num, bool),
-        leans_new=jnp.zeros(num, bool),
-        id=jnp.full(num, NO_ID, jnp.int32),
+        alive=np.zeros(num, bool),
+        box=np.zeros((num, 4), np.float32),
+        center=np.zeros((num, 2), np.float32),
+        size=np.ones(num, np.float32),
+        class_id=np.full(num, NO_ID, np.int32),
+        last=np.full(num, NEVER, np.int32),
+        age=np.zeros(num, np.int32),
+        look=np.zeros((num, dim), np.float32),
+        ring=np.zeros((num, dim), np.float32),
+        ring_count=np.zeros(num, np.int32),
+        first_look=np.zeros((num, dim), np.float32),
+        slot=np.full(num, NOWHERE, np.int32),
+        fresh=np.zeros(num, bool),
+        belief=np.zeros(num, np.float32),
+        named=np.zeros(num, bool),
+        leans_new=np.zeros(num, bool),
+        id=np.full(num, NO_ID, np.int32),
     )
 
 
@@ -245,17 +252,17 @@ def no_verdicts(num: int) -> Verdicts:
     """Verdicts about no detection at all."""
     shown = (num, NUM_CANDIDATES)
     return Verdicts(
-        tracklet_id=jnp.full(num, NO_ID, jnp.int32),
-        stage=jnp.zeros(num, jnp.int32),
-        age=jnp.zeros(num, jnp.int32),
-        answer_id=jnp.full(num, NO_ID, jnp.int32),
-        is_decided=jnp.zeros(num, bool),
-        probability=jnp.zeros(num, jnp.float32),
-        margin=jnp.zeros(num, jnp.float32),
-        merged_id=jnp.full(num, NO_ID, jnp.int32),
-        option_id=jnp.full(shown, NO_ID, jnp.int32),
-        option_odds=jnp.zeros(shown, jnp.float32),
-        option_belief=jnp.zeros(shown, jnp.float32),
-        option_parts=jnp.zeros((*shown, len(PARTS)), jnp.float32),
-        new_odds=jnp.zeros(num, jnp.float32),
+        tracklet_id=np.full(num, NO_ID, np.int32),
+        stage=np.zeros(num, np.int32),
+        age=np.zeros(num, np.int32),
+        answer_id=np.full(num, NO_ID, np.int32),
+        is_decided=np.zeros(num, bool),
+        probability=np.zeros(num, np.float32),
+        margin=np.zeros(num, np.float32),
+        merged_id=np.full(num, NO_ID, np.int32),
+        option_id=np.full(shown, NO_ID, np.int32),
+        option_odds=np.zeros(shown, np.float32),
+        option_belief=np.zeros(shown, np.float32),
+        option_parts=np.zeros((*shown, len(PARTS)), np.float32),
+        new_odds=np.zeros(num, np.float32),
     )

@@ -109,8 +109,8 @@ def advance(
     """`step` on detections that are described already; `present`: slots that hold a mask."""
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
-    open_tracklets = state.tracklets.alive & (state.tracklets.slot == NOWHERE)
-    needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid) + jnp.sum(open_tracklets)
+    num_open = jnp.sum(state.tracklets.is_open)
+    needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid) + num_open
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed.astype(jnp.int32), pending=jnp.int32(0))
     return jax.lax.cond(

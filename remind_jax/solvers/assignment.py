@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.optimize import linear_sum_assignment
 
 from remind_jax.errors import ConfigError
 from remind_jax.solvers.assignment_in_graph import FORBIDDEN_COST, UNASSIGNED, assign_in_graph
@@ -78,6 +77,8 @@ def assign_groups(
     present: Bool[np.ndarray, "N M"] | None = None,
 ) -> Int[np.ndarray, "N"]:
     """NumPy and SciPy form of `assign` for one frame."""
+    from scipy import optimize  # takes longer to import than all else here
+
     column = np.full(len(group), UNASSIGNED, np.int32)
     active = allowed.any(axis=1)
     # A row without any allowed pair still takes a dummy in the original; as each row has its own
@@ -98,7 +99,7 @@ def assign_groups(
         if dummies:
             price = np.repeat(-dummy[rows, None].astype(np.float64), len(rows), axis=1)
             cost = np.concatenate([cost, price], axis=1)
-        chosen_rows, chosen = linear_sum_assignment(cost)
+        chosen_rows, chosen = optimize.linear_sum_assignment(cost)
         real = chosen < len(columns)
         picked_rows, picked = rows[chosen_rows[real]], columns[chosen[real]]
         fits = allowed[picked_rows, picked]

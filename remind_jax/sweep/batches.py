@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from remind_jax.compiled_step import settle_types
+from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import Config, Static
 from remind_jax.methods import Method, get_method
 from remind_jax.sweep.program import (

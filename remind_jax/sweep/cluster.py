@@ -118,9 +118,6 @@ def run_task(
     batch: int | None,
 ) -> tuple[list[dict[str, float]], int, int]:
     """Scores of some settings, the batch size and the bytes of the program; runs in a worker."""
-    from remind_jax.cli.process_settings import keep_compiled_programs
-
-    keep_compiled_programs()
     worker = _worker(config, memory_gib, batch)
     scores: list[dict[str, float]] = []
     jobs = [dict(enumerate(settings))]

@@ -16,12 +16,20 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from remind_jax.compiled_step import COMPILER_OPTIONS, settle_types
+from remind_jax.compiled.frame_step import COMPILER_OPTIONS, settle_types
+from remind_jax.compiled.programs import (
+    Recipe,
+    Shapes,
+    count_bytes,
+    get_program,
+    is_of_this_package,
+    name_function,
+    shapes_of,
+)
 from remind_jax.config import Static
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.methods import Method, StepHalves
 from remind_jax.metrics.in_graph import GraphScores, score_labels
-from remind_jax.program_store import is_of_this_package, name_function, trace_once
 
 _AXIS = "settings"  # that devices share
 
@@ -165,59 +173,71 @@ def compile_follow(
     method: Method, static: Static, num_settings: int, thresholds: Any, frames: Any
 ) -> Program:
     """Compiles `follow` for the shapes of the arguments, once per process."""
-    leaves, structure = jax.tree.flatten((thresholds, frames))
-    shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-    return _compile(method, static, num_settings, shapes, structure)
+    given = (thresholds, frames)
+    return _compile(method, static, num_settings, shapes_of(given), jax.tree.structure(given))
 
 
 @functools.lru_cache(maxsize=8)
 def _compile(
-    method: Method, static: Static, num_settings: int, shapes: tuple, structure: Any
+    method: Method, static: Static, num_settings: int, shapes: Shapes, structure: Any
 ) -> Program:
     assert method.halves is not None
     states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
-    thresholds, frames = jax.tree.unflatten(structure, shapes)
-    given = {"halves": method.halves, "static": static}
-    run, options = functools.partial(_follow_kept, **given), {}
-    if (where := _shardings()) is not None:
-        settings, frame, answers = where
-        # Every device goes its own way: a branch is taken where one of its own settings needs it.
-        run = jax.shard_map(
-            functools.partial(follow, **given),
+    run = functools.partial(follow, halves=method.halves, static=static)
+    options = COMPILER_OPTIONS.get(jax.default_backend(), {})
+    if (where := _shardings()) is None:
+        return _compile_kept(run, method.halves.decide, states, shapes, structure, options)
+    settings, frame, answers = where
+    # Every device goes its own way: a branch is taken where one of its own settings needs it.
+    program = jax.jit(
+        jax.shard_map(
+            run,
             mesh=settings.mesh,
             in_specs=(settings.spec, settings.spec, frame.spec),
             out_specs=(settings.spec, answers.spec),
             check_vma=False,
-        )
-        options = {
-            "in_shardings": (settings, settings, frame),
-            "out_shardings": (settings, answers),
-        }
-    program = jax.jit(
-        run,
+        ),
         donate_argnums=0,
-        compiler_options=COMPILER_OPTIONS.get(jax.default_backend()),
-        **options,
+        compiler_options=options,
+        in_shardings=(settings, settings, frame),
+        out_shardings=(settings, answers),
     )
-    compiled = program.lower(states, thresholds, frames).compile()
-    used = compiled.memory_analysis()
-    if used is None:  # not every device tells
-        return Program(compiled, 0)
-    total = used.argument_size_in_bytes + used.output_size_in_bytes + used.temp_size_in_bytes
-    return Program(compiled, int(total - used.alias_size_in_bytes))
+    compiled = program.lower(states, *jax.tree.unflatten(structure, shapes)).compile()
+    return Program(compiled, count_bytes(compiled))
 
 
-def _follow_kept(
-    states: Any, thresholds: Any, frames: Any, *, halves: StepHalves, static: Static
-) -> tuple[Any, Answers]:
-    """`follow`, traced once for all processes if the method is one of this package."""
-    run = functools.partial(follow, halves=halves, static=static)
-    if not is_of_this_package(halves.decide):
-        return run(states, thresholds, frames)
-    said, lacks = states.decisions, states.overflow
-    like = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
-    key = ("follow", static, name_function(halves.decide))
-    return trace_once(run, (states, thresholds, frames), (states, like), key)
+def _compile_kept(
+    run: functools.partial,
+    decide: Callable[..., Any],
+    states: Any,
+    shapes: Shapes,
+    structure: Any,
+    options: dict[str, Any],
+) -> Program:
+    """The program of one device, kept for other processes if the method is of this package."""
+    state_leaves, state_structure = jax.tree.flatten(states)
+    num = len(state_leaves)
+
+    def on_leaves(*leaves: Any) -> Any:
+        thresholds, frames = jax.tree.unflatten(structure, leaves[num:])
+        return run(jax.tree.unflatten(state_structure, leaves[:num]), thresholds, frames)
+
+    program = get_program(
+        Recipe(
+            on_leaves,
+            (*shapes_of(states), *shapes),
+            ("follow", name_function(decide), run.keywords["static"], structure),
+            num_donated=num,
+            options=tuple(options.items()),
+            is_kept=is_of_this_package(decide) and run.keywords["static"].solver != "host",
+        )
+    )
+
+    def follow_leaves(states: Any, thresholds: Any, frames: Any) -> tuple[Any, Answers]:
+        told = program(*jax.tree.leaves((states, thresholds, frames)))
+        return jax.tree.unflatten(state_structure, told[:num]), Answers(*told[num:])
+
+    return Program(follow_leaves, program.num_bytes)
 
 
 compiled_score = jax.jit(score, static_argnames=("num_objects", "num_labels"))

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from remind_jax import live
-from remind_jax.compiled_step import settle_types, step_once
+from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import Static, load_config
 from remind_jax.decision import Outcome
 from remind_jax.methods import get_method
 from tests import tiny_world as world
 from tests.baselines import references
 from tests.cli import scenes
+from tests.stepping import step_once
 
 REFERENCES = {
     "momentum": references.momentum,

@@ -27,6 +27,18 @@ class Layout:
     dtypes: tuple[str, ...]  # of each leaf
     shapes: tuple[tuple[int, ...], ...]  # of each leaf
 
+    @classmethod
+    def of(cls, tree: Any) -> Layout:
+        """That of a tree of arrays or of their shapes; 64 bits only if JAX has them."""
+        leaves, structure = jax.tree.flatten(tree)
+        dtypes = tuple(str(jax.dtypes.canonicalize_dtype(leaf.dtype)) for leaf in leaves)
+        return cls(structure, dtypes, tuple(tuple(leaf.shape) for leaf in leaves))
+
+    @property
+    def vector_types(self) -> list[str]:
+        """Types of the packed vectors, in their order."""
+        return sorted(set(self.dtypes))
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -38,23 +50,23 @@ class Packed:
 
     @classmethod
     def of(cls, tree: Any) -> Packed:
-        """Packs host arrays and numbers, or, under jit, traced ones; 64 bits only if JAX has them.
+        """Packs host arrays and numbers, or, under jit, traced ones.
 
         A leaf that is on a device is fetched.
         """
-        leaves, structure = jax.tree.flatten(tree)
-        traced = any(isinstance(leaf, Tracer) for leaf in leaves)
+        traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
         if not traced:
-            leaves = [np.asarray(leaf) for leaf in leaves]
-        dtypes = tuple(str(jax.dtypes.canonicalize_dtype(leaf.dtype)) for leaf in leaves)
-        shapes = tuple(leaf.shape for leaf in leaves)
+            tree = jax.tree.map(np.asarray, tree)
+        leaves, layout = jax.tree.leaves(tree), Layout.of(tree)
         vectors = {
-            dtype: _join([leaf for leaf, own in zip(leaves, dtypes, strict=True) if own == dtype])
-            for dtype in sorted(set(dtypes))
+            dtype: _join(
+                [leaf for leaf, own in zip(leaves, layout.dtypes, strict=True) if own == dtype]
+            )
+            for dtype in layout.vector_types
         }
         if not traced:
             vectors = {dtype: vector.astype(dtype) for dtype, vector in vectors.items()}
-        return cls(vectors, Layout(structure, dtypes, shapes))
+        return cls(vectors, layout)
 
     def unpack(self) -> Any:
         """The tree that was packed."""

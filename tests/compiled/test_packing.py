@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from remind_jax.packing import Packed
+from remind_jax.compiled.packing import Packed
 
 DTYPES = st.sampled_from([np.bool_, np.int32, np.float32, np.uint8])
 LEAVES = DTYPES.flatmap(lambda d: hnp.arrays(d, hnp.array_shapes(min_dims=0, min_side=0)))

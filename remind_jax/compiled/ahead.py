@@ -1,0 +1,103 @@
+"""Larger capacities, compiled in the background before they are needed, so that no frame waits."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import logging
+import threading
+from collections.abc import Callable, Mapping
+
+from remind_jax.config.static import Static
+
+PRESSED = 3 / 4  # share of a capacity from which on the next one is prepared
+HORIZON_S = 40.0  # how far ahead growth is foreseen; a compilation takes less
+WINDOW_S = 30.0  # over which the pace of growth is measured
+SHORTEST_S = 5.0  # what was met in less says nothing about a pace
+_SAMPLE_S = 0.25  # samples that are kept lie so far apart
+
+Occupied = Mapping[str, int]  # slots in use by the name of their capacity in `Static`
+
+_log = logging.getLogger(__name__)
+
+
+class Forecast:
+    """Tells which capacities will be too small soon, from how fast they have filled up."""
+
+    def __init__(self) -> None:
+        self._past: collections.deque[tuple[float, Occupied]] = collections.deque()
+
+    def add(self, time_s: float, occupied: Occupied) -> None:
+        """Takes note of the slots that were in use at a time, in seconds of any clock."""
+        while len(self._past) > 1 and self._past[1][0] <= time_s - WINDOW_S:
+            self._past.popleft()
+        if len(self._past) > 1 and time_s - self._past[-2][0] < _SAMPLE_S:
+            self._past.pop()
+        self._past.append((time_s, occupied))
+
+    def needed(self, static: Static) -> Static:
+        """`static` with the next capacity wherever the present one will not last."""
+        if not self._past:
+            return static
+        (start, before), (now, occupied) = self._past[0], self._past[-1]
+        grown = {}
+        for name, count in occupied.items():
+            capacity = getattr(static, name)
+            pace = 0.0
+            if name == "num_objects" and now - start >= SHORTEST_S:  # the rest comes and goes
+                pace = (count - before[name]) / (now - start)
+            if count >= PRESSED * capacity or count + pace * HORIZON_S > capacity:
+                grown[name] = capacity + 1
+        return static.grow(**grown)
+
+
+class Preparation:
+    """One background thread at a time that prepares capacities."""
+
+    def __init__(self) -> None:
+        self._wanted: Static | None = None
+        self._thread: threading.Thread | None = None
+        self._failed: set[Static] = set()
+
+    def start(self, static: Static, prepare: Callable[[Static], None]) -> None:
+        """Prepares these capacities, unless something is in preparation or they failed before."""
+        if self._thread is not None or static in self._failed:
+            return
+
+        def run() -> None:
+            try:
+                prepare(static)
+            except Exception:  # the frame that needs these capacities will tell
+                self._failed.add(static)
+                _log.debug("could not prepare %s", static, exc_info=True)
+
+        self._wanted = static
+        # No daemon: the compiler must not be at work while the process is taken down.
+        self._thread = threading.Thread(target=run, name="remind-jax prepares capacities")
+        self._thread.start()
+
+    def finished(self, current: Static) -> Static | None:
+        """Capacities that are ready and hold at least the present ones, told once; else None."""
+        if self._thread is None or self._thread.is_alive():
+            return None
+        return self._take(current)
+
+    def wait_for(self, needed: Static, current: Static) -> Static | None:
+        """As `finished`, waiting for what is in preparation if it holds what is needed."""
+        if self._thread is None or self._wanted is None or not holds(self._wanted, needed):
+            return None
+        self._thread.join()
+        return self._take(current)
+
+    def _take(self, current: Static) -> Static | None:
+        wanted, self._wanted, self._thread = self._wanted, None, None
+        if wanted is None or wanted in self._failed or not holds(wanted, current):
+            return None
+        return wanted
+
+
+def holds(large: Static, small: Static) -> bool:
+    """Whether capacities hold at least others, and are the same in all else."""
+    names = ("num_detections", "num_objects", "num_pending")
+    same = dataclasses.replace(small, **{name: getattr(large, name) for name in names})
+    return same == large and all(getattr(large, name) >= getattr(small, name) for name in names)

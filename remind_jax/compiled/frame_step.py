@@ -1,0 +1,227 @@
+"""The step of any method as compiled programs: one describes a frame, the other decides.
+
+The first depends on the size of frames, the second does not, so that a video of another size
+compiles only the first, and objects that are met later only the second.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from remind_jax.compiled.packing import Layout, Packed
+from remind_jax.compiled.programs import (
+    Program,
+    Recipe,
+    get_program,
+    is_of_this_package,
+    name_function,
+    shapes_of,
+)
+from remind_jax.config.static import Static
+from remind_jax.methods import Method
+from remind_jax.observation import FrameFeats
+
+# Nearly all of a step's compilation is spent on machine code. On a CPU, level 1 takes a fifth off
+# it, and the step is not slower for it; level 0 is six times as slow.
+COMPILER_OPTIONS = {"cpu": {"xla_backend_optimization_level": 1}}
+# One frame is thousands of small operations; to share each between threads costs more than it
+# gains.
+ONE_FRAME_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FrameInput:
+    """What enters the step beside the memory."""
+
+    frame_feats: FrameFeats
+    given: Packed  # `observation.Masks`, and what the method observed beside them or None
+    thresholds: Packed  # those of the method
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Told:
+    """What the host reads of the memory after a frame."""
+
+    decisions: Any  # `decision.Decisions`
+    overflow: Any  # slots that the frame lacks, 0 if they sufficed
+    occupied: Any  # slots in use
+
+
+def settle_types(state: Any) -> Any:
+    """Strong types throughout: a weak one that comes or goes costs a second compilation."""
+    return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, leaf.dtype), state)
+
+
+class FrameStep:
+    """The step of one method, compiled for whatever sizes it is given.
+
+    Results are those of `method.step`.
+    """
+
+    def __init__(self, method: Method, *, traced: bool = False) -> None:
+        """Compiles nothing yet.
+
+        Args:
+          method: Its `halves` are two programs; its `step` is one, where it has none.
+          traced: Give the account of the decisions as well.
+        """
+        self._method, self._is_traced = method, traced
+        self._halves = method.halves
+        if traced and (self._halves is None or self._halves.decide_traced is None):
+            self._halves = None
+        self._prepared: dict[Any, _Programs] = {}
+
+    def __call__(
+        self, state: Any, frame_input: FrameInput, static: Static
+    ) -> tuple[Any, Packed, Any]:
+        """Steps; the buffers of `state` are used up.
+
+        Returns:
+          The memory, `Told` packed, and the account of the decisions if traced, else None.
+        """
+        leaves, structure = jax.tree.flatten(frame_input)
+        programs = self._programs(leaves, structure, static)
+        state_leaves, state_structure = jax.tree.flatten(state)
+        if programs.describe is not None:
+            seen = programs.describe(*leaves)
+            leaves = [*seen, *jax.tree.leaves(frame_input.thresholds)]
+        answer = programs.decide(*state_leaves, *leaves)
+        state_leaves, rest = answer[: len(state_leaves)], answer[len(state_leaves) :]
+        types = programs.told.vector_types
+        told = Packed(dict(zip(types, rest, strict=False)), programs.told)
+        trace = None
+        if programs.trace_structure is not None:
+            trace = jax.tree.unflatten(programs.trace_structure, rest[len(types) :])
+        return jax.tree.unflatten(state_structure, state_leaves), told, trace
+
+    def prepare(self, frame_input: FrameInput, static: Static) -> None:
+        """Makes the programs for inputs of such sizes, in whatever thread this is."""
+        self._programs(*jax.tree.flatten(frame_input), static)
+
+    def _programs(self, leaves: list[Any], structure: Any, static: Static) -> _Programs:
+        key = (structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), static)
+        found = self._prepared.get(key)
+        if found is None:
+            found = self._prepared[key] = self._make(structure, shapes_of(leaves), static)
+        return found
+
+    def _make(self, structure: Any, shapes: Any, static: Static) -> _Programs:
+        method, halves = self._method, self._halves
+        state = method.init(static)
+        told = jax.eval_shape(functools.partial(_tell, method), state)
+        example: FrameInput = jax.tree.unflatten(structure, shapes)
+        if halves is None:
+            step = method.step_traced if self._is_traced else method.step
+            decide = self._decide_program(
+                functools.partial(_step_whole, step, static), step, state, example, static
+            )
+            return _Programs(None, decide, Layout.of(told), self._trace_structure(decide))
+        # What a frame looks like does not depend on how much is remembered.
+        own = dataclasses.replace(static, num_objects=1, num_pending=1)
+        describe = functools.partial(_describe, halves.describe, own)
+        described = get_program(
+            Recipe(
+                lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
+                shapes,
+                ("describe", name_function(halves.describe), own, structure),
+                options=_options(),
+                is_kept=self._is_kept(halves.describe, static),
+            )
+        )
+
+        @functools.cache
+        def seen_structure() -> Any:
+            return described.structure or jax.tree.structure(jax.eval_shape(describe, example))
+
+        half = halves.decide_traced if self._is_traced else halves.decide
+        assert half is not None
+
+        def decide_seen(state: Any, given: tuple[tuple, Packed]) -> Any:
+            seen = jax.tree.unflatten(seen_structure(), given[0])
+            return half(state, seen, static=static, thresholds=given[1].unpack())
+
+        given = (described.outputs, example.thresholds)
+        decide = self._decide_program(decide_seen, half, state, given, static)
+        return _Programs(described, decide, Layout.of(told), self._trace_structure(decide))
+
+    def _decide_program(
+        self,
+        run: Callable[[Any, Any], Any],
+        function: Callable[..., Any],
+        state: Any,
+        given: Any,
+        static: Static,
+    ) -> Program:
+        """The program that takes the memory over: `run(state, given)`, and what is told of it."""
+        state_shapes, state_structure = shapes_of(state), jax.tree.structure(state)
+        given_leaves, given_structure = jax.tree.flatten(given)
+
+        def on_leaves(*leaves: Any) -> Any:
+            before = jax.tree.unflatten(state_structure, leaves[: len(state_shapes)])
+            told = run(before, jax.tree.unflatten(given_structure, leaves[len(state_shapes) :]))
+            after, trace = told if self._is_traced else (told, None)
+            after = jax.tree.map(
+                lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
+            )
+            return after, Packed.of(_tell(self._method, after)), trace
+
+        return get_program(
+            Recipe(
+                on_leaves,
+                (*state_shapes, *shapes_of(given_leaves)),
+                ("decide", name_function(function), static, given_structure),
+                num_donated=len(state_shapes),
+                options=_options(),
+                # The structure of an account is not kept.
+                is_kept=self._is_kept(function, static) and not self._is_traced,
+            )
+        )
+
+    def _trace_structure(self, decide: Program) -> Any:
+        return decide.structure.children()[2] if self._is_traced else None
+
+    def _is_kept(self, function: Callable[..., Any], static: Static) -> bool:
+        """A program that calls the host holds pointers into this process."""
+        return is_of_this_package(function) and static.solver != "host"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Programs:
+    """Those for one size of inputs and capacities."""
+
+    describe: Program | None  # None: `decide` does it all
+    decide: Program
+    told: Layout
+    trace_structure: Any
+
+
+def _describe(describe: Callable[..., Any], static: Static, frame_input: FrameInput) -> Any:
+    masks, observed = frame_input.given.unpack()
+    thresholds = frame_input.thresholds.unpack()
+    return describe(frame_input.frame_feats, masks, observed, static=static, thresholds=thresholds)
+
+
+def _step_whole(
+    step: Callable[..., Any], static: Static, state: Any, frame_input: FrameInput
+) -> Any:
+    masks, observed = frame_input.given.unpack()
+    more = {} if observed is None else {"observed": observed}
+    thresholds = frame_input.thresholds.unpack()
+    return step(state, frame_input.frame_feats, masks, static=static, thresholds=thresholds, **more)
+
+
+def _tell(method: Method, state: Any) -> Told:
+    occupied = method.count_occupied(state)
+    return Told(state.decisions, state.overflow, jax.tree.map(jnp.int32, occupied))
+
+
+def _options() -> tuple[tuple[str, Any], ...]:
+    return tuple(ONE_FRAME_OPTIONS.get(jax.default_backend(), {}).items())

@@ -1,0 +1,139 @@
+"""Compiled programs on disk, so that the next process starts at once.
+
+The environment variable `REMIND_PROGRAMS` names the folder; `off` keeps nothing. Without it they
+lie in the user's cache folder. Processors, and versions of the libraries, have folders of their
+own. Where JAX's compilation cache is switched on, that one is used instead.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import json
+import logging
+import os
+import pickle
+import platform
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import jaxlib
+from jax.experimental import serialize_executable
+
+from remind_jax.user_folders import user_cache_folder
+
+VARIABLE = "REMIND_PROGRAMS"
+OFF = "off"
+_MOST_BYTES = 1 << 30  # of one folder; files that were not used for longest are removed
+_DIGEST_BYTES = 32  # at the start of a file, of all that follows
+
+_log = logging.getLogger(__name__)
+_told: set[Path] = set()  # folders of which it was said that their programs are not accepted
+
+
+def program_folder() -> Path | None:
+    """Where programs for this processor and these libraries are kept; None if nothing is."""
+    chosen = os.environ.get(VARIABLE, "")
+    # What JAX takes from its own cache cannot be written again: the copy lacks functions.
+    if chosen.lower() == OFF or jax.config.values["jax_compilation_cache_dir"]:
+        return None
+    base = Path(chosen) if chosen else user_cache_folder() / "programs"
+    return base / f"jax-{jax.__version__}-{jaxlib.__version__}-{_processor()}"
+
+
+def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, ...]] | None:
+    """A kept program and the shapes of its answer; None if it has to be made anew.
+
+    A damaged file is removed. One that the library does not accept is told of, once.
+    """
+    try:
+        data = file.read_bytes()
+    except OSError:
+        return None
+    if hashlib.sha256(data[_DIGEST_BYTES:]).digest() != data[:_DIGEST_BYTES]:
+        with contextlib.suppress(OSError):
+            file.unlink()
+        return None
+    try:
+        header, payload = data[_DIGEST_BYTES:].split(b"\n", 1)
+        told = json.loads(header)
+        outputs = tuple(jax.ShapeDtypeStruct(tuple(s), d) for s, d in told["outputs"])
+        in_tree = jax.tree.structure((tuple(range(told["num_arguments"])), {}))
+        out_tree = jax.tree.structure(list(outputs))
+        _bind_lapack()
+        program = serialize_executable.deserialize_and_load(payload, in_tree, out_tree)
+    except Exception as error:  # whatever the library says to a program of another kind
+        _tell_rejected(file.parent, str(error).partition("\n")[0])
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(file)
+    return program, outputs
+
+
+def save(file: Path, compiled: Any, outputs: tuple[jax.ShapeDtypeStruct, ...]) -> None:
+    """Keeps a program, whole or not at all, also beside other processes that write the same.
+
+    One that the library cannot write is left out, as is one that calls the host; a folder that
+    cannot be written to is left alone.
+    """
+    executable = getattr(compiled, "_executable", None)
+    if getattr(getattr(executable, "_unloaded_executable", None), "keepalive", None):
+        return  # pointers into this process
+    try:
+        payload, in_tree, _ = serialize_executable.serialize(compiled)
+    except (ValueError, NotImplementedError, TypeError, AttributeError, pickle.PicklingError):
+        return
+    told = {
+        "num_arguments": in_tree.num_leaves,
+        "outputs": [(one.shape, str(one.dtype)) for one in outputs],
+    }
+    body = json.dumps(told).encode() + b"\n" + payload
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as unfinished:
+            unfinished.write(hashlib.sha256(body).digest() + body)
+        os.replace(unfinished.name, file)
+        _remove_oldest(file.parent)
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Keeps the folder within bounds: every change of this package makes new programs."""
+    files = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in folder.iterdir())
+    total = sum(size for _, size, _ in files)
+    for _, size, path in files:
+        if total <= _MOST_BYTES:
+            break
+        path.unlink(missing_ok=True)
+        total -= size
+
+
+@functools.cache
+def _bind_lapack() -> None:
+    """Lets loaded programs call LAPACK, which JAX binds only when it lowers a call of it."""
+    jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), jnp.float32))
+
+
+def _tell_rejected(folder: Path, reason: str) -> None:
+    """Says so once per process."""
+    if folder in _told:
+        return
+    _told.add(folder)
+    _log.warning(
+        "compiled programs kept in %s cannot be loaded and are made anew (%s); if this comes at "
+        "every start, set %s=%s",
+        folder, reason, VARIABLE, OFF,
+    )  # fmt: skip
+
+
+@functools.cache
+def _processor() -> str:
+    """A short name that differs where machine code may."""
+    told = [platform.system(), platform.machine(), platform.processor()]
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        told += [next(line for line in lines if line.startswith(("flags", "Features")))]
+    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:12]

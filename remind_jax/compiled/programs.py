@@ -1,0 +1,213 @@
+"""Compiled programs: made once per process, and once per machine where they can be kept on disk.
+
+A program is found again by the text of this package, the versions and settings of JAX, the device,
+its key, and the shapes and types of its arguments, so that results never depend on what is kept.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import functools
+import hashlib
+import os
+import threading
+import time
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import jax
+from jax.core import Tracer
+
+from remind_jax.compiled import kept
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+_MOST_PROGRAMS = 64  # that a process holds; the least recently used one goes first
+
+Shapes = tuple[jax.ShapeDtypeStruct, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """What a program is made from. Recipes are the same where key, shapes and the rest are."""
+
+    function: Callable[..., Any] = dataclasses.field(compare=False, repr=False)  # pure
+    shapes: Shapes  # of its arguments
+    key: Hashable  # tells the function from all others; its `repr` does so between processes
+    num_donated: int = 0  # leading arguments whose buffers are used up
+    options: tuple[tuple[str, Any], ...] = ()  # of the compiler
+    # Whether it may be kept on disk: its text is that of this package, and it calls no host.
+    is_kept: bool = True
+
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """A compiled function of arrays; the answer is a list of arrays."""
+
+    run: Callable[..., list[jax.Array]]
+    outputs: Shapes
+    num_bytes: int  # that it needs on a device
+    structure: Any = None  # of the answer as the function gives it; None if it came from disk
+
+    def __call__(self, *leaves: Any) -> list[jax.Array]:
+        """Runs it."""
+        return self.run(*leaves)
+
+
+_programs: collections.OrderedDict[Hashable, Future[Program]] = collections.OrderedDict()
+_lock = threading.Lock()
+_waited = threading.local()
+
+
+def get_program(recipe: Recipe) -> Program:
+    """The program of a recipe: made before, kept on disk, or compiled now.
+
+    Whoever asks for a program that another thread is making waits for that thread.
+    """
+    key = (recipe, _settings())
+    with _lock:
+        future = _programs.get(key)
+        is_new = future is None
+        if future is None:
+            future = _programs[key] = Future()
+            while len(_programs) > _MOST_PROGRAMS:
+                _programs.popitem(last=False)
+        _programs.move_to_end(key)
+    if future.done():
+        return future.result()
+    start = time.perf_counter()
+    if is_new:
+        try:
+            future.set_result(_make(recipe))
+        except BaseException as error:
+            with _lock:
+                _programs.pop(key, None)
+            future.set_exception(error)
+            raise
+    program = future.result()
+    _waited.seconds = waited_s() + time.perf_counter() - start
+    return program
+
+
+def waited_s() -> float:
+    """Seconds that this thread has waited for programs so far."""
+    return getattr(_waited, "seconds", 0.0)
+
+
+def clear_programs() -> None:
+    """Lets all programs of this process go; what is kept on disk stays."""
+    with _lock:
+        _programs.clear()
+
+
+def count_bytes(compiled: jax.stages.Compiled) -> int:
+    """Arguments, results and scratch space, as the compiler counts; 0 where it does not tell."""
+    used = compiled.memory_analysis()
+    if used is None:
+        return 0
+    total = used.argument_size_in_bytes + used.output_size_in_bytes + used.temp_size_in_bytes
+    return int(total - used.alias_size_in_bytes)
+
+
+def shapes_of(tree: Any) -> Shapes:
+    """Shapes and types of the leaves of a tree, as JAX holds them."""
+    return tuple(
+        jax.ShapeDtypeStruct(leaf.shape, jax.dtypes.canonicalize_dtype(leaf.dtype))
+        for leaf in jax.tree.leaves(tree)
+    )
+
+
+class KeptFunction:
+    """A pure function from arrays to one array, compiled for every shape that it is called with.
+
+    The text of this package and the key must tell what it does. Within `jit` it is the function
+    itself.
+    """
+
+    def __init__(
+        self,
+        function: Callable[..., Any],
+        key: Hashable,
+        options: tuple[tuple[str, Any], ...] = (),
+    ) -> None:
+        """Compiles nothing yet; key and options are those of a `Recipe`."""
+        self._function, self._key, self._options = function, key, options
+
+    def __call__(self, *args: Any) -> Any:
+        """What the function gives."""
+        leaves, structure = jax.tree.flatten(args)
+        if any(isinstance(leaf, Tracer) for leaf in leaves):
+            return self._function(*args)
+
+        def on_leaves(*leaves: Any) -> Any:
+            return self._function(*jax.tree.unflatten(structure, leaves))
+
+        recipe = Recipe(
+            on_leaves,
+            shapes_of(leaves),
+            (self._key, structure),
+            options=self._options,
+        )
+        return get_program(recipe)(*leaves)[0]
+
+
+def is_of_this_package(function: Callable[..., Any]) -> bool:
+    """Whether a function is found by its name in a module of this package."""
+    module = getattr(function, "__module__", None) or ""
+    name = getattr(function, "__qualname__", "<locals>")
+    return module.partition(".")[0] == __name__.partition(".")[0] and "<" not in name
+
+
+def name_function(function: Callable[..., Any]) -> str:
+    """What tells a function of this package from all others."""
+    return f"{function.__module__}.{function.__qualname__}"
+
+
+def _make(recipe: Recipe) -> Program:
+    file = _file_of(recipe) if recipe.is_kept else None
+    if file is not None and (found := kept.load(file)) is not None:
+        compiled, outputs = found
+        return Program(compiled, outputs, count_bytes(compiled))
+    structure = None
+
+    def on_leaves(*leaves: Any) -> list[Any]:
+        nonlocal structure
+        told, structure = jax.tree.flatten(recipe.function(*leaves))
+        return told
+
+    program = jax.jit(
+        on_leaves,
+        donate_argnums=tuple(range(recipe.num_donated)),
+        compiler_options=dict(recipe.options) or None,
+    )
+    compiled = program.lower(*recipe.shapes).compile()
+    outputs = shapes_of(compiled.out_info)
+    if file is not None:
+        kept.save(file, compiled, outputs)
+    return Program(compiled, outputs, count_bytes(compiled), structure)
+
+
+def _file_of(recipe: Recipe) -> Path | None:
+    """Where the program is kept; None if nothing is."""
+    folder = kept.program_folder()
+    if folder is None:
+        return None
+    told = (_settings(), jax.devices()[0].device_kind, os.environ.get("XLA_FLAGS", ""), recipe)
+    return folder / hashlib.sha256((_text_of_package() + repr(told)).encode()).hexdigest()
+
+
+def _settings() -> tuple[Any, ...]:
+    """Settings of JAX that a program may depend on."""
+    counts = ("jax_enable_x64", "jax_default_", "jax_numpy_", "jax_threefry", "jax_disable_most")
+    values = jax.config.values
+    return tuple((name, values[name]) for name in sorted(values) if name.startswith(counts))
+
+
+@functools.cache
+def _text_of_package() -> str:
+    digest = hashlib.sha256()
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(str(path.relative_to(_PACKAGE)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()

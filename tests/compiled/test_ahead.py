@@ -1,0 +1,109 @@
+"""Growth: foreseen from its pace, prepared in the background, never a part of the result."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+
+import pytest
+
+from remind_jax.compiled.ahead import SHORTEST_S, Forecast, Preparation, holds
+from remind_jax.config import Static
+
+STATIC = Static(num_detections=16, num_objects=64, num_pending=32)
+pytestmark = pytest.mark.usefixtures("looks_ahead")
+
+
+def forecast(*samples: tuple[float, int], detections: int = 1, pending: int = 0) -> Static:
+    seen = Forecast()
+    for time_s, objects in samples:
+        seen.add(
+            time_s,
+            {"num_detections": detections, "num_objects": objects, "num_pending": pending},
+        )
+    return seen.needed(STATIC)
+
+
+def test_nothing_is_needed_while_there_is_room():
+    assert Forecast().needed(STATIC) == STATIC
+    assert forecast((0.0, 10)) == STATIC
+    assert forecast((0.0, 40), (100.0, 41)) == STATIC
+
+
+def test_a_capacity_that_is_nearly_full_grows():
+    assert forecast((0.0, 48)).num_objects == 128
+    assert forecast((0.0, 1), detections=12).num_detections == 32
+    assert forecast((0.0, 1), pending=24).num_pending == 64
+
+
+def test_a_quick_pace_is_foreseen_long_before():
+    steady = [(second / 2, second) for second in range(25)]  # two objects a second
+    assert forecast(*steady).num_objects == 128
+    assert forecast(*((time, count // 8) for time, count in steady)) == STATIC
+
+
+def test_what_is_met_at_once_is_no_pace():
+    assert forecast((0.0, 0), (SHORTEST_S / 2, 20)) == STATIC
+
+
+def test_an_old_pace_is_forgotten():
+    early = [(second / 2, second) for second in range(40)]
+    late = [(20.0 + second, 40) for second in range(60)]
+    assert forecast(*early, *late) == STATIC
+
+
+def test_few_samples_are_kept_however_many_frames_there_are():
+    seen = Forecast()
+    for index in range(10_000):
+        seen.add(index / 1000, {"num_detections": 1, "num_objects": 1, "num_pending": 0})
+    assert len(seen._past) < 200
+
+
+def test_holds_compares_capacities_only():
+    large = STATIC.grow(num_objects=65)
+    assert holds(large, STATIC)
+    assert not holds(STATIC, large)
+    assert not holds(dataclasses.replace(large, part_top=2), STATIC)
+
+
+def test_a_preparation_is_told_once_when_it_is_done():
+    gate, larger = threading.Event(), STATIC.grow(num_objects=65)
+    preparation = Preparation()
+    prepared = []
+
+    def prepare(static: Static) -> None:
+        gate.wait()
+        prepared.append(static)
+
+    preparation.start(larger, prepare)
+    preparation.start(larger.grow(num_objects=200), prepare)  # one at a time
+    assert preparation.finished(STATIC) is None
+    gate.set()
+    assert preparation.wait_for(larger, STATIC) == larger
+    assert prepared == [larger]
+    assert preparation.finished(STATIC) is None
+
+
+def test_nobody_waits_for_too_little():
+    preparation = Preparation()
+    preparation.start(STATIC.grow(num_objects=65), lambda static: None)
+    assert preparation.wait_for(STATIC.grow(num_objects=500), STATIC) is None
+
+
+def test_what_is_ready_too_late_is_dropped():
+    preparation, larger = Preparation(), STATIC.grow(num_objects=65)
+    preparation.start(larger, lambda static: None)
+    assert preparation.wait_for(larger, larger.grow(num_objects=500)) is None
+
+
+def test_a_failure_is_not_tried_again_and_left_to_the_frame_that_needs_it():
+    preparation, larger, tries = Preparation(), STATIC.grow(num_objects=65), []
+
+    def fail(static: Static) -> None:
+        tries.append(static)
+        raise MemoryError
+
+    for _ in range(2):
+        preparation.start(larger, fail)
+        assert preparation.wait_for(larger, STATIC) is None
+    assert len(tries) == 1

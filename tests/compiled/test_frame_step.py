@@ -1,0 +1,131 @@
+"""The compiled step: the results of `method.step`, and no more compilations than needed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from remind_jax.compiled import frame_step
+from remind_jax.compiled.frame_step import FrameInput, FrameStep
+from remind_jax.compiled.packing import Packed
+from remind_jax.config import Static
+from remind_jax.live import Tracker
+from remind_jax.methods import get_method
+from tests.cli import scenes
+
+TINY = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
+METHODS = ("plus", "running-mean", pytest.param("remind", marks=pytest.mark.slow))
+
+
+def follow(tracker: Tracker, num: int = 3) -> list:
+    return [tracker.update(*scenes.picture(index)) for index in range(num)]
+
+
+def make(name: str, **options) -> Tracker:
+    return Tracker({"tracker": name, "static": TINY}, **options)
+
+
+@pytest.fixture
+def compiled(monkeypatch):
+    """Kinds of the programs that are asked for, in turn."""
+    kinds, get = [], frame_step.get_program
+
+    def note(recipe):
+        kinds.append(recipe.key[0])
+        return get(recipe)
+
+    monkeypatch.setattr(frame_step, "get_program", note)
+    return kinds
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_it_gives_what_the_step_gives(name):
+    tracker, method = make(name), get_method(name)
+    got = follow(tracker)
+    state = method.init(dataclasses.replace(tracker.static))
+    step = jax.jit(method.step, static_argnames="static")
+    other = make(name)
+    for index, expected in enumerate(got):
+        captured = _input_of(other, index)
+        masks, observed = captured.given.unpack()
+        more = {} if observed is None else {"observed": observed}
+        state = step(
+            state, captured.frame_feats, masks, static=tracker.static,
+            thresholds=captured.thresholds.unpack(), **more,
+        )  # fmt: skip
+        num = len(expected)
+        np.testing.assert_array_equal(state.decisions.object_id[:num], expected.object_id)
+        np.testing.assert_array_equal(state.decisions.outcome[:num], expected.outcome)
+        # Two programs fuse other operations than one does.
+        np.testing.assert_allclose(
+            state.decisions.confidence[:num], expected.confidence, rtol=1e-4, atol=1e-5
+        )
+
+
+def _input_of(tracker: Tracker, index: int) -> FrameInput:
+    """What the tracker gives to its step in a frame."""
+    captured, frame_step = [], tracker._frame_step
+
+    def capture(state, frame_input, static):
+        captured.append(frame_input)
+        return frame_step(state, frame_input, static)
+
+    tracker._frame_step = capture
+    tracker.update(*scenes.picture(index))
+    tracker._frame_step = frame_step
+    return captured[0]
+
+
+def test_another_frame_size_compiles_the_description_only(compiled):
+    tracker = make("plus")
+    follow(tracker)
+    assert compiled == ["describe", "decide"]
+    image, labels = scenes.picture(3)
+    tracker.update(image[:-32], labels[:-32])
+    assert compiled == ["describe", "decide"] * 2  # the second "decide" is the one at hand
+    first, second = tracker._frame_step._prepared.values()
+    assert first.decide is second.decide
+    assert first.describe is not second.describe
+
+
+def test_more_objects_compile_the_decision_only(compiled):
+    tracker = make("plus")
+    image, labels = scenes.picture(0, (1, 2))
+    tracker.update(image, labels)
+    tracker._make_room(num_objects=7)
+    tracker.update(image, labels)
+    first, second = tracker._frame_step._prepared.values()
+    assert first.describe is second.describe
+    assert first.decide is not second.decide
+
+
+def test_a_whole_step_is_one_program(compiled):
+    follow(make("running-mean"), 1)
+    assert compiled == ["decide"]
+
+
+@pytest.mark.parametrize("name", ["plus", pytest.param("remind", marks=pytest.mark.slow)])
+def test_an_account_changes_no_decision(name):
+    plain, traced = make(name), make(name, trace=True)
+    for one, other in zip(follow(plain), follow(traced), strict=True):
+        np.testing.assert_array_equal(one.object_id, other.object_id)
+    assert traced.trace is not None
+    assert plain.trace is None
+
+
+def test_a_method_that_calls_the_host_is_not_kept():
+    step = FrameStep(get_method("plus"))
+    decide = get_method("plus").halves.decide
+    assert step._is_kept(decide, Static())
+    assert not step._is_kept(decide, Static(solver="host"))
+
+
+def test_told_is_packed_in_the_order_of_the_layout():
+    tracker = make("plus")
+    follow(tracker, 1)
+    (programs,) = tracker._frame_step._prepared.values()
+    shapes = Packed.of(jax.device_get(tracker.state.decisions)).layout.shapes
+    assert programs.told.shapes[: len(shapes)] == shapes
