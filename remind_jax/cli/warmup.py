@@ -1,0 +1,73 @@
+"""`remind warmup`: compiles ahead what later runs and robots will need, and keeps it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import exit_codes
+from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.cli.process_settings import silence_libraries
+from remind_jax.errors import ConfigError
+
+
+@dataclasses.dataclass(frozen=True)
+class Warmup:
+    """Compile everything for frames of some sizes, so that later starts do not wait.
+
+    What is compiled is kept in the user's cache folder; the environment variable REMIND_PROGRAMS
+    names another, or is 'off'.
+
+    Examples:
+      remind warmup 640x480
+      remind warmup 640x480 1280x720 --objects 500     a world of many objects
+      remind warmup 1280x720 --backbone dinov3-vits16 --weights dinov3.safetensors
+    """
+
+    # width x height in pixels, one or several
+    sizes: Annotated[Positional[tuple[str, ...]], arg(metavar="WIDTHxHEIGHT")]
+    objects: int = 128  # objects that may be met; room for more is made when it is needed
+    backbone: Annotated[str, arg(metavar="NAME")] = "patch-statistics"  # as for 'remind run'
+    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    # configuration by name (see 'remind config list') or YAML file
+    config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
+    tracker: Annotated[str | None, arg(metavar="NAME")] = None  # as for 'remind run'
+    changes: Assignments = ()
+    quiet: bool = False  # say nothing but errors
+
+    def execute(self) -> int:
+        """Compiles and says how long it took; returns the exit code.
+
+        Raises:
+          ConfigError: If a size is none, or the configuration or the backbone is not accepted.
+        """
+        silence_libraries()
+        sizes = [_parse_size(size) for size in self.sizes]
+        config = load_config_with(self.config, self.changes, tracker=self.tracker)
+        from remind_jax.backbone.opening import open_backbone
+        from remind_jax.compiled.kept import VARIABLE, program_folder
+        from remind_jax.live import Tracker
+
+        tracker = Tracker(
+            config, open_backbone(self.backbone, weights=self.weights)
+        )
+        for width, height in sizes:
+            seconds = tracker.warm_up((height, width), num_objects=self.objects)
+            if not self.quiet:
+                print(f"{width}x{height}: ready after {seconds:.1f} s")
+        if not self.quiet:
+            folder = program_folder()
+            print(f"kept in {folder}" if folder else f"nothing is kept, as {VARIABLE} says")
+        return exit_codes.FINE
+
+
+def _parse_size(text: str) -> tuple[int, int]:
+    """Width and height."""
+    found = re.fullmatch(r"(\d+)x(\d+)", text)
+    if found is None or not int(found[1]) or not int(found[2]):
+        raise ConfigError(f"{text!r} is no frame size; write WIDTHxHEIGHT in pixels, as 640x480")
+    return int(found[1]), int(found[2])
