@@ -20,11 +20,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rows import show_rows
 
+ROOT = Path(__file__).resolve().parent.parent
 SIZES = ("640x480", "800x600")
 _PROCESS = """
 import json, sys

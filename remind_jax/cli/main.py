@@ -24,6 +24,7 @@ from remind_jax.cli.flags import KINDS, UsageError, spell_flag
 from remind_jax.cli.run import Run
 from remind_jax.cli.sweep import Sweep
 from remind_jax.cli.view import View
+from remind_jax.cli.warmup import Warmup
 from remind_jax.errors import OptionError, RemindError, nearest_names
 
 DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
@@ -37,7 +38,19 @@ First steps:
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
 
-Verb = Run | Demo | View | Explain | Eval | Benchmark | Sweep | Convert | Features | ConfigVerb
+Verb = (
+    Run
+    | Demo
+    | View
+    | Explain
+    | Eval
+    | Benchmark
+    | Sweep
+    | Convert
+    | Features
+    | Warmup
+    | ConfigVerb
+)
 
 VERBS: dict[str, type[Verb]] = {
     "run": Run,
@@ -49,6 +62,7 @@ VERBS: dict[str, type[Verb]] = {
     "sweep": Sweep,
     "convert": Convert,
     "features": Features,
+    "warmup": Warmup,
     "config": ConfigVerb,
 }
 

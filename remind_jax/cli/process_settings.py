@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 
 def silence_libraries() -> None:
     """Keeps OpenCV and FFmpeg from writing to the terminal; what fails is told by us."""

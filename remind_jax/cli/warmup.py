@@ -10,17 +10,19 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import exit_codes
+from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Warmup:
     """Compile everything for frames of some sizes, so that later starts do not wait.
 
     What is compiled is kept in the user's cache folder; the environment variable REMIND_PROGRAMS
-    names another, or is 'off'.
+    names another folder, or is 'off'.
 
     Examples:
       remind warmup 640x480
@@ -31,7 +33,7 @@ class Warmup:
     # width x height in pixels, one or several
     sizes: Annotated[Positional[tuple[str, ...]], arg(metavar="WIDTHxHEIGHT")]
     objects: int = 128  # objects that may be met; room for more is made when it is needed
-    backbone: Annotated[str, arg(metavar="NAME")] = "patch-statistics"  # as for 'remind run'
+    backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
@@ -52,9 +54,7 @@ class Warmup:
         from remind_jax.compiled.kept import VARIABLE, program_folder
         from remind_jax.live import Tracker
 
-        tracker = Tracker(
-            config, open_backbone(self.backbone, weights=self.weights)
-        )
+        tracker = Tracker(config, open_backbone(self.backbone, weights=self.weights))
         for width, height in sizes:
             seconds = tracker.warm_up((height, width), num_objects=self.objects)
             if not self.quiet:

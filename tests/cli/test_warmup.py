@@ -1,0 +1,52 @@
+"""`remind warmup`: what it compiles is there for the next process."""
+
+from __future__ import annotations
+
+import jax
+import pytest
+
+from remind_jax.compiled import kept
+from remind_jax.compiled.programs import clear_programs
+from remind_jax.live import Tracker
+from tests.cli import scenes
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "programs"))
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", None)
+    clear_programs()
+    yield kept.program_folder()
+    clear_programs()
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def test_what_was_warmed_up_is_loaded_later(command, folder):
+    size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
+    done = command("warmup", size, "--objects", "6", "--set", *scenes.STATIC)
+    assert done.code == 0, done.stderr
+    assert size in done.stdout
+    assert str(folder) in done.stdout
+    made = sorted(folder.iterdir())
+    assert len(made) == 3  # features, description, decision
+
+    clear_programs()
+    static = dict(line.removeprefix("static.").split("=") for line in scenes.STATIC)
+    tracker = Tracker({"static": {name: int(value) for name, value in static.items()}})
+    tracker.update(*scenes.picture(0))
+    assert sorted(folder.iterdir()) == made
+
+
+@pytest.mark.parametrize("size", ["640", "640x", "0x480", "640x480px"])
+def test_a_size_that_is_none_is_refused(command, size):
+    done = command("warmup", size)
+    assert done.code == 1
+    assert f"'{size}' is no frame size; write WIDTHxHEIGHT" in done.stderr
+
+
+def test_nothing_is_kept_if_so_wished(command, monkeypatch):
+    monkeypatch.setenv(kept.VARIABLE, "off")
+    size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
+    done = command("warmup", size, "--objects", "6", "--set", *scenes.STATIC)
+    assert "nothing is kept" in done.stdout
