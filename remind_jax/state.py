@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import full, whole, zeros
 from remind_jax.decision import NO_ID, NUM_OPTIONS, Decisions, Outcome
 from remind_jax.memory.bank import NEVER, DualBank, empty_bank
 from remind_jax.memory.cooccurrence import CooccurrenceGraph, empty_cooccurrence
@@ -95,7 +96,7 @@ def init(static: Static) -> TrackerState:
         return DualBank(work, stable)
 
     def column(value: int) -> Array:
-        return np.full(objects, int(value), np.int32)
+        return full(objects, int(value), np.int32)
 
     empty = TrackerState(
         objects=Objects(
@@ -118,10 +119,10 @@ def init(static: Static) -> TrackerState:
             if static.ring_prototypes
             else None
         ),
-        next_id=np.int32(static.first_object_id),
-        frame=np.int32(0),
+        next_id=whole(static.first_object_id),
+        frame=whole(0),
         decisions=no_decisions(static),
-        overflow=Overflow(objects=np.int32(0), pending=np.int32(0)),
+        overflow=Overflow(objects=whole(0), pending=whole(0)),
     )
     return jax.device_put(empty)
 
@@ -131,11 +132,11 @@ def no_decisions(static: Static) -> Decisions:
     num, shown, scalar = static.num_detections, static.num_candidates, static.scalar
 
     def whole(value: int) -> Array:
-        return np.full(num, int(value), np.int32)
+        return full(num, int(value), np.int32)
 
     def real() -> Array:
         """A new array at each call: buffers are donated to the step, each only once."""
-        return np.zeros(num, scalar)
+        return zeros(num, scalar)
 
     return Decisions(
         outcome=whole(Outcome.EMPTY),
@@ -153,18 +154,18 @@ def no_decisions(static: Static) -> Decisions:
         source=whole(0),
         assigned_id=whole(NO_ID),
         guarded_id=whole(NO_ID),
-        is_anchor=np.zeros(num, bool),
-        option_id=np.full((num, NUM_OPTIONS), NO_ID, np.int32),
-        option_score=np.zeros((num, NUM_OPTIONS), scalar),
-        option_blocked=np.zeros((num, NUM_OPTIONS), bool),
-        candidate_id=np.full((num, shown), NO_ID, np.int32),
-        candidate_score=np.zeros((num, shown), scalar),
-        candidate_final=np.zeros((num, shown), scalar),
-        candidate_eligible=np.zeros((num, shown), bool),
-        candidate_plausible=np.zeros((num, shown), bool),
-        candidate_gate=np.zeros((num, shown), np.int32),
-        candidate_bonus=np.zeros((num, shown), scalar),
-        num_bad_patches=np.int32(0),
+        is_anchor=zeros(num, bool),
+        option_id=full((num, NUM_OPTIONS), NO_ID, np.int32),
+        option_score=zeros((num, NUM_OPTIONS), scalar),
+        option_blocked=zeros((num, NUM_OPTIONS), bool),
+        candidate_id=full((num, shown), NO_ID, np.int32),
+        candidate_score=zeros((num, shown), scalar),
+        candidate_final=zeros((num, shown), scalar),
+        candidate_eligible=zeros((num, shown), bool),
+        candidate_plausible=zeros((num, shown), bool),
+        candidate_gate=zeros((num, shown), np.int32),
+        candidate_bonus=zeros((num, shown), scalar),
+        num_bad_patches=whole(0),
     )
 
 
@@ -175,9 +176,9 @@ def grow(state: TrackerState, static: Static) -> TrackerState:
 
     def widen_rows(small: Array, large: Array) -> np.ndarray:
         """Rows of objects and rows of pending tracks move apart."""
-        widened, small = np.array(large), np.asarray(small)
-        pending = small[:, old_objects:]
-        widened[:, :old_objects] = small[:, :old_objects]
+        widened, rows = np.array(large), np.asarray(small)
+        pending = rows[:, old_objects:]
+        widened[:, :old_objects] = rows[:, :old_objects]
         widened[:, new_objects : new_objects + pending.shape[1]] = pending
         return widened
 

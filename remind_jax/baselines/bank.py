@@ -22,6 +22,7 @@ from remind_jax.baselines.scene_memory import (
 )
 from remind_jax.config.kinds import Real
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import zeros
 from remind_jax.methods import Method
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.perception.pooling import dot, to_unit
@@ -50,7 +51,7 @@ class Views:
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
     shape = (static.num_objects, NUM_VIEWS)
-    views = Views(np.zeros((*shape, static.feature_dim)), np.zeros(shape, np.int32))
+    views = Views(zeros((*shape, static.feature_dim)), zeros(shape, np.int32))
     return empty_memory(static, views)
 
 

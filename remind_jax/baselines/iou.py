@@ -13,7 +13,6 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from remind_jax.baselines.boxes import box_iou
@@ -26,6 +25,7 @@ from remind_jax.baselines.scene_memory import (
 )
 from remind_jax.config.kinds import Real, Whole
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import zeros
 from remind_jax.decision import NO_ID
 from remind_jax.methods import Method
 from remind_jax.observation import FrameFeats, Masks
@@ -51,7 +51,7 @@ class LastBoxes:
 
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
-    return empty_memory(static, LastBoxes(np.zeros((static.num_objects, 4))))
+    return empty_memory(static, LastBoxes(zeros((static.num_objects, 4))))
 
 
 def step(

@@ -14,7 +14,6 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.baselines.boxes import box_iou
@@ -28,6 +27,7 @@ from remind_jax.baselines.scene_memory import (
 )
 from remind_jax.config.kinds import Real
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import zeros
 from remind_jax.methods import Method
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.perception.pooling import dot, to_unit
@@ -57,7 +57,7 @@ class Embeddings:
 
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
-    return empty_memory(static, Embeddings(np.zeros((static.num_objects, static.feature_dim))))
+    return empty_memory(static, Embeddings(zeros((static.num_objects, static.feature_dim))))
 
 
 def step(

@@ -22,6 +22,7 @@ from remind_jax.baselines.scene_memory import (
 )
 from remind_jax.config.kinds import Real
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import zeros
 from remind_jax.methods import Method
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.perception.pooling import dot, to_unit
@@ -48,7 +49,7 @@ class Means:
 def init(static: Static) -> SceneMemory:
     """The empty memory."""
     num, dim = static.num_objects, static.feature_dim
-    return empty_memory(static, Means(np.zeros((num, dim)), np.zeros(num, np.int32)))
+    return empty_memory(static, Means(zeros((num, dim)), zeros(num, np.int32)))
 
 
 def step(

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import full, whole
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.memory.bank import NEVER
 from remind_jax.observation import Masks
@@ -68,15 +69,15 @@ def empty_memory(static: Static, looks: Any) -> SceneMemory:
     """A memory without objects."""
 
     def column(value: int) -> Array:
-        return np.full(static.num_objects, int(value), np.int32)
+        return full(static.num_objects, int(value), np.int32)
 
     empty = SceneMemory(
         objects=Objects(id=column(NO_ID), class_id=column(NO_ID), last_seen=column(NEVER)),
         looks=looks,
-        next_id=np.int32(0),
-        frame=np.int32(0),
+        next_id=whole(0),
+        frame=whole(0),
         decisions=no_decisions(static),
-        overflow=Overflow(objects=np.int32(0), pending=np.int32(0)),
+        overflow=Overflow(objects=whole(0), pending=whole(0)),
     )
     return jax.device_put(empty)
 

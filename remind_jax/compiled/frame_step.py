@@ -119,7 +119,7 @@ class FrameStep:
         told = jax.eval_shape(functools.partial(_tell, method), state)
         example: FrameInput = jax.tree.unflatten(structure, shapes)
         if halves is None:
-            step = method.step_traced if self._is_traced else method.step
+            step: Any = method.step_traced if self._is_traced else method.step
             decide = self._decide_program(
                 functools.partial(_step_whole, step, static), step, state, example, static
             )

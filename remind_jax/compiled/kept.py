@@ -16,12 +16,12 @@ import os
 import pickle
 import platform
 import tempfile
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import jaxlib
 from jax.experimental import serialize_executable
 
 from remind_jax.user_folders import user_cache_folder
@@ -42,7 +42,7 @@ def program_folder() -> Path | None:
     if chosen.lower() == OFF or jax.config.values["jax_compilation_cache_dir"]:
         return None
     base = Path(chosen) if chosen else user_cache_folder() / "programs"
-    return base / f"jax-{jax.__version__}-{jaxlib.__version__}-{_processor()}"
+    return base / f"jax-{jax.__version__}-{version('jaxlib')}-{_processor()}"
 
 
 def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, ...]] | None:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.constant_arrays import full, zeros
 from remind_jax.control_flow import branch
 from remind_jax.perception.pooling import dot, to_unit
 
@@ -58,13 +59,13 @@ def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype
     """A bank without prototypes for each entry of the leading axes."""
     shape = (*leading, slots)
     return Bank(
-        embedding=np.zeros((*shape, dim), np.float32),
-        hits=np.zeros(shape, np.int32),
-        last_seen=np.full(shape, NEVER, np.int32),
-        quality_recent=np.zeros(shape, scalar),
-        quality_sum=np.zeros(shape, scalar),
-        num_qualities=np.zeros(shape, np.int32),
-        size=np.zeros(leading, np.int32),
+        embedding=zeros((*shape, dim), np.float32),
+        hits=zeros(shape, np.int32),
+        last_seen=full(shape, NEVER, np.int32),
+        quality_recent=zeros(shape, scalar),
+        quality_sum=zeros(shape, scalar),
+        num_qualities=zeros(shape, np.int32),
+        size=zeros(leading, np.int32),
     )
 
 

@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, Num
 
 from remind_jax.config.relation_thresholds import Cooccurrence as Rules
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import full, zeros
 from remind_jax.control_flow import branch
 from remind_jax.memory.bank import NEVER
 from remind_jax.memory.set_order import copied_size, iteration_rank
@@ -86,15 +87,15 @@ def empty_cooccurrence(num_objects: int, scalar: jnp.dtype) -> CooccurrenceGraph
     """A graph without episodes."""
     row, square = (num_objects,), (num_objects, num_objects)
     return CooccurrenceGraph(
-        episodes=np.zeros(row, np.int32),
-        last_episode=np.full(row, NEVER, np.int32),
-        context=np.zeros(square, bool),
-        pending_context=np.zeros(square, bool),
-        pending_hits=np.zeros(row, np.int32),
-        count=np.zeros(square, np.int32),
-        weight=np.zeros(square, scalar),
-        edge_time=np.full(square, NEVER, np.int32),
-        edge_order=np.zeros(square, np.int32),
+        episodes=zeros(row, np.int32),
+        last_episode=full(row, NEVER, np.int32),
+        context=zeros(square, bool),
+        pending_context=zeros(square, bool),
+        pending_hits=zeros(row, np.int32),
+        count=zeros(square, np.int32),
+        weight=zeros(square, scalar),
+        edge_time=full(square, NEVER, np.int32),
+        edge_order=zeros(square, np.int32),
     )
 
 

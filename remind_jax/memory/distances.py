@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.relation_thresholds import Relations as Rules
+from remind_jax.constant_arrays import zeros
 from remind_jax.control_flow import branch
 from remind_jax.memory.cooccurrence import Sightings
 from remind_jax.perception.relations import Contact, Relations
@@ -104,22 +105,22 @@ def empty_distances(
     pending, cube = (*square, pending_slots), (*square, num_objects)
     return DistanceGraph(
         pending=PendingRelations(
-            gap=np.zeros(pending, np.float32),
-            center_distance=np.zeros(pending, np.float32),
-            support=np.zeros(pending, np.float32),
-            contact=np.zeros(pending, np.int32),
-            gap_valid=np.zeros(pending, bool),
-            count=np.zeros(square, np.int32),
+            gap=zeros(pending, np.float32),
+            center_distance=zeros(pending, np.float32),
+            support=zeros(pending, np.float32),
+            contact=zeros(pending, np.int32),
+            gap_valid=zeros(pending, bool),
+            count=zeros(square, np.int32),
         ),
         edges=Edges(
-            contact_count=np.zeros((*square, len(Contact)), np.int32),
-            gap_count=np.zeros(square, np.int32),
-            gap_mean=np.zeros(square, scalar),
-            center_mean=np.zeros(square, scalar),
-            support_mean=np.zeros(square, scalar),
+            contact_count=zeros((*square, len(Contact)), np.int32),
+            gap_count=zeros(square, np.int32),
+            gap_mean=zeros(square, scalar),
+            center_mean=zeros(square, scalar),
+            support_mean=zeros(square, scalar),
         ),
-        nearer=np.zeros(cube, np.int32),
-        margin=np.zeros(cube, scalar),
+        nearer=zeros(cube, np.int32),
+        margin=zeros(cube, scalar),
     )
 
 

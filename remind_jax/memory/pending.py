@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.outcome_thresholds import Pending as Rules
+from remind_jax.constant_arrays import full, zeros
 from remind_jax.control_flow import branch
 from remind_jax.decision import NO_ID, NUM_OPTIONS
 from remind_jax.solvers.assignment import UNASSIGNED, assign
@@ -64,16 +65,16 @@ class Items:
 def no_pending(slots: int, scalar: jnp.dtype) -> PendingTracks:
     """A pool without tracks."""
     return PendingTracks(
-        kind=np.full(slots, int(Kind.FREE), np.int32),
-        id=np.full(slots, NO_ID, np.int32),
-        class_id=np.full(slots, NO_ID, np.int32),
-        hits=np.zeros(slots, np.int32),
-        known_id=np.full((slots, NUM_OPTIONS), NO_ID, np.int32),
-        known_score=np.zeros((slots, NUM_OPTIONS), scalar),
-        from_parent=np.zeros(slots, bool),
-        center=np.zeros((slots, 2), scalar),
-        area=np.zeros(slots, scalar),
-        next_id=np.zeros(2, np.int32),
+        kind=full(slots, int(Kind.FREE), np.int32),
+        id=full(slots, NO_ID, np.int32),
+        class_id=full(slots, NO_ID, np.int32),
+        hits=zeros(slots, np.int32),
+        known_id=full((slots, NUM_OPTIONS), NO_ID, np.int32),
+        known_score=zeros((slots, NUM_OPTIONS), scalar),
+        from_parent=zeros(slots, bool),
+        center=zeros((slots, 2), scalar),
+        area=zeros(slots, scalar),
+        next_id=zeros(2, np.int32),
     )
 
 

@@ -10,12 +10,14 @@ from __future__ import annotations
 import dataclasses
 import enum
 import functools
+from typing import cast
 
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.static import Static
+from remind_jax.constant_arrays import eye, full, zeros
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.plus.static import BANK_SLOTS, NUM_CANDIDATES, num_tracklets, white_dim
 from remind_jax.state import Overflow, no_decisions
@@ -166,10 +168,10 @@ def init(static: Static) -> PlusState:
     white = white_dim(static)
 
     def whole(*shape: int, value: int = 0) -> Array:
-        return np.full(shape, value, np.int32)
+        return full(shape, value, np.int32)
 
     def real(*shape: int, value: float = 0.0) -> Array:
-        return np.full(shape, value, np.float32)
+        return full(shape, value, np.float32)
 
     empty = PlusState(
         objects=Objects(
@@ -200,8 +202,8 @@ def init(static: Static) -> PlusState:
             total_weight=real(),
             within=real(dim, dim),
             within_weight=real(),
-            basis=_any_basis(dim, white),
-            whitener=np.eye(white, dim, dtype=np.float32),
+            basis=cast(Array, _any_basis(dim, white)),
+            whitener=eye(white, dim),
             white_mean=real(dim),
             ring_mean=real(dim),
             num_rings=real(),
@@ -219,7 +221,7 @@ def init(static: Static) -> PlusState:
 
 
 @functools.cache
-def _any_basis(dim: int, num: int) -> Float[Array, "D E"]:
+def _any_basis(dim: int, num: int) -> Float[np.ndarray, "D E"]:
     """Directions to start from; the same on every device."""
     drawn = np.random.default_rng(0).normal(size=(dim, num))
     return np.asarray(np.linalg.qr(drawn)[0], np.float32)
@@ -228,23 +230,23 @@ def _any_basis(dim: int, num: int) -> Float[Array, "D E"]:
 def no_tracklets(num: int, dim: int) -> Tracklets:
     """`num` free places."""
     return Tracklets(
-        alive=np.zeros(num, bool),
-        box=np.zeros((num, 4), np.float32),
-        center=np.zeros((num, 2), np.float32),
-        size=np.ones(num, np.float32),
-        class_id=np.full(num, NO_ID, np.int32),
-        last=np.full(num, NEVER, np.int32),
-        age=np.zeros(num, np.int32),
-        look=np.zeros((num, dim), np.float32),
-        ring=np.zeros((num, dim), np.float32),
-        ring_count=np.zeros(num, np.int32),
-        first_look=np.zeros((num, dim), np.float32),
-        slot=np.full(num, NOWHERE, np.int32),
-        fresh=np.zeros(num, bool),
-        belief=np.zeros(num, np.float32),
-        named=np.zeros(num, bool),
-        leans_new=np.zeros(num, bool),
-        id=np.full(num, NO_ID, np.int32),
+        alive=zeros(num, bool),
+        box=zeros((num, 4), np.float32),
+        center=zeros((num, 2), np.float32),
+        size=full(num, 1, np.float32),
+        class_id=full(num, NO_ID, np.int32),
+        last=full(num, NEVER, np.int32),
+        age=zeros(num, np.int32),
+        look=zeros((num, dim), np.float32),
+        ring=zeros((num, dim), np.float32),
+        ring_count=zeros(num, np.int32),
+        first_look=zeros((num, dim), np.float32),
+        slot=full(num, NOWHERE, np.int32),
+        fresh=zeros(num, bool),
+        belief=zeros(num, np.float32),
+        named=zeros(num, bool),
+        leans_new=zeros(num, bool),
+        id=full(num, NO_ID, np.int32),
     )
 
 
@@ -252,17 +254,17 @@ def no_verdicts(num: int) -> Verdicts:
     """Verdicts about no detection at all."""
     shown = (num, NUM_CANDIDATES)
     return Verdicts(
-        tracklet_id=np.full(num, NO_ID, np.int32),
-        stage=np.zeros(num, np.int32),
-        age=np.zeros(num, np.int32),
-        answer_id=np.full(num, NO_ID, np.int32),
-        is_decided=np.zeros(num, bool),
-        probability=np.zeros(num, np.float32),
-        margin=np.zeros(num, np.float32),
-        merged_id=np.full(num, NO_ID, np.int32),
-        option_id=np.full(shown, NO_ID, np.int32),
-        option_odds=np.zeros(shown, np.float32),
-        option_belief=np.zeros(shown, np.float32),
-        option_parts=np.zeros((*shown, len(PARTS)), np.float32),
-        new_odds=np.zeros(num, np.float32),
+        tracklet_id=full(num, NO_ID, np.int32),
+        stage=zeros(num, np.int32),
+        age=zeros(num, np.int32),
+        answer_id=full(num, NO_ID, np.int32),
+        is_decided=zeros(num, bool),
+        probability=zeros(num, np.float32),
+        margin=zeros(num, np.float32),
+        merged_id=full(num, NO_ID, np.int32),
+        option_id=full(shown, NO_ID, np.int32),
+        option_odds=zeros(shown, np.float32),
+        option_belief=zeros(shown, np.float32),
+        option_parts=zeros((*shown, len(PARTS)), np.float32),
+        new_odds=zeros(num, np.float32),
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import pytest
 
+from remind_jax.cli.overrides import load_config_with
 from remind_jax.compiled import kept
 from remind_jax.compiled.programs import clear_programs
 from remind_jax.live import Tracker
@@ -32,8 +33,7 @@ def test_what_was_warmed_up_is_loaded_later(command, folder):
     assert len(made) == 3  # features, description, decision
 
     clear_programs()
-    static = dict(line.removeprefix("static.").split("=") for line in scenes.STATIC)
-    tracker = Tracker({"static": {name: int(value) for name, value in static.items()}})
+    tracker = Tracker(load_config_with("default", (scenes.STATIC,)))
     tracker.update(*scenes.picture(0))
     assert sorted(folder.iterdir()) == made
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from unittest import mock
 
 import jax
 import numpy as np
@@ -67,16 +68,9 @@ def test_it_gives_what_the_step_gives(name):
 
 def _input_of(tracker: Tracker, index: int) -> FrameInput:
     """What the tracker gives to its step in a frame."""
-    captured, frame_step = [], tracker._frame_step
-
-    def capture(state, frame_input, static):
-        captured.append(frame_input)
-        return frame_step(state, frame_input, static)
-
-    tracker._frame_step = capture
-    tracker.update(*scenes.picture(index))
-    tracker._frame_step = frame_step
-    return captured[0]
+    with mock.patch.object(tracker, "_frame_step", wraps=tracker._frame_step) as watched:
+        tracker.update(*scenes.picture(index))
+    return watched.call_args.args[1]
 
 
 def test_another_frame_size_compiles_the_description_only(compiled):
@@ -118,7 +112,9 @@ def test_an_account_changes_no_decision(name):
 
 def test_a_method_that_calls_the_host_is_not_kept():
     step = FrameStep(get_method("plus"))
-    decide = get_method("plus").halves.decide
+    halves = get_method("plus").halves
+    assert halves is not None
+    decide = halves.decide
     assert step._is_kept(decide, Static())
     assert not step._is_kept(decide, Static(solver="host"))
 

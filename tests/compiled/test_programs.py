@@ -26,7 +26,7 @@ from remind_jax.compiled.programs import (
 )
 from remind_jax.tracker import step
 
-PAIR = (np.arange(3, dtype=np.float32), np.float32([2, 1, 0]))
+PAIR = (np.arange(3, dtype=np.float32), np.array([2, 1, 0], np.float32))
 
 
 @pytest.fixture
