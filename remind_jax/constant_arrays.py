@@ -21,7 +21,7 @@ def zeros(shape: int | tuple[int, ...], dtype: Any = float) -> Array:
     return cast(Array, np.zeros(shape, dtype))
 
 
-def whole(value: int) -> Array:
+def number(value: int) -> Array:
     """A whole number, int32."""
     return cast(Array, np.array(value, np.int32))
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.config.static import Static
-from remind_jax.constant_arrays import full, whole, zeros
+from remind_jax.constant_arrays import full, number, zeros
 from remind_jax.decision import NO_ID, NUM_OPTIONS, Decisions, Outcome
 from remind_jax.memory.bank import NEVER, DualBank, empty_bank
 from remind_jax.memory.cooccurrence import CooccurrenceGraph, empty_cooccurrence
@@ -119,10 +119,10 @@ def init(static: Static) -> TrackerState:
             if static.ring_prototypes
             else None
         ),
-        next_id=whole(static.first_object_id),
-        frame=whole(0),
+        next_id=number(static.first_object_id),
+        frame=number(0),
         decisions=no_decisions(static),
-        overflow=Overflow(objects=whole(0), pending=whole(0)),
+        overflow=Overflow(objects=number(0), pending=number(0)),
     )
     return jax.device_put(empty)
 
@@ -165,7 +165,7 @@ def no_decisions(static: Static) -> Decisions:
         candidate_plausible=zeros((num, shown), bool),
         candidate_gate=zeros((num, shown), np.int32),
         candidate_bonus=zeros((num, shown), scalar),
-        num_bad_patches=whole(0),
+        num_bad_patches=number(0),
     )
 
 

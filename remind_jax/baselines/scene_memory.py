@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.config.static import Static
-from remind_jax.constant_arrays import full, whole
+from remind_jax.constant_arrays import full, number
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.memory.bank import NEVER
 from remind_jax.observation import Masks
@@ -74,10 +74,10 @@ def empty_memory(static: Static, looks: Any) -> SceneMemory:
     empty = SceneMemory(
         objects=Objects(id=column(NO_ID), class_id=column(NO_ID), last_seen=column(NEVER)),
         looks=looks,
-        next_id=whole(0),
-        frame=whole(0),
+        next_id=number(0),
+        frame=number(0),
         decisions=no_decisions(static),
-        overflow=Overflow(objects=whole(0), pending=whole(0)),
+        overflow=Overflow(objects=number(0), pending=number(0)),
     )
     return jax.device_put(empty)
 
