@@ -39,6 +39,7 @@ CORE = (
     "trace",
     "rounding",
     "control_flow",
+    "constant_arrays",
     "errors",
 )
 ALLOWED = {"jax", "numpy", "scipy", "jaxtyping", *sys.stdlib_module_names}

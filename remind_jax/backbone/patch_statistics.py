@@ -101,7 +101,7 @@ def patch_statistics(*, centering: float = 0.8) -> Backbone:
         raise ConfigError(f"centering is {centering}; it must lie in [0, 1]")
     describe = jax.vmap(functools.partial(describe_patches, centering=centering))
     dim = sum(len(histogram) for _, histogram in _typical_blocks())
-    apply = KeptFunction(describe, (DEFAULT_BACKBONE, centering))
+    apply = KeptFunction(DEFAULT_BACKBONE, describe, centering)
     return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply)
 
 

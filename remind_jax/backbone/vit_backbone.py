@@ -97,8 +97,9 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
 
     options = _known_options(jax.default_backend())
     encode_patches = KeptFunction(
+        "vit",
         lambda params, images: run(params, images).patches,
-        ("vit", variant, precision, attention),
+        (variant, precision, attention),
         tuple((options or {}).items()),
     )
 

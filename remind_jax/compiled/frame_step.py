@@ -129,9 +129,10 @@ class FrameStep:
         describe = functools.partial(_describe, halves.describe, own)
         described = get_program(
             Recipe(
+                "describe",
                 lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
                 shapes,
-                ("describe", name_function(halves.describe), own, structure),
+                (name_function(halves.describe), own, structure),
                 options=_options(),
                 is_kept=self._is_kept(halves.describe, static),
             )
@@ -175,9 +176,10 @@ class FrameStep:
 
         return get_program(
             Recipe(
+                "decide",
                 on_leaves,
                 (*state_shapes, *shapes_of(given_leaves)),
-                ("decide", name_function(function), static, given_structure),
+                (name_function(function), static, given_structure),
                 num_donated=len(state_shapes),
                 options=_options(),
                 # The structure of an account is not kept.

@@ -33,9 +33,11 @@ Shapes = tuple[jax.ShapeDtypeStruct, ...]
 class Recipe:
     """What a program is made from. Recipes are the same where key, shapes and the rest are."""
 
+    name: str  # as profiles show it
     function: Callable[..., Any] = dataclasses.field(compare=False, repr=False)  # pure
     shapes: Shapes  # of its arguments
-    key: Hashable  # tells the function from all others; its `repr` does so between processes
+    # With the name it tells the function from all others; its `repr` does so between processes.
+    key: Hashable
     num_donated: int = 0  # leading arguments whose buffers are used up
     options: tuple[tuple[str, Any], ...] = ()  # of the compiler
     # Whether it may be kept on disk: its text is that of this package, and it calls no host.
@@ -128,12 +130,13 @@ class KeptFunction:
 
     def __init__(
         self,
+        name: str,
         function: Callable[..., Any],
         key: Hashable,
         options: tuple[tuple[str, Any], ...] = (),
     ) -> None:
-        """Compiles nothing yet; key and options are those of a `Recipe`."""
-        self._function, self._key, self._options = function, key, options
+        """Compiles nothing yet; the arguments are those of a `Recipe`."""
+        self._name, self._function, self._key, self._options = name, function, key, options
 
     def __call__(self, *args: Any) -> Any:
         """What the function gives."""
@@ -145,6 +148,7 @@ class KeptFunction:
             return self._function(*jax.tree.unflatten(structure, leaves))
 
         recipe = Recipe(
+            self._name,
             on_leaves,
             shapes_of(leaves),
             (self._key, structure),
@@ -177,6 +181,7 @@ def _make(recipe: Recipe) -> Program:
         told, structure = jax.tree.flatten(recipe.function(*leaves))
         return told
 
+    on_leaves.__name__ = recipe.name.replace("-", "_")
     program = jax.jit(
         on_leaves,
         donate_argnums=tuple(range(recipe.num_donated)),
@@ -200,9 +205,14 @@ def _file_of(recipe: Recipe) -> Path | None:
 
 def _settings() -> tuple[Any, ...]:
     """Settings of JAX that a program may depend on."""
-    counts = ("jax_enable_x64", "jax_default_", "jax_numpy_", "jax_threefry", "jax_disable_most")
     values = jax.config.values
-    return tuple((name, values[name]) for name in sorted(values) if name.startswith(counts))
+    return tuple(values[name] for name in _names_of_settings())
+
+
+@functools.cache
+def _names_of_settings() -> tuple[str, ...]:
+    counts = ("jax_enable_x64", "jax_default_", "jax_numpy_", "jax_threefry", "jax_disable_most")
+    return tuple(name for name in sorted(jax.config.values) if name.startswith(counts))
 
 
 @functools.cache

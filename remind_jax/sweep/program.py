@@ -224,9 +224,10 @@ def _compile_kept(
 
     program = get_program(
         Recipe(
+            "follow",
             on_leaves,
             (*shapes_of(states), *shapes),
-            ("follow", name_function(decide), run.keywords["static"], structure),
+            (name_function(decide), run.keywords["static"], structure),
             num_donated=num,
             options=tuple(options.items()),
             is_kept=is_of_this_package(decide) and run.keywords["static"].solver != "host",

@@ -73,9 +73,9 @@ def test_a_size_compiles_once_and_repeats_exactly(caplog):
     with jax.log_compiles(), caplog.at_level("WARNING"):
         np.testing.assert_array_equal(first, backbone.extract(image))
         np.testing.assert_array_equal(first, get_backbone("patch-statistics").extract(image))
-        assert not [record for record in caplog.records if "describe_patches" in record.message]
+        assert not [record for record in caplog.records if "patch_statistics" in record.message]
         backbone.extract(image[:, :16, :16])
-        assert [record for record in caplog.records if "describe_patches" in record.message]
+        assert [record for record in caplog.records if "patch_statistics" in record.message]
 
 
 def test_batch_equals_single_images():

@@ -35,7 +35,7 @@ def compiled(monkeypatch):
     kinds, get = [], frame_step.get_program
 
     def note(recipe):
-        kinds.append(recipe.key[0])
+        kinds.append(recipe.name)
         return get(recipe)
 
     monkeypatch.setattr(frame_step, "get_program", note)

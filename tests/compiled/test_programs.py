@@ -55,7 +55,7 @@ class Counted:
 def run(function, pair=PAIR, key="counted", **options):
     """As another process would: nothing of an earlier call is left in this one."""
     clear_programs()
-    program = get_program(Recipe(function, shapes_of(pair), key, **options))
+    program = get_program(Recipe("sum", function, shapes_of(pair), key, **options))
     return program(*pair)
 
 
@@ -74,7 +74,7 @@ def test_a_program_is_compiled_once_for_all_processes(folder):
 
 def test_a_program_is_compiled_once_for_all_threads(folder):
     function = Counted()
-    recipe = Recipe(function, shapes_of(PAIR), "threads", is_kept=False)
+    recipe = Recipe("sum", function, shapes_of(PAIR), "threads", is_kept=False)
     threads = [threading.Thread(target=get_program, args=(recipe,)) for _ in range(4)]
     for thread in threads:
         thread.start()
@@ -185,7 +185,7 @@ def test_a_program_that_calls_the_host_is_not_kept(folder):
 
 
 def test_a_kept_function_is_itself_under_jit(folder):
-    double = KeptFunction(lambda x: 2 * x, "double")
+    double = KeptFunction("double", lambda x: 2 * x, None)
     np.testing.assert_array_equal(double(PAIR[0]), [0, 2, 4])
     np.testing.assert_array_equal(jax.jit(lambda x: double(x) + 1)(PAIR[0]), [1, 3, 5])
     assert len(files(folder)) == 1
@@ -203,7 +203,7 @@ import numpy as np
 from remind_jax.compiled.programs import Recipe, get_program, shapes_of
 import jax.numpy as jnp
 square = np.eye(3, dtype=np.float32) * 4
-recipe = Recipe(jnp.linalg.cholesky, shapes_of([square]), "cholesky")
+recipe = Recipe("root", jnp.linalg.cholesky, shapes_of([square]), None)
 print(float(get_program(recipe)(square)[0].sum()))
 """
 
