@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
@@ -66,16 +67,53 @@ def learn_relations(
     )
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class KeptLooks:
+    """Looks that are to be kept, in turn; those of one turn are of different objects."""
+
+    slot: Int[Array, "R N"]  # object
+    look: Float[Array, "R N D"]
+    keeps: Bool[Array, "R N"]
+
+    @classmethod
+    def of_ended(cls, tracklets: Tracklets, ended: Bool[Array, "T"], num: int) -> KeptLooks:
+        """Those of tracklets that ended out of view, `num` in a turn; the first are in view."""
+        slot, look, ended = (
+            leaf[num:].reshape(-1, num, *leaf.shape[1:])
+            for leaf in (tracklets.slot, tracklets.look, ended)
+        )
+        return cls(slot, look, ended)
+
+    @classmethod
+    def of_absorbed(
+        cls,
+        objects: Objects,
+        slot: Int[Array, "N"],
+        into: Int[Array, "N"],
+        absorbed: Bool[Array, "N"],
+    ) -> KeptLooks:
+        """Those of objects that turned out to be known ones, one of each in a turn."""
+        source = jnp.where(absorbed, slot, 0)
+        looks, counts = objects.bank[source], objects.bank_count[source]
+        return cls(
+            jnp.broadcast_to(into, (counts.shape[1], len(into))),
+            jnp.swapaxes(looks, 0, 1),
+            (absorbed[:, None] & (counts > 0)).T,
+        )
+
+
 def learn_objects(
     objects: Objects,
     scene: Scene,
     here: Tracklets,
     sure: Bool[Array, "N"],
     sightings: Sightings,
+    waiting: KeptLooks,
     frame: Int[Array, ""],
     t: th.Memory,
 ) -> Objects:
-    """Looks, backgrounds, sizes and counts of the objects in view."""
+    """Looks, backgrounds, sizes and counts of the objects in view; `waiting` is kept before."""
     num_o = len(objects.id)
     slot = jnp.where(sure, here.slot, num_o)  # out of range: written nowhere
     row = jnp.where(sure, here.slot, 0)
@@ -84,9 +122,7 @@ def learn_objects(
     size = jnp.where(
         sightings.touches, jnp.maximum(objects.size[row], sightings.size), sightings.size
     )
-    empty = ~jnp.any(objects.bank_count[row] > 0, axis=1)
     turn = (here.age % t.every == 1) & ~(sightings.touches & (here.age > t.border_age))
-    keeps = sure & (turn | empty)
     ring_count = objects.ring_count[row] + sightings.has_ring
     rate = sightings.has_ring / jnp.maximum(ring_count, 1)
     ring = objects.ring[row] + rate[:, None] * (sightings.ring - objects.ring[row])
@@ -98,7 +134,21 @@ def learn_objects(
         ring=objects.ring.at[slot].set(ring, mode="drop"),
         ring_count=objects.ring_count.at[slot].set(ring_count, mode="drop"),
     )
-    return keep_looks(objects, scene, here.slot, sightings.look, keeps, t)
+    now = KeptLooks(here.slot[None], sightings.look[None], (sure & turn)[None])
+    turns = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), waiting, now)
+    last = len(turns.keeps) - 1
+
+    def keep(k: Array, objects: Objects) -> Objects:
+        slot, keeps = turns.slot[k], turns.keeps[k]
+        # An object without any look keeps what is seen of it, whosever turn it is.
+        empty = ~jnp.any(objects.bank_count[jnp.where(sure, slot, 0)] > 0, axis=1)
+        keeps |= (k == last) & sure & empty
+        return keep_looks(objects, scene, slot, turns.look[k], keeps, t)
+
+    # Most frames have nothing but what is in view.
+    first = jnp.argmax(jnp.any(turns.keeps[:last], axis=1))
+    first = jnp.where(jnp.any(turns.keeps[:last]), first, last)
+    return lax.fori_loop(first, last + 1, keep, objects)
 
 
 def keep_looks(
@@ -185,31 +235,21 @@ def forget_pairs(pairs: Pairs, forgotten: Bool[Array, "O"]) -> Pairs:
 def absorb(
     objects: Objects,
     pairs: Pairs,
-    scene: Scene,
     slot: Int[Array, "N"],
     into: Int[Array, "N"],
     absorbed: Bool[Array, "N"],
-    t: th.Memory,
 ) -> tuple[Objects, Pairs]:
-    """Hands everything of objects that turned out to be known ones to those, and frees their slots.
+    """Hands all but the looks of objects that turned out to be known ones to those; frees slots.
 
     Args:
       objects: Objects.
       pairs: Pairs.
-      scene: Whitening.
       slot: Object of each detection.
       into: The known object that it is.
       absorbed: Detections whose object is absorbed.
-      t: How looks are kept.
     """
-    num_o, num_k = objects.bank_count.shape
+    num_o = len(objects.id)
     source = jnp.where(absorbed, slot, 0)
-    looks, counts = objects.bank[source], objects.bank_count[source]
-
-    def hand_over(k: Array, objects: Objects) -> Objects:
-        return keep_looks(objects, scene, into, looks[:, k], absorbed & (counts[:, k] > 0), t)
-
-    objects = lax.fori_loop(0, num_k, hand_over, objects)
     goal = jnp.where(absorbed, into, num_o)
     row = jnp.where(absorbed, into, 0)
     own, more = objects.ring_count[row], objects.ring_count[source]

@@ -52,10 +52,10 @@ def check_motion(
     believed = motion.score > t.motion.doubted_score
     num = jnp.sum(sightings.valid).astype(jnp.float32)
     margin = jnp.where(believed, t.motion.check_margin * num, 0.0)
-    options = (motion, still, implied)
-    value = jnp.stack([support(motion) + margin, support(still), support(implied)])
+    options = jax.tree.map(lambda *leaves: jnp.stack(leaves), motion, still, implied)
+    value = jax.vmap(support)(options).at[0].add(margin)
     best = jnp.where(t.motion.checked, jnp.argmax(value), 0)
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves)[best], *options)
+    return jax.tree.map(lambda leaf: leaf[best], options)
 
 
 def imply_motion(

@@ -28,9 +28,9 @@ from remind_jax.plus.evidence import (
 )
 from remind_jax.plus.layout import weigh_jointly
 from remind_jax.plus.learning import (
+    KeptLooks,
     absorb,
     create_objects,
-    keep_looks,
     learn_cosines,
     learn_objects,
     learn_relations,
@@ -192,14 +192,16 @@ def _advance(
         ended.at[:num].set(choice.born),
         jnp.concatenate([variance, unseen_variance]),
     )
-    objects = keep_looks(objects, scene, all_slots, tracklets.look, ended, t.memory)
     tracklets = dataclasses.replace(tracklets, slot=all_slots, fresh=tracklets.fresh | ended)
     slot = all_slots[:num]
+    waiting = jax.tree.map(
+        lambda *leaves: jnp.concatenate(leaves),
+        KeptLooks.of_ended(tracklets, ended, num),
+        KeptLooks.of_absorbed(objects, slot, choice.slot, choice.absorbed),
+    )
     objects, pairs = jax.lax.cond(
         jnp.any(choice.absorbed),
-        lambda objects, pairs: absorb(
-            objects, pairs, scene, slot, choice.slot, choice.absorbed, t.memory
-        ),
+        lambda objects, pairs: absorb(objects, pairs, slot, choice.slot, choice.absorbed),
         lambda *same: same,
         objects,
         pairs,
@@ -220,7 +222,7 @@ def _advance(
     )
     scene = learn_cosines(scene, here, sure, choice, cosine, frame, t.calibration)
     pairs = learn_relations(objects, pairs, slot, sure, sightings, t.layout)
-    objects = learn_objects(objects, scene, here, sure, sightings, frame, t.memory)
+    objects = learn_objects(objects, scene, here, sure, sightings, waiting, frame, t.memory)
     return PlusState(
         objects=objects,
         pairs=pairs,
