@@ -15,7 +15,7 @@ from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
 from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, find_weights, load_weights
-from remind_jax.compiled.programs import KeptFunction
+from remind_jax.compiled.programs import KeptFunction, known_options
 from remind_jax.errors import ConfigError
 
 Precision = Literal["float32", "bfloat16"]
@@ -69,17 +69,6 @@ def choose_attention(variant: Variant, num_tokens: int, platform: str) -> Method
     return "plain" if platform != "cpu" or is_small else "chunked"
 
 
-@functools.cache
-def _known_options(platform: str) -> dict[str, str] | None:
-    """What makes the network quick there; nothing where this version of XLA has no such option."""
-    options = _COMPILER_OPTIONS.get(platform)
-    try:
-        jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
-    except jax.errors.JaxRuntimeError:
-        return None
-    return options
-
-
 def _check_options(precision: str, attention: str) -> None:
     if precision not in DTYPES:
         raise ConfigError(f"precision is '{precision}'; allowed: {', '.join(DTYPES)}")
@@ -95,18 +84,18 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     early = numerics.num_early(variant.depth) or ""
     params = jax.device_put(arrange_params(weights.params, variant, numerics))
 
-    options = _known_options(jax.default_backend())
+    options = tuple(_COMPILER_OPTIONS.get(jax.default_backend(), {}).items())
     encode_patches = KeptFunction(
         "vit",
         lambda params, images: run(params, images).patches,
         (variant, precision, attention),
-        tuple((options or {}).items()),
+        options,
     )
 
     def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
         return encode_patches(params, images)
 
-    @functools.partial(jax.jit, compiler_options=options, static_argnames="heads")
+    @functools.partial(jax.jit, compiler_options=known_options(options), static_argnames="heads")
     def attending(params: Any, images: Array, patches: Array, heads: tuple[int, ...] | None) -> Any:
         tokens = run(params, images, objects=patches, heads=heads)
         return tokens.patches, tokens.object_attention

@@ -39,7 +39,7 @@ class Recipe:
     # With the name it tells the function from all others; its `repr` does so between processes.
     key: Hashable
     num_donated: int = 0  # leading arguments whose buffers are used up
-    options: tuple[tuple[str, Any], ...] = ()  # of the compiler
+    options: tuple[tuple[str, Any], ...] = ()  # of the compiler; left out where it knows them not
     # Whether it may be kept on disk: its text is that of this package, and it calls no host.
     is_kept: bool = True
 
@@ -185,13 +185,29 @@ def _make(recipe: Recipe) -> Program:
     program = jax.jit(
         on_leaves,
         donate_argnums=tuple(range(recipe.num_donated)),
-        compiler_options=dict(recipe.options) or None,
+        compiler_options=known_options(recipe.options),
     )
     compiled = program.lower(*recipe.shapes).compile()
     outputs = shapes_of(compiled.out_info)
     if file is not None:
         kept.save(file, compiled, outputs)
     return Program(compiled, outputs, count_bytes(compiled), structure)
+
+
+@functools.cache
+def known_options(options: tuple[tuple[str, Any], ...]) -> dict[str, Any] | None:
+    """The options that this version of the compiler knows."""
+
+    def is_known(some: dict[str, Any]) -> bool:
+        try:
+            jax.jit(lambda x: x, compiler_options=some).lower(0.0).compile()
+        except jax.errors.JaxRuntimeError:
+            return False
+        return True
+
+    if not options or is_known(dict(options)):
+        return dict(options) or None
+    return {name: value for name, value in options if is_known({name: value})} or None
 
 
 def _file_of(recipe: Recipe) -> Path | None:

@@ -15,12 +15,14 @@ import numpy as np
 import pytest
 
 from remind_jax.compiled import kept
+from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
 from remind_jax.compiled.programs import (
     KeptFunction,
     Recipe,
     clear_programs,
     get_program,
     is_of_this_package,
+    known_options,
     shapes_of,
     waited_s,
 )
@@ -184,6 +186,15 @@ def test_a_program_that_calls_the_host_is_not_kept(folder):
     assert not files(folder)
 
 
+def test_options_that_the_compiler_does_not_know_are_left_out():
+    options = tuple(ONE_FRAME_OPTIONS["cpu"].items())
+    assert known_options(()) is None
+    assert known_options(options) == dict(options)
+    lost = ("xla_cpu_no_such_option", True)
+    assert known_options((*options, lost)) == dict(options)
+    assert known_options((lost,)) is None
+
+
 def test_a_kept_function_is_itself_under_jit(folder):
     double = KeptFunction("double", lambda x: 2 * x, None)
     np.testing.assert_array_equal(double(PAIR[0]), [0, 2, 4])
@@ -200,6 +211,7 @@ def test_only_functions_that_the_text_of_the_package_tells_are_kept():
 
 _CHOLESKY = """
 import numpy as np
+from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
 from remind_jax.compiled.programs import Recipe, get_program, shapes_of
 import jax.numpy as jnp
 square = np.eye(3, dtype=np.float32) * 4
