@@ -46,7 +46,7 @@ from remind_jax.backbone.cell_histograms import (
     window_mean,
 )
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
-from remind_jax.compiled.programs import KeptFunction
+from remind_jax.compiled.programs import LIGHT_OPTIONS, KeptFunction
 from remind_jax.errors import ConfigError
 
 PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
@@ -101,7 +101,8 @@ def patch_statistics(*, centering: float = 0.8) -> Backbone:
         raise ConfigError(f"centering is {centering}; it must lie in [0, 1]")
     describe = jax.vmap(functools.partial(describe_patches, centering=centering))
     dim = sum(len(histogram) for _, histogram in _typical_blocks())
-    apply = KeptFunction(DEFAULT_BACKBONE, describe, centering)
+    options = tuple(LIGHT_OPTIONS.get(jax.default_backend(), {}).items())
+    apply = KeptFunction(DEFAULT_BACKBONE, describe, centering, options)
     return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply)
 
 

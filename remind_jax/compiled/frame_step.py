@@ -16,6 +16,7 @@ import jax.numpy as jnp
 
 from remind_jax.compiled.packing import Layout, Packed
 from remind_jax.compiled.programs import (
+    LIGHT_OPTIONS,
     Program,
     Recipe,
     get_program,
@@ -27,19 +28,8 @@ from remind_jax.config.static import Static
 from remind_jax.methods import Method
 from remind_jax.observation import FrameFeats
 
-# Nearly all of a step's compilation is spent on machine code. On a CPU, level 1 takes a fifth off
-# it, and the step is not slower for it; level 0 is six times as slow.
-COMPILER_OPTIONS = {"cpu": {"xla_backend_optimization_level": 1}}
-# One frame is hundreds of small operations. To share each between threads costs more than it gains;
-# the older emitters of fused operations make code as quick as that of the newer ones, in two thirds
-# of the time and half of the memory.
-ONE_FRAME_OPTIONS = {
-    "cpu": {
-        **COMPILER_OPTIONS["cpu"],
-        "xla_cpu_multi_thread_eigen": False,
-        "xla_cpu_use_fusion_emitters": False,
-    }
-}
+# One frame is hundreds of small operations; to share each between threads costs more than it gains.
+ONE_FRAME_OPTIONS = {"cpu": {**LIGHT_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
 
 
 @jax.tree_util.register_dataclass

@@ -16,8 +16,9 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from remind_jax.compiled.frame_step import COMPILER_OPTIONS, settle_types
+from remind_jax.compiled.frame_step import settle_types
 from remind_jax.compiled.programs import (
+    COMPILER_OPTIONS,
     Recipe,
     Shapes,
     count_bytes,
