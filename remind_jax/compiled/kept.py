@@ -2,7 +2,7 @@
 
 The environment variable `REMIND_PROGRAMS` names the folder; `off` keeps nothing. Without it they
 lie in the user's cache folder. Processors, and versions of the libraries, have folders of their
-own. Where JAX's compilation cache is switched on, that one is used instead.
+own. What JAX finds in a compilation cache of its own, where one is switched on, is not kept again.
 """
 
 from __future__ import annotations
@@ -38,8 +38,7 @@ _told: set[Path] = set()  # folders of which it was said that their programs are
 def program_folder() -> Path | None:
     """Where programs for this processor and these libraries are kept; None if nothing is."""
     chosen = os.environ.get(VARIABLE, "")
-    # What JAX takes from its own cache cannot be written again: the copy lacks functions.
-    if chosen.lower() == OFF or jax.config.values["jax_compilation_cache_dir"]:
+    if chosen.lower() == OFF:
         return None
     base = Path(chosen) if chosen else user_cache_folder() / "programs"
     return base / f"jax-{jax.__version__}-{version('jaxlib')}-{_processor()}"

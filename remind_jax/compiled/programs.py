@@ -67,6 +67,7 @@ class Program:
 _programs: collections.OrderedDict[Hashable, Future[Program]] = collections.OrderedDict()
 _lock = threading.Lock()
 _waited = threading.local()
+_found = threading.local()
 
 
 def get_program(recipe: Recipe) -> Program:
@@ -193,11 +194,28 @@ def _make(recipe: Recipe) -> Program:
         donate_argnums=tuple(range(recipe.num_donated)),
         compiler_options=known_options(recipe.options),
     )
-    compiled = program.lower(*recipe.shapes).compile()
+    lowered, found_before = program.lower(*recipe.shapes), _num_found_by_jax()
+    compiled = lowered.compile()
     outputs = shapes_of(compiled.out_info)
-    if file is not None:
+    # What JAX took from its own cache cannot be written again: the copy would lack functions.
+    if file is not None and _num_found_by_jax() == found_before:
         kept.save(file, compiled, outputs)
     return Program(compiled, outputs, count_bytes(compiled), structure)
+
+
+def _num_found_by_jax() -> int:
+    """Programs that this thread has got from JAX's own compilation cache so far."""
+    _listen_to_jax()
+    return getattr(_found, "number", 0)
+
+
+@functools.cache
+def _listen_to_jax() -> None:
+    def note(event: str, **_: Any) -> None:
+        if event == "/jax/compilation_cache/cache_hits":
+            _found.number = getattr(_found, "number", 0) + 1
+
+    jax.monitoring.register_event_listener(note)
 
 
 @functools.cache

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax
 import pytest
 
 from remind_jax.cli.overrides import load_config_with
@@ -10,17 +9,16 @@ from remind_jax.compiled import kept
 from remind_jax.compiled.programs import clear_programs
 from remind_jax.live import Tracker
 from tests.cli import scenes
+from tests.compiled.test_programs import without_cache_of_jax
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "programs"))
-    before = jax.config.values["jax_compilation_cache_dir"]
-    jax.config.update("jax_compilation_cache_dir", None)
     clear_programs()
-    yield kept.program_folder()
+    with without_cache_of_jax():
+        yield kept.program_folder()
     clear_programs()
-    jax.config.update("jax_compilation_cache_dir", before)
 
 
 def test_what_was_warmed_up_is_loaded_later(command, folder):

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax.experimental.compilation_cache import compilation_cache
 
 from remind_jax.compiled import kept
 from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
@@ -31,16 +34,26 @@ from remind_jax.tracker import step
 PAIR = (np.arange(3, dtype=np.float32), np.array([2, 1, 0], np.float32))
 
 
+@contextlib.contextmanager
+def without_cache_of_jax() -> Iterator[None]:
+    names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+    before = {name: jax.config.values[name] for name in names}
+    jax.config.update("jax_compilation_cache_dir", None)
+    compilation_cache.reset_cache()
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Programs are kept in a folder of their own."""
     monkeypatch.setenv(kept.VARIABLE, str(tmp_path))
-    before = jax.config.values["jax_compilation_cache_dir"]
-    jax.config.update("jax_compilation_cache_dir", None)
     clear_programs()
-    yield kept.program_folder()
+    with without_cache_of_jax():
+        yield kept.program_folder()
     clear_programs()
-    jax.config.update("jax_compilation_cache_dir", before)
 
 
 class Counted:
@@ -155,10 +168,15 @@ def test_keeping_can_be_switched_off(folder, monkeypatch):
     assert not files(folder)
 
 
-def test_where_the_cache_of_jax_is_on_nothing_is_kept_beside_it(folder, tmp_path):
+def test_what_comes_from_the_cache_of_jax_is_not_kept_again(folder, tmp_path):
+    """Written a second time it would lack functions."""
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "of-jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    compilation_cache.reset_cache()
     run(Counted())
-    assert kept.program_folder() is None
+    (first,) = files(folder)
+    first.unlink()
+    np.testing.assert_array_equal(run(Counted())[1], [2, 2, 2])
     assert not files(folder)
 
 
