@@ -1,0 +1,211 @@
+"""What the compiled step of every method consists of, and where it comes from.
+
+    python benchmarks/program.py                          all methods that come in two programs
+    python benchmarks/program.py --methods plus --where 20
+    python benchmarks/program.py --traced --json rows.json
+
+Counts are exact and the same on every machine with one version of JAX: equations of the traced
+program (those of loops and branches included), lines of StableHLO, fusions and loops of the
+compiled one, and the bytes that it needs for the time being. Seconds are those of the processor.
+`--where N` adds the N modules and the N lines that most instructions come from.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import dataclasses
+import re
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks.rows import show_rows
+from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
+from remind_jax.compiled.programs import known_options
+from remind_jax.config import Static
+from remind_jax.mask_reduction import pad_masks, reduce_masks
+from remind_jax.methods import Method, get_method
+from remind_jax.observation import FrameFeats
+
+METHODS = ("plus", "remind")
+STATIC = Static(feature_dim=177)
+PATCHES = (30, 40)  # rows and columns of a frame of 640x480 pixels
+PATCH_PX = 16
+_INSTRUCTION = re.compile(r"^\s+(?:ROOT )?%?[\w.\-]+ = (?:\(.*?\)|\S+) ([\w\-]+)\(")
+_COMPUTATION = re.compile(r"^(?:ENTRY )?%?([\w.\-]+) \(.*\{$")
+# What only names values, or is part of another instruction.
+_NO_WORK = {"parameter", "get-tuple-element", "tuple", "constant", "bitcast"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """One program."""
+
+    row: dict[str, Any]
+    modules: collections.Counter[str]  # instructions by module of this package
+    lines: collections.Counter[str]  # and by line
+
+
+def example_input(method: Method) -> tuple[FrameFeats, Any, Any]:
+    """Features, masks and what is observed of an empty frame, with the sizes of `STATIC`."""
+    rows, columns = PATCHES
+    size = (rows * PATCH_PX, columns * PATCH_PX)
+    feats = FrameFeats(
+        np.zeros((rows, columns, STATIC.feature_dim), np.float32), np.array(size, np.int32)
+    )
+    nothing = reduce_masks(
+        np.zeros((0, *size), bool), np.zeros(0, np.int32), np.zeros(0), num_slots=0,
+        patch_px=PATCH_PX,
+    )  # fmt: skip
+    observed = None if method.observe is None else method.observe(None, None)
+    return feats, pad_masks(nothing, STATIC.num_detections), observed
+
+
+def halves_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[..., Any], tuple]]:
+    """Name, function and arguments of the two programs of a method."""
+    assert method.halves is not None
+    describe = method.halves.describe
+    decide: Any = method.halves.decide_traced if traced else method.halves.decide
+    thresholds = jax.tree.map(jnp.asarray, method.thresholds())
+    given = example_input(method)
+
+    def describe_frame(given: Any, thresholds: Any) -> Any:
+        return describe(*given, static=STATIC, thresholds=thresholds)
+
+    def decide_frame(state: Any, seen: Any, thresholds: Any) -> Any:
+        return decide(state, seen, static=STATIC, thresholds=thresholds)
+
+    yield "describe", describe_frame, (given, thresholds)
+    seen = jax.jit(describe_frame)(given, thresholds)
+    yield "decide", decide_frame, (method.init(STATIC), seen, thresholds)
+
+
+def measure(name: str, function: Callable[..., Any], arguments: tuple) -> Measured:
+    """Traces, lowers, compiles and runs a program."""
+    options = known_options(tuple(ONE_FRAME_OPTIONS.get(jax.default_backend(), {}).items()))
+    start = time.process_time()
+    traced = jax.jit(function, compiler_options=options).trace(*arguments)
+    lowered = traced.lower()
+    prepared = time.process_time()
+    compiled = lowered.compile()
+    done = time.process_time()
+    text = compiled.as_text() or ""
+    kinds, modules, lines = count_instructions(text)
+    used = compiled.memory_analysis()
+    row = {
+        "name": name,
+        "equations": count_equations(traced.jaxpr.jaxpr),
+        "stablehlo_lines": len(lowered.as_text().splitlines()),
+        "fusions": kinds["fusion"],
+        "loops": kinds["while"],
+        "temporary_bytes": 0 if used is None else int(used.temp_size_in_bytes),
+        "trace_cpu_s": prepared - start,
+        "compile_cpu_s": done - prepared,
+        "run_cpu_ms": _time_runs(compiled, arguments),
+    }
+    return Measured(row, modules, lines)
+
+
+def count_equations(jaxpr: Any) -> int:
+    """Equations of a traced program, with those of its loops, branches and calls."""
+    total = len(jaxpr.eqns)
+    for equation in jaxpr.eqns:
+        for inner in jax.tree.leaves(
+            tuple(equation.params.values()), is_leaf=lambda leaf: hasattr(leaf, "eqns")
+        ):
+            inner = getattr(inner, "jaxpr", inner)
+            total += count_equations(inner) if hasattr(inner, "eqns") else 0
+    return total
+
+
+def count_instructions(
+    text: str,
+) -> tuple[collections.Counter[str], collections.Counter[str], collections.Counter[str]]:
+    """Instructions of a compiled program that run on their own: by kind, module and line."""
+    place_of = _read_places(text)
+    kinds, modules, lines = (collections.Counter[str]() for _ in range(3))
+    is_fused = False
+    for line in text.splitlines():
+        if found := _COMPUTATION.match(line):
+            is_fused = "fused" in found[1] or "wrapped" in found[1]
+        elif not is_fused and (found := _INSTRUCTION.match(line)) and found[1] not in _NO_WORK:
+            kinds[found[1]] += 1
+            frame = re.search(r"stack_frame_id=(\d+)", line)
+            module, number = place_of(int(frame[1])) if frame else ("no place recorded", 0)
+            modules[module] += 1
+            lines[f"{module}:{number}"] += 1
+    return kinds, modules, lines
+
+
+def _read_places(text: str) -> Callable[[int], tuple[str, int]]:
+    """Module and line of a stack frame: the innermost of this package."""
+
+    def table(name: str) -> dict[int, str]:
+        found = re.search(rf"^{name}\n(.*?)\n\n", text, re.MULTILINE | re.DOTALL)
+        rows = [line.split(" ", 1) for line in found[1].splitlines()] if found else []
+        return {int(number): rest for number, rest in rows}
+
+    def fields(row: str) -> dict[str, int]:
+        return {name: int(value) for name, value in re.findall(r"(\w+)=(\d+)", row)}
+
+    files = table("FileNames")
+    locations = {number: fields(row) for number, row in table("FileLocations").items()}
+    frames = {number: fields(row) for number, row in table("StackFrames").items()}
+
+    def place_of(frame: int) -> tuple[str, int]:
+        while frame in frames:
+            location = locations[frames[frame]["file_location_id"]]
+            path = files[location["file_name_id"]].strip('"')
+            if "/remind_jax/" in path:
+                return path.rpartition("/remind_jax/")[2], location.get("line", 0)
+            parent = frames[frame].get("parent_frame_id", 0)
+            frame = 0 if parent == frame else parent
+        return "no place recorded", 0
+
+    return place_of
+
+
+def _time_runs(compiled: Any, arguments: tuple, repeats: int = 20) -> float:
+    jax.block_until_ready(compiled(*arguments))
+    start = time.process_time()
+    for _ in range(repeats):
+        jax.block_until_ready(compiled(*arguments))
+    return 1000 * (time.process_time() - start) / repeats
+
+
+def measure_all(names: list[str], traced: bool, num_places: int) -> Iterator[dict[str, Any]]:
+    """A row per program, and, if wanted, rows that say where its instructions come from."""
+    for name in names:
+        for half, function, arguments in halves_of(get_method(name), traced):
+            shown = f"{name}, {half}{', traced' if traced and half == 'decide' else ''}"
+            measured = measure(shown, function, arguments)
+            yield measured.row
+            for counter in (measured.modules, measured.lines):
+                for place, number in counter.most_common(num_places):
+                    yield {"name": f"  {place}", "instructions": number}
+
+
+def main() -> None:
+    """Parses the command line, measures and prints."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
+    parser.add_argument("--traced", action="store_true")
+    parser.add_argument("--where", type=int, default=0, metavar="N")
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    show_rows(measure_all(given.methods, given.traced, given.where), given.json)
+
+
+if __name__ == "__main__":
+    main()
