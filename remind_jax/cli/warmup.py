@@ -14,6 +14,7 @@ from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError
+from remind_jax.progress import RunLine
 
 
 @quiet_defaults
@@ -21,8 +22,8 @@ from remind_jax.errors import ConfigError
 class Warmup:
     """Compile everything for frames of some sizes, so that later starts do not wait.
 
-    What is compiled is kept in the user's cache folder; the environment variable REMIND_PROGRAMS
-    names another folder, or is 'off'.
+    It is kept in the user's cache folder; the environment variable
+    REMIND_PROGRAMS names another folder, or is 'off'.
 
     Examples:
       remind warmup 640x480
@@ -56,7 +57,8 @@ class Warmup:
 
         tracker = Tracker(config, open_backbone(self.backbone, weights=self.weights))
         for width, height in sizes:
-            seconds = tracker.warm_up((height, width), num_objects=self.objects)
+            with RunLine(f"{width}x{height}", None, is_shown=not self.quiet):
+                seconds = tracker.warm_up((height, width), num_objects=self.objects)
             if not self.quiet:
                 print(f"{width}x{height}: ready after {seconds:.1f} s")
         if not self.quiet:
