@@ -22,12 +22,11 @@ from remind_jax.progress import RunLine
 class Warmup:
     """Compile everything for frames of some sizes, so that later starts do not wait.
 
-    It is kept in the user's cache folder; the environment variable
-    REMIND_PROGRAMS names another folder, or is 'off'.
+    Kept in the user's cache folder; the variable REMIND_PROGRAMS names another.
 
     Examples:
       remind warmup 640x480
-      remind warmup 640x480 1280x720 --objects 500     a world of many objects
+      remind warmup 640x480 1280x720 --objects 500
       remind warmup 1280x720 --backbone dinov3-vits16 --weights dinov3.safetensors
     """
 
