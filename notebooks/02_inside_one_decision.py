@@ -13,14 +13,17 @@
 # %% [markdown]
 # # 02 Inside one decision
 #
-# Two boxes look exactly the same. In one frame the tracker tells them apart all the same. You learn
+# Two boxes look exactly the same. In one frame the paper's tracker tells them apart all the same. You
+# learn
 #
 # * to ask any decision for its reasons, in words and numbers;
 # * how the visual channels add up, and when context may speak;
 # * what memory holds: banks of prototypes, who is seen with whom, and how far apart;
 # * how layout settles what looks cannot.
 #
-# The video is the tour of notebook 01, rendered here.
+# The video is the tour of notebook 01, rendered here. The tracker is that of the paper,
+# `config="remind"`; the default decides by other evidence, and explains itself by the same calls
+# ([Explain](../docs/explain.md)).
 
 # %%
 import io
