@@ -3,12 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow lint types bench notebooks docs clean
+.PHONY: help demo test test-slow lint types bench figures notebooks docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-demo: $(VENV)/.core  ## render a tour, track it and compare with the truth (two minutes)
+demo: $(VENV)/.core  ## render a tour, track it and compare with the truth (a minute)
 	$(BIN)/remind demo
 
 test: $(VENV)/.dev  ## all tests but the slow ones
@@ -27,6 +27,9 @@ types: $(VENV)/.dev  ## types
 bench: $(VENV)/.dev  ## what is claimed about speed
 	$(BIN)/python benchmarks/step.py
 	$(BIN)/python benchmarks/metrics.py
+
+figures: $(VENV)/.core  ## the figures that the README leads with (five minutes)
+	$(BIN)/python benchmarks/headline.py
 
 notebooks: $(VENV)/.dev  ## execute the notebooks and write their pages anew
 	$(BIN)/python notebooks/execute.py

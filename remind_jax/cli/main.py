@@ -30,7 +30,7 @@ from remind_jax.errors import OptionError, RemindError, nearest_names
 DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
 
 First steps:
-  remind demo                               two minutes, needs nothing
+  remind demo                               a minute, needs nothing
   remind run VIDEO --detector MODEL.onnx    your own video
   remind run FOLDER --masks MASKS           your own images and instance masks
   remind run --help                         everything that can be chosen

@@ -6,14 +6,21 @@ import dataclasses
 import math
 from typing import Literal
 
-Kind = Literal["percent", "count", "ms", "mib", "number"]
+Kind = Literal["percent", "count", "seconds", "ms", "mib", "number"]
 Better = Literal["higher", "lower"]
 Interval = tuple[float, float]  # lower, upper end
 
 NOTHING = "-"
 
 # Digits after the point.
-_DECIMALS: dict[Kind, int] = {"percent": 2, "count": 0, "ms": 1, "mib": 0, "number": 3}
+_DECIMALS: dict[Kind, int] = {
+    "percent": 2,
+    "count": 0,
+    "seconds": 1,
+    "ms": 1,
+    "mib": 0,
+    "number": 3,
+}
 
 
 @dataclasses.dataclass(frozen=True)
