@@ -21,6 +21,10 @@
 # * how to check that both trackers decide the same, on traces recorded from the original;
 # * where the paper and its code differ, and which setting gives the paper's rule.
 #
+# This is about the paper's tracker, `published`. The default here is another one, REMIND plus, on the
+# same inputs ([what it does](../docs/plus.md)): an imported file runs the paper's tracker, and
+# `rj.run(...)` without a configuration does not.
+#
 # The notebook needs a clone of the repository: the recorded traces lie in `tests/golden`.
 
 # %%
@@ -210,7 +214,7 @@ print(len(as_in_the_paper.difference(published)), "settings differ from `publish
 #
 # | in the original | here |
 # | --- | --- |
-# | the main script over a DAVIS folder | `remind run FOLDER`, `rj.run(...)`; frame by frame: `rj.Tracker` |
+# | the main script over a DAVIS folder | `remind run FOLDER --config published`, `rj.run(..., config="published")`; frame by frame: `rj.Tracker("published")` |
 # | the YAML of some hundred keys | `remind config import-reference FILE` |
 # | its DINOv3 weights | `remind convert`, then `--backbone dinov3-vits16 --weights FILE` |
 # | the evaluator | `remind eval GT RUN --protocol paper`, beside the standard definitions |
