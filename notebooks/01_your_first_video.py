@@ -99,7 +99,7 @@ show(tile([tour.frames[i].image for i in SHOWN]), 800)
 #
 # One call. The source may also be a video file, a folder of images or an array; masks may come from
 # files or from a detector. What runs is the default tracker, REMIND plus. The first frame compiles it,
-# which takes some fifteen seconds the first time on a machine; every further frame takes milliseconds.
+# which takes about ten seconds the first time on a machine; every further frame takes milliseconds.
 
 # %%
 result = rj.run(tour.frames, out=work / "tour", name="tour", image_fps=options.fps)

@@ -15,8 +15,8 @@
 #
 # What is each part of the method worth, and what would something simpler do? You learn
 #
-# * to run the published tracker, the default, REMIND plus, ablations and baselines on the same masks and
-#   features;
+# * to run the default, which is REMIND plus, the paper's tracker, ablations of both, and baselines on
+#   the same masks and features;
 # * to compare them in one table, with intervals, and to save it for a paper;
 # * why the paper's numbers and the standard definitions of the same names differ;
 # * to do the same on your own data in the DAVIS layout.
@@ -67,21 +67,20 @@ print(sorted(str(path.relative_to(root)) for path in root.glob("*/*")))
 # Configurations by name, and other trackers by name. All see the same masks and the same features.
 
 # %%
+from remind_jax.benchmark.contenders import make_contenders
 from remind_jax.config import list_configs
 
-print("configurations:", ", ".join(list_configs()))
-
-contenders = {name: rj.load_config(name) for name in list_configs()}
-for name in ("bank", "running-mean", "momentum", "iou"):
-    contenders[name] = rj.load_config("default").with_tracker(name)
+contenders = {contender.name: contender.config for contender in make_contenders()}
+print(", ".join(contenders))
 
 # %% [markdown]
 # | name | what it is |
 # | --- | --- |
-# | `default`, `plus` | our method on the same inputs: identities for tracklets, place and layout as evidence |
+# | `default` | REMIND plus, our method on the same inputs: identities for tracklets, place and layout as evidence |
 # | `published` | the paper's tracker with every threshold as published, for DINOv3 features |
 # | `remind` | the same with thresholds that fit the weight-free features used here |
-# | `ablation_plus_*`, `ablation_*` | `default` or `remind` with one thing taken away |
+# | `ablation_plus_*` | `default` with one part taken away |
+# | `ablation_*`, the others | `remind` with one thing taken away |
 # | `bank`, `running-mean`, `momentum` | trackers by looks alone |
 # | `iou` | overlap with the last frame, no looks |
 
@@ -123,8 +122,8 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# IDF1 counts every undecided detection as a miss, so a tracker that admits doubt pays for it here and
-# baselines, which always answer, do not. How often it is right when it does answer:
+# IDF1 counts every undecided detection as a miss, so a tracker that admits doubt, as the paper's does,
+# pays for it here; baselines, which always answer, do not. How often it is right when it does answer:
 
 # %%
 doubt = replace(
@@ -174,7 +173,7 @@ Markdown("\n".join(lines))
 # ```bash
 # remind benchmark DAVIS_ROOT                          # all contenders, true masks
 # remind benchmark DAVIS_ROOT --detector yolo.onnx     # masks of a detector
-# remind benchmark DAVIS_ROOT --methods default plus bank --scenes kitchen
+# remind benchmark DAVIS_ROOT --methods default remind bank --scenes kitchen
 # remind eval DAVIS_ROOT ours sam masa --table comparison.html   # results of other programs
 # ```
 #
