@@ -28,7 +28,7 @@ bench: $(VENV)/.dev  ## what is claimed about speed
 	$(BIN)/python benchmarks/step.py
 	$(BIN)/python benchmarks/metrics.py
 
-figures: $(VENV)/.core  ## the figures that the README leads with (five minutes)
+figures: $(VENV)/.core  ## the figures that the README leads with (three minutes)
 	$(BIN)/python benchmarks/headline.py
 
 notebooks: $(VENV)/.dev  ## execute the notebooks and write their pages anew

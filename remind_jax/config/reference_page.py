@@ -38,7 +38,8 @@ stands in `configs/backbones/`.
 
 Set any of them with `--set thresholds.decision.new=1.5`, in a file (`remind run --config FILE`),
 or in Python with `load_config({"thresholds": {"decision": {"new": 1.5}}})`. Names are those of the
-section and the row, joined by a dot.
+section and the row, joined by a dot; `thresholds.` may be left out. What you set is what runs: a
+backbone changes only what nobody set. `run.json` holds the values of a run.
 
 * **Larger means** says what a larger value does. A yes/no setting does what its meaning says.
 * In small print: the key of the [original implementation](parity.md), which
