@@ -47,10 +47,14 @@ def create_objects(
 
 
 def mark_seen(
-    objects: Objects, seen: Bool[Array, "O"], now: Int[Array, ""], rules: Rules
+    objects: Objects, sights: Int[Array, "O"], now: Int[Array, ""], rules: Rules
 ) -> Objects:
-    """Counts a sighting; two in all confirm an object (notes 14.1)."""
-    hits = objects.hits + seen
+    """Counts the detections that show an object; two in all confirm it (notes 14.1).
+
+    Where one frame gives an object to two detections, each is a hit and a frame of its age.
+    """
+    seen = sights > 0
+    hits = objects.hits + sights
     fresh = objects.lifecycle <= Lifecycle.TENTATIVE
     waits = fresh & (hits < rules.confirm_hits)
     lifecycle = jnp.where(waits, Lifecycle.TENTATIVE, Lifecycle.CONFIRMED)
@@ -59,7 +63,7 @@ def mark_seen(
         lifecycle=jnp.where(seen, lifecycle, objects.lifecycle),
         hits=hits,
         misses=jnp.where(seen, 0, objects.misses),
-        age=objects.age + seen,
+        age=objects.age + sights,
         last_seen=jnp.where(seen, now, objects.last_seen),
     )
 

@@ -93,10 +93,9 @@ def remember(
     )
     slot = jnp.where(settlement.slot >= 0, settlement.slot, new_slot)
     slot = jnp.where(fits, slot, slots)
-    visible = _mark(slot, slots)
-    founded = _mark(founder_slot, slots)
-    objects = mark_seen(objects, visible | founded, now, t.lifecycle)
-    spared = visible | founded | _protected(objects, items)
+    sights = _count(slot, slots) + _count(founder_slot, slots)
+    objects = mark_seen(objects, sights, now, t.lifecycle)
+    spared = (sights > 0) | _protected(objects, items)
     objects, forgotten = mark_missed(objects, objects.exists & ~spared & fits, t.lifecycle)
 
     in_track = items.kind != Kind.FREE
@@ -151,8 +150,8 @@ def remember(
     return updated
 
 
-def _mark(slot: Int[Array, "N"], slots: int) -> Bool[Array, "O"]:
-    return jnp.zeros(slots, bool).at[slot].set(True, mode="drop")
+def _count(slot: Int[Array, "N"], slots: int) -> Int[Array, "O"]:
+    return jnp.zeros(slots, jnp.int32).at[slot].add(1, mode="drop")
 
 
 def _ids_of(objects: Objects, slot: Int[Array, "N K"]) -> Int[Array, "N K"]:

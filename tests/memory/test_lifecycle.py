@@ -34,6 +34,10 @@ def only(slot=0):
     return jnp.arange(STATIC.num_objects) == slot
 
 
+def once(slot=0):
+    return only(slot).astype(jnp.int32)
+
+
 def test_creation_takes_slots_and_ids_in_detection_order():
     objects, slot = create_objects(
         born(7)[0], jnp.array([1, 2, 3], jnp.int32), jnp.array([True, False, True]), jnp.int32(5)
@@ -49,11 +53,11 @@ def test_example_of_the_notes():
     """Perception notes 22.10."""
     t = rules()
     objects, _ = born(0)
-    objects = mark_seen(objects, only(), jnp.int32(0), t)
+    objects = mark_seen(objects, once(), jnp.int32(0), t)
     assert standing(objects) == ("TENTATIVE", 1, 0, 1)
     objects, _ = mark_missed(objects, only(), t)
     assert standing(objects) == ("TENTATIVE", 1, 1, 2)
-    objects = mark_seen(objects, only(), jnp.int32(2), t)
+    objects = mark_seen(objects, once(), jnp.int32(2), t)
     assert standing(objects) == ("CONFIRMED", 2, 0, 3)
     for _ in range(9):
         objects, _ = mark_missed(objects, only(), t)
@@ -63,14 +67,19 @@ def test_example_of_the_notes():
     for _ in range(2):
         objects, _ = mark_missed(objects, only(), t)
     assert standing(objects) == ("INACTIVE", 2, 12, 15)
-    objects = mark_seen(objects, only(), jnp.int32(15), t)
+    objects = mark_seen(objects, once(), jnp.int32(15), t)
     assert standing(objects) == ("CONFIRMED", 3, 0, 16)
     assert int(objects.last_seen[0]) == 15
 
 
+def test_two_detections_of_one_frame_are_two_hits_and_two_frames_of_age():
+    objects = mark_seen(born(0)[0], 2 * once(), jnp.int32(0), rules())
+    assert standing(objects) == ("CONFIRMED", 2, 0, 2)
+
+
 def test_a_tentative_object_stays_tentative():
     t = rules()
-    objects = mark_seen(born(0)[0], only(), jnp.int32(0), t)
+    objects = mark_seen(born(0)[0], once(), jnp.int32(0), t)
     for _ in range(13):
         objects, forgotten = mark_missed(objects, only(), t)
     assert standing(objects) == ("TENTATIVE", 1, 13, 14)
@@ -82,7 +91,7 @@ def test_sightings_need_not_be_consecutive():
     objects = born(0)[0]
     for frame in range(3):
         assert standing(objects)[0] != "CONFIRMED"
-        objects = mark_seen(objects, only(), jnp.int32(2 * frame), t)
+        objects = mark_seen(objects, once(), jnp.int32(2 * frame), t)
         if frame < 2:
             objects, _ = mark_missed(objects, only(), t)
     assert standing(objects) == ("CONFIRMED", 3, 0, 5)
@@ -91,7 +100,7 @@ def test_sightings_need_not_be_consecutive():
 def test_only_the_named_objects_change():
     t = rules()
     objects, _ = born(0, 0)
-    changed = mark_missed(mark_seen(objects, only(1), jnp.int32(0), t), only(1), t)[0]
+    changed = mark_missed(mark_seen(objects, once(1), jnp.int32(0), t), only(1), t)[0]
     assert standing(changed, 0) == standing(objects, 0)
     assert standing(changed, 1) == ("TENTATIVE", 1, 1, 2)
 

@@ -53,7 +53,7 @@ def step(state: TrackerState, class_id, is_new, seen, spared, rules: Rules) -> T
     """The lifecycle part of a frame, as `memory.update` has it; new objects are marked."""
     objects, slot = create_objects(state.objects, class_id, is_new, state.next_id)
     seen = seen.at[slot].set(True, mode="drop")
-    objects = mark_seen(objects, seen, state.frame, rules)
+    objects = mark_seen(objects, seen.astype(jnp.int32), state.frame, rules)
     objects, gone = mark_missed(objects, objects.exists & ~seen & ~spared, rules)
     state = dataclasses.replace(
         state, objects=objects, next_id=state.next_id + jnp.sum(is_new, dtype=jnp.int32)
