@@ -20,7 +20,7 @@ from remind_jax.alignment import Alignment
 from remind_jax.announcement import Announcements, choose_after, hear, tell
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled.ahead import Forecast, Preparation
-from remind_jax.compiled.frame_step import FrameInput, FrameStep, Told
+from remind_jax.compiled.frame_step import FrameInput, FrameStep, Told, pack_thresholds
 from remind_jax.compiled.packing import Packed
 from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, Static, Thresholds, load_config
@@ -473,10 +473,7 @@ class Tracker:
         """The thresholds of the configuration, brought to the device once: hundreds of numbers."""
         config, placed = self._placed
         if config is not self.config or placed is None:
-            kinds = {bool: bool, int: np.int32, float: self._static.scalar}
-            values = self.config.thresholds
-            typed = jax.tree.map(lambda v: np.asarray(v, kinds.get(type(v))), values)
-            placed = jax.device_put(Packed.of(typed))
+            placed = jax.device_put(pack_thresholds(self.config.thresholds, self._static.scalar))
             self._placed = (self.config, placed)
         return placed
 

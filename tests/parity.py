@@ -81,10 +81,13 @@ class Report:
 
 def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
     """Yields per frame: frame index, ids of the kept detections, host copy of the state."""
+    from remind_jax.compiled.frame_step import FrameInput, FrameStep, pack_thresholds
+    from remind_jax.compiled.packing import Packed
     from remind_jax.config import Config
     from remind_jax.mask_reduction import reduce_masks
+    from remind_jax.methods import get_method
     from remind_jax.observation import FrameFeats
-    from remind_jax.tracker import init, step
+    from remind_jax.state import init
 
     config = Config.from_reference(trace.info["override"])
     ignored = {label.lower() for label in config.input.ignored_classes}
@@ -98,8 +101,9 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         num_objects=int(trace.frame["n_object"].max()) + 8,
         num_pending=max(8, len(set(zip(trace.temp["track"], trace.temp["temp"], strict=True))) + 8),
     )
-    jitted = jax.jit(step, static_argnames="static", donate_argnames="state")
-    state = init(static)
+    # The programs that users run.
+    step, state = FrameStep(get_method("remind")), init(static)
+    thresholds = pack_thresholds(config.thresholds, static.scalar)
     for frame, (features, masks, classes) in enumerate(load.load_inputs(name, root)):
         kept = [i for i, label in enumerate(classes) if label.lower() not in ignored]
         reduced = reduce_masks(
@@ -116,7 +120,8 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
             erosion_px=config.input.erosion_px,
         )
         feats = FrameFeats(features, np.array(masks.shape[1:], np.int32))
-        state = jitted(state, feats, reduced, static=static, thresholds=config.thresholds)
+        given = FrameInput(feats, Packed.of((reduced, None)), thresholds)
+        state, _, _ = step(state, given, static)
         yield frame, kept, feats, reduced, state, static, config
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from remind_jax.compiled.packing import Layout, Packed
 from remind_jax.compiled.programs import (
@@ -50,6 +51,12 @@ class Told:
     decisions: Any  # `decision.Decisions`
     overflow: Any  # slots that the frame lacks, 0 if they sufficed
     occupied: Any  # slots in use
+
+
+def pack_thresholds(thresholds: Any, scalar: Any) -> Packed:
+    """Thresholds in the types that a step takes them in: hundreds of numbers in few arrays."""
+    kinds = {bool: bool, int: np.int32, float: scalar}
+    return Packed.of(jax.tree.map(lambda v: np.asarray(v, kinds.get(type(v))), thresholds))
 
 
 def settle_types(state: Any) -> Any:
