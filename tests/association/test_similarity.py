@@ -159,7 +159,7 @@ def test_a_chosen_object_channel_stands_alone(x64, channel, value):
 
 def bank(prototypes: list[tuple[float, float, float]], **columns: list[float]) -> Bank:
     """One channel, one object, three slots."""
-    made = empty_bank((1, 1), 3, 3, jnp.dtype("float64"))
+    made = jax.device_put(empty_bank((1, 1), 3, 3, jnp.dtype("float64")))
     embedding = np.zeros((1, 1, 3, 3), np.float32)
     if prototypes:
         embedding[0, 0, : len(prototypes)] = prototypes
