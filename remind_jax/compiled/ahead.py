@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
 import logging
+import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from remind_jax.config.static import Static
 
@@ -15,6 +17,9 @@ HORIZON_S = 40.0  # how far ahead growth is foreseen; a compilation takes less
 WINDOW_S = 30.0  # over which the pace of growth is measured
 SHORTEST_S = 5.0  # what was met in less says nothing about a pace
 _SAMPLE_S = 0.25  # samples that are kept lie so far apart
+# Python lets another thread run after so long; at its usual 5 ms, a frame that gives way a hundred
+# times while a program is traced takes most of a second.
+_TURN_S = 0.0005
 
 Occupied = Mapping[str, int]  # slots in use by the name of their capacity in `Static`
 
@@ -66,7 +71,8 @@ class Preparation:
 
         def run() -> None:
             try:
-                prepare(static)
+                with _short_turns():
+                    prepare(static)
             except Exception:  # the frame that needs these capacities will tell
                 self._failed.add(static)
                 _log.debug("could not prepare %s", static, exc_info=True)
@@ -94,6 +100,25 @@ class Preparation:
         if wanted is None or wanted in self._failed or not holds(wanted, current):
             return None
         return wanted
+
+
+_turns_lock = threading.Lock()
+_turns: list[float] = []  # what it was before, for each thread that asks for short turns
+
+
+@contextlib.contextmanager
+def _short_turns() -> Iterator[None]:
+    """Lets the frames go on meanwhile: threads of Python take turns more often."""
+    with _turns_lock:
+        _turns.append(_turns[0] if _turns else sys.getswitchinterval())
+        sys.setswitchinterval(_TURN_S)
+    try:
+        yield
+    finally:
+        with _turns_lock:
+            before = _turns.pop()
+            if not _turns:
+                sys.setswitchinterval(before)
 
 
 def holds(large: Static, small: Static) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import threading
 
 import pytest
@@ -107,3 +108,25 @@ def test_a_failure_is_not_tried_again_and_left_to_the_frame_that_needs_it():
         preparation.start(larger, fail)
         assert preparation.wait_for(larger, STATIC) is None
     assert len(tries) == 1
+
+
+def test_turns_are_short_while_anything_is_prepared():
+    usual, gates = sys.getswitchinterval(), [threading.Event(), threading.Event()]
+    preparations = [Preparation(), Preparation()]
+    larger = STATIC.grow(num_objects=65)
+    started = threading.Semaphore(0)
+
+    def prepare(gate: threading.Event) -> None:
+        started.release()
+        gate.wait()
+
+    for preparation, gate in zip(preparations, gates, strict=True):
+        preparation.start(larger, lambda static, gate=gate: prepare(gate))
+        started.acquire()
+    assert sys.getswitchinterval() < usual
+    gates[0].set()
+    preparations[0].wait_for(larger, STATIC)
+    assert sys.getswitchinterval() < usual
+    gates[1].set()
+    preparations[1].wait_for(larger, STATIC)
+    assert sys.getswitchinterval() == pytest.approx(usual)
