@@ -406,8 +406,6 @@ class Tracker:
         static = self._with_feature_dim(frame_feats.patches.shape[-1])
         if self._state is None:
             self._state, self._static = self.method.init(static), static
-        if (larger := self._preparation.finished(self._static)) is not None:
-            self._grow(larger)
         if (num := len(prepared.masks.valid)) > self._static.num_detections:
             self._make_room(num_detections=num)
         outlines: Outlines | None = None
@@ -443,10 +441,8 @@ class Tracker:
         return FrameInput(frame_feats, given, self._place_thresholds())
 
     def _make_room(self, **needed: int) -> None:
-        """Grows now, as the frame does not fit; the next capacities are often ready by then."""
-        larger = self._static.grow(**needed)
-        larger = self._preparation.wait_for(larger, self._static) or larger
-        self._grow(larger)
+        """Grows, as the frame does not fit; the programs for it are often ready by then."""
+        self._grow(self._preparation.room_for(self._static.grow(**needed)))
 
     def _look_ahead(self, frame_feats: FrameFeats, prepared: Prepared, told: Told) -> None:
         """Has the programs for the next capacities compiled once it is foreseen that they come."""

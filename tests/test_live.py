@@ -82,8 +82,7 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
         answers = []
         for index in range(28):
             answers.append(tracker.update(*squares(index)))
-            if tracker._preparation._thread is not None:
-                tracker._preparation._thread.join()
+            tracker._preparation.finish()
         return tracker, answers
 
     ahead, prepared = follow(8)

@@ -57,16 +57,17 @@ class Forecast:
 
 
 class Preparation:
-    """One background thread at a time that prepares capacities."""
+    """One background thread at a time that prepares capacities; they wait until they are needed."""
 
     def __init__(self) -> None:
-        self._wanted: Static | None = None
-        self._thread: threading.Thread | None = None
+        self._ready: list[Static] = []
         self._failed: set[Static] = set()
+        self._wanted: Static | None = None  # what the thread prepares
+        self._thread: threading.Thread | None = None
 
     def start(self, static: Static, prepare: Callable[[Static], None]) -> None:
-        """Prepares these capacities, unless something is in preparation or they failed before."""
-        if self._thread is not None or static in self._failed:
+        """Prepares these capacities, unless others are in preparation, or these were before."""
+        if self._is_busy() or static in self._failed or static in self._ready:
             return
 
         def run() -> None:
@@ -76,30 +77,31 @@ class Preparation:
             except Exception:  # the frame that needs these capacities will tell
                 self._failed.add(static)
                 _log.debug("could not prepare %s", static, exc_info=True)
+            else:
+                self._ready.append(static)
 
         self._wanted = static
         # No daemon: the compiler must not be at work while the process is taken down.
         self._thread = threading.Thread(target=run, name="remind-jax prepares capacities")
         self._thread.start()
 
-    def finished(self, current: Static) -> Static | None:
-        """Capacities that are ready and hold at least the present ones, told once; else None."""
-        if self._thread is None or self._thread.is_alive():
-            return None
-        return self._take(current)
+    def room_for(self, needed: Static) -> Static:
+        """The least capacities at hand that hold these, else just these.
 
-    def wait_for(self, needed: Static, current: Static) -> Static | None:
-        """As `finished`, waiting for what is in preparation if it holds what is needed."""
-        if self._thread is None or self._wanted is None or not holds(self._wanted, needed):
-            return None
-        self._thread.join()
-        return self._take(current)
+        Waits for what is in preparation if that holds them.
+        """
+        if self._wanted is not None and holds(self._wanted, needed):
+            self.finish()
+        at_hand = [static for static in self._ready if holds(static, needed)]
+        return min(at_hand, key=_capacities, default=needed)
 
-    def _take(self, current: Static) -> Static | None:
-        wanted, self._wanted, self._thread = self._wanted, None, None
-        if wanted is None or wanted in self._failed or not holds(wanted, current):
-            return None
-        return wanted
+    def finish(self) -> None:
+        """Waits for what is in preparation."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def _is_busy(self) -> bool:
+        return self._thread is not None and self._thread.is_alive()
 
 
 _turns_lock = threading.Lock()
@@ -123,6 +125,15 @@ def _short_turns() -> Iterator[None]:
 
 def holds(large: Static, small: Static) -> bool:
     """Whether capacities hold at least others, and are the same in all else."""
-    names = ("num_detections", "num_objects", "num_pending")
-    same = dataclasses.replace(small, **{name: getattr(large, name) for name in names})
-    return same == large and all(getattr(large, name) >= getattr(small, name) for name in names)
+    pairs = zip(_capacities(large), _capacities(small), strict=True)
+    return _without_capacities(large) == _without_capacities(small) and all(
+        most >= least for most, least in pairs
+    )
+
+
+def _capacities(static: Static) -> tuple[int, ...]:
+    return static.num_objects, static.num_detections, static.num_pending
+
+
+def _without_capacities(static: Static) -> Static:
+    return dataclasses.replace(static, num_objects=1, num_detections=1, num_pending=1)

@@ -67,10 +67,9 @@ def test_holds_compares_capacities_only():
     assert not holds(dataclasses.replace(large, part_top=2), STATIC)
 
 
-def test_a_preparation_is_told_once_when_it_is_done():
-    gate, larger = threading.Event(), STATIC.grow(num_objects=65)
-    preparation = Preparation()
-    prepared = []
+def test_what_is_prepared_is_at_hand_when_it_is_needed():
+    gate, larger = threading.Event(), STATIC.grow(num_objects=65, num_detections=17)
+    preparation, prepared = Preparation(), []
 
     def prepare(static: Static) -> None:
         gate.wait()
@@ -78,23 +77,32 @@ def test_a_preparation_is_told_once_when_it_is_done():
 
     preparation.start(larger, prepare)
     preparation.start(larger.grow(num_objects=200), prepare)  # one at a time
-    assert preparation.finished(STATIC) is None
     gate.set()
-    assert preparation.wait_for(larger, STATIC) == larger
+    # Waits, as it holds what is needed, and more.
+    assert preparation.room_for(STATIC.grow(num_objects=65)) == larger
     assert prepared == [larger]
-    assert preparation.finished(STATIC) is None
+    preparation.start(larger, prepare)
+    preparation.finish()
+    assert prepared == [larger]
+    assert preparation.room_for(STATIC.grow(num_detections=17)) == larger
+
+
+def test_the_least_that_suffices_is_taken():
+    preparation = Preparation()
+    for count in (500, 65, 200):
+        preparation.start(STATIC.grow(num_objects=count), lambda static: None)
+        preparation.finish()
+    needed = STATIC.grow(num_objects=65)
+    assert preparation.room_for(needed) == needed
+    assert preparation.room_for(STATIC.grow(num_objects=129)).num_objects == 256
 
 
 def test_nobody_waits_for_too_little():
-    preparation = Preparation()
-    preparation.start(STATIC.grow(num_objects=65), lambda static: None)
-    assert preparation.wait_for(STATIC.grow(num_objects=500), STATIC) is None
-
-
-def test_what_is_ready_too_late_is_dropped():
-    preparation, larger = Preparation(), STATIC.grow(num_objects=65)
-    preparation.start(larger, lambda static: None)
-    assert preparation.wait_for(larger, larger.grow(num_objects=500)) is None
+    preparation, gate = Preparation(), threading.Event()
+    preparation.start(STATIC.grow(num_objects=65), lambda static: gate.wait())
+    needed = STATIC.grow(num_objects=500)
+    assert preparation.room_for(needed) == needed
+    gate.set()
 
 
 def test_a_failure_is_not_tried_again_and_left_to_the_frame_that_needs_it():
@@ -106,7 +114,7 @@ def test_a_failure_is_not_tried_again_and_left_to_the_frame_that_needs_it():
 
     for _ in range(2):
         preparation.start(larger, fail)
-        assert preparation.wait_for(larger, STATIC) is None
+        assert preparation.room_for(larger) == larger
     assert len(tries) == 1
 
 
@@ -125,8 +133,8 @@ def test_turns_are_short_while_anything_is_prepared():
         started.acquire()
     assert sys.getswitchinterval() < usual
     gates[0].set()
-    preparations[0].wait_for(larger, STATIC)
+    preparations[0].finish()
     assert sys.getswitchinterval() < usual
     gates[1].set()
-    preparations[1].wait_for(larger, STATIC)
+    preparations[1].finish()
     assert sys.getswitchinterval() == pytest.approx(usual)
