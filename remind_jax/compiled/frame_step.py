@@ -21,8 +21,8 @@ from remind_jax.compiled.programs import (
     Program,
     Recipe,
     get_program,
+    identify,
     is_of_this_package,
-    name_function,
     shapes_of,
 )
 from remind_jax.config.static import Static
@@ -136,7 +136,7 @@ class FrameStep:
                 "describe",
                 lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
                 shapes,
-                (name_function(halves.describe), own, structure),
+                (identify(halves.describe), own, structure),
                 options=_options(),
                 is_kept=self._is_kept(halves.describe, static),
             )
@@ -183,7 +183,7 @@ class FrameStep:
                 "decide",
                 on_leaves,
                 (*state_shapes, *shapes_of(given_leaves)),
-                (name_function(function), static, given_structure),
+                (identify(function), static, given_structure),
                 num_donated=len(state_shapes),
                 options=_options(),
                 # The structure of an account is not kept.

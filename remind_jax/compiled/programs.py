@@ -171,8 +171,13 @@ def is_of_this_package(function: Callable[..., Any]) -> bool:
     return module.partition(".")[0] == __name__.partition(".")[0] and "<" not in name
 
 
-def name_function(function: Callable[..., Any]) -> str:
-    """What tells a function of this package from all others."""
+def identify(function: Callable[..., Any]) -> Hashable:
+    """What tells a function from all others: its name, or itself where a name may be given again.
+
+    A notebook defines a function of the same name anew.
+    """
+    if not is_of_this_package(function):
+        return function
     return f"{function.__module__}.{function.__qualname__}"
 
 

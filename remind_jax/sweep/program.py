@@ -23,8 +23,8 @@ from remind_jax.compiled.programs import (
     Shapes,
     count_bytes,
     get_program,
+    identify,
     is_of_this_package,
-    name_function,
     shapes_of,
 )
 from remind_jax.config import Static
@@ -228,7 +228,7 @@ def _compile_kept(
             "follow",
             on_leaves,
             (*shapes_of(states), *shapes),
-            (name_function(decide), run.keywords["static"], structure),
+            (identify(decide), run.keywords["static"], structure),
             num_donated=num,
             options=tuple(options.items()),
             is_kept=is_of_this_package(decide) and run.keywords["static"].solver != "host",

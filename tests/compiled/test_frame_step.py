@@ -125,3 +125,24 @@ def test_told_is_packed_in_the_order_of_the_layout():
     (programs,) = tracker._frame_step._prepared.values()
     shapes = Packed.of(jax.device_get(tracker.state.decisions)).layout.shapes
     assert programs.told.shapes[: len(shapes)] == shapes
+
+
+def test_a_method_that_is_defined_anew_is_compiled_anew():
+    """As a notebook cell does: the same name, another function."""
+
+    def shifted(by: int) -> Tracker:
+        tracker = make("running-mean")
+        method = tracker.method
+
+        def step(state, *args, **options):
+            after = method.step(state, *args, **options)
+            ids = after.decisions.object_id + by
+            return dataclasses.replace(
+                after, decisions=dataclasses.replace(after.decisions, object_id=ids)
+            )
+
+        tracker._frame_step = FrameStep(dataclasses.replace(method, step=step))
+        return tracker
+
+    first, second = (follow(shifted(by), 1)[0].object_id for by in (100, 200))
+    assert (second - first == 100).all()
