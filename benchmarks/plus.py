@@ -37,9 +37,9 @@ from benchmarks.plus_recording import (
 from benchmarks.rows import show_rows
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.frame import NO_INSTANCE, Frame
-from remind_jax.live import Tracker
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
 from remind_jax.synthetic import (
     DetectorNoise,

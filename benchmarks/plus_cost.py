@@ -25,12 +25,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.plus_recording import Recording, judge
 from benchmarks.rows import show_rows
-from remind_jax.config import Static
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
+from remind_jax.static import Static
 
 
 def cost() -> Iterator[dict[str, Any]]:

@@ -13,16 +13,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from remind_jax.backbone.registry import get_backbone
-from remind_jax.config import Static, load_config
+from remind_jax.config import load_config
 from remind_jax.frame import NO_INSTANCE, Frame
-from remind_jax.live import Tracker
-from remind_jax.mask_reduction import pad_masks
+from remind_jax.masks.reduction import pad_masks
 from remind_jax.metrics import TrackingSequence, evaluate_sequence
 from remind_jax.observation import FrameFeats
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
+from remind_jax.session.live import Tracker
+from remind_jax.static import Static
 
 Changes = dict[str, dict[str, Any]]
 

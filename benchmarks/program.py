@@ -31,10 +31,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks.rows import show_rows
 from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
 from remind_jax.compiled.programs import known_options
-from remind_jax.config import Static
-from remind_jax.mask_reduction import pad_masks, reduce_masks
-from remind_jax.methods import Method, get_method
+from remind_jax.masks.reduction import pad_masks, reduce_masks
+from remind_jax.method import Method, get_method
 from remind_jax.observation import FrameFeats
+from remind_jax.static import Static
 
 METHODS = ("plus", "remind")
 STATIC = Static(feature_dim=177)

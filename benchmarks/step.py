@@ -27,10 +27,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from remind_jax.config import Config
 from remind_jax.frame import Detections, Frame
-from remind_jax.live import Tracker
-from remind_jax.mask_reduction import pad_masks
+from remind_jax.masks.reduction import pad_masks
 from remind_jax.observation import FrameFeats
-from remind_jax.perception.description import describe
+from remind_jax.remind.perception.description import describe
+from remind_jax.session.live import Tracker
 from tests.golden import load
 
 DEFAULT_SEQUENCE = load.ROOT / "two_rooms"

@@ -26,12 +26,12 @@ from benchmarks.step import DEFAULT_SEQUENCE, as_frame
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, settle_types
 from remind_jax.config import load_config
+from remind_jax.remind.state import init
+from remind_jax.remind.tracker import step_described
 from remind_jax.sources import open_source
-from remind_jax.state import init
-from remind_jax.sweep.batches import plan_batch, run_batch
-from remind_jax.sweep.scene_arrays import describe_scene, load_scene
-from remind_jax.sweep.settings import complete, draw, stack
-from remind_jax.tracker import step_described
+from remind_jax.sweeps.batches import plan_batch, run_batch
+from remind_jax.sweeps.scene_arrays import describe_scene, load_scene
+from remind_jax.sweeps.settings import complete, draw, stack
 from tests.golden import load
 
 SPACE = {

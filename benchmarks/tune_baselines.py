@@ -20,10 +20,10 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from remind_jax.backbone.opening import open_backbone
-from remind_jax.live import Tracker
-from remind_jax.mask_reduction import pad_masks
-from remind_jax.methods import get_method
+from remind_jax.masks.reduction import pad_masks
+from remind_jax.method import get_method
 from remind_jax.observation import FrameFeats
+from remind_jax.session.live import Tracker
 from remind_jax.synthetic import demo_options, make_scene, render
 
 SEEDS = range(1, 7)

@@ -182,7 +182,7 @@ plt.show()
 # ## What memory held before that frame
 #
 # A run writes its memory as a file; a tracker that loads it shows it as a tree of arrays
-# (`remind_jax.state.TrackerState`). We stop a run right before the frame.
+# (`remind_jax.remind.state.TrackerState`). We stop a run right before the frame.
 
 # %%
 rj.run(tour.frames[: told.frame], config=config, trace=True, out=work / "before", overlay=False)

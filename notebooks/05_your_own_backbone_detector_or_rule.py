@@ -176,7 +176,7 @@ draw_identities({"own features, own detector, tracker 'bank'": result})
 
 # %%
 from remind_jax.baselines.scene_memory import Matching, conclude, empty_memory, same_class
-from remind_jax.methods import Method, get_method, register_method
+from remind_jax.method import Method, get_method, register_method
 from remind_jax.solvers.greedy import assign_greedily
 
 
@@ -247,15 +247,15 @@ draw_identities({"'bank', discs that touch the border left out": whole})
 # %% [markdown]
 # ## A rule inside REMIND
 #
-# `remind_jax/tracker.py` is the whole chain on one page, and each stage is a pure function in the
+# `remind_jax/remind/tracker.py` is the whole chain on one page, and each stage is a pure function in the
 # package named for it. Between perception and the rest there is a seam, `step_described`: here parts
 # of small objects are not trusted.
 #
 # A tracker by another name starts from the published thresholds of REMIND, made for other features.
 
 # %%
-from remind_jax import tracker
-from remind_jax.perception.description import describe
+from remind_jax.remind import tracker
+from remind_jax.remind.perception.description import describe
 
 
 def careful_step(state, frame_feats, masks, *, static, thresholds):

@@ -20,28 +20,28 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
     from remind_jax.config import Config as Config
-    from remind_jax.config import Static as Static
-    from remind_jax.config import Thresholds as Thresholds
     from remind_jax.config import load_config as load_config
     from remind_jax.decision import Decisions as Decisions
     from remind_jax.decision import Outcome as Outcome
     from remind_jax.errors import RemindError as RemindError
     from remind_jax.frame import Detections as Detections
     from remind_jax.frame import Frame as Frame
-    from remind_jax.live import Tracker as Tracker
+    from remind_jax.frame import Tracks as Tracks
     from remind_jax.metrics import compare as compare
     from remind_jax.metrics import evaluate as evaluate
     from remind_jax.observation import FrameFeats as FrameFeats
     from remind_jax.observation import Masks as Masks
-    from remind_jax.result import Result as Result
-    from remind_jax.session import run as run
+    from remind_jax.outputs.result import Result as Result
+    from remind_jax.remind.state import TrackerState as TrackerState
+    from remind_jax.remind.thresholds import Thresholds as Thresholds
+    from remind_jax.remind.tracker import init as init
+    from remind_jax.remind.tracker import step as step
+    from remind_jax.session.live import Tracker as Tracker
+    from remind_jax.session.run import run as run
     from remind_jax.sources import Sampling as Sampling
     from remind_jax.sources import open_source as open_source
-    from remind_jax.state import TrackerState as TrackerState
-    from remind_jax.sweep import sweep as sweep
-    from remind_jax.tracker import init as init
-    from remind_jax.tracker import step as step
-    from remind_jax.tracks import Tracks as Tracks
+    from remind_jax.static import Static as Static
+    from remind_jax.sweeps import sweep as sweep
 
 __version__ = "0.1.0"
 
@@ -54,21 +54,21 @@ _HOMES = {
     "Masks": "observation",
     "Outcome": "decision",
     "RemindError": "errors",
-    "Result": "result",
+    "Result": "outputs.result",
     "Sampling": "sources",
-    "Static": "config",
-    "Thresholds": "config",
-    "Tracker": "live",
-    "TrackerState": "state",
-    "Tracks": "tracks",
+    "Static": "static",
+    "Thresholds": "remind.thresholds",
+    "Tracker": "session.live",
+    "TrackerState": "remind.state",
+    "Tracks": "frame",
     "compare": "metrics",
     "evaluate": "metrics",
-    "init": "tracker",
+    "init": "remind.tracker",
     "load_config": "config",
     "open_source": "sources",
-    "run": "session",
-    "step": "tracker",
-    "sweep": "sweep",
+    "run": "session.run",
+    "step": "remind.tracker",
+    "sweep": "sweeps",
 }
 
 __all__ = sorted(_HOMES)
@@ -78,8 +78,6 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'remind_jax' has no attribute {name!r}")
     home = importlib.import_module(f"remind_jax.{_HOMES[name]}")
-    if name == "sweep":  # a package of this name, which can be called
-        return home
     value = getattr(home, name)
     globals()[name] = value
     return value

@@ -6,9 +6,14 @@ import dataclasses
 import enum
 
 import jax
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.constant_arrays import full, number, zeros
+from remind_jax.static import Static
+
 NO_ID = -1
+NEVER = -1  # the frame of what did not happen yet
 NUM_OPTIONS = 3  # objects that an undecided detection may name
 
 
@@ -119,3 +124,54 @@ class Decisions:
     candidate_gate: Int[Array, "N C"]  # association.gating.Gate
     candidate_bonus: Float[Array, "N C"]  # context adjustment that was applied
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Overflow:
+    """What did not fit. A frame that overflows changes nothing else in the state."""
+
+    objects: Int[Array, ""]  # object slots that the frame needs, 0 if they sufficed
+    pending: Int[Array, ""]  # slots of pending tracks that it needs, 0 if they sufficed
+
+
+def no_decisions(static: Static) -> Decisions:
+    """Decisions about no detection at all."""
+    num, shown, scalar = static.num_detections, static.num_candidates, static.scalar
+
+    def whole(value: int) -> Array:
+        return full(num, int(value), np.int32)
+
+    def real() -> Array:
+        """A new array at each call: buffers are donated to the step, each only once."""
+        return zeros(num, scalar)
+
+    return Decisions(
+        outcome=whole(Outcome.EMPTY),
+        reason=whole(0),
+        object_id=whole(NO_ID),
+        pending_id=whole(NO_ID),
+        score=real(),
+        status=whole(0),
+        status_final=whole(0),
+        confidence=real(),
+        best_score=real(),
+        second_score=real(),
+        num_close=whole(0),
+        lock=whole(0),
+        source=whole(0),
+        assigned_id=whole(NO_ID),
+        guarded_id=whole(NO_ID),
+        is_anchor=zeros(num, bool),
+        option_id=full((num, NUM_OPTIONS), NO_ID, np.int32),
+        option_score=zeros((num, NUM_OPTIONS), scalar),
+        option_blocked=zeros((num, NUM_OPTIONS), bool),
+        candidate_id=full((num, shown), NO_ID, np.int32),
+        candidate_score=zeros((num, shown), scalar),
+        candidate_final=zeros((num, shown), scalar),
+        candidate_eligible=zeros((num, shown), bool),
+        candidate_plausible=zeros((num, shown), bool),
+        candidate_gate=zeros((num, shown), np.int32),
+        candidate_bonus=zeros((num, shown), scalar),
+        num_bad_patches=number(0),
+    )

@@ -84,10 +84,10 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
     from remind_jax.compiled.frame_step import FrameInput, FrameStep, pack_thresholds
     from remind_jax.compiled.packing import Packed
     from remind_jax.config import Config
-    from remind_jax.mask_reduction import reduce_masks
-    from remind_jax.methods import get_method
+    from remind_jax.masks.reduction import reduce_masks
+    from remind_jax.method import get_method
     from remind_jax.observation import FrameFeats
-    from remind_jax.state import init
+    from remind_jax.remind.state import init
 
     config = Config.from_reference(trace.info["override"])
     ignored = {label.lower() for label in config.input.ignored_classes}
@@ -143,8 +143,8 @@ def compare_trace(
 
 
 def _compare_detections(report, trace, frame, kept, state, precision) -> None:
-    from remind_jax.association.gating import Gate
     from remind_jax.decision import Lock, Outcome, Reason, Source, Status
+    from remind_jax.remind.association.gating import Gate
 
     d = jax.tree.map(np.asarray, state.decisions)
     first_row = int(np.searchsorted(trace.det["frame"], frame))
@@ -241,7 +241,7 @@ def _compare_options(report, trace, frame, det, row, d, i, tolerance) -> None:
 
 
 def _compare_pending(report, trace, frame, state) -> None:
-    from remind_jax.memory.pending import Kind
+    from remind_jax.remind.memory.pending import Kind
 
     tracks = jax.tree.map(np.asarray, state.pending)
     ours = {
@@ -295,7 +295,7 @@ def _compare_objects(report, trace, frame, state) -> None:
 
 
 def _compare_descriptors(report, trace, frame, kept, feats, reduced, static, config) -> None:
-    from remind_jax.perception.description import describe
+    from remind_jax.remind.perception.description import describe
 
     d = jax.jit(describe, static_argnames="static")(
         feats, reduced, static=static, thresholds=config.thresholds.as_arrays(static.scalar)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from remind_jax.compiled.frame_step import settle_types
-from remind_jax.tracker import step
+from remind_jax.remind.tracker import step
 
 
 def step_once(

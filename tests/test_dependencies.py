@@ -18,7 +18,7 @@ FOR_USERS = ("detect", "viz", "sweep", "cluster", "convert")  # extras; others a
 MODULES = {"opencv-python-headless": "cv2", "pyyaml": "yaml"}
 # What is used without being imported by us: where, and by which word.
 TOOLS = {
-    "cmaes": ("remind_jax/sweep/search.py", "CmaEsSampler"),  # Optuna imports it
+    "cmaes": ("remind_jax/sweeps/search.py", "CmaEsSampler"),  # Optuna imports it
     "ipykernel": ("tests/notebooks/test_notebooks.py", "ipykernel"),
     "mkdocs-material": ("docs/site/mkdocs.yml", "material"),
     "pre-commit": (".pre-commit-config.yaml", "pre-commit"),

@@ -11,9 +11,9 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax import methods
+from remind_jax import method as methods
 from remind_jax.backbone import registry
-from remind_jax.mask_reduction import reduce_masks
+from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats
 
 DOCS = Path(__file__).parent.parent / "docs"

@@ -6,7 +6,7 @@ import jax
 import pytest
 
 from benchmarks.program import count_instructions, halves_of, measure
-from remind_jax.methods import get_method
+from remind_jax.method import get_method
 
 MEASURED_WITH = "0.10.2"  # version of JAX
 SLACK = 0.05

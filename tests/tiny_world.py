@@ -14,12 +14,14 @@ import jax
 import numpy as np
 
 from remind_jax.compiled.frame_step import settle_types
-from remind_jax.config import Config, Static, Thresholds
+from remind_jax.config import Config
 from remind_jax.frame import Detections
 from remind_jax.frame import Frame as SceneFrame
-from remind_jax.mask_reduction import reduce_masks
+from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats, Masks
-from remind_jax.state import TrackerState, init
+from remind_jax.remind.state import TrackerState, init
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.static import Static
 from tests.stepping import step_once
 
 PATCH, GRID, DIM, BOXES = 4, (8, 10), 8, 6

@@ -21,7 +21,7 @@ from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.errors import OutputError
-from remind_jax.user_folders import user_cache_folder
+from remind_jax.files import user_cache_folder
 
 
 def default_folder() -> Path:

@@ -32,7 +32,7 @@ from remind_jax.backbone.vit_variants import (
     name_of,
 )
 from remind_jax.errors import RemindError, WeightsError
-from remind_jax.user_folders import user_cache_folder
+from remind_jax.files import user_cache_folder
 
 FORMAT = "remind-jax vision transformer"
 SCHEMA_VERSION = "1"

@@ -10,8 +10,8 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pooling import pool, to_unit
 from remind_jax.observation import FrameFeats, Masks
-from remind_jax.perception.pooling import pool, to_unit
 
 
 @dataclasses.dataclass(frozen=True)

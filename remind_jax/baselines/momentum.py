@@ -25,12 +25,12 @@ from remind_jax.baselines.scene_memory import (
     empty_memory,
     same_class,
 )
-from remind_jax.config.kinds import Real
-from remind_jax.config.static import Static
-from remind_jax.constant_arrays import zeros
-from remind_jax.methods import Method
+from remind_jax.method import Method
+from remind_jax.numerics.constant_arrays import zeros
+from remind_jax.numerics.kinds import Real
+from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.observation import FrameFeats, Masks
-from remind_jax.perception.pooling import dot, to_unit
+from remind_jax.static import Static
 
 
 @jax.tree_util.register_dataclass

@@ -14,12 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.config.static import Static
-from remind_jax.constant_arrays import full, number
-from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
-from remind_jax.memory.bank import NEVER
+from remind_jax.decision import NEVER, NO_ID, Decisions, Outcome, Overflow, Reason, no_decisions
+from remind_jax.numerics.constant_arrays import full, number
 from remind_jax.observation import Masks
-from remind_jax.state import Overflow, no_decisions
+from remind_jax.static import Static
 
 
 @jax.tree_util.register_dataclass

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from remind_jax.config import Config, list_configs, load_config
 from remind_jax.errors import ConfigError, nearest_names
-from remind_jax.methods import PAPER_METHOD, list_methods
+from remind_jax.method import PAPER_METHOD, list_methods
 
 _ABLATION = "ablation_"
 _TITLES = {

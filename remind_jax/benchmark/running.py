@@ -17,7 +17,6 @@ import jax
 import numpy as np
 
 from remind_jax import __version__
-from remind_jax.alignment import Alignment
 from remind_jax.backbone.feature_cache import cache_features, default_folder
 from remind_jax.backbone.registry import Backbone
 from remind_jax.benchmark.contenders import Contender
@@ -32,8 +31,9 @@ from remind_jax.benchmark.records import (
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.detectors import DetectorOptions
 from remind_jax.errors import RemindError
-from remind_jax.result import Result
-from remind_jax.session import run
+from remind_jax.masks.alignment import Alignment
+from remind_jax.outputs.result import Result
+from remind_jax.session.run import run
 from remind_jax.sources.sampling import Sampling
 
 Regime = Literal["masks", "detector"]

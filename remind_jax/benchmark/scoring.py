@@ -12,6 +12,7 @@ import numpy as np
 from remind_jax.benchmark.records import Record, Timing, folder_of
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.errors import RemindError
+from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics.columns import Interval
 from remind_jax.metrics.combine import bootstrap_intervals, stack_counts, sum_counts
 from remind_jax.metrics.evaluation import Evaluation, pool_evaluations
@@ -22,7 +23,6 @@ from remind_jax.metrics.recovery import recovery_scores
 from remind_jax.metrics.run_evaluation import evaluate_run
 from remind_jax.outputs.store import DETECTIONS_NAME, read_detections
 from remind_jax.sources.sampling import Sampling
-from remind_jax.tracks import encode_masks
 
 MIN_SCENES = 5  # fewer say nothing about the spread between scenes
 _RESAMPLED = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery")

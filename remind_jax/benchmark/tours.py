@@ -18,9 +18,9 @@ from typing import Any
 
 from remind_jax import synthetic
 from remind_jax.errors import OutputError
+from remind_jax.files import user_cache_folder
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, make_scene, write_davis
 from remind_jax.synthetic.shapes import CLASSES
-from remind_jax.user_folders import user_cache_folder
 
 FIRST_SEED = 100  # tours of this seed and later ones are for evaluation only
 AXES = ("alike", "absent", "light", "dense")  # what makes a tour hard; three tours each

@@ -13,7 +13,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import ConfigError, OutputError
-from remind_jax.terminal import print_lines
+from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
     from remind_jax.config import Config

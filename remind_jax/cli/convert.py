@@ -14,7 +14,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError, SourceError
-from remind_jax.terminal import print_lines, print_table
+from remind_jax.printing.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
     from weights_convert.conversion import Conversion

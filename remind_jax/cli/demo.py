@@ -18,7 +18,7 @@ from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import print_summary, track
 from remind_jax.cli.summary import summary_facts
 from remind_jax.errors import OutputError
-from remind_jax.terminal import print_table
+from remind_jax.printing.terminal import print_table
 
 if TYPE_CHECKING:
     from remind_jax.metrics import Evaluation

@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, OutputError, RemindError
-from remind_jax.terminal import print_lines, print_table
+from remind_jax.printing.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
@@ -152,7 +152,7 @@ class Eval:
     def _evaluate_alone(self) -> SetEvaluation:
         """Scores a run by the true instances that it was given."""
         from remind_jax.metrics import SetEvaluation, evaluate_tracks
-        from remind_jax.result import Result
+        from remind_jax.outputs.result import Result
 
         if not (self.truth / "detections.jsonl").is_file():
             raise RemindError(

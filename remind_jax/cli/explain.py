@@ -13,10 +13,10 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import OutputError
-from remind_jax.terminal import output_width
+from remind_jax.printing.terminal import output_width
 
 if TYPE_CHECKING:
-    from remind_jax.result import Result
+    from remind_jax.outputs.result import Result
 
 
 @quiet_defaults
@@ -46,7 +46,7 @@ class Explain:
         Raises:
           RemindError: If the folder holds no run or no trace, or there is no such detection.
         """
-        from remind_jax.result import Result
+        from remind_jax.outputs.result import Result
 
         silence_libraries()
         result = Result.load(self.run)
@@ -64,8 +64,8 @@ class Explain:
 
     def _list(self, result: Result) -> None:
         """Prints the detections of the frame."""
-        from remind_jax.explanation.explain import find_frame
-        from remind_jax.explanation.text import render_frame
+        from remind_jax.explanation.remind.explain import find_frame
+        from remind_jax.explanation.remind.text import render_frame
         from remind_jax.outputs.store import tracks_to_json
 
         tracks = find_frame(result.tracks, self.frame)

@@ -14,7 +14,7 @@ from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import SourceError
-from remind_jax.terminal import print_lines
+from remind_jax.printing.terminal import print_lines
 
 
 @quiet_defaults
@@ -55,9 +55,9 @@ class Features:
         from rich.console import Console
         from rich.progress import track
 
-        from remind_jax.alignment import Alignment
         from remind_jax.backbone.feature_cache import Tally, cache_features, default_folder
         from remind_jax.backbone.opening import open_backbone
+        from remind_jax.masks.alignment import Alignment
         from remind_jax.sources import open_source
 
         frames = open_source(

@@ -17,10 +17,10 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
-from remind_jax.progress import Progress, RunLine
+from remind_jax.session.progress import Progress, RunLine
 
 if TYPE_CHECKING:
-    from remind_jax.sweep.worker import Progress as SweepProgress
+    from remind_jax.sweeps.worker import Progress as SweepProgress
 
 
 class RunDisplay:

@@ -25,7 +25,7 @@ from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError
 
 if TYPE_CHECKING:
-    from remind_jax.result import Result
+    from remind_jax.outputs.result import Result
     from remind_jax.sources import Source
 
 DEFAULT_FOLDER = Path("runs")
@@ -143,7 +143,7 @@ def track(display: RunDisplay, out: Path, **options: Any) -> Result:
     Raises:
       RemindError: As `remind_jax.run`, with a note where to find what was done until then.
     """
-    from remind_jax.session import run
+    from remind_jax.session.run import run
 
     try:
         with display:

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from remind_jax.terminal import print_lines
+from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
-    from remind_jax.result import Result
+    from remind_jax.outputs.result import Result
 
 _MAX_EXAMPLES = 3  # skipped frames and events that are spelt out
 

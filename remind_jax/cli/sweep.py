@@ -16,13 +16,13 @@ from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
 from remind_jax.errors import OptionError, OutputError, SweepError
-from remind_jax.terminal import print_lines, print_markdown
+from remind_jax.printing.terminal import print_lines, print_markdown
 
 if TYPE_CHECKING:
-    from remind_jax.sweep import SweepResult
-    from remind_jax.sweep.bench import SceneBench
-    from remind_jax.sweep.result import Standing
-    from remind_jax.sweep.settings import Setting, Value
+    from remind_jax.sweeps import SweepResult
+    from remind_jax.sweeps.bench import SceneBench
+    from remind_jax.sweeps.result import Standing
+    from remind_jax.sweeps.settings import Setting, Value
 
 SUMMARY_FILE, TABLE_FILE = "summary.md", "rows.csv"
 
@@ -142,14 +142,14 @@ class Sweep:
         return lambda bench: self._try(bench, settings)
 
     def _list_settings(self, space: dict[str, list[Value]]) -> list[Setting]:
-        from remind_jax.sweep import draw, grid, read_settings
+        from remind_jax.sweeps import draw, grid, read_settings
 
         if self.settings is not None:
             return read_settings(self.settings)
         return grid(space) if self.random is None else draw(space, self.random, self.seed)
 
     def _open(self, out: Path, display: SweepDisplay) -> SceneBench:
-        from remind_jax.sweep.bench import SceneBench
+        from remind_jax.sweeps.bench import SceneBench
 
         more = dataclasses.asdict(self.layout)
         if self.masks is not None:
@@ -174,8 +174,8 @@ class Sweep:
         )
 
     def _try(self, bench: SceneBench, settings: list[Setting]) -> tuple[SweepResult, list[str]]:
-        from remind_jax.sweep.cross_validation import cross_validate
-        from remind_jax.sweep.search import GIVEN
+        from remind_jax.sweeps.cross_validation import cross_validate
+        from remind_jax.sweeps.search import GIVEN
 
         result = bench.run([GIVEN, *settings])
         if len(bench.scenes) < 2 or not result.complete:
@@ -184,7 +184,7 @@ class Sweep:
         return result, [f"## Chosen on the other scenes\n\n{table}"]
 
     def _search(self, bench: SceneBench, space: dict[str, list[Value]]) -> SweepResult:
-        from remind_jax.sweep.search import hyperband, search
+        from remind_jax.sweeps.search import hyperband, search
 
         if self.search == "hyperband":
             return hyperband(
@@ -204,7 +204,7 @@ class Sweep:
     def _vary(
         self, bench: SceneBench, space: dict[str, list[Value]]
     ) -> tuple[SweepResult, list[str]]:
-        from remind_jax.sweep.sensitivity import (
+        from remind_jax.sweeps.sensitivity import (
             curves_to_markdown,
             estimate_sobol,
             move_one_at_a_time,
@@ -256,7 +256,7 @@ def _given(result: SweepResult) -> list[Standing]:
 
 
 def _parse_space(ranges: tuple[tuple[str, ...], ...]) -> dict[str, list[Value]]:
-    from remind_jax.sweep import parse_values
+    from remind_jax.sweeps import parse_values
 
     space: dict[str, list[Value]] = {}
     for text in itertools.chain(*ranges):

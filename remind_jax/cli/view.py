@@ -15,7 +15,7 @@ from remind_jax.cli.summary import print_summary
 from remind_jax.errors import SourceError
 
 if TYPE_CHECKING:
-    from remind_jax.result import RunInfo
+    from remind_jax.outputs.result import RunInfo
     from remind_jax.sources import Source
 
 
@@ -41,8 +41,8 @@ class View:
         Raises:
           RemindError: If the folder holds no run, or `source` does not belong to it.
         """
+        from remind_jax.outputs.result import Result
         from remind_jax.outputs.writer import render_again
-        from remind_jax.result import Result
 
         silence_libraries()
         info = Result.load(self.run).info

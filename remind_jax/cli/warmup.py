@@ -14,7 +14,7 @@ from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError
-from remind_jax.progress import RunLine
+from remind_jax.session.progress import RunLine
 
 
 @quiet_defaults
@@ -52,7 +52,7 @@ class Warmup:
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.compiled.kept import VARIABLE, program_folder
-        from remind_jax.live import Tracker
+        from remind_jax.session.live import Tracker
 
         tracker = Tracker(config, open_backbone(self.backbone, weights=self.weights))
         for width, height in sizes:

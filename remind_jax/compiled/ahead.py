@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 
-from remind_jax.config.static import Static
+from remind_jax.static import Static
 
 PRESSED = 3 / 4  # share of a capacity from which on the next one is prepared
 HORIZON_S = 40.0  # how far ahead growth is foreseen; a compilation takes less

@@ -25,9 +25,9 @@ from remind_jax.compiled.programs import (
     is_of_this_package,
     shapes_of,
 )
-from remind_jax.config.static import Static
-from remind_jax.methods import Method
+from remind_jax.method import Method
 from remind_jax.observation import FrameFeats
+from remind_jax.static import Static
 
 # One frame is hundreds of small operations; to share each between threads costs more than it gains.
 ONE_FRAME_OPTIONS = {"cpu": {**LIGHT_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}

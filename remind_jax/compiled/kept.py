@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jax.experimental import serialize_executable
 
-from remind_jax.user_folders import user_cache_folder
+from remind_jax.files import user_cache_folder
 
 VARIABLE = "REMIND_PROGRAMS"
 OFF = "off"

@@ -5,5 +5,5 @@ from remind_jax.config.config import Input as Input
 from remind_jax.config.config import load_config as load_config
 from remind_jax.config.files import describe_config as describe_config
 from remind_jax.config.files import list_configs as list_configs
-from remind_jax.config.static import Static as Static
-from remind_jax.config.thresholds import Thresholds as Thresholds
+from remind_jax.remind.thresholds import Thresholds as Thresholds
+from remind_jax.static import Static as Static

@@ -16,11 +16,10 @@ from typing import Any
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
 from remind_jax.config.keys import THRESHOLDS, flat_keys
-from remind_jax.config.static import Static
-from remind_jax.config.thresholds import Thresholds
-from remind_jax.config.validation import check_fields
-from remind_jax.errors import ConfigError
-from remind_jax.methods import PAPER_METHOD, get_method
+from remind_jax.errors import ConfigError, check_fields
+from remind_jax.method import PAPER_METHOD, get_method
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.static import Static
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Input:
 class Config:
     """Everything that a run can be told, apart from its input and its backbone."""
 
-    tracker: str = PAPER_METHOD  # name of the method, see `remind_jax.methods`
+    tracker: str = PAPER_METHOD  # name of the method, see `remind_jax.method`
     input: Input = dataclasses.field(default_factory=Input)
     static: Static = dataclasses.field(default_factory=Static)
     # Those of REMIND; other trackers have their own.

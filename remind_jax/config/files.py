@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.errors import ConfigError, nearest_names
-from remind_jax.methods import PAPER_METHOD
+from remind_jax.method import PAPER_METHOD
 
 _SUFFIXES = (".yaml", ".yml")
 

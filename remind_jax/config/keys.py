@@ -13,7 +13,7 @@ from typing import Any
 from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.config.files import list_configs
 from remind_jax.errors import ConfigError, close_names, nearest_names
-from remind_jax.methods import get_method, list_methods
+from remind_jax.method import get_method, list_methods
 
 THRESHOLDS = "thresholds."
 

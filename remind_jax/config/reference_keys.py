@@ -9,17 +9,27 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from remind_jax.config import (
-    attention_part_thresholds,
-    context_thresholds,
-    known_set_thresholds,
-    outcome_thresholds,
-    reference_switches,
-    relation_thresholds,
-    ring_prototype_thresholds,
-)
+from remind_jax.config import reference_switches
 from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.remind.thresholds import (
+    attention_parts as attention_part_thresholds,
+)
+from remind_jax.remind.thresholds import (
+    context as context_thresholds,
+)
+from remind_jax.remind.thresholds import (
+    known_sets as known_set_thresholds,
+)
+from remind_jax.remind.thresholds import (
+    outcome as outcome_thresholds,
+)
+from remind_jax.remind.thresholds import (
+    relations as relation_thresholds,
+)
+from remind_jax.remind.thresholds import (
+    ring_prototypes as ring_prototype_thresholds,
+)
 
 Path = str
 

@@ -21,10 +21,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from remind_jax.config import outcome_thresholds, reference_keys
+from remind_jax.config import reference_keys
 from remind_jax.config.config import Config, load_config
 from remind_jax.config.effects import NUMBERS
-from remind_jax.methods import PAPER_METHOD, get_method, list_methods
+from remind_jax.method import PAPER_METHOD, get_method, list_methods
+from remind_jax.remind.thresholds import outcome as outcome_thresholds
 
 INTRODUCTION = """\
 # Every setting

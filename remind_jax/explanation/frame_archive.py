@@ -11,9 +11,9 @@ from typing import Generic, Self, TypeVar
 
 import numpy as np
 
+from remind_jax import files
 from remind_jax.errors import OutputError
-from remind_jax.methods import PAPER_METHOD
-from remind_jax.outputs import store
+from remind_jax.method import PAPER_METHOD
 
 Columns = dict[str, np.ndarray]
 Record = TypeVar("Record", bound=Sized)
@@ -78,7 +78,7 @@ class FrameArchive(abc.ABC, Generic[Record]):
         }
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **columns)  # pyright: ignore[reportArgumentType]
-        store.replace_file(path, buffer.getvalue())
+        files.replace_file(path, buffer.getvalue())
 
     def _join_frames(self) -> Columns:
         self._read()

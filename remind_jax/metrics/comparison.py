@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 from remind_jax.errors import OutputError
 from remind_jax.metrics.columns import Column, Interval, column_of, format_cell
-from remind_jax.small_table import Printable, SmallTable
-from remind_jax.terminal import (
+from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.printing.terminal import (
     lay_out,
     natural_widths,
     output_width,

@@ -30,7 +30,7 @@ from remind_jax.metrics.recovery import (
 )
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import UncertaintyCounts, uncertainty_scores
-from remind_jax.small_table import Printable, SmallTable
+from remind_jax.printing.small_table import Printable, SmallTable
 
 
 @dataclasses.dataclass(frozen=True)

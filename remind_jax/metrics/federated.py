@@ -28,7 +28,7 @@ from remind_jax.metrics.identity import identity_scores
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.pairing import PairedScene, class_key
 from remind_jax.metrics.sequence import TrackingSequence
-from remind_jax.small_table import Printable, SmallTable
+from remind_jax.printing.small_table import Printable, SmallTable
 
 # Overlap at which a prediction is one of a labelled object.
 MATCH_THRESHOLD = 0.5

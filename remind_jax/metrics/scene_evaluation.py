@@ -36,7 +36,7 @@ from remind_jax.metrics.run_evaluation import evaluate_run
 from remind_jax.metrics.scene_stream import open_stream
 from remind_jax.metrics.text_evaluation import evaluate_text
 from remind_jax.metrics.tracks_evaluation import Undecided
-from remind_jax.small_table import Printable, SmallTable
+from remind_jax.printing.small_table import Printable, SmallTable
 
 _LEAST_MATCHED = 0.05  # of the detections of the side that has fewer
 

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from remind_jax.masks.run_length import mask_areas
 from remind_jax.metrics.breakdowns import Breakdown, count_breakdowns
 from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence
 from remind_jax.metrics.mot_files import BoxRows, FileFormat
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.text_sequences import pair_mot_files, pair_mots_files
-from remind_jax.outputs.rle import mask_areas
 
 DEFAULT_MOTS_CLASS = 2  # pedestrian
 

@@ -12,11 +12,11 @@ import gzip
 import json
 from typing import Any
 
-from remind_jax.explanation.account import Explanation, ObjectSet
-from remind_jax.explanation.explain import Explainer
-from remind_jax.plus.account import PlusExplainer, PlusExplanation
-from remind_jax.result import Result
-from remind_jax.tracks import Tracks
+from remind_jax.explanation.plus.account import PlusExplainer, PlusExplanation
+from remind_jax.explanation.remind.account import Explanation, ObjectSet
+from remind_jax.explanation.remind.explain import Explainer
+from remind_jax.frame import Tracks
+from remind_jax.outputs.result import Result
 
 FRAMES_PER_BLOCK = 32
 # Later frames are left to `remind explain`: browsers get slow with bigger pages.

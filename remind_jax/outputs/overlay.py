@@ -15,6 +15,9 @@ from av.error import FFmpegError
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.files import writing
+from remind_jax.frame import Rle, Tracks
+from remind_jax.masks.run_length import decode_mask, mask_box
 from remind_jax.outputs.lettering import put_text, text_width
 from remind_jax.outputs.palette import (
     AMBIGUOUS,
@@ -24,9 +27,6 @@ from remind_jax.outputs.palette import (
     identity_colour,
     ink_on,
 )
-from remind_jax.outputs.rle import decode_mask, mask_box
-from remind_jax.outputs.store import writing
-from remind_jax.tracks import Rle, Tracks
 
 NO_IMAGE_GREY = 72
 

@@ -19,15 +19,15 @@ from typing import Any
 import cv2
 import numpy as np
 
+from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.outputs import store
+from remind_jax.frame import Tracks
 from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.palette import identity_colour, to_hex
+from remind_jax.outputs.result import Result
 from remind_jax.outputs.ticks import frame_steps, time_steps
 from remind_jax.outputs.timeline import build_timeline
-from remind_jax.result import Result
-from remind_jax.tracks import Tracks
 
 REPORT_NAME = "report.html"
 # Larger videos stay beside the page: browsers get slow with bigger pages.
@@ -53,7 +53,7 @@ def write_report(
       OutputError: If the page cannot be written.
     """
     page = render_report(result, sightings, None if video is None else _video_address(video))
-    store.replace_file(folder / REPORT_NAME, page.encode("utf-8"))
+    files.replace_file(folder / REPORT_NAME, page.encode("utf-8"))
 
 
 def render_report(result: Result, sightings: Sequence[Sighting], video: str | None) -> str:
@@ -231,7 +231,7 @@ def _image_from_address(address: str) -> np.ndarray:
 
 def _video_address(video: Path) -> str:
     """The video itself as an address, or its name if it is too large for the page."""
-    with store.writing(video):
+    with files.writing(video):
         if video.stat().st_size > MAX_EMBEDDED_VIDEO_BYTES:
             return video.name
         return "data:video/mp4;base64," + base64.b64encode(video.read_bytes()).decode("ascii")

@@ -7,12 +7,9 @@ the one being written; a last line cut off in the middle is left out when it is 
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,7 +18,8 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.tracks import Rle, Tracks
+from remind_jax.files import replace_file, writing
+from remind_jax.frame import Rle, Tracks
 
 DETECTIONS_NAME = "detections.jsonl"
 RUN_NAME = "run.json"
@@ -29,43 +27,6 @@ FORMAT = "remind-jax detections"
 VERSION = 1
 
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
-
-
-@contextlib.contextmanager
-def writing(path: Path, *also: type[Exception]) -> Iterator[None]:
-    """Turns what the system says about a failed write into one sentence that names the file.
-
-    Args:
-      path: The file being written.
-      *also: Kinds of errors of the library that writes, which are no `OSError`.
-
-    Raises:
-      OutputError: Instead of the error.
-    """
-    try:
-        yield
-    except (OSError, *also) as error:
-        why = getattr(error, "strerror", None) or str(error)
-        raise OutputError(
-            f"cannot write '{path}': {why}; what was written so far is kept, make room or choose "
-            "another output folder"
-        ) from error
-
-
-def make_folder(folder: Path) -> None:
-    """Makes the folder and its parents if they are missing.
-
-    Raises:
-      OutputError: If it cannot be made, is a file, or may not be written to.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"cannot make the output folder '{folder}': {error.strerror}; choose another one"
-        ) from error
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(f"the output folder '{folder}' may not be written to; choose another one")
 
 
 class DetectionsWriter:
@@ -249,22 +210,6 @@ def write_run_json(path: Path, content: dict[str, Any]) -> None:
     text = json.dumps(content, indent=2, ensure_ascii=False)
     text = _LIST_OF_NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text)
     replace_file(path, (text + "\n").encode("utf-8"))
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Writes a file at once or not at all.
-
-    Raises:
-      OutputError: If it cannot be written; an older file of this name is then kept.
-    """
-    partial = path.with_name(path.name + ".part")
-    try:
-        with writing(path):
-            partial.write_bytes(content)
-            partial.replace(path)
-    finally:
-        with contextlib.suppress(OSError):
-            partial.unlink(missing_ok=True)
 
 
 def read_run_json(path: Path) -> dict[str, Any] | None:

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Int
 
+from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
-from remind_jax.outputs import store
-from remind_jax.outputs.rle import decode_mask, mask_areas, union_area
-from remind_jax.tracks import Rle, Tracks, encode_masks
+from remind_jax.frame import Rle, Tracks
+from remind_jax.masks.run_length import decode_mask, encode_masks, mask_areas, union_area
 
 CSV_COLUMNS: tuple[str, ...] = (
     "frame",
@@ -94,7 +94,7 @@ class CsvWriter:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        with store.writing(path):
+        with files.writing(path):
             self._file = path.open("w", encoding="utf-8", newline="")
             self._writer = csv.DictWriter(self._file, CSV_COLUMNS, lineterminator="\n")
             self._writer.writeheader()
@@ -105,13 +105,13 @@ class CsvWriter:
         Raises:
           OutputError: If it cannot be written.
         """
-        with store.writing(self._path):
+        with files.writing(self._path):
             self._writer.writerows(detection_rows(tracks))
             self._file.flush()
 
     def close(self) -> None:
         """Closes the file."""
-        with store.writing(self._path):
+        with files.writing(self._path):
             self._file.close()
 
     def __enter__(self) -> CsvWriter:
@@ -227,7 +227,7 @@ def write_tables(
         "coco_video.json": json.dumps(content, ensure_ascii=False, separators=(",", ":")),
     }
     for file_name, text in texts.items():
-        store.replace_file(folder / file_name, text.encode("utf-8"))
+        files.replace_file(folder / file_name, text.encode("utf-8"))
 
 
 def _empty_annotation(object_id: int, num_frames: int) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from jaxtyping import UInt8
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.outputs.lettering import put_text, shorten, text_width
 from remind_jax.outputs.palette import AMBIGUOUS, PROVISIONAL, Colour, identity_colour
+from remind_jax.outputs.result import MIN_ABSENCE_FRAMES, UNDECIDED, Result
 from remind_jax.outputs.ticks import choose_step, frame_steps, time_label, time_steps
-from remind_jax.result import MIN_ABSENCE_FRAMES, UNDECIDED, Result
 
 Run = tuple[int, int]  # first and last position, both included
 

@@ -13,11 +13,11 @@ from types import TracebackType
 import cv2
 import numpy as np
 
+from remind_jax import files
 from remind_jax.errors import OutputError
-from remind_jax.frame import Frame
+from remind_jax.frame import Frame, Tracks
 from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
-from remind_jax.result import Result, RunInfo
-from remind_jax.tracks import Tracks
+from remind_jax.outputs.result import Result, RunInfo
 
 CSV_NAME = "tracks.csv"
 OVERLAY_NAME = "overlay.mp4"
@@ -136,7 +136,7 @@ class RunWriter:
                 records.add(tracks)
                 rows.add(tracks)
         for path, new in zip((detections, table), partial, strict=True):
-            with store.writing(path):
+            with files.writing(path):
                 new.replace(path)
 
     def __exit__(
@@ -173,7 +173,7 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
     """
     folder = Path(run_dir)
     result = Result.load(folder)
-    store.make_folder(folder)
+    files.make_folder(folder)
     sightings = report.read_sightings(folder / report.REPORT_NAME) if source is None else []
     has_overlay = overlay.is_playable(folder / OVERLAY_NAME)
     if source is not None or not sightings or not has_overlay:
@@ -203,7 +203,7 @@ def _draw_overlay_again(
                 if video is not None:
                     video.add(overlay.draw_overlay(image, tracks))
         if partial.exists():
-            with store.writing(folder / OVERLAY_NAME):
+            with files.writing(folder / OVERLAY_NAME):
                 partial.replace(folder / OVERLAY_NAME)
     finally:
         partial.unlink(missing_ok=True)
@@ -243,7 +243,7 @@ def _differ(told: Tracks, final: Tracks) -> bool:
 
 def _write_png(path: Path, image: np.ndarray) -> None:
     _, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    store.replace_file(path, png.tobytes())
+    files.replace_file(path, png.tobytes())
 
 
 def check_folder(folder: Path, overwrite: bool) -> None:
@@ -263,10 +263,10 @@ def check_folder(folder: Path, overwrite: bool) -> None:
 
 
 def _prepare_folder(folder: Path, overwrite: bool) -> None:
-    store.make_folder(folder)
+    files.make_folder(folder)
     check_folder(folder, overwrite)
     for name in (*FILE_NAMES, TRACE_NAME):
-        with store.writing(folder / name):
+        with files.writing(folder / name):
             (folder / name).unlink(missing_ok=True)
 
 

@@ -10,13 +10,21 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.config.static import Static
-from remind_jax.decision import NO_ID, NUM_OPTIONS, Decisions, Outcome, Reason, Source, Status
+from remind_jax.decision import (
+    NO_ID,
+    NUM_OPTIONS,
+    Decisions,
+    Outcome,
+    Reason,
+    Source,
+    Status,
+    no_decisions,
+)
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
 from remind_jax.plus.state import NOWHERE, Objects, Stage, Tracklets, Verdicts
-from remind_jax.state import no_decisions
+from remind_jax.static import Static
 
 
 def conclude(

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.perception.pooling import to_unit
+from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.scene_map import center_variance

@@ -1,4 +1,4 @@
-"""REMIND plus under its name among the trackers (`remind_jax.methods`)."""
+"""REMIND plus under its name among the trackers (`remind_jax.method`)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.config.static import Static
-from remind_jax.image_motion import observe_motion
-from remind_jax.methods import Method, StepHalves
+from remind_jax.method import Method, StepHalves
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.plus.state import PlusState, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance, step, step_traced
+from remind_jax.static import Static
 
 
 @jax.tree_util.register_dataclass
@@ -74,7 +74,7 @@ METHOD = Method(
     merges=find_merges,
     delayed=DelayedAnswers,
     step_traced=step_traced,
-    archive_name="remind_jax.plus.archive:PlusArchive",
+    archive_name="remind_jax.explanation.plus.archive:PlusArchive",
     halves=StepHalves(
         describe_frame,
         decide_seen,

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.pooling import pool, to_unit
 from remind_jax.observation import AnyArray, FrameFeats, Masks
-from remind_jax.perception.pooling import pool, to_unit
 from remind_jax.plus.thresholds import FRAME_AREA
 
 RING_PATCHES = 2  # the background is looked at this far around an object

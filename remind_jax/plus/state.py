@@ -16,11 +16,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.config.static import Static
-from remind_jax.constant_arrays import eye, full, zeros
-from remind_jax.decision import NO_ID, Decisions
+from remind_jax.decision import NO_ID, Decisions, Overflow, no_decisions
+from remind_jax.numerics.constant_arrays import eye, full, zeros
 from remind_jax.plus.static import BANK_SLOTS, NUM_CANDIDATES, num_tracklets, white_dim
-from remind_jax.state import Overflow, no_decisions
+from remind_jax.static import Static
 
 NOWHERE = -1  # no slot
 UNRELATED = 1000.0  # spread of a relation that is not known

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from remind_jax.config.static import Static
+from remind_jax.static import Static
 
 MISSED_FRAMES = 3  # a tracklet survives this many frames without a detection
 COMPARED_DIM = 64  # looks are compared in at most this many main directions

@@ -13,7 +13,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from remind_jax.config.kinds import Gate, Real, Whole
+from remind_jax.numerics.kinds import Gate, Real, Whole
 
 FRAME_AREA = 30.72  # units^2
 

@@ -13,8 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from remind_jax.config.static import Static
-from remind_jax.decision import Outcome
+from remind_jax.decision import Outcome, Overflow
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.answers import conclude, tell
 from remind_jax.plus.decision import decide, learn_familiarity
@@ -48,7 +47,7 @@ from remind_jax.plus.scene_map import center_variance, correct_map, move_map
 from remind_jax.plus.state import NOWHERE, PlusState, Tracklets, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
-from remind_jax.state import Overflow
+from remind_jax.static import Static
 
 __all__ = ["advance", "init", "step", "step_traced"]
 

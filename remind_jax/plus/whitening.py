@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.perception.pooling import to_unit
+from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.small_matrices import invert, orthonormalise
 from remind_jax.plus.state import Objects, Scene

@@ -9,11 +9,12 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax import live
 from remind_jax.compiled.frame_step import settle_types
-from remind_jax.config import Static, load_config
+from remind_jax.config import load_config
 from remind_jax.decision import Outcome
-from remind_jax.methods import get_method
+from remind_jax.method import get_method
+from remind_jax.session import live
+from remind_jax.static import Static
 from tests import tiny_world as world
 from tests.baselines import references
 from tests.cli import scenes

@@ -12,7 +12,6 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from remind_jax import announcement
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.benchmark import running
 from remind_jax.benchmark.contenders import all_contenders, make_contenders
@@ -26,7 +25,8 @@ from remind_jax.benchmark.tables import axis_table, list_failures, main_table, s
 from remind_jax.cli.main import main
 from remind_jax.errors import ConfigError
 from remind_jax.metrics import evaluate_tracks
-from remind_jax.result import Result
+from remind_jax.outputs.result import Result
+from remind_jax.session import announcement
 
 T = TypeVar("T")
 METHODS = ("bank", "iou")  # quick to compile

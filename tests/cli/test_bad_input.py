@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from remind_jax.live import Tracker
-from remind_jax.result import Result
+from remind_jax.outputs.result import Result
+from remind_jax.session.live import Tracker
 from tests.cli import scenes
 
 

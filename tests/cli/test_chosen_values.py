@@ -10,9 +10,9 @@ import pytest
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten, flatten_fields
 from remind_jax.errors import SourceError
-from remind_jax.live import Tracker
 from remind_jax.metrics import evaluate_tracks
-from remind_jax.result import Result
+from remind_jax.outputs.result import Result
+from remind_jax.session.live import Tracker
 from tests.cli import scenes
 
 NUM, AWAY = 16, range(6, 12)  # frames; those in which nothing is in view
@@ -78,8 +78,8 @@ def test_a_sweep_tries_what_a_run_runs_with(command, scene, tmp_path, monkeypatc
         tried.extend(config.updated({"thresholds": setting}).thresholds for setting in settings)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("remind_jax.sweep.worker.describe_scene", lambda *given: None)
-    monkeypatch.setattr("remind_jax.sweep.worker.run_batch", keep)
+    monkeypatch.setattr("remind_jax.sweeps.worker.describe_scene", lambda *given: None)
+    monkeypatch.setattr("remind_jax.sweeps.worker.run_batch", keep)
     words = ("--config", "remind", "--set", "matching.match=0.75,0.5")
     sweep = ("sweep", scene[0], "--masks", scene[1], *words, "--batch", 3)
     assert command(*sweep).code == 130

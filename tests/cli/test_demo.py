@@ -8,7 +8,7 @@ import json
 import pytest
 
 import remind_jax.synthetic
-from remind_jax.result import Result
+from remind_jax.outputs.result import Result
 from remind_jax.synthetic import SceneOptions, demo_options
 from tests.cli import scenes
 

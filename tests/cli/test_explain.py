@@ -7,8 +7,8 @@ import shutil
 
 import pytest
 
+from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import FILE_NAMES
-from remind_jax.result import Result
 from tests.cli import scenes
 
 

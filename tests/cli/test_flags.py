@@ -11,7 +11,7 @@ from remind_jax.cli import exit_codes
 from remind_jax.cli.flags import DetectionFlags, SamplingFlags
 from remind_jax.cli.main import VERBS, main
 from remind_jax.detectors.options import DetectorOptions
-from remind_jax.methods import list_methods
+from remind_jax.method import list_methods
 from remind_jax.sources.sampling import Sampling
 
 ACTIONS = ("list", "show", "diff", "validate", "import-reference")

@@ -9,9 +9,9 @@ import signal
 
 import pytest
 
-from remind_jax.live import Tracker
+from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import FILE_NAMES
-from remind_jax.result import Result
+from remind_jax.session.live import Tracker
 from tests.cli import scenes
 
 

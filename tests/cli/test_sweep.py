@@ -9,7 +9,7 @@ import pytest
 
 from remind_jax.cli import exit_codes
 from remind_jax.cli.main import main
-from tests.sweep.fake_bench import FakeBench, hill
+from tests.sweeps.fake_bench import FakeBench, hill
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def benches(monkeypatch, tmp_path):
         opened.append((bench, options))
         return bench
 
-    monkeypatch.setattr("remind_jax.sweep.bench.SceneBench", open_bench)
+    monkeypatch.setattr("remind_jax.sweeps.bench.SceneBench", open_bench)
     monkeypatch.chdir(tmp_path)
     return opened
 

@@ -7,7 +7,7 @@ import pytest
 from remind_jax.cli.overrides import load_config_with
 from remind_jax.compiled import kept
 from remind_jax.compiled.programs import clear_programs
-from remind_jax.live import Tracker
+from remind_jax.session.live import Tracker
 from tests.cli import scenes
 from tests.compiled.test_programs import without_cache_of_jax
 

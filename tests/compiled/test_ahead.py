@@ -9,7 +9,7 @@ import threading
 import pytest
 
 from remind_jax.compiled.ahead import SHORTEST_S, Forecast, Preparation, holds
-from remind_jax.config import Static
+from remind_jax.static import Static
 
 STATIC = Static(num_detections=16, num_objects=64, num_pending=32)
 pytestmark = pytest.mark.usefixtures("looks_ahead")

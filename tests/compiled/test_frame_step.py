@@ -12,9 +12,9 @@ import pytest
 from remind_jax.compiled import frame_step
 from remind_jax.compiled.frame_step import FrameInput, FrameStep
 from remind_jax.compiled.packing import Packed
-from remind_jax.config import Static
-from remind_jax.live import Tracker
-from remind_jax.methods import get_method
+from remind_jax.method import get_method
+from remind_jax.session.live import Tracker
+from remind_jax.static import Static
 from tests.cli import scenes
 
 TINY = {"num_detections": 4, "num_objects": 6, "num_pending": 4}

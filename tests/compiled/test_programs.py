@@ -29,7 +29,7 @@ from remind_jax.compiled.programs import (
     shapes_of,
     waited_s,
 )
-from remind_jax.tracker import step
+from remind_jax.remind.tracker import step
 
 PAIR = (np.arange(3, dtype=np.float32), np.array([2, 1, 0], np.float32))
 

@@ -5,11 +5,13 @@ import pytest
 import yaml
 
 from benchmarks.plus import BARE, LADDER
-from remind_jax.config import Config, Input, Static, Thresholds, list_configs, load_config
+from remind_jax.config import Config, Input, list_configs, load_config
 from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.errors import ConfigError
-from remind_jax.methods import get_method
+from remind_jax.method import get_method
 from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.static import Static
 
 
 def test_published_is_the_plain_config():

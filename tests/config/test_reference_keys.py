@@ -4,9 +4,9 @@ import pytest
 
 from remind_jax.config import Config, dotted_keys, reference_switches
 from remind_jax.config.dotted_keys import flatten
-from remind_jax.config.outcome_thresholds import EMPTY_IS_ALL, LIMITS
 from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS, SUBSETS
 from remind_jax.errors import ConfigError
+from remind_jax.remind.thresholds.outcome import EMPTY_IS_ALL, LIMITS
 
 
 def nested(key, value):

@@ -16,7 +16,7 @@ from remind_jax.config.reference_page import (
     read_comments,
     render_page,
 )
-from remind_jax.methods import PAPER_METHOD, list_methods
+from remind_jax.method import PAPER_METHOD, list_methods
 
 PAGE = Path(__file__).parents[2] / "docs" / "thresholds.md"
 

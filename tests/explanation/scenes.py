@@ -15,26 +15,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.association.assignment import associate
-from remind_jax.association.diagnosis import diagnose, find_anchors
-from remind_jax.association.gating import read_context
-from remind_jax.association.outcome import decide
-from remind_jax.association.quality import Quality
-from remind_jax.association.settlement import settle
-from remind_jax.association.similarity import Comparison, Terms
-from remind_jax.association.temporal import Account
-from remind_jax.config import Config, Static, Thresholds
-from remind_jax.context.evidence import neighbour_evidence
-from remind_jax.context.hypotheses import no_hypotheses
-from remind_jax.context.influence import no_influence
-from remind_jax.context.reasoning import Reasoning
+from remind_jax.config import Config
 from remind_jax.decision import Outcome
-from remind_jax.explanation.archive import FrameRecord, TraceArchive
-from remind_jax.explanation.case import Case
-from remind_jax.explanation.reasons import tell_reasons
-from remind_jax.perception.relations import Relations
-from remind_jax.state import Lifecycle, init
-from remind_jax.trace import Deliberation, collect_trace
+from remind_jax.explanation.remind.archive import FrameRecord, TraceArchive
+from remind_jax.explanation.remind.case import Case
+from remind_jax.explanation.remind.reasons import tell_reasons
+from remind_jax.remind.association.assignment import associate
+from remind_jax.remind.association.diagnosis import diagnose, find_anchors
+from remind_jax.remind.association.gating import read_context
+from remind_jax.remind.association.quality import Quality
+from remind_jax.remind.association.similarity import Comparison, Terms
+from remind_jax.remind.context.evidence import neighbour_evidence
+from remind_jax.remind.context.hypotheses import no_hypotheses
+from remind_jax.remind.context.influence import no_influence
+from remind_jax.remind.context.reasoning import Reasoning
+from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.remind.outcome import decide
+from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.state import init
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.trace import Deliberation, collect_trace
+from remind_jax.remind.undecided.settlement import settle
+from remind_jax.remind.undecided.temporal import Account
+from remind_jax.static import Static
 
 NUM, SLOTS = 3, 4
 STATIC = Static(num_detections=NUM, num_objects=SLOTS, num_pending=1, feature_dim=2)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
+from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics.decimal_text import parse_decimal_table
 from remind_jax.metrics.mot_files import read_mot_rows, read_mots_rows, recognise_format
 from remind_jax.metrics.text_sequences import (
@@ -15,7 +16,6 @@ from remind_jax.metrics.text_sequences import (
     load_mot_sequence,
     load_mots_sequence,
 )
-from remind_jax.tracks import encode_masks
 
 
 def write(path: Path, *lines: str) -> Path:

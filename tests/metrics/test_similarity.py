@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.errors import SourceError
+from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import similarity
 from remind_jax.metrics.similarity import (
     box_iou,
@@ -16,7 +17,6 @@ from remind_jax.metrics.similarity import (
     pair_boxes,
     rle_iou,
 )
-from remind_jax.tracks import encode_masks
 from tests.metrics.golden import ROOT, load_case
 
 

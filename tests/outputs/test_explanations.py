@@ -8,11 +8,11 @@ import gzip
 import json
 from typing import Any
 
-from remind_jax.explanation.account import Explanation
+from remind_jax.explanation.remind.account import Explanation
 from remind_jax.outputs import explanations, report
 from remind_jax.outputs.explanations import pack_explanations
+from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import TRACE_NAME, RunWriter
-from remind_jax.result import Result
 from tests.outputs.fake_run import make_run
 from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run
 

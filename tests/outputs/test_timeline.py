@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from remind_jax.outputs.palette import identity_colour
+from remind_jax.outputs.result import Result
 from remind_jax.outputs.timeline import build_timeline, draw_timeline
-from remind_jax.result import Result
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from remind_jax.errors import OutputError
 from remind_jax.outputs import overlay, tables
+from remind_jax.outputs.result import Result
 from remind_jax.outputs.writer import FILE_NAMES, RunWriter, render_again
-from remind_jax.result import Result
 from tests.outputs.fake_run import make_info, make_run
 
 

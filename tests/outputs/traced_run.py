@@ -9,11 +9,11 @@ import numpy as np
 
 from remind_jax.config import Config, load_config
 from remind_jax.decision import Outcome
-from remind_jax.explanation.archive import FrameRecord, TraceArchive
+from remind_jax.explanation.plus.archive import PlusArchive, PlusRecord
+from remind_jax.explanation.remind.archive import FrameRecord, TraceArchive
 from remind_jax.frame import Frame
-from remind_jax.plus.archive import PlusArchive, PlusRecord
+from remind_jax.outputs.result import Result
 from remind_jax.plus.state import PARTS, Stage, Verdicts, no_verdicts
-from remind_jax.result import Result
 from tests.explanation.scenes import backed, decide_frame
 from tests.outputs.fake_run import make_info, make_tracks
 

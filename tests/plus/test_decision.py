@@ -7,11 +7,11 @@ import dataclasses
 import jax.numpy as jnp
 import pytest
 
-from remind_jax.config import Static
 from remind_jax.plus.decision import Choice, decide
 from remind_jax.plus.evidence import Rows, Shortlist
 from remind_jax.plus.state import NOWHERE, NUM_OWN_PARTS, init, no_tracklets
 from remind_jax.plus.thresholds import Decision
+from remind_jax.static import Static
 
 SLOT = 2
 NEW = Decision().new

@@ -8,11 +8,11 @@ import functools
 import jax
 import numpy as np
 
-from remind_jax.config import Static
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
+from remind_jax.static import Static
 
 DIM = 6
 STATIC = Static(num_detections=6, num_objects=24, feature_dim=DIM)

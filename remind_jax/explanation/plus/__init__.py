@@ -1,0 +1,1 @@
+"""Why plus decided as it did."""

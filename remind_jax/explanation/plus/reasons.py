@@ -1,0 +1,154 @@
+"""The decision about one detection in sentences, in the order in which it was made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from remind_jax.decision import Outcome
+from remind_jax.plus.state import Stage
+from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.printing.words import change, compare, listing, number, plural
+
+if TYPE_CHECKING:
+    from remind_jax.explanation.plus.account import PlusCandidate, PlusExplanation
+
+_NOTABLE = 0.25  # log odds; less is not worth a word
+
+
+def tell_reasons(e: PlusExplanation, t: PlusThresholds) -> tuple[str, ...]:
+    """The sentences, without capital and full stop."""
+    if e.stage == Stage.NONE:
+        return ("it shows too little of anything to be described and is left out",)
+    if e.stage == Stage.SETTLED:
+        return (
+            f"it goes on with a tracklet of {plural(e.age, 'detection')} that was decided before: "
+            f"{_answer(e)}",
+            *_tell_revision(e),
+        )
+    return (
+        _tell_stage(e, t),
+        *_tell_candidates(e, t),
+        *_tell_new(e, t),
+        *_tell_taken(e),
+        _tell_verdict(e, t),
+        *_tell_revision(e),
+    )
+
+
+def _tell_stage(e: PlusExplanation, t: PlusThresholds) -> str:
+    if e.stage == Stage.FRESH:
+        return (
+            f"its tracklet was decided as new, {e.label} {e.tracklet_id}, and may turn out to be a "
+            f"known one for {t.decision.late_frames} detections; this is number {e.age}"
+        )
+    if e.age == 1:
+        return "it goes on with no tracklet of the frames before: the first detection of one"
+    return f"it is detection {e.age} of a tracklet that is not decided yet"
+
+
+def _tell_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
+    """What speaks for and against the two best."""
+    if not e.candidates:
+        yield f"no known {e.label} is free to be it"
+        return
+    for place, candidate in enumerate(e.candidates[:2]):
+        lead = "most likely" if place == 0 else "next comes"
+        yield (
+            f"{lead} {candidate.name}, log odds {change(candidate.log_odds)}, probability "
+            f"{number(candidate.probability)}: {_weigh(candidate)}"
+        )
+        if candidate.parts["moved"] > _NOTABLE:
+            against = candidate.parts["place"] + candidate.parts["layout"]
+            yield (
+                f"where it lies, itself and from the others, speaks against {candidate.name} by "
+                f"{change(against)}, of which {change(against + candidate.parts['moved'])} count: "
+                "it may have been moved"
+            )
+
+
+def _weigh(candidate: PlusCandidate) -> str:
+    """The notable kinds of evidence, strongest first."""
+    parts = [(k, v) for k, v in candidate.parts.items() if k != "moved" and abs(v) >= _NOTABLE]
+    parts.sort(key=lambda part: -abs(part[1]))
+    pro = listing([f"{kind} {change(value)}" for kind, value in parts if value > 0])
+    con = listing([f"{kind} {change(value)}" for kind, value in parts if value < 0])
+    told = [f"{pro} for it"] if pro else []
+    told += [f"{con} against it"] if con else []
+    return ", ".join(told) or "nothing tells much"
+
+
+def _tell_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
+    if e.new_log_odds is None:
+        return
+    if e.stage == Stage.FRESH:
+        yield (
+            f"to take the place of {e.label} {e.tracklet_id}, a known one needs log odds above "
+            f"{number(e.new_log_odds)}"
+        )
+        return
+    d = t.decision
+    handicap = d.tentative if e.age < d.commit_age else 0.0
+    off = e.new_log_odds - d.new + handicap
+    why = ""
+    if abs(off) >= _NOTABLE:
+        recent = "new" if off > 0 else "known"
+        why = f"; {change(off)} of it because most of what came last, or is in view, is {recent!r}"
+    if handicap >= _NOTABLE:
+        why += f"; {change(-handicap)} because it is not decided yet"
+    yield f"a new object has log odds {change(e.new_log_odds)}{why}"
+
+
+def _tell_taken(e: PlusExplanation) -> Iterator[str]:
+    """A better candidate that another detection got."""
+    for candidate in e.candidates:
+        if candidate.object_id == e.answer_id:
+            return
+        better = e.new_log_odds is None or candidate.log_odds > e.new_log_odds
+        if candidate.held_by is not None and better:
+            yield (
+                f"{candidate.name} goes to detection {candidate.held_by}: one assignment gives "
+                "each object to one detection"
+            )
+
+
+def _tell_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
+    d = t.decision
+    if e.merged_id is not None:
+        return f"{e.label} {e.merged_id} turned out to be {_answer(e)}; the two are one from now on"
+    if e.stage == Stage.FRESH:
+        return f"it stays {_answer(e)}"
+    # Two numbers for one answer need to be told apart: what the evidence says, and how often
+    # answers of which it says so are right.
+    sure = f"probability {number(e.probability)}"
+    if e.confidence is not None:
+        sure = f"confidence {number(e.confidence)}, calibrated from {sure}"
+    if e.is_decided and e.age >= d.commit_age:
+        return f"after {d.commit_age} detections it is decided: {_answer(e)}; {sure}"
+    if e.is_decided:
+        margin = "" if e.margin is None else f" ({compare(e.margin, '>', d.early_margin)} log odds)"
+        return f"the lead is clear{margin}, so it is decided: {_answer(e)}; {sure}"
+    if e.told_at_once is not None:
+        return f"not decided yet, and more likely than not {_answer(e)}; {sure}"
+    options = [f"{c.name} ({number(c.probability)})" for c in e.candidates if _could_be(c, t)]
+    new = f"new ({number(e.new_probability or 0.0)})"
+    return (
+        f"not decided yet and no answer is likely enough ({sure}; firm from {number(d.firm)}): "
+        f"{listing([*options, new], 'or')}"
+    )
+
+
+def _could_be(candidate: PlusCandidate, t: PlusThresholds) -> bool:
+    return candidate.probability >= t.decision.possible
+
+
+def _tell_revision(e: PlusExplanation) -> Iterator[str]:
+    """What a delay changed."""
+    if e.object_id is not None and e.object_id != e.told_at_once:
+        before = "no firm answer" if e.told_at_once is None else f"{e.label} {e.told_at_once}"
+        yield f"later frames told more: {e.label} {e.object_id} instead of {before}"
+
+
+def _answer(e: PlusExplanation) -> str:
+    is_new = e.answer_id == e.tracklet_id and e.outcome == Outcome.NEW
+    return f"{'a new object, ' if is_new else ''}{e.label} {e.answer_id}"

@@ -1,0 +1,1 @@
+"""Why the paper's tracker decided as it did."""

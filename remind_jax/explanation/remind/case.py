@@ -1,0 +1,110 @@
+"""One decision of a recorded run, and the names of the objects around it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from remind_jax.config import Config
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.explanation.remind.archive import FrameRecord
+from remind_jax.remind.thresholds import Thresholds
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A detection in its frame, with the configuration that it was judged by."""
+
+    record: FrameRecord
+    row: int  # detection
+    label: str  # its class
+    labels: Mapping[int, str]  # of known objects
+    config: Config
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """What it was judged by."""
+        return self.config.thresholds
+
+    @property
+    def assignment(self) -> str:
+        """How detections and objects were assigned, `joint` or `greedy`."""
+        return self.config.static.assignment
+
+    @property
+    def outcome(self) -> Outcome:
+        """What became of it."""
+        return Outcome(int(self.record.decisions.outcome[self.row]))
+
+    @property
+    def reason(self) -> Reason:
+        """By which rule."""
+        return Reason(int(self.record.decisions.reason[self.row]))
+
+    def decision(self, field: str) -> Any:
+        """A field of `Decisions` for this detection."""
+        return _plain(getattr(self.record.decisions, field)[self.row])
+
+    def trace(self, field: str) -> Any:
+        """A field of `DetectionTrace` for this detection."""
+        return _plain(getattr(self.record.detections, field)[self.row])
+
+    def passes(self, field: str, turn: int) -> Any:
+        """A field of `PassTrace` for this detection in a pass."""
+        return _plain(getattr(self.record.detections.passes, field)[self.row, turn])
+
+    @property
+    def num_passes(self) -> int:
+        """Passes of the reconciliation."""
+        return self.record.detections.passes.undecided.shape[1]
+
+    def undecided_reason(self, turn: int) -> Reason | None:
+        """Why it was undecided when a pass began, or after the last pass; None if it was not."""
+        if turn >= self.num_passes:
+            return self.reason if self.outcome == Outcome.AMBIGUOUS else None
+        return Reason(self.passes("reason", turn)) if self.passes("undecided", turn) else None
+
+    def candidate_ids(self) -> list[int]:
+        """Candidates shown, by falling visual score."""
+        return list(self._places[self.row])
+
+    def candidate(self, object_id: int, field: str, row: int | None = None) -> Any:
+        """A field of `CandidateTrace` for a candidate; None if it is not among those shown."""
+        row = self.row if row is None else row
+        place = self._places[row].get(object_id)
+        if place is None:
+            return None
+        return _plain(getattr(self.record.detections.candidates, field)[row, place])
+
+    @property
+    def _places(self) -> list[dict[int, int]]:
+        return self.record.candidate_places
+
+    def name(self, object_id: int) -> str:
+        """`mug 4`."""
+        return f"{self.labels.get(object_id, self.label)} {object_id}"
+
+    def holder(self, object_id: int, field: str = "guarded_id") -> int | None:
+        """Another detection that had an object at a stage, None if no other did.
+
+        Stages: `assigned_id`, `guarded_id`, `object_id`.
+        """
+        (rows,) = np.nonzero(getattr(self.record.decisions, field) == object_id)
+        rows = rows[rows != self.row]
+        return int(rows[0]) if len(rows) else None
+
+    def options(self, turn: int | None = None) -> list[tuple[int, float]]:
+        """Objects that it could be and their scores: those of a pass, or the final ones."""
+        if turn is None:
+            ids, scores = self.decision("option_id"), self.decision("option_score")
+        else:
+            ids, scores = self.passes("option_id", turn), self.passes("option_score", turn)
+        return [(int(i), float(s)) for i, s in zip(ids, scores, strict=True) if i != NO_ID]
+
+
+def _plain(value: Any) -> Any:
+    """Scalars as Python numbers."""
+    return value.item() if np.ndim(value) == 0 and hasattr(value, "item") else value

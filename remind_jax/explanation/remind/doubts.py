@@ -1,0 +1,301 @@
+"""What kept a detection undecided, and what settled it: look-alikes, layout, births in question.
+
+Sections of the rules are those of the association notes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.explanation.remind.case import Case
+from remind_jax.printing.words import compare, listing, number, percent, plural, threshold
+from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
+from remind_jax.remind.memory.objects import Lifecycle
+
+_BY_LOOKS = (Reason.KNOWN_BUT_AMBIGUOUS_VISUAL, Reason.KNOWN_BUT_AMBIGUOUS_VISUAL_MATCH)
+_BY_POLICY = (
+    *_BY_LOOKS,
+    Reason.KNOWN_BUT_AMBIGUOUS,
+    Reason.KNOWN_BUT_AMBIGUOUS_MATCH,
+)
+_FALLBACKS = (
+    Reason.KNOWN_BUT_AMBIGUOUS_BLOCKED_FALLBACK,
+    Reason.KNOWN_BUT_AMBIGUOUS_CONTEXTUAL_FALLBACK,
+)
+
+
+def tell_doubt(case: Case, turn: int) -> Iterator[str]:
+    """Why a detection was undecided when a pass began (14.3 to 14.5, 16a)."""
+    reason = case.undecided_reason(turn)
+    options = case.options(turn if turn < case.num_passes else None)
+    if reason is None:
+        return
+    told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
+    if reason == Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION:
+        yield _tell_competition(case, options)
+    elif reason == Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
+        yield _tell_second_claim(case, *options[0])
+    elif reason in _BY_POLICY:
+        yield _tell_closeness(case, reason, options)
+    elif reason in _FALLBACKS:
+        yield _tell_fallback(case, options)
+    else:
+        yield f"on common evidence it could still be {told}"
+
+
+def _tell_closeness(case: Case, reason: Reason, options: list[tuple[int, float]]) -> str:
+    """Candidates too close to tell apart (14.5)."""
+    t, matched = case.thresholds.ambiguous, case.decision("guarded_id")
+    told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
+    lone = matched == options[0][0] and case.candidate(matched, "supported") is False
+    rivals = [i for i, _ in options[1:] if case.candidate(i, "supported")]
+    if lone and rivals and len(rivals) == len(options) - 1:
+        own, theirs = (case.candidate(i, "assign") for i in (matched, rivals[0]))
+        gap = max(t.gap, t.clear_margin)
+        if _is_close(own, theirs, gap, t.relative_gap, t.gap_slack):
+            near = _tell_gap(own, theirs, gap, t.relative_gap, t.gap_slack)
+            names = listing([case.name(i) for i in rivals])
+            return (
+                f"context does not back {case.name(matched)} but {names}, which "
+                f"{'scores' if len(rivals) == 1 else 'score'} nearly the same: {near}"
+            )
+    scores = [score for _, score in options]
+    near = _tell_gap(max(scores), min(scores), t.gap, t.relative_gap, t.gap_slack)
+    if reason not in _BY_LOOKS:
+        return f"context backs several, and they are too close on common evidence: {told}, {near}"
+    visual = [case.candidate(i, "visual") for i, _ in options]
+    if all(score is not None for score in visual) and max(visual) >= t.visual_min_top:
+        looks = _tell_gap(max(visual), min(visual), t.visual_gap, t.relative_gap, t.visual_slack)
+        return (
+            f"they look too alike ({looks}) and common evidence does not part them: {told}, {near}"
+        )
+    return f"common evidence does not part them: {told}, {near}"
+
+
+def tell_firmness(case: Case) -> Iterator[str]:
+    """Why a match with rivals was not left open (14.5)."""
+    own, t = case.decision("guarded_id"), case.thresholds.ambiguous
+    asked = any(case.passes("undecided", turn) for turn in range(case.num_passes))
+    rivals = [i for i in case.candidate_ids() if i != own and case.candidate(i, "plausible")]
+    if case.outcome != Outcome.MATCH or asked or not rivals or not t.enabled:
+        return
+    common = {i: case.candidate(i, "comparable") for i in (own, *rivals)}
+    best, second, *_ = sorted(common, key=lambda i: common[i], reverse=True)
+    near = [
+        i
+        for i in common
+        if common[i] >= t.min_candidate
+        and _is_close(common[best], common[i], t.gap, t.relative_gap, t.gap_slack)
+    ]
+    limits = f"{threshold(t.gap)} or {percent(t.relative_gap)}"
+    if len(near) < 2 and common[best] >= t.min_top:
+        behind = number(common[best] - common[second])
+        yield (
+            f"on common evidence {case.name(second)} is {behind} behind {case.name(best)}, more "
+            f"than {limits}: nothing is left open"
+        )
+    elif all(case.holder(i) is not None for i in near if i != own):
+        yield "other detections hold all that comes close to it, so nothing is left open"
+    else:
+        yield f"the rivals that are free do not come close enough ({limits}) to leave it open"
+
+
+def _is_close(top: float, other: float, gap: float, relative: float, slack: float) -> bool:
+    lack = abs(top - other)
+    return lack <= gap + slack or lack / max(abs(top), abs(other), 1e-12) <= relative + slack
+
+
+def _tell_gap(top: float, other: float, gap: float, relative: float, slack: float) -> str:
+    """How near two scores are, by whichever of the two tests holds (14.1)."""
+    top, other = max(top, other), min(top, other)
+    lack = top - other
+    if lack <= gap:
+        return f"{compare(lack, '<=', gap)} apart"
+    if lack <= gap + slack:
+        return f"{number(lack)} apart, the limit {threshold(gap)} with a slack of {slack:g}"
+    share = lack / max(abs(top), 1e-12)
+    return f"{number(lack)} or {percent(share)} apart, within {percent(relative)}"
+
+
+def _tell_competition(case: Case, options: list[tuple[int, float]]) -> str:
+    """A new detection that claims an object already matched (14.4)."""
+    t, record = case.thresholds.competition, case.record
+    parent, founded = options[0][0], options[1][0]
+    seed = int(np.flatnonzero(record.detections.reserved_id == founded)[0])
+    holder = int(np.flatnonzero(record.decisions.guarded_id == parent)[0])
+    told = (
+        f"detection {holder} holds {case.name(parent)}, and detection {seed}, which would be new, "
+        "claims it too"
+    )
+    mine = case.candidate(parent, "known", seed)
+    theirs = case.candidate(parent, "known", holder)
+    if mine is None or theirs is None:
+        return told
+    is_confirmed = case.candidate(parent, "lifecycle", seed) == Lifecycle.CONFIRMED
+    least = t.confirmed_min_score if is_confirmed else t.min_score
+    widest = t.confirmed_max_gap if is_confirmed else t.max_gap
+    plausible = case.candidate(parent, "plausible", seed)
+    if plausible and not case.candidate(parent, "eligible", seed):
+        least, widest = min(least, t.min_score), max(widest, t.max_gap)
+    return (
+        f"{told}: {number(theirs)} and {number(mine)}, both at least {threshold(least)} and "
+        f"{compare(abs(theirs - mine), '<=', widest)} apart"
+    )
+
+
+def _tell_second_claim(case: Case, object_id: int, score: float) -> str:
+    """A match given up, as nothing can be in two places (uniqueness.py)."""
+    keeper = case.holder(object_id, "object_id")
+    told = f"it was matched with {case.name(object_id)} ({number(score)})"
+    if keeper is None:
+        return f"{told}, but another detection claims it with a better score"
+    better = number(float(case.record.decisions.score[keeper]))
+    return f"{told}, but detection {keeper} keeps it with the better score ({better})"
+
+
+def _tell_fallback(case: Case, options: list[tuple[int, float]]) -> str:
+    """A birth in question that context explains by several known objects (16a)."""
+    t = case.thresholds.provisional
+    told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
+    best = compare(max(score for _, score in options), ">=", t.min_top)
+    return f"it found no object, but context backs known ones well enough ({best}): {told}"
+
+
+def tell_layout(case: Case, turn: int) -> Iterator[str]:
+    """What the distances to other objects said about a closed group (15)."""
+    root, status = case.passes("root", turn), GroupStatus(case.passes("status", turn))
+    if not case.passes("undecided", turn) or root < 0 or status == GroupStatus.NONE:
+        return
+    roots = case.record.detections.passes.root[:, turn]
+    members = [str(row) for row in np.flatnonzero(roots == root)]
+    num_objects = case.passes("num_objects", turn)
+    group = (
+        f"detection{'s' if len(members) > 1 else ''} {listing(members)} with "
+        f"{plural(num_objects, 'object')} in question"
+    )
+    if status == GroupStatus.TOO_LARGE_OR_SMALL:
+        yield f"distances are not asked: {group} make no group of a size that can be solved"
+    elif status == GroupStatus.NOT_CLOSED:
+        yield f"distances are not asked: {group} make no closed group, one known object for each"
+    elif status == GroupStatus.NO_ASSIGNMENT:
+        yield f"{group} allow no joint assignment"
+    else:
+        yield _tell_solution(case, turn, status, group)
+        yield from _tell_anchors(case, turn)
+
+
+def _tell_solution(case: Case, turn: int, status: GroupStatus, group: str) -> str:
+    t = case.thresholds.known_sets
+    score, core = case.passes("score", turn), case.passes("core", turn)
+    core_gap, evidence = case.passes("core_gap", turn), case.passes("evidence", turn)
+    proposed = case.name(case.passes("proposed_id", turn))
+    voters = [case.name(int(i)) for i in case.passes("anchor_id", turn) if i != NO_ID]
+    if status == GroupStatus.LOW_EVIDENCE:
+        whom = f"to {listing(voters)} say" if voters else "say"
+        weight = compare(evidence, "<", t.min_evidence)
+        return f"distances {whom} too little about {group} (evidence {weight})"
+    favour = f"distances to {listing(voters)} favour {proposed}"
+    if status in (GroupStatus.RESOLVED, GroupStatus.PARTIAL_RESOLVED):
+        return (
+            f"{favour} for this one (joint score {compare(score, '>=', t.min_score)}, ahead by "
+            f"{compare(core_gap, '>=', t.min_core_gap)})"
+        )
+    why = {
+        GroupStatus.LOW_SCORE: lambda: f"joint score {compare(score, '<', t.min_score)}",
+        GroupStatus.VISUAL_RANK_FLIP: lambda: "looks speak for another joint assignment",
+        GroupStatus.LOW_CORE_SCORE: lambda: f"score {compare(core, '<', t.min_core)}",
+        GroupStatus.LOW_CORE_GAP: lambda: f"ahead by only {compare(core_gap, '<', t.min_core_gap)}",
+    }[status]()
+    return f"{favour} for this one, but not clearly: {why}"
+
+
+def _tell_anchors(case: Case, turn: int) -> Iterator[str]:
+    """How far the anchors are from the members of the group, and used to be from the objects."""
+    passes, root = case.record.detections.passes, case.passes("root", turn)
+    members = np.flatnonzero(passes.root[:, turn] == root)
+    others = [int(row) for row in members if row != case.row]
+    remembered, episodes = case.passes("remembered", turn), case.passes("num_remembered", turn)
+    options = case.passes("option_id", turn)
+    for place, anchor in enumerate(case.passes("anchor_id", turn)):
+        usual = [
+            f"{number(remembered[k, place])} from {case.name(int(i))}"
+            for k, i in enumerate(options)
+            if i != NO_ID and episodes[k, place] > 0
+        ]
+        if anchor == NO_ID or not usual:
+            continue
+        now = [
+            f"{number(float(passes.distance[row, turn, place]))} from detection {row}"
+            for row in others
+        ]
+        here = f"{number(float(passes.distance[case.row, turn, place]))} object sizes from here"
+        yield f"{case.name(int(anchor))} is {listing([here, *now])}; it used to be {listing(usual)}"
+
+
+def tell_birth(case: Case) -> Iterator[str]:
+    """Why a detection without an object is new, or only provisionally so (16)."""
+    if case.outcome == Outcome.NEW and case.trace("num_candidates"):
+        yield _tell_new(case)
+    elif case.outcome in (Outcome.PROVISIONAL_NEW, Outcome.PROVISIONAL_PARENT):
+        yield _tell_provisional(case)
+    elif case.outcome == Outcome.UNASSIGNED:
+        yield "distances favour an object that does not exist yet"
+
+
+def _tell_new(case: Case) -> str:
+    t = case.thresholds.provisional
+    if not t.enabled:
+        return "births are not questioned (provisional tracks are switched off)"
+    if not case.trace("num_backed"):
+        return f"nothing speaks for a known object: context backs none, and {_tell_miss(case)}"
+    backed, score = case.trace("backed_id"), case.trace("backed_score")
+    if score < t.min_top:
+        return (
+            f"context backs {case.name(backed)}, but it scores only "
+            f"{compare(score, '<', t.min_top)}"
+        )
+    return (
+        f"context backs {case.name(backed)} ({number(score)}), but it is neither the best on "
+        "common evidence nor close enough to others to leave it open"
+    )
+
+
+def _tell_miss(case: Case) -> str:
+    """Why the best look is no near miss of the match threshold (16 step 5)."""
+    t, match = case.thresholds.provisional, case.thresholds.matching.match
+    looks = [
+        case.candidate(i, "visual") for i in case.candidate_ids() if case.candidate(i, "plausible")
+    ]
+    top, second = ([*looks, 0.0, 0.0])[:2]
+    lack = match - top
+    if not t.visual_fallback:
+        return "near misses do not count"
+    if lack < 0:
+        return f"its best look ({number(top)}) is no near miss of the threshold {threshold(match)}"
+    if lack > t.visual_margin:
+        return f"its best look misses the threshold by {compare(lack, '>', t.visual_margin)}"
+    if top < t.visual_min_score:
+        return f"its best look is {compare(top, '<', t.visual_min_score)}"
+    if top - second < t.visual_min_gap:
+        return f"its best look leads by only {compare(top - second, '<', t.visual_min_gap)}"
+    return "its best look is not alone"
+
+
+def _tell_provisional(case: Case) -> str:
+    t, options = case.thresholds.provisional, case.options()
+    if not options:
+        return f"nothing excludes a known object ({number(case.decision('score'))})"
+    object_id, score = options[0]
+    holder = case.holder(object_id, "guarded_id")
+    taken = "" if holder is None else f"; but detection {holder} holds it"
+    if case.candidate(object_id, "supported"):
+        return f"context backs {case.name(object_id)} to {compare(score, '>=', t.min_top)}{taken}"
+    match = case.thresholds.matching.match
+    lack = compare(match - score, "<=", t.visual_margin)
+    return (
+        f"{case.name(object_id)} misses the threshold {threshold(match)} by only {lack}, ahead of "
+        f"all others by at least {threshold(t.visual_min_gap)}{taken}"
+    )

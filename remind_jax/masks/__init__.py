@@ -1,0 +1,1 @@
+"""What is needed of pixel masks, on the host."""

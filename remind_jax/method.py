@@ -1,0 +1,164 @@
+"""Trackers by name: what turns features and masks into identities, found without importing any.
+
+Every method has the contract of `remind_jax.remind.tracker`: `init(static)` makes an empty
+memory, the pure `step` takes it from one frame to the next. All run with the same outputs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array
+
+from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.static import Static
+
+PAPER_METHOD = "remind"  # the published one; that of a `Config()` that names none
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StepHalves:
+    """A step taken apart, so that settings of a sweep share what frames look like to all of them.
+
+    Threshold names are dotted, below `thresholds`; a section stands for all that it holds.
+    """
+
+    # `describe(frame_feats, masks, observed, *, static, thresholds) -> seen`, a pytree of arrays;
+    # `observed` is None where the method observes nothing.
+    describe: Callable[..., Any]
+    # `decide(state, seen, *, static, thresholds) -> state`; nothing may overflow for `seen` of
+    # zeros only, which fills up the frames of a scene.
+    decide: Callable[..., Any]
+    # As `decide`, giving `(state, trace)`; left out, an account takes the whole `step_traced`.
+    decide_traced: Callable[..., tuple[Any, Any]] | None = None
+    # Thresholds that `describe` reads; settings that agree on them share what it returns.
+    described_by: tuple[str, ...] = ()
+    # Thresholds that the reduction of masks reads; the largest value of all settings serves all.
+    reduced_by: tuple[str, ...] = ()
+    # On a CPU settings go one after the other inside the program, which rounds as the step alone
+    # does; side by side, sums have another order. For a method that is no slower for it.
+    in_turn_on_cpu: bool = False
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Method:
+    """A tracker as pure functions.
+
+    `step(state, frame_feats, masks, *, static, thresholds) -> state`, and with `observe` one more
+    argument: `observed`, a pytree of arrays whose shapes never change.
+
+    The memory is a pytree of arrays in which a run reads `objects.id` `[O]` (-1 in free slots),
+    `next_id` (no object had that id or a higher one), `frame` (frames processed so far, the number
+    of the next one), `decisions`
+    (`decision.Decisions` about the last frame) and `overflow` (`objects`, `pending`: slots that the
+    frame needs, 0 if they sufficed; a frame that overflows changes nothing else).
+    """
+
+    name: str
+    thresholds: Callable[[], Any]  # published values of its numbers: a dataclass that is a pytree
+    init: Callable[[Static], Any]
+    step: Callable[..., Any]
+    # The same memory with larger capacities, on the host; left out, arrays are extended at their
+    # ends.
+    grow: Callable[[Any, Static], Any] | None = None
+    # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
+    # more will be needed; left out, objects are counted.
+    occupied: Callable[[Any], tuple[Any, Any]] | None = None
+    # As `step`, giving `(state, trace)`; left out, the method keeps no account.
+    step_traced: Callable[..., tuple[Any, Any]] | None = None
+    # "module:class" that keeps these traces on the host and explains them, imported when needed.
+    archive_name: str = "remind_jax.explanation.remind.archive:TraceArchive"
+    # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
+    # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
+    # previous one is None in the first frame, both are None where frames come as features.
+    observe: Callable[[Any, Any], Any] | None = None
+    # Objects that turned out to be others in the last frame: `merges(state)` gives pairs of ids,
+    # the one that is gone and the one that it is.
+    merges: Callable[[Any], list[tuple[int, int]]] | None = None
+    # `delayed(delay)` makes what revises answers that wait: an object with
+    # `push(frame, tracks, state) -> [(frame, tracks), ...]` and `flush()`, which gives the rest.
+    delayed: Callable[[int], Any] | None = None
+    # The same step in two halves; left out, the method cannot be swept.
+    halves: StepHalves | None = None
+
+    @property
+    def archive(self) -> Any:
+        """The class that keeps the traces of a run."""
+        return _import_attribute(self.archive_name)
+
+    def enlarge(self, state: Any, static: Static) -> Any:
+        """The memory with the larger capacities of `static`; results do not change."""
+        if self.grow is not None:
+            return self.grow(state, static)
+        return extend(state, self.init(static))
+
+    def count_occupied(self, state: Any) -> tuple[Any, Any]:
+        """Slots of objects and of pending tracks that are in use."""
+        if self.occupied is not None:
+            return self.occupied(state)
+        return (state.objects.id >= 0).sum(), 0
+
+
+def extend(state: Any, empty: Any) -> Any:
+    """A memory in the first slots of an empty one, on the host; nothing overflows there."""
+    return dataclasses.replace(jax.tree.map(widen, state, empty), overflow=empty.overflow)
+
+
+def widen(small: Array, large: Array) -> np.ndarray:
+    """Values of an array in the first places of a larger one; on the host nothing is compiled."""
+    widened = np.array(large)
+    widened[tuple(slice(0, length) for length in small.shape)] = small
+    return widened
+
+
+# "module:attribute" is imported when the method is first asked for.
+_methods: dict[str, Method | str] = {
+    "plus": "remind_jax.plus.method:METHOD",
+    PAPER_METHOD: "remind_jax.remind.method:METHOD",
+    "momentum": "remind_jax.baselines.momentum:METHOD",
+    "running-mean": "remind_jax.baselines.running_mean:METHOD",
+    "bank": "remind_jax.baselines.bank:METHOD",
+    "iou": "remind_jax.baselines.iou:METHOD",
+}
+
+
+def get_method(name: str) -> Method:
+    """Gives a method by name.
+
+    Raises:
+      ConfigError: If there is no such method.
+    """
+    if name not in _methods:
+        raise ConfigError(f"there is no tracker {name!r}; {nearest_names(name, _methods)}")
+    method = _methods[name]
+    if isinstance(method, str):
+        method = _methods[name] = _import_attribute(method)
+    return method
+
+
+def register_method(method: Method) -> None:
+    """Adds a method under its name.
+
+    Raises:
+      ConfigError: If another method has that name.
+    """
+    taken = _methods.get(method.name)
+    if taken is not None and taken is not method:
+        raise ConfigError(f"a tracker {method.name!r} is registered already; choose another name")
+    _methods[method.name] = method
+
+
+def list_methods() -> list[str]:
+    """Names of all methods, that of the configuration `default` first."""
+    return list(_methods)
+
+
+def _import_attribute(path: str) -> Any:
+    """What `module:attribute` names."""
+    module, _, attribute = path.partition(":")
+    return getattr(importlib.import_module(module), attribute)

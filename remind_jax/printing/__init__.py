@@ -1,0 +1,1 @@
+"""Words, numbers and tables for the terminal."""

@@ -1,0 +1,1 @@
+"""The tracker of the paper, as pure functions of arrays."""

@@ -1,0 +1,124 @@
+"""Who is who, jointly: locks of clear wins, then one assignment (association notes 12, 13)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.decision import Lock
+from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, top_two
+from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
+from remind_jax.remind.association.similarity import Comparison
+from remind_jax.remind.thresholds.thresholds import Matching
+from remind_jax.solvers.assignment import UNASSIGNED, assign
+from remind_jax.solvers.greedy import assign_greedily
+from remind_jax.static import Static
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Assignment:
+    """Object slot of every detection."""
+
+    slot: Int[Array, "N"]  # -1: no object
+    score: Float[Array, "N"]  # final score of the pair, 0 without object
+    lock: Int[Array, "N"]  # decision.Lock
+    pairs: Pairs  # the table as last built
+
+
+def associate(
+    comparison: Comparison,
+    evidence: Evidence,
+    context: ContextVerdict,
+    class_id: Int[Array, "N"],
+    static: Static,
+    t: Matching,
+) -> Assignment:
+    """Settles clear wins first and assigns the rest jointly, class by class.
+
+    Args:
+      comparison: Visual scores.
+      evidence: Diagnosis of the visual scores.
+      context: What context says of pairs and objects.
+      class_id: Class of each detection.
+      static: Choice of solver.
+      t: Thresholds.
+    """
+    candidate, score = comparison.candidate, comparison.score
+    num, slots = candidate.shape
+    everyone, nothing = jnp.ones(num, bool), jnp.zeros(slots, bool)
+    listens = admit_by_status(
+        evidence.status, context.on_strong, context.on_ambiguous, context.on_weak
+    )
+    pairs = gate_pairs(
+        initial_pairs(score), candidate, score, context, listens, everyone, nothing, t
+    )
+    locked, lock = lock_pairs(pairs, score, t)
+    used, free = jnp.any(locked, axis=0), ~jnp.any(locked, axis=1)
+    locked_score = jnp.sum(jnp.where(locked, pairs.score_final, 0.0), axis=1)
+
+    pairs = gate_pairs(pairs, candidate, score, context, listens, free, used, t)
+    allowed, dummy = pairs.eligible & free[:, None], dummy_scores(evidence, t)
+    if static.assignment == "greedy":
+        column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)
+    else:
+        column = assign(
+            pairs.score_assign, allowed, class_id, dummy, t.dummies, solver=static.solver
+        )
+    at = jnp.maximum(column, 0)
+    final = jnp.take_along_axis(pairs.score_final, at[:, None], axis=1)[:, 0]
+    visual = jnp.take_along_axis(score, at[:, None], axis=1)[:, 0]
+    accepted = (column != UNASSIGNED) & (final >= t.match) & (visual >= t.min_visual)
+    solved = jnp.where(accepted, column, UNASSIGNED)
+    return Assignment(
+        slot=jnp.where(free, solved, jnp.argmax(locked, axis=1).astype(jnp.int32)),
+        score=jnp.where(free, jnp.where(accepted, final, 0.0), locked_score),
+        lock=lock,
+        pairs=pairs,
+    )
+
+
+def lock_pairs(
+    pairs: Pairs, score: Float[Array, "N O"], t: Matching
+) -> tuple[Bool[Array, "N O"], Int[Array, "N"]]:
+    """Pairs that win so clearly that nothing else is asked (notes 12).
+
+    Objects propose their best detection, then free detections propose their best free object.
+    Where two proposals meet, the higher score wins, then the lower index.
+
+    Returns:
+      The locked pairs and the kind of lock of each detection.
+    """
+
+    def wins(best: Array, second: Array) -> Bool[Array, "..."]:
+        lead = best - second
+        relative = lead / jnp.maximum(1e-12, best)
+        lead_enough = (lead >= t.lock_gap) & (relative >= t.lock_relative_gap)
+        return (best >= t.lock_score) & lead_enough & t.locks
+
+    def propose(open_pairs: Bool[Array, "X Y"], scores: Float[Array, "X Y"]) -> Array:
+        """Each row proposes its best column; of the proposals to a column the best stands."""
+        best, top, second = top_two(scores, open_pairs)
+        ok = jnp.any(open_pairs, axis=1) & wins(top, second)
+        proposed = ok[:, None] & (jnp.arange(scores.shape[1]) == best[:, None])
+        winner = jnp.argmax(jnp.where(proposed, top[:, None], -jnp.inf), axis=0)
+        return proposed & (jnp.arange(scores.shape[0])[:, None] == winner[None])
+
+    by_object = propose(pairs.eligible.T, score.T).T & t.object_locks
+    free = ~jnp.any(by_object, axis=1)[:, None] & ~jnp.any(by_object, axis=0)[None]
+    by_detection = propose(pairs.eligible & free, score) & t.detection_locks
+    kind = jnp.where(jnp.any(by_detection, axis=1), Lock.DETECTION, Lock.NONE)
+    kind = jnp.where(jnp.any(by_object, axis=1), Lock.OBJECT, kind)
+    return by_object | by_detection, kind.astype(jnp.int32)
+
+
+def dummy_scores(evidence: Evidence, t: Matching) -> Float[Array, "N"]:
+    """Score of leaving a detection without an object; uncertain ones give way (notes 13.2)."""
+    base = jnp.clip(t.dummy_score, 0.0, 1.0)
+    doubt = 1.0 - jnp.clip(evidence.confidence, 0.0, 1.0)
+    scaled = jnp.clip(base + t.dummy_confidence_gain * doubt, 0.0, t.dummy_cap)
+    diagnosed = evidence.status != 0
+    return jnp.where(t.dummy_by_confidence & diagnosed, scaled, base)

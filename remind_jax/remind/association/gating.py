@@ -1,0 +1,142 @@
+"""Which pairs may be assigned, and with what score? (paper III-E; association notes 11)."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.remind.context.reasoning import Reasoning
+from remind_jax.remind.thresholds.context import Influence as InfluenceRules
+from remind_jax.remind.thresholds.outcome import Ambiguous
+from remind_jax.remind.thresholds.thresholds import Matching
+
+_TINY = 1e-12
+
+
+class Gate(enum.IntEnum):
+    """Why a pair is, or is not, open to assignment."""
+
+    NONE = 0  # no candidate, or vetoed by context
+    BLOCK_MIN_MATCH = 1
+    BLOCK_MATCH_THR = 2
+    BLOCK_USED_OBJECT = 3
+    PASS_MATCH_THR = 4
+    SETS_RESCUE = 5  # below the threshold, opened by context
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Pairs:
+    """Score table of the frame; rows are detections, columns objects."""
+
+    eligible: Bool[Array, "N O"]  # open to assignment
+    gate: Int[Array, "N O"]  # Gate
+    score_assign: Float[Array, "N O"]  # what the assignment maximises: visual, less penalties
+    score_final: Float[Array, "N O"]  # what is tested for acceptance: visual and context
+    score_known: Float[Array, "N O"]  # the same, with context even where it may not influence
+    bonus: Float[Array, "N O"]  # context adjustment that was applied
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ContextVerdict:
+    """What context says of pairs and objects; neutral where there is none."""
+
+    plausible: Bool[Array, "N O"]  # candidates that context does not veto
+    veto: Int[Array, "N O"]  # context.veto.Veto
+    bonus_raw: Float[Array, "O"]  # signed adjustment of the score
+    supported: Bool[Array, "O"]  # clearly backed by context
+    influences: Bool[Array, ""]  # context may change scores at all
+    on_strong: Bool[Array, ""]  # those of detections with strong evidence,
+    on_ambiguous: Bool[Array, ""]  # ambiguous
+    on_weak: Bool[Array, ""]  # or weak evidence
+    rescue_min_visual: Float[Array, ""]  # least visual score of a rescued pair
+
+
+def read_context(
+    reasoning: Reasoning, influence: InfluenceRules, ambiguous: Ambiguous
+) -> ContextVerdict:
+    """What context means for pairs and objects.
+
+    Args:
+      reasoning: What the context says.
+      influence: Thresholds of its influence.
+      ambiguous: Thresholds of support that counts (notes 14.1).
+    """
+    felt = reasoning.influence
+    some = (felt.support > _TINY) | (felt.score_sets > _TINY)
+    strong = (felt.compat_rel >= ambiguous.min_relative_support) & (
+        felt.kernel_raw >= influence.min_kernel
+    )
+    supported = some & (felt.compat_band | strong)
+    return ContextVerdict(
+        plausible=reasoning.plausible,
+        veto=reasoning.veto,
+        bonus_raw=felt.bonus_raw,
+        supported=supported | (felt.score_sets >= ambiguous.min_net_support),
+        influences=influence.enabled,
+        on_strong=influence.on_strong,
+        on_ambiguous=influence.on_ambiguous,
+        on_weak=influence.on_weak,
+        rescue_min_visual=influence.rescue_visual,
+    )
+
+
+def initial_pairs(score: Float[Array, "N O"]) -> Pairs:
+    """The table before any gate: all scores visual, nothing eligible."""
+    nothing = jnp.zeros(score.shape, bool)
+    gate = jnp.full(score.shape, Gate.NONE, jnp.int32)
+    return Pairs(nothing, gate, score, score, score, jnp.zeros_like(score))
+
+
+def gate_pairs(
+    pairs: Pairs,
+    candidate: Bool[Array, "N O"],
+    score: Float[Array, "N O"],
+    context: ContextVerdict,
+    open_to_context: Bool[Array, "N"],
+    rows: Bool[Array, "N"],
+    used: Bool[Array, "O"],
+    t: Matching,
+) -> Pairs:
+    """Opens the pairs that are good enough and rewrites the scores of those.
+
+    Args:
+      pairs: Table to update; rows outside `rows` and scores of closed pairs stay.
+      candidate: Pairs of one class.
+      score: Visual score.
+      context: What context says.
+      open_to_context: Detections that context may influence, mostly those that are not clear.
+      rows: Detections still to be assigned.
+      used: Objects already taken; they open the whole class to context.
+      t: Thresholds.
+    """
+    allowed = open_to_context | jnp.any(candidate & used[None], axis=1)
+    allowed = allowed & context.influences
+    bonus = jnp.where(allowed[:, None], context.bonus_raw[None], 0.0)
+    rescued = allowed[:, None] & (score >= context.rescue_min_visual)
+    rescued = rescued & (bonus > 0) & (score + bonus >= t.match)
+    low = (score < t.min_visual) & t.gate_min_visual
+    below = (score < t.match) & t.gate_match
+
+    gate = jnp.where(below & rescued, Gate.SETS_RESCUE, Gate.PASS_MATCH_THR)
+    gate = jnp.where(used[None], Gate.BLOCK_USED_OBJECT, gate)
+    gate = jnp.where(below & ~rescued, Gate.BLOCK_MATCH_THR, gate)
+    gate = jnp.where(low, Gate.BLOCK_MIN_MATCH, gate)
+    gate = jnp.where(candidate & context.plausible, gate, Gate.NONE)
+    row = rows[:, None]
+    opened = row & (gate >= Gate.PASS_MATCH_THR)
+    final = score + bonus
+    known = jnp.maximum(final, score + context.bonus_raw[None])
+    return Pairs(
+        eligible=jnp.where(row, opened, pairs.eligible),
+        gate=jnp.where(row, gate, pairs.gate).astype(jnp.int32),
+        score_assign=jnp.where(opened, score + jnp.minimum(0.0, bonus), pairs.score_assign),
+        score_final=jnp.where(opened, final, pairs.score_final),
+        score_known=jnp.where(opened, known, pairs.score_known),
+        bonus=jnp.where(row, bonus, pairs.bonus),
+    )

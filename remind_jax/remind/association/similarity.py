@@ -1,0 +1,397 @@
+"""How similar is each detection to each object? (paper III-E; association notes 5 to 7).
+
+Channels are compared with the prototype banks, collapsed to four terms, and the terms averaged by
+weights that carry the quality of the observation. An absent value is not zero: presence travels
+beside every score. Letters: `N` detections, `O` objects, `A C R` channels, `S` slots, `T` terms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.numerics.control_flow import repeat
+from remind_jax.numerics.pooling import dot
+from remind_jax.observation import Descriptors
+from remind_jax.remind.association.quality import Quality
+from remind_jax.remind.memory.bank import Bank, DualBank, confidence, mean_quality
+from remind_jax.remind.state import TrackerState
+from remind_jax.remind.thresholds.thresholds import Similarity
+from remind_jax.static import Static
+
+OBJECT, BACKGROUND, PARTS = 0, 1, 2
+RING_PROTOTYPES = 3  # only with `static.ring_prototypes`
+NUM_TERMS = 3
+_SUMMED = (OBJECT, BACKGROUND, RING_PROTOTYPES, PARTS)  # in this order, as in the original
+_SLOTS_AT_ONCE = 4
+Rule = Literal["work", "stable", "prefer_stable", "max"]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """Values in [0, 1] with their presence."""
+
+    value: Float[Array, "..."]  # 0 where absent
+    present: Bool[Array, "..."]
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ChannelScores:
+    """Every channel against the work and the stable bank."""
+
+    object_work: Score  # [A N O]
+    object_stable: Score
+    authority_work: Float[Array, "A N O"]  # how proven the winning prototype is, [0, 1]
+    authority_stable: Float[Array, "A N O"]
+    rings_work: Score  # [R N O]
+    rings_stable: Score
+    parts_work: Score  # [C N O]
+    parts_stable: Score
+    prototypes_work: Score | None = None  # [R N O], of the rings
+    prototypes_stable: Score | None = None
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Terms:
+    """The scores of each pair by term, and how proven the object evidence is."""
+
+    value: Float[Array, "T N O"]
+    present: Bool[Array, "T N O"]
+    authority: Float[Array, "N O"]  # 1 where absent
+
+
+AUTO, WORK, STABLE = 0, 1, 2
+_AUTO_RULES: tuple[Rule, ...] = ("prefer_stable", "prefer_stable", "max", "max")
+_FORCED_RULES: tuple[Rule, ...] = ("work", "stable", "max")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Visual evidence between detections and objects."""
+
+    candidate: Bool[Array, "N O"]  # same class; nothing else rules an object out
+    score: Float[Array, "N O"]  # the visual score, [0, 1]; 0 for non-candidates
+    source: Int[Array, "T N"]  # bank compared by: AUTO, WORK or STABLE
+    terms: Terms  # under the source of each detection
+    auto: Terms  # under AUTO
+    neutral: Terms  # the better of both banks, for scores comparable between candidates
+    neutral_weights: Float[Array, "T N 1"]  # without the authority of the prototypes
+    pending_score: Float[Array, "N P"]  # visual score with undecided tracks, under AUTO
+
+
+def compare(
+    state: TrackerState,
+    descriptors: Descriptors,
+    quality: Quality,
+    static: Static,
+    t: Similarity,
+    background: Bool[Array, ""],
+    promote_hits: Int[Array, ""],
+) -> Comparison:
+    """Scores every detection against every object of its class, and against undecided tracks.
+
+    Args:
+      state: Memory before the frame.
+      descriptors: What the detections look like.
+      quality: Quality of the observations.
+      static: Which channels and banks count.
+      t: Weights of the terms.
+      background: Whether background is compared at all.
+      promote_hits: Hits that prove an appearance prototype.
+    """
+    objects = state.objects
+    slots = objects.id.shape[0]
+    candidate = descriptors.valid[:, None] & objects.exists[None]
+    candidate = candidate & (descriptors.class_id[:, None] == objects.class_id[None])
+    channels = compare_channels(state, descriptors, static, background, promote_hits)
+
+    everything = collapse(channels, _AUTO_RULES, static, t)
+    num_terms = len(everything.value)
+    pending_weights = term_weights(quality, everything.authority, t, num_terms)
+    pending = weighted_mean(everything.value, everything.present, pending_weights, t)[:, slots:]
+    auto = jax.tree.map(lambda leaf: leaf[..., :slots], everything)
+    of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], channels)
+    work, stable, neutral = (
+        collapse(of_objects, (rule,) * num_terms, static, t) for rule in _FORCED_RULES
+    )
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), auto, work, stable)
+    # One bank for all candidates of a detection where all have it, stable first (notes 7.3).
+    everywhere = jnp.all(stacked.present | ~candidate, axis=-1)
+    source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
+    pick = source[None, :, :, None]
+    terms = Terms(
+        value=jnp.take_along_axis(stacked.value, pick, axis=0)[0],
+        present=jnp.take_along_axis(stacked.present, pick, axis=0)[0],
+        authority=jnp.take_along_axis(stacked.authority, source[OBJECT][None, :, None], 0)[0],
+    )
+    weights = term_weights(quality, terms.authority, t, num_terms)
+    return Comparison(
+        candidate=candidate,
+        score=weighted_mean(terms.value, terms.present & candidate, weights, t),
+        source=source,
+        terms=terms,
+        auto=auto,
+        neutral=neutral,
+        neutral_weights=term_weights(quality, None, t, num_terms),
+        pending_score=pending,
+    )
+
+
+def comparable_score(
+    comparison: Comparison, members: Bool[Array, "N O"], t: Similarity
+) -> Float[Array, "N O"]:
+    """Score on the evidence that all members of a set have, so that it can be compared (7.5)."""
+    neutral = comparison.neutral
+    common = jnp.all(neutral.present | ~members, axis=-1, keepdims=True)
+    score = weighted_mean(neutral.value, neutral.present & common, comparison.neutral_weights, t)
+    return jnp.where(jnp.any(common, axis=0), score, comparison.score)
+
+
+def count_terms(comparison: Comparison) -> Int[Array, "N"]:
+    """Terms that are present between each detection and its best candidate, under "auto"."""
+    best = jnp.argmax(jnp.where(comparison.candidate, comparison.score, -jnp.inf), axis=1)
+    present = comparison.auto.present & comparison.candidate
+    counts = jnp.sum(present, axis=0)
+    return jnp.take_along_axis(counts, best[:, None], axis=1)[:, 0]
+
+
+def compare_channels(
+    state: TrackerState,
+    descriptors: Descriptors,
+    static: Static,
+    background: Bool[Array, ""],
+    promote_hits: Int[Array, ""],
+) -> ChannelScores:
+    """Compares every channel with its two banks (notes 5)."""
+    appearance = jnp.swapaxes(descriptors.appearance, 0, 1)
+    seen = jnp.swapaxes(descriptors.appearance_valid, 0, 1)
+    rings = jnp.swapaxes(descriptors.rings, 0, 1)
+    rings_seen = jnp.swapaxes(descriptors.rings_valid, 0, 1) & background
+    parts = jnp.swapaxes(descriptors.parts, 0, 1)
+    parts_seen = jnp.swapaxes(descriptors.parts_valid, 0, 1)
+
+    def both(banks: DualBank, score) -> tuple:
+        work, stable = score(banks.work), score(banks.stable)
+        if static.banks_read == "work":
+            hidden = jax.tree.map(jnp.zeros_like, stable[0])
+            stable = (hidden, *stable[1:])
+        return work, stable
+
+    (object_work, authority_work), (object_stable, authority_stable) = both(
+        state.appearance, lambda bank: _best_of_bank(bank, appearance, seen, promote_hits)
+    )
+    (rings_work, _), (rings_stable, _) = both(
+        state.rings, lambda bank: _best_of_bank(bank, rings, rings_seen, promote_hits)
+    )
+    (parts_work,), (parts_stable,) = both(
+        state.parts, lambda bank: (_best_parts(bank, parts, parts_seen, static.part_top),)
+    )
+    prototypes: tuple[Score | None, Score | None] = None, None
+    if descriptors.ring_prototypes is not None and state.ring_prototypes is not None:
+        patches = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), descriptors.ring_prototypes)
+        known, top = patches.valid & background, static.ring_prototype_top
+        (work,), (stable,) = both(
+            state.ring_prototypes, lambda bank: (_best_parts(bank, patches.vector, known, top),)
+        )
+        prototypes = work, stable
+    return ChannelScores(
+        object_work,
+        object_stable,
+        authority_work,
+        authority_stable,
+        rings_work,
+        rings_stable,
+        parts_work,
+        parts_stable,
+        *prototypes,
+    )
+
+
+def _best_of_bank(
+    bank: Bank,
+    vectors: Float[Array, "C N D"],
+    seen: Bool[Array, "C N"],
+    promote_hits: Int[Array, ""],
+) -> tuple[Score, Float[Array, "C N O"]]:
+    """Best cosine per object, clamped at 0, and the authority of the winner (notes 5.1, 5.3)."""
+    best, winner = _find_nearest(bank, vectors)
+    present = seen[..., None] & (best > -1.0)
+    quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
+    authority = jnp.clip(jnp.sqrt(quality * confidence(bank, promote_hits)), 0.0, 1.0)
+    won = jnp.take_along_axis(authority[:, None], winner[..., None], axis=-1)[..., 0]
+    return Score(jnp.where(present, jnp.maximum(best, 0.0), 0.0), present), won
+
+
+def _best_parts(
+    bank: Bank, parts: Float[Array, "C N K D"], seen: Bool[Array, "C N K"], top: int
+) -> Score:
+    """Mean over the `top` best matching parts of a detection (notes 5.1)."""
+    channels, num, clusters, dim = parts.shape
+    best, _ = _find_nearest(bank, parts.reshape(channels, num * clusters, dim))
+    best = best.reshape(channels, num, clusters, -1)
+    best = jnp.where(seen[..., None], jnp.maximum(best, 0.0), -1.0)
+    best = jnp.stack(_sort_falling([best[:, :, part] for part in range(clusters)])[:top], axis=2)
+    counted = best >= 0.0
+    count = jnp.sum(counted, axis=2)
+    present = (count > 0) & (bank.size > 0)[:, None]
+    mean = jnp.sum(jnp.where(counted, best, 0.0), axis=2) / jnp.maximum(count, 1)
+    return Score(jnp.where(present, mean, 0.0), present)
+
+
+def _find_nearest(
+    bank: Bank, vectors: Float[Array, "C V D"]
+) -> tuple[Float[Array, "C V O"], Int[Array, "C V O"]]:
+    """Cosine and slot of each object's prototype that is nearest to each vector of its channel.
+
+    The first among equals; -inf for an empty bank. Reading prototypes takes most of a step, and
+    most slots are free: they are read a few at a time, as far as the fullest bank reaches.
+    """
+    channels, objects, slots, dim = bank.embedding.shape
+    width = min(_SLOTS_AT_ONCE, slots)
+    shape = (channels, vectors.shape[1], objects)
+
+    def read_some(found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        turn, best, winner = found
+        # The last turn may reach back to slots that are done; they do not win a second time.
+        first = jnp.minimum(turn * width, slots - width)
+        some = jax.lax.dynamic_slice_in_dim(bank.embedding, first, width, axis=2)
+        cosine = dot(vectors, some.reshape(channels, objects * width, dim))
+        cosine = cosine.reshape(*shape, width)
+        for offset in range(width):
+            slot = first + offset
+            wins = (slot < bank.size)[:, None] & (cosine[..., offset] > best)
+            best = jnp.where(wins, cosine[..., offset], best)
+            winner = jnp.where(wins, slot, winner)
+        return turn + 1, best, winner
+
+    nothing = (jnp.full(shape, -jnp.inf, jnp.float32), jnp.zeros(shape, jnp.int32))
+    turns = (jnp.max(bank.size) + width - 1) // width
+    _, best, winner = repeat(lambda found: found[0] < turns, read_some, (jnp.int32(0), *nothing))
+    return best.astype(bank.quality_sum.dtype), winner
+
+
+def _sort_falling(values: list[Array]) -> list[Array]:
+    """Sorts a few arrays elementwise, far faster than `jnp.sort` along a short axis."""
+    for end in range(len(values) - 1, 0, -1):
+        for at in range(end):
+            pair = values[at], values[at + 1]
+            values[at], values[at + 1] = jnp.maximum(*pair), jnp.minimum(*pair)
+    return values
+
+
+def collapse(
+    channels: ChannelScores, rules: Sequence[Rule], static: Static, t: Similarity
+) -> Terms:
+    """Reduces work and stable bank, then the channels, to the three terms (notes 7.1, 7.2)."""
+    c = channels
+    for_object, for_background, for_parts = rules[:NUM_TERMS]
+    score, takes_stable = _collapse_pair(c.object_work, c.object_stable, for_object)
+    authority = jnp.where(takes_stable, c.authority_stable, c.authority_work)
+    chosen = {"best": slice(None), "global": slice(0, 1), "trimmed": slice(1, 2)}
+    chosen = chosen[static.object_channel]
+    score, authority = jax.tree.map(lambda leaf: leaf[chosen], (score, authority))
+    winner = jnp.argmax(jnp.where(score.present, score.value, -jnp.inf), axis=0)
+    pick = lambda leaf: jnp.take_along_axis(leaf, winner[None], axis=0)[0]  # noqa: E731
+    obj = jax.tree.map(pick, score)
+    authority = jnp.where(obj.present, pick(authority), 1.0)
+
+    back, _ = _collapse_pair(
+        _combine_rings(c.rings_work, static, t),
+        _combine_rings(c.rings_stable, static, t),
+        for_background,
+    )
+    parts, _ = _collapse_pair(c.parts_work, c.parts_stable, for_parts)
+    counted = jnp.array([static.part_channel in ("best", c) for c in static.part_channels])
+    present = parts.present & counted[:, None, None]
+    parts = Score(jnp.max(jnp.where(present, parts.value, 0.0), axis=0), jnp.any(present, axis=0))
+    terms = [Score(obj.value, obj.present), back, parts]
+    if c.prototypes_work is not None and c.prototypes_stable is not None:
+        work, stable = _join_rings(c.prototypes_work, t), _join_rings(c.prototypes_stable, t)
+        terms.append(_collapse_pair(work, stable, rules[RING_PROTOTYPES])[0])
+    return Terms(
+        value=jnp.stack([term.value for term in terms]),
+        present=jnp.stack([term.present for term in terms]),
+        authority=authority,
+    )
+
+
+def _collapse_pair(work: Score, stable: Score, rule: Rule) -> tuple[Score, Bool[Array, "..."]]:
+    """One score from the two banks, and whether it is the stable one."""
+    if rule == "work":
+        return work, jnp.zeros_like(work.present)
+    if rule == "stable":
+        return stable, jnp.ones_like(stable.present)
+    takes_stable = stable.present
+    if rule == "max":
+        takes_stable = stable.present & (~work.present | (stable.value >= work.value))
+    value = jnp.where(takes_stable, stable.value, work.value)
+    return Score(value, work.present | stable.present), takes_stable
+
+
+def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
+    """Joins inner and outer ring; one alone counts in full (notes 5.1, 5.4)."""
+    if static.ring_channel == "inner":
+        return jax.tree.map(lambda leaf: leaf[0], rings)
+    if static.ring_channel == "outer":
+        return jax.tree.map(lambda leaf: leaf[1], rings)
+    return _join_rings(rings, t)
+
+
+def _join_rings(rings: Score, t: Similarity) -> Score:
+    shares = jnp.maximum(jnp.stack([t.inner_share, t.outer_share]), 0.0)
+    total = jnp.sum(shares)
+    shares = jnp.where(total > 1e-12, shares / jnp.maximum(total, 1e-12), 0.5)
+    inner, outer = rings.value
+    joint = (shares[0] * inner + shares[1] * outer) / (shares[0] + shares[1])
+    both = rings.present[0] & rings.present[1]
+    return Score(jnp.where(both, joint, inner + outer), rings.present[0] | rings.present[1])
+
+
+def term_weights(
+    quality: Quality,
+    authority: Float[Array, "N O"] | None,
+    t: Similarity,
+    num_terms: int = NUM_TERMS,
+) -> Float[Array, "T N #O"]:
+    """Weights of the terms after the quality of observation and prototype (notes 6.2).
+
+    Without authority the prototypes are not asked (notes 7.5).
+    """
+    lift = lambda q, floor: floor + (1.0 - floor) * jnp.clip(q, 0.0, 1.0)  # noqa: E731
+    seen = quality.object[:, None]
+    if authority is not None:
+        seen = jnp.sqrt(jnp.maximum(0.0, seen * authority))
+    ones = jnp.ones_like(seen)
+    obj = lift(seen, t.object_floor) * quality.object_density[:, None]
+    back = lift(quality.background, t.background_floor)[:, None] * ones
+    parts = (lift(quality.parts, t.parts_floor) * quality.parts_density)[:, None] * ones
+    weights = [t.object_weight * obj, t.background_weight * back, t.parts_weight * parts]
+    return jnp.stack([*weights, t.ring_prototypes_weight * back][:num_terms])
+
+
+def weighted_mean(
+    value: Float[Array, "T N O"],
+    present: Bool[Array, "T N O"],
+    weights: Float[Array, "T N #O"],
+    t: Similarity,
+) -> Float[Array, "N O"]:
+    """One score from the present terms of positive nominal weight (notes 7.4)."""
+    nominal = [t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight]
+    nominal = jnp.stack(nominal[: len(value)])
+    counted = present & (nominal > 0)[:, None, None]
+    weights = jnp.where(counted, weights, 0.0)
+    total, weight = jnp.zeros(value.shape[1:], value.dtype), jnp.zeros(value.shape[1:], value.dtype)
+    for term in [term for term in _SUMMED if term < len(value)]:
+        total = total + weights[term] * jnp.where(counted[term], value[term], 0.0)
+        weight = weight + weights[term]
+    mean = jnp.where(weight > 1e-12, total / jnp.maximum(weight, 1e-12), 0.0)
+    return jnp.where(t.renormalize, mean, total)

@@ -1,0 +1,142 @@
+"""Every choice of objects that the sets of a beam can make (context notes 7.5, 7.6).
+
+Letters: `W` sets, `K` most detections per class, `O` objects, `M` most members of a set. A choice
+is a count of objects, 0 to `K`, and a variant.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.remind.context.chunks import by_chunks
+from remind_jax.remind.context.evidence import Links
+from remind_jax.remind.context.member_sets import (
+    NOBODY,
+    LinkCounts,
+    MemberSet,
+    extend_paths,
+    line_up,
+    link_strengths,
+    weigh_tree,
+)
+from remind_jax.remind.context.options import VARIANTS
+from remind_jax.remind.thresholds.context import Sets
+
+_extend = jax.vmap(extend_paths)
+_weigh = jax.vmap(weigh_tree)
+_strengths = jax.vmap(link_strengths, (0, 0, None), out_axes=1)
+
+
+def choice_mask(places: int) -> Bool[Array, "K+1 2 K+1"]:
+    """Which of the ranked objects each choice takes: the first, the last one moved on or not."""
+    place, count = jnp.arange(places), jnp.arange(places)[:, None, None]
+    last = count - 1 + jnp.arange(VARIANTS)[:, None]
+    return ((place < count - 1) | (place == last)) & (count > 0)
+
+
+def members_by_choice(
+    members: Bool[Array, "W O"], ranked: Int[Array, "W K+1"]
+) -> Bool[Array, "O W K+1 2"]:
+    """Who is in a set after each choice."""
+    places = ranked.shape[1]
+    named = ranked[:, None, :] == jnp.arange(members.shape[1])[:, None]
+    rank = jnp.where(jnp.any(named, axis=2), jnp.argmax(named, axis=2), places)
+    taken = jnp.pad(choice_mask(places), ((0, 0), (0, 0), (0, 1)))
+    return members.T[:, :, None, None] | jnp.moveaxis(taken, 2, 0)[rank.T]
+
+
+def grow_trees(
+    sets: MemberSet, ranked: Int[Array, "W K+1"], largest: Int[Array, ""], links: Links
+) -> Float[Array, "W K+1 2"]:
+    """Weight of the spanning tree of every set after every choice.
+
+    The choices of a set grow by one object at a time: each count adds one to the best choice of
+    the count before, or the one after it.
+
+    Args:
+      sets: Sets before the choice.
+      ranked: Objects to choose from, best first, none a member yet.
+      largest: Most objects that may be chosen.
+      links: Ties between objects.
+    """
+    strength = _strengths(ranked, jax.vmap(line_up)(sets, ranked), links)
+    table = jnp.broadcast_to(_weigh(sets.path), (ranked.shape[1], VARIANTS, ranked.shape[0]))
+
+    def step(count: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        path, table = carry
+        entry = sets.size + count - 1
+        other = _weigh(_extend(path, strength[count], entry))
+        path = _extend(path, strength[count - 1], entry)
+        return path, table.at[count].set(jnp.stack([_weigh(path), other]))
+
+    _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, table))
+    return jnp.moveaxis(table, 2, 0)
+
+
+def count_links(sets: MemberSet, ranked: Int[Array, "W K+1"], links: Links, t: Sets) -> LinkCounts:
+    """Links within every set after every choice `[W, K+1, 2]` (notes 7.6)."""
+    # Counts are small whole numbers: exact in every precision that a product may take.
+    present = links.present.astype(jnp.float32)
+    degree = jnp.matmul(sets.members.astype(jnp.float32), present)
+    at, slot = jnp.maximum(ranked, 0), jnp.maximum(sets.slot, 0)
+    taken = choice_mask(ranked.shape[1])
+    chosen = taken.astype(jnp.float32)
+    to_members = present[at[:, :, None], slot[:, None, :]]
+    to_chosen = present[at[:, :, None], at[:, None, :]]
+    old = jnp.take_along_axis(degree, slot, axis=1)[:, None, None]
+    old = old + jnp.einsum("kvj,wjm->wkvm", chosen, to_members)
+    new = jnp.take_along_axis(degree, at, axis=1)[:, None, None]
+    new = new + jnp.einsum("kvj,wji->wkvi", chosen, to_chosen)
+    is_member = (jnp.arange(slot.shape[1]) < sets.size[:, None])[:, None, None]
+
+    def count(of_members: Array, of_chosen: Array) -> Array:
+        within = jnp.sum(jnp.where(is_member, of_members, 0), axis=3)
+        return within + jnp.sum(jnp.where(taken, of_chosen, 0), axis=3)
+
+    scalar = links.strength.dtype
+    least = t.min_links.astype(jnp.float32)
+    return LinkCounts(
+        pairs=count(old, new).astype(scalar) / 2.0,
+        linked=count((old > 0.0).astype(scalar), (new > 0.0).astype(scalar)),
+        isolated=count((old < least).astype(scalar), (new < least).astype(scalar)) > 0.0,
+    )
+
+
+def join_chosen(
+    sets: MemberSet,
+    parent: Int[Array, "W"],
+    chosen: Int[Array, "W K"],
+    largest: Int[Array, ""],
+    num_sets: Int[Array, ""],
+    links: Links,
+) -> MemberSet:
+    """Makes new sets from parent sets and the objects chosen for them.
+
+    Args:
+      sets: Sets before the choice.
+      parent: The set that each new set grows from.
+      chosen: The objects that join it, NOBODY behind them.
+      largest: Most objects that join a set.
+      num_sets: How many new sets there are.
+      links: Ties between objects.
+    """
+
+    def grow(rows: tuple[Array, Array]) -> MemberSet:
+        parent, chosen = rows
+        start = jax.tree.map(lambda leaf: leaf[parent], sets)
+        slot = jax.vmap(line_up)(start, chosen)
+        strength = _strengths(chosen, slot, links)
+        entry = jnp.where(chosen != NOBODY, start.size[:, None] + jnp.arange(chosen.shape[1]), -1)
+        path = jax.lax.fori_loop(
+            0,
+            largest,
+            lambda place, path: _extend(path, strength[place], entry[:, place]),
+            start.path,
+        )
+        named = chosen[:, :, None] == jnp.arange(start.members.shape[1])
+        size = start.size + jnp.sum(chosen != NOBODY, axis=1, dtype=jnp.int32)
+        return MemberSet(start.members | jnp.any(named, axis=1), slot, size, path)
+
+    return by_chunks(grow, (parent, chosen), num_sets)

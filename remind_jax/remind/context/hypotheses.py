@@ -1,0 +1,116 @@
+"""Which sets of remembered objects may be in view? (paper III-D; context notes 7).
+
+A beam search walks the classes in view, those of few objects first, and lets every partial set
+explain some detections of the class by some of its objects. Letters: `H` hypotheses,
+`N` detections, `O` objects.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
+from remind_jax.remind.context.evidence import NeighbourEvidence, join_links
+from remind_jax.remind.context.frame_classes import group_by_class
+from remind_jax.remind.context.set_score import rate_coverage
+from remind_jax.remind.thresholds.context import Sets
+from remind_jax.static import Static
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Hypotheses:
+    """Sets of objects that may be in view, the most believable first."""
+
+    score: Float[Array, "H"]  # [0, 1]; zero-score hypotheses are real
+    members: Bool[Array, "H O"]
+    detections: Bool[Array, "H N"]  # explained by the members
+    coverage: Float[Array, "H"]  # [0, 1]
+    density: Float[Array, "H"]  # [0, 1]
+    size: Int[Array, "H"]  # members
+    maturity: Float[Array, "H"]  # mean over the members, [0, 1)
+    valid: Bool[Array, "H"]
+
+
+def no_hypotheses(num: int, slots: int, static: Static) -> Hypotheses:
+    """The outcome of no search, for `num` detections and object `slots`."""
+    count = min(static.num_hypotheses, static.beam_width)
+    real = jnp.zeros(count, static.scalar)
+    return Hypotheses(
+        score=real,
+        members=jnp.zeros((count, slots), bool),
+        detections=jnp.zeros((count, num), bool),
+        coverage=real,
+        density=real,
+        size=jnp.zeros(count, jnp.int32),
+        maturity=real,
+        valid=jnp.zeros(count, bool),
+    )
+
+
+def find_hypotheses(
+    evidence: NeighbourEvidence,
+    exists: Bool[Array, "O"],
+    object_class: Int[Array, "O"],
+    anchors: Bool[Array, "O"],
+    det_class: Int[Array, "N"],
+    det_score: Float[Array, "N"],
+    det_valid: Bool[Array, "N"],
+    static: Static,
+    t: Sets,
+) -> Hypotheses:
+    """Searches the sets of objects that explain the frame best.
+
+    Args:
+      evidence: Who was seen with whom.
+      exists: Object slots in use, ordered by rising id.
+      object_class: Class of each object.
+      anchors: Objects that are surely in view.
+      det_class: Class of each detection; any whole numbers.
+      det_score: Detector score of each detection.
+      det_valid: Detections in use.
+      static: Sizes of the search.
+      t: Thresholds.
+
+    Returns:
+      The hypotheses, best first; equal scores keep the order of the search.
+    """
+    classes = group_by_class(
+        evidence, exists, object_class, anchors, det_class, det_score, det_valid, static, t
+    )
+    links = join_links(evidence, jnp.sum(classes.pool_size), static, t)
+    total = jnp.sum(det_valid, dtype=jnp.int32)
+
+    def expand(step: Array, beam: Beam) -> Beam:
+        return expand_by_class(beam, classes, step, total, evidence, anchors, links, static, t)
+
+    num, slots = det_valid.shape[0], exists.shape[0]
+    beam = jax.lax.fori_loop(0, classes.num, expand, empty_beam(num, slots, static))
+    return _best_of_beam(beam, total, classes.num > 0, static, t)
+
+
+def _best_of_beam(
+    beam: Beam, total: Int[Array, ""], searched: Bool[Array, ""], static: Static, t: Sets
+) -> Hypotheses:
+    """The best complete sets (notes 7.7); no two rows agree in members and detections."""
+    score, size = beam.rating.score[beam.set_of], beam.sets.size[beam.set_of]
+    valid = beam.valid & searched & (score >= t.min_set_score) & ((total <= 1) | (size >= 2))
+    count = min(static.num_hypotheses, static.beam_width)
+    best, row = jax.lax.top_k(jnp.where(valid, score, -jnp.inf), count)
+    kept = best >= 0.0
+    which = beam.set_of[row]
+    pick = lambda leaf: jnp.where(kept, leaf[which], 0)  # noqa: E731
+    return Hypotheses(
+        score=jnp.where(kept, best, 0.0),
+        members=beam.sets.members[which] & kept[:, None],
+        detections=beam.detections[row] & kept[:, None],
+        coverage=pick(rate_coverage(beam.sets.size, total, t)),
+        density=pick(beam.rating.density),
+        size=pick(beam.sets.size),
+        maturity=pick(beam.rating.maturity),
+        valid=kept,
+    )

@@ -1,0 +1,90 @@
+"""Which objects belong together here, and what follows for every pair? (paper III-D)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.remind.context.evidence import NeighbourEvidence
+from remind_jax.remind.context.hypotheses import Hypotheses, find_hypotheses, no_hypotheses
+from remind_jax.remind.context.influence import Influence, no_influence, weigh_influence
+from remind_jax.remind.context.summary import summarize
+from remind_jax.remind.context.veto import Veto, veto_pairs
+from remind_jax.remind.thresholds.context import Influence as InfluenceRules
+from remind_jax.remind.thresholds.context import Sets
+from remind_jax.remind.thresholds.context import Veto as VetoRules
+from remind_jax.static import Static
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Reasoning:
+    """What the context says about a frame."""
+
+    influence: Influence
+    plausible: Bool[Array, "N O"]  # candidates that no veto rules out
+    veto: Int[Array, "N O"]  # veto.Veto
+    hypotheses: Hypotheses
+
+
+def reason(
+    evidence: NeighbourEvidence,
+    exists: Bool[Array, "O"],
+    object_class: Int[Array, "O"],
+    anchors: Bool[Array, "O"],
+    det_class: Int[Array, "N"],
+    det_score: Float[Array, "N"],
+    det_valid: Bool[Array, "N"],
+    candidate: Bool[Array, "N O"],
+    score: Float[Array, "N O"],
+    visual_gate: Float[Array, ""],
+    static: Static,
+    sets: Sets,
+    influence: InfluenceRules,
+    veto: VetoRules,
+) -> Reasoning:
+    """Reads the memory of who was seen with whom, before it learns from this frame.
+
+    Args:
+      evidence: Co-occurrence up to the last frame.
+      exists: Object slots in use, ordered by rising id.
+      object_class: Class of each object.
+      anchors: Objects that are surely in view.
+      det_class: Class of each detection; any whole numbers.
+      det_score: Detector score of each detection.
+      det_valid: Detections in use.
+      candidate: Pairs of one class.
+      score: Visual score of each pair.
+      visual_gate: Least visual score of an object that is plausibly in view.
+      static: Sizes of the search.
+      sets: Thresholds of the hypotheses.
+      influence: Thresholds of bonus and penalty; its switch turns everything off.
+      veto: Thresholds of the vetoes.
+    """
+    num, slots = candidate.shape
+
+    def think() -> Reasoning:
+        hypotheses = find_hypotheses(
+            evidence, exists, object_class, anchors, det_class, det_score, det_valid, static, sets
+        )
+        context = summarize(
+            hypotheses, evidence, exists, object_class, anchors, static, sets, influence
+        )
+        felt = weigh_influence(context, exists, influence)
+        ruled_out = veto_pairs(
+            felt, evidence, candidate, score, visual_gate, sets.min_link, static, veto
+        )
+        return Reasoning(felt, candidate & (ruled_out == Veto.NONE), ruled_out, hypotheses)
+
+    def rest() -> Reasoning:
+        return Reasoning(
+            influence=no_influence(slots, static.scalar),
+            plausible=candidate,
+            veto=jnp.full((num, slots), Veto.NONE, jnp.int32),
+            hypotheses=no_hypotheses(num, slots, static),
+        )
+
+    return jax.lax.cond(influence.enabled, think, rest)

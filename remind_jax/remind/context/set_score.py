@@ -1,0 +1,140 @@
+"""How believable is a set of objects as the content of the frame? (context notes 7.6)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.numerics.rounding import divide, multiply
+from remind_jax.remind.context.member_sets import Cohesion, Trust
+from remind_jax.remind.context.options import Menu, Options
+from remind_jax.remind.thresholds.context import Sets
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Tally:
+    """What the choices that led to a set have summed up, any leading shape (notes 7.5)."""
+
+    info: Float[Array, "..."]  # product over the classes
+    support_sum: Float[Array, "..."]  # weighted by the objects to be expected
+    support_weight: Float[Array, "..."]
+    stability_sum: Float[Array, "..."]  # over the classes
+    exclusivity_sum: Float[Array, "..."]  # over the members
+    exclusive: Bool[Array, "..."]  # some choice had a lead that says something
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FrameScale:
+    """What every set of a frame is measured against."""
+
+    num_detections: Int[Array, ""]  # all, those of unknown classes included
+    num_classes: Int[Array, ""]  # classes that choices have been made for, at least 1
+
+
+def empty_tally(scalar: jnp.dtype) -> Tally:
+    """The tally before any choice."""
+    nothing = jnp.zeros((), scalar)
+    return Tally(
+        info=jnp.ones((), scalar),
+        support_sum=nothing,
+        support_weight=nothing,
+        stability_sum=nothing,
+        exclusivity_sum=nothing,
+        exclusive=jnp.zeros((), bool),
+    )
+
+
+def tally_choices(tally: Tally, options: Options, menu: Menu) -> Tally:
+    """The tally of every set after every choice of objects `[W, K+1, 2]` (notes 7.5)."""
+    row = lambda leaf: leaf[:, None, None]  # noqa: E731
+    count = jnp.arange(menu.info.shape[0])
+    some = (count > 0)[:, None]
+    lead = multiply(count.astype(menu.info.dtype), options.exclusivity)
+    support = jnp.clip(options.support, 0.0, 1.0)
+    grown = Tally(
+        info=row(tally.info) * menu.info[:, None],
+        support_sum=row(tally.support_sum) + multiply(row(options.target), support),
+        support_weight=row(tally.support_weight + options.target),
+        stability_sum=row(tally.stability_sum) + jnp.where(some, row(options.stability), 0.0),
+        exclusivity_sum=row(tally.exclusivity_sum) + lead[..., None],
+        exclusive=row(tally.exclusive) | options.exclusive[..., None],
+    )
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, support.shape), grown)
+
+
+def score_sets(
+    size: Int[Array, "..."],
+    cohesion: Cohesion,
+    trust: Trust,
+    tally: Tally,
+    scale: FrameScale,
+    t: Sets,
+) -> Float[Array, "..."]:
+    """Weighted mean of the terms, scaled by connection and reliability, in [0, 1].
+
+    Args:
+      size: Members, as many as explained detections.
+      cohesion: How well the sets hold together.
+      trust: How well their members are known.
+      tally: How good the choices were.
+      scale: What the frame shows.
+      t: Thresholds.
+    """
+    count = size.astype(tally.info.dtype)
+    once = jnp.maximum(count, 1.0)
+    classes = jnp.maximum(scale.num_classes, 1).astype(count.dtype)
+    excess = jnp.maximum(count - t.size_free.astype(count.dtype), 0.0)
+    rated = tally.exclusive & t.exclusivity & (size >= t.exclusivity_min_size)
+    rated = rated & (trust.maturity >= t.exclusivity_min_maturity)
+    terms = (  # summed in this order, as in the original
+        (t.coverage_weight, rate_coverage(size, scale.num_detections, t), True),
+        (t.size_weight, 1.0 - jnp.exp(divide(-excess, t.size_scale)), True),
+        (t.info_weight * _decline(once, "info", t), tally.info, True),
+        (t.density_weight, cohesion.density, size >= 2),
+        (t.support_weight, tally.support_sum / jnp.maximum(tally.support_weight, 1.0), True),
+        (t.stability_weight, divide(tally.stability_sum, classes), True),
+        (
+            t.exclusivity_weight * _decline(once, "exclusivity", t),
+            tally.exclusivity_sum / once,
+            rated,
+        ),
+    )
+    total, weights = jnp.zeros_like(tally.info), jnp.zeros_like(tally.info)
+    for weight, value, present in terms:
+        weight = jnp.where(present, jnp.maximum(weight, 0.0), 0.0)
+        total = total + multiply(weight, jnp.clip(value, 0.0, 1.0))
+        weights = weights + weight
+    counts = weights > 1e-12
+    mean = jnp.where(counts, total / jnp.where(counts, weights, 1.0), 0.0)
+    return jnp.clip(jnp.clip(mean, 0.0, 1.0) * cohesion.connection * trust.reliability, 0.0, 1.0)
+
+
+def rate_coverage(
+    size: Int[Array, "..."], num_detections: Int[Array, ""], t: Sets
+) -> Float[Array, "..."]:
+    """Share of the detections that a set explains; more counts for more, [0, 1]."""
+    scalar = t.coverage_gain.dtype
+    explained, number = size.astype(scalar), num_detections.astype(scalar)
+    share = jnp.clip(divide(explained, jnp.maximum(number, 1.0)), 0.0, 1.0) ** t.coverage_power
+    gain = 1.0 - jnp.exp(-(number - 1.0) / t.coverage_gain_scale)
+    share = share * jnp.where(
+        number > 1.0, 1.0 + multiply(jnp.maximum(t.coverage_gain, 0.0), gain), 1.0
+    )
+    damped = t.explained_scale > 1e-12
+    damping = 1.0 - jnp.exp(divide(-explained, jnp.where(damped, t.explained_scale, 1.0)))
+    return jnp.clip(share * jnp.where(damped, damping, 1.0), 0.0, 1.0)
+
+
+def _decline(count: Float[Array, "..."], term: str, t: Sets) -> Float[Array, "..."]:
+    """Factor of a weight that declines with the size of the set (notes 7.6)."""
+    reference, power, low, high = (
+        getattr(t, f"{term}_{part}") for part in ("reference", "power", "weight_min", "weight_max")
+    )
+    low = jnp.maximum(low, 0.0)
+    factor = (jnp.maximum(reference, 1e-6) / count) ** jnp.maximum(power, 0.0)
+    return jnp.clip(factor, low, jnp.maximum(low, high))

@@ -1,0 +1,125 @@
+"""Which pairs does the context rule out? (paper III-D; association notes 10.1, 11.1, 11.3)."""
+
+from __future__ import annotations
+
+import enum
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.remind.context.evidence import NeighbourEvidence
+from remind_jax.remind.context.influence import Influence
+from remind_jax.remind.memory.cooccurrence import neighbour_rank, ranked_neighbours
+from remind_jax.remind.thresholds.context import Veto as Rules
+from remind_jax.static import Static
+
+_TOP = 3  # best candidates of a detection that count as plausibly in view
+_MATURITY_RATE, _LEAST_MATURITY = 0.25, 0.5  # of an object whose own neighbours may speak
+
+
+class Veto(enum.IntEnum):
+    """Why a pair is ruled out."""
+
+    NONE = 0
+    OUTSIDE_CTX = 1  # outside the few objects of its class that the context supports
+    LOCAL_CTX_CONTRADICTION = 2  # none of the neighbours that the object leads one to expect
+
+
+def veto_pairs(
+    influence: Influence,
+    evidence: NeighbourEvidence,
+    candidate: Bool[Array, "N O"],
+    score: Float[Array, "N O"],
+    visual_gate: Float[Array, ""],
+    min_link: Float[Array, ""],
+    static: Static,
+    t: Rules,
+) -> Int[Array, "N O"]:
+    """Rules pairs out, by code of `Veto`.
+
+    Args:
+      influence: What the context says about each object.
+      evidence: Who was seen with whom.
+      candidate: Pairs of one class.
+      score: Visual score of each pair.
+      visual_gate: Least visual score of an object that is plausibly in view.
+      min_link: Least conditional probability of an expected neighbour.
+      static: Length of the list of expected neighbours.
+      t: Thresholds.
+    """
+    open_to = t.enabled & influence.enabled & influence.has_pack
+    open_to = open_to & ~(influence.soft_supported | influence.shortlist | influence.compat_band)
+    expected = expect_neighbours(evidence, min_link, static, t)
+    seen = plausibly_in_view(candidate, score, visual_gate)
+    local = _contradicts_neighbours(influence.quality, expected, seen, evidence.episodes, t)
+    outside = (influence.compat_rel <= t.max_support) & (influence.score_sets <= t.max_score)
+    outside = outside & influence.global_ok & (influence.quality >= t.min_quality)
+    outside = outside & (influence.kept_count > 0) & (influence.kept_count <= t.max_supported)
+    outside = outside & (influence.pruning >= t.min_pruning)
+    outside = outside & (influence.strength >= t.min_strength)
+    reason = jnp.where(outside[None], Veto.OUTSIDE_CTX, Veto.NONE)
+    reason = jnp.where(local, Veto.LOCAL_CTX_CONTRADICTION, reason)
+    return jnp.where(candidate & open_to[None], reason, Veto.NONE).astype(jnp.int32)
+
+
+def expect_neighbours(
+    evidence: NeighbourEvidence, min_link: Float[Array, ""], static: Static, t: Rules
+) -> Bool[Array, "O O"]:
+    """Neighbours that one expects to see with each row object (association notes 10.1).
+
+    The closest and latest first, until the list is full, or long enough and likely to contain
+    something that is in view.
+    """
+    slots = evidence.episodes.shape[0]
+    length = min(static.max_neighbours or slots, slots)
+    neighbour = evidence.count > 0
+    keys = (evidence.weight, evidence.last_seen)
+    order, known = ranked_neighbours(neighbour_rank(neighbour, keys, evidence.order), length)
+    told = jnp.take_along_axis(evidence.conditional, order, axis=1)
+    taken = known & (told >= min_link)
+    number = jnp.cumsum(taken, axis=1, dtype=jnp.int32)
+    mass = jnp.cumsum(jnp.where(taken, told, 0.0), axis=1)
+    enough = (number >= max(1, static.context_hypotheses)) & (mass >= t.local_mass)
+    ends = taken & (enough | (number >= static.expected_neighbours))
+    ended_before = jnp.cumsum(ends, axis=1, dtype=jnp.int32) - ends > 0
+    kept = taken & ~ended_before
+    return jnp.any((order[..., None] == jnp.arange(slots)) & kept[..., None], axis=1)
+
+
+def plausibly_in_view(
+    candidate: Bool[Array, "N O"], score: Float[Array, "N O"], visual_gate: Float[Array, ""]
+) -> Bool[Array, "N O"]:
+    """Best candidates of all other detections of the frame (association notes 11.1).
+
+    Looks alone count, late objects win ties.
+    """
+    slots = score.shape[1]
+    slot = jnp.arange(slots)
+    left = jnp.where(candidate & (score >= visual_gate), score, -jnp.inf)
+    named = jnp.zeros_like(candidate)
+    for _ in range(_TOP):
+        best = slots - 1 - jnp.argmax(left[:, ::-1], axis=1)
+        named = named | ((slot == best[:, None]) & (left > -jnp.inf))
+        left = jnp.where(named, -jnp.inf, left)
+    times = jnp.sum(named, axis=0, dtype=jnp.int32)
+    return times[None] > named
+
+
+def _contradicts_neighbours(
+    quality: Float[Array, ""],
+    expected: Bool[Array, "O O"],
+    seen: Bool[Array, "N O"],
+    episodes: Int[Array, "O"],
+    t: Rules,
+) -> Bool[Array, "N O"]:
+    """Pairs whose object expects neighbours of which (nearly) none is in view (notes 11.3)."""
+    scalar = quality.dtype
+    num_expected = jnp.sum(expected, axis=1, dtype=jnp.int32)
+    num_seen = jnp.sum(seen, axis=1, dtype=jnp.int32)
+    # Counts are small whole numbers: exact whatever the precision of the product.
+    common = jnp.matmul(seen.astype(jnp.float32), expected.T.astype(jnp.float32))
+    share = common.astype(scalar) / jnp.maximum(num_expected, 1).astype(scalar)
+    mature = 1.0 - jnp.exp(-_MATURITY_RATE * episodes.astype(scalar)) >= _LEAST_MATURITY
+    speaks = (episodes >= t.local_min_episodes) & (num_expected >= t.local_min_expected) & mature
+    hears = t.local & (quality >= t.local_min_quality) & (num_seen >= t.local_min_seen)
+    return hears[:, None] & speaks[None] & (share < t.local_max_hit_share)

@@ -1,0 +1,315 @@
+"""Settles closed groups of look-alikes by their distances to other objects (notes 11).
+
+Letters: `N` detections, `O` object slots, `G` detections and `U` candidates of a group.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.numerics.control_flow import branch
+from remind_jax.remind.disambiguation.anchors import (
+    FEWEST_ANCHORS,
+    Group,
+    KnownScores,
+    Voters,
+    choose_anchors,
+    find_voters,
+    rate_anchors,
+)
+from remind_jax.remind.disambiguation.distance_evidence import (
+    DistanceEvidence,
+    FrameRelations,
+    read_edges,
+    read_orders,
+    tabulate_edges,
+)
+from remind_jax.remind.disambiguation.groups import Entries, Groups, form_groups
+from remind_jax.remind.disambiguation.joint_assignments import (
+    NUMBERS,
+    GroupStatus,
+    score_assignments,
+    settle,
+    vote_by_pairs,
+)
+from remind_jax.remind.thresholds.known_sets import KnownSets
+from remind_jax.static import Static
+
+NO_SLOT = -1
+
+
+class Source(enum.IntEnum):
+    """What settled a detection here."""
+
+    NONE = 0
+    FULL = 1
+    PARTIAL = 2
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class GroupAccount:
+    """What became of each group; one row per detection, used by the root of a group.
+
+    Numbers are 0 where a group was skipped before scoring.
+    """
+
+    root: Int[Array, "N"]  # the row itself if it is a root, else -1
+    status: Int[Array, "N"]  # GroupStatus
+    num_detections: Int[Array, "N"]
+    num_candidates: Int[Array, "N"]  # virtual ones included
+    num_anchors: Int[Array, "N"]  # an object that counts twice is counted twice
+    score: Float[Array, "N"]  # of the best assignment
+    second: Float[Array, "N"]  # of the runner-up, -1 without any
+    gap: Float[Array, "N"]
+    core: Float[Array, "N"]  # score of the best assignment without appearance
+    core_gap: Float[Array, "N"]
+    evidence: Float[Array, "N"]
+    anchor: Int[Array, "N A"]  # objects whose distances voted, -1 padding
+    anchor_place: Int[Array, "N A"]  # detection whose geometry each of them has
+    anchor_quality: Float[Array, "N A"]  # how well each separates the group
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Settled:
+    """Entries after one pass of the disambiguation."""
+
+    resolved_slot: Int[Array, "N"]  # object, -1 none
+    resolved_score: Float[Array, "N"]  # score_known of that object, 0 without any
+    source: Int[Array, "N"]  # Source
+    remaining: Bool[Array, "N"]  # entries that stay undecided; one given a virtual object does not
+    root: Int[Array, "N"]  # root of the group of each entry, -1 outside groups
+    proposed: Int[Array, "N"]  # candidate in the best assignment of the group, -1 if not scored
+    groups: GroupAccount
+
+
+def settle_known_sets(
+    entries: Entries,
+    matched_slot: Int[Array, "N"],
+    matched_pass: Int[Array, "N"],
+    scores: KnownScores,
+    object_exists: Bool[Array, "O"],
+    relations: FrameRelations,
+    evidence: DistanceEvidence,
+    static: Static,
+    t: KnownSets,
+) -> Settled:
+    """Decides groups of entries that name exactly as many objects as there are detections.
+
+    Each surrounding object votes on the order in which the detections lie around it. Whether a
+    detection is a known object or a new one is never decided here, nor whether an accepted object
+    is matched to another detection already.
+
+    Args:
+      entries: Undecided detections and their candidates.
+      matched_slot: Current object of each detection, -1 none; that of an entry does not vote.
+      matched_pass: Pass that made the match, 0 for the assignment. It only matters where two
+        detections have the same object: the later match lends the object its place.
+      scores: Scores of all detections for all objects.
+      object_exists: Slots in use.
+      relations: Distances between the detections of this frame.
+      evidence: Distances remembered before this frame.
+      static: Limits of groups and anchors.
+      t: Thresholds.
+    """
+    scalar = scores.score.dtype
+
+    def solve() -> Settled:
+        edge_table = tabulate_edges(evidence, t)
+        groups = form_groups(
+            entries, object_exists, relations, edge_table, evidence.contact, static, t
+        )
+        voters = find_voters(
+            entries.present, matched_slot, matched_pass, object_exists, scores, static, t
+        )
+        pending = groups.fits & groups.closed
+        order = jnp.cumsum(pending, dtype=jnp.int32)
+
+        def solve_next(number: Int[Array, ""], solved: _Solved) -> _Solved:
+            root = jnp.argmax(order == number + 1).astype(jnp.int32)
+            group = extract_group(root, entries, groups, static)
+            return _solve_group(
+                root, group, solved, voters, scores, relations, edge_table, evidence, static, t
+            )
+
+        start = _unsolved(groups, static, scalar)
+        solved = jax.lax.fori_loop(0, order[-1], solve_next, start)
+        return _account(solved, entries, groups, scores, object_exists)
+
+    def skip() -> Settled:
+        return _untouched(entries, static, scalar)
+
+    return branch(t.enabled & jnp.any(entries.present), solve, skip)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Solved:
+    """Groups solved so far; `[N]` by root but for the proposals."""
+
+    proposed: Int[Array, "N"]  # by detection
+    status: Int[Array, "N"]
+    num_anchors: Int[Array, "N"]
+    numbers: Float[Array, "N 6"]  # joint_assignments.NUMBERS
+    anchor: Int[Array, "N A"]
+    anchor_place: Int[Array, "N A"]
+    anchor_quality: Float[Array, "N A"]
+
+
+def _unsolved(groups: Groups, static: Static, scalar: jnp.dtype) -> _Solved:
+    """Groups before any is solved; those that cannot be solved have their status already."""
+    num = groups.root.shape[0]
+    zero = jnp.zeros(num, jnp.int32)
+    status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
+    return _Solved(
+        proposed=jnp.full(num, NO_SLOT, jnp.int32),
+        status=jnp.where(groups.num_detections > 0, status, zero).astype(jnp.int32),
+        num_anchors=zero,
+        numbers=jnp.zeros((num, len(NUMBERS)), scalar),
+        **_no_anchors(num, static, scalar),
+    )
+
+
+def _no_anchors(num: int, static: Static, scalar: jnp.dtype) -> dict[str, Array]:
+    """The anchors of groups that were not scored."""
+    nobody = jnp.full((num, max(FEWEST_ANCHORS, static.group_anchors)), NO_SLOT, jnp.int32)
+    quality = jnp.zeros(nobody.shape, scalar)
+    return {"anchor": nobody, "anchor_place": nobody, "anchor_quality": quality}
+
+
+def _solve_group(
+    root: Int[Array, ""],
+    group: Group,
+    solved: _Solved,
+    voters: Voters,
+    scores: KnownScores,
+    relations: FrameRelations,
+    edge_table: Float[Array, "O O 4"],
+    evidence: DistanceEvidence,
+    static: Static,
+    t: KnownSets,
+) -> _Solved:
+    """Solves one group and adds it to those solved."""
+    slot, stored = group.slot, group.stored
+    edges = read_edges(edge_table, slot[:, None], voters.slot, stored[:, None])
+    pair_stored = (stored[:, None] & stored)[..., None]
+    orders = read_orders(
+        evidence, voters.slot, slot[:, None, None], slot[None, :, None], pair_stored, t
+    )
+    quality = rate_anchors(group, voters, edges, orders, relations, t)
+    anchors = choose_anchors(group, voters, quality, static, t)
+    edges, orders = jax.tree.map(lambda field: field[..., anchors.voter], (edges, orders))
+    vote, weight = vote_by_pairs(group, anchors, edges, orders, relations, t)
+    at = (group.detection[:, None], slot)
+    visual = jnp.where(scores.candidate[at], scores.score[at], 0.0)
+    best = settle(score_assignments(group, vote, weight, anchors, visual, t), t)
+
+    num = solved.status.shape[0]
+    is_root = jnp.arange(num) == root
+    place = group.is_detection & (group.detection == jnp.arange(num)[:, None])  # [N, G]
+    place = place & (best.status != GroupStatus.NO_ASSIGNMENT)
+    proposed = jnp.sum(jnp.where(place, group.candidate[best.choice], 0), axis=1, dtype=jnp.int32)
+
+    def note(column: Array, value: Array) -> Array:
+        return jnp.where(is_root[:, None], value, column)
+
+    votes = anchors.votes > 0
+    return _Solved(
+        proposed=jnp.where(jnp.any(place, axis=1), proposed, solved.proposed),
+        status=jnp.where(is_root, best.status, solved.status),
+        num_anchors=jnp.where(is_root, jnp.sum(anchors.votes, dtype=jnp.int32), solved.num_anchors),
+        numbers=note(solved.numbers, best.numbers),
+        anchor=note(solved.anchor, jnp.where(votes, voters.slot[anchors.voter], NO_SLOT)),
+        anchor_place=note(solved.anchor_place, jnp.where(votes, anchors.place, NO_SLOT)),
+        anchor_quality=note(solved.anchor_quality, jnp.where(votes, anchors.quality, 0.0)),
+    )
+
+
+def _account(
+    solved: _Solved,
+    entries: Entries,
+    groups: Groups,
+    scores: KnownScores,
+    object_exists: Bool[Array, "O"],
+) -> Settled:
+    """What the solved groups mean for every detection."""
+    in_group = groups.root >= 0
+    status = jnp.where(in_group, solved.status[jnp.maximum(groups.root, 0)], 0)
+    full = status == GroupStatus.RESOLVED
+    partial = status == GroupStatus.PARTIAL_RESOLVED
+    source = jnp.where(full, Source.FULL, jnp.where(partial, Source.PARTIAL, Source.NONE))
+    real = (solved.proposed >= 0) & (solved.proposed < object_exists.shape[0])
+    slot = jnp.where(real, solved.proposed, 0)
+    real = real & object_exists[slot] & (full | partial)
+    row = jnp.arange(slot.shape[0], dtype=jnp.int32)
+    known = real & scores.candidate[row, slot]
+    return Settled(
+        resolved_slot=jnp.where(real, slot, NO_SLOT),
+        resolved_score=jnp.where(known, scores.score[row, slot], 0.0),
+        source=jnp.where(real, source, Source.NONE).astype(jnp.int32),
+        remaining=entries.present & ~(full | partial),
+        root=groups.root,
+        proposed=solved.proposed,
+        groups=GroupAccount(
+            jnp.where(groups.num_detections > 0, row, -1),
+            solved.status,
+            groups.num_detections,
+            groups.num_candidates,
+            solved.num_anchors,
+            **dict(zip(NUMBERS, solved.numbers.T, strict=True)),
+            anchor=solved.anchor,
+            anchor_place=solved.anchor_place,
+            anchor_quality=solved.anchor_quality,
+        ),
+    )
+
+
+def _untouched(entries: Entries, static: Static, scalar: jnp.dtype) -> Settled:
+    """The answer where there is nothing to settle."""
+    num = entries.present.shape[0]
+    none, zero = jnp.full(num, NO_SLOT, jnp.int32), jnp.zeros(num, jnp.int32)
+    real = jnp.zeros(num, scalar)
+    numbers = dict.fromkeys(NUMBERS, real)
+    anchors = _no_anchors(num, static, scalar)
+    account = GroupAccount(none, zero, zero, zero, zero, **numbers, **anchors)
+    return Settled(none, real, zero, entries.present, none, none, account)
+
+
+def extract_group(root: Int[Array, ""], entries: Entries, groups: Groups, static: Static) -> Group:
+    """Detections and candidates of one group, ascending."""
+    num = groups.root.shape[0]
+    none = jnp.iinfo(jnp.int32).max
+    member = groups.root == root
+    # A closed group has two detections at least; smaller limits leave nothing to solve.
+    room = max(2, static.group_candidates)
+    size = max(2, min(static.group_size, room))
+    index = jnp.where(member, jnp.arange(num, dtype=jnp.int32), none)
+    index = jnp.pad(index, (0, size), constant_values=none)
+    detection = jnp.sort(index)[:size]
+    is_detection = detection != none
+    detection = jnp.where(is_detection, detection, 0)
+
+    fresh = (groups.fresh & member[:, None]).reshape(-1)
+    flat = jnp.where(fresh, entries.candidates.reshape(-1), none)
+    flat = jnp.pad(flat, (0, room), constant_values=none)
+    candidate = jnp.sort(flat)[:room]
+    is_candidate = candidate != none
+    same = (groups.distinct & member[:, None])[:, :, None]
+    same = same & (entries.candidates[:, :, None] == candidate)
+    stored = jnp.any(same & groups.stored[:, :, None], axis=(0, 1))
+    allowed = jnp.any(same, axis=1)[detection]
+    return Group(
+        detection=detection,
+        is_detection=is_detection,
+        candidate=jnp.where(is_candidate, candidate, NO_SLOT),
+        is_candidate=is_candidate,
+        slot=jnp.where(stored, candidate, 0),
+        stored=stored,
+        allowed=allowed & is_detection[:, None] & is_candidate,
+    )

@@ -1,0 +1,316 @@
+"""How far apart objects are: running means per pair and per three (paper III-D; notes 6).
+
+Between two episodes an object collects its relations to the others in view; an episode condenses
+them to one value each, by medians in float32. The notes are the context notes. Letters: `N`
+detections, `O` object slots, `K` pending relations; the first object axis is the one that
+remembers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.numerics.constant_arrays import zeros
+from remind_jax.numerics.control_flow import branch
+from remind_jax.remind.memory.cooccurrence import Sightings
+from remind_jax.remind.perception.relations import Contact, Relations
+from remind_jax.remind.thresholds.relations import Relations as Rules
+
+PENDING_SLOTS = 3  # a forced episode comes before a fourth relation (notes 16)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PendingRelations:
+    """Relations since the last episode, the newest K of them, in no order."""
+
+    gap: Float[Array, "O O K"]  # float32, like all three
+    center_distance: Float[Array, "O O K"]
+    support: Float[Array, "O O K"]
+    contact: Int[Array, "O O K"]  # Contact
+    gap_valid: Bool[Array, "O O K"]
+    count: Int[Array, "O O"]  # relations seen since the last episode
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Edges:
+    """What objects know of single others; means run over episodes (notes 6.3)."""
+
+    contact_count: Int[Array, "... 4"]  # episodes per Contact
+    gap_count: Int[Array, "..."]  # episodes with a gap
+    gap_mean: Float[Array, "..."]
+    center_mean: Float[Array, "..."]
+    support_mean: Float[Array, "..."]
+
+    @property
+    def count(self) -> Int[Array, "..."]:
+        """Episodes that the edge was built from, 0: no edge."""
+        return jnp.sum(self.contact_count, axis=-1, dtype=jnp.int32)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PairOrder:
+    """What an object knows of the distances to two others, a and b (notes 6.3)."""
+
+    count: Int[Array, "..."]  # episodes with both
+    first_share: Float[Array, "..."]  # share of them in which a was nearer than b
+    margin_mean: Float[Array, "..."]  # of the difference of the two distances, without sign
+    margin_deviation: Float[Array, "..."]  # its sample standard deviation
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class DistanceGraph:
+    """Distances around every object (notes 3).
+
+    `nearer` and `margin` tell what an object knows of two others, `[self, a, b]`. Each pair is
+    one entry above and one below the diagonal.
+    """
+
+    pending: PendingRelations
+    edges: Edges  # leading axes [O O]
+    nearer: Int[Array, "O O O"]  # episodes with a nearer than b; of equals the later slot is nearer
+    margin: Float[Array, "O O O"]  # difference of both distances; a < b: mean, a > b: squares
+
+
+def read_pair_order(
+    graph: DistanceGraph, owner: Int[Array, "..."], a: Int[Array, "..."], b: Int[Array, "..."]
+) -> PairOrder:
+    """What the objects `owner` know of `a` and `b`; slots broadcast together."""
+    scalar = graph.margin.dtype
+    low, high = jnp.minimum(a, b), jnp.maximum(a, b)
+    first = graph.nearer[owner, a, b]
+    count = first + graph.nearer[owner, b, a]
+    spread = graph.margin[owner, high, low] / jnp.maximum(1, count - 1).astype(scalar)
+    return PairOrder(
+        count=count,
+        first_share=first.astype(scalar) / jnp.maximum(1, count).astype(scalar),
+        margin_mean=graph.margin[owner, low, high],
+        margin_deviation=jnp.where(count > 1, jnp.sqrt(jnp.maximum(0.0, spread)), 0.0),
+    )
+
+
+def empty_distances(
+    num_objects: int, scalar: jnp.dtype, pending_slots: int = PENDING_SLOTS
+) -> DistanceGraph:
+    """A graph without relations."""
+    square = (num_objects, num_objects)
+    pending, cube = (*square, pending_slots), (*square, num_objects)
+    return DistanceGraph(
+        pending=PendingRelations(
+            gap=zeros(pending, np.float32),
+            center_distance=zeros(pending, np.float32),
+            support=zeros(pending, np.float32),
+            contact=zeros(pending, np.int32),
+            gap_valid=zeros(pending, bool),
+            count=zeros(square, np.int32),
+        ),
+        edges=Edges(
+            contact_count=zeros((*square, len(Contact)), np.int32),
+            gap_count=zeros(square, np.int32),
+            gap_mean=zeros(square, scalar),
+            center_mean=zeros(square, scalar),
+            support_mean=zeros(square, scalar),
+        ),
+        nearer=zeros(cube, np.int32),
+        margin=zeros(cube, scalar),
+    )
+
+
+def update_distances(
+    graph: DistanceGraph,
+    relations: Relations,
+    sightings: Sightings,
+    accepted: Bool[Array, "N"],
+    t: Rules,
+) -> DistanceGraph:
+    """Collects the relations of a frame and condenses those of objects with an episode.
+
+    Args:
+      graph: Memory before the frame.
+      relations: How the detections lie to each other.
+      sightings: Which objects they show.
+      accepted: Detections whose object accepted an episode in this frame, with all other visible
+        objects as its context (from `update_cooccurrence`).
+      t: Thresholds.
+    """
+    slots = graph.nearer.shape[0]
+    row = jnp.where(t.enabled, sightings.row, slots)
+    old = jax.tree.map(lambda leaf: leaf[jnp.minimum(row, slots - 1)], graph)
+    pending = _collect(old.pending, relations, sightings)
+    episode = _condense(pending)
+    takes_part = accepted[:, None] & sightings.visible & (pending.count > 0)
+    nearer, margin = _learn_order(old.nearer, old.margin, episode.distance, takes_part)
+    new = DistanceGraph(
+        pending=dataclasses.replace(pending, count=jnp.where(accepted[:, None], 0, pending.count)),
+        edges=_learn_edges(old.edges, episode, takes_part),
+        nearer=nearer,
+        margin=margin,
+    )
+    return jax.tree.map(lambda leaf, value: leaf.at[row].set(value, mode="drop"), graph, new)
+
+
+def _collect(
+    pending: PendingRelations, relations: Relations, sightings: Sightings
+) -> PendingRelations:
+    """Adds the relations to the other visible objects (notes 6.1).
+
+    Objects that may not make an episode in this frame are left out by those that may, unless
+    fewer than two may.
+    """
+    num = relations.gap.shape[0]
+    column = jnp.minimum(sightings.detection, num - 1)
+    allowed = sightings.allowed[jnp.minimum(sightings.row, sightings.allowed.shape[0] - 1)]
+    few = jnp.sum(sightings.allowed) < 2
+    seen = sightings.visible & relations.valid[:, column]
+    seen &= ~allowed[:, None] | sightings.allowed | few
+    slots = pending.gap.shape[-1]
+    at = (pending.count % slots)[..., None] == jnp.arange(slots)
+    at &= seen[..., None]
+
+    def put(kept: Array, fresh: Array) -> Array:
+        return jnp.where(at, fresh[:, column, None].astype(kept.dtype), kept)
+
+    return PendingRelations(
+        gap=put(pending.gap, relations.gap),
+        center_distance=put(pending.center_distance, relations.center_distance),
+        support=put(pending.support, relations.support),
+        contact=put(pending.contact, relations.contact),
+        gap_valid=put(pending.gap_valid, relations.gap_valid),
+        count=pending.count + seen,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Episode:
+    """One value per edge from the pending relations, float32."""
+
+    gap: Float[Array, "N O"]
+    has_gap: Bool[Array, "N O"]
+    center_distance: Float[Array, "N O"]
+    support: Float[Array, "N O"]
+    contact: Int[Array, "N O"]
+    distance: Float[Array, "N O"]
+
+
+def _condense(pending: PendingRelations) -> _Episode:
+    """Medians, mean and most frequent contact of the pending relations (notes 6.2)."""
+    slots = pending.gap.shape[-1]
+    live = jnp.arange(slots) < pending.count[..., None]
+    size = jnp.clip(pending.count, 1, slots).astype(jnp.float32)
+    kinds = jnp.arange(len(Contact))
+    votes = jnp.sum(
+        (pending.contact[..., None, :] == kinds[:, None]) & live[..., None, :], -1, jnp.int32
+    )
+    has_gap = live & pending.gap_valid
+    return _Episode(
+        gap=_median(pending.gap, has_gap),
+        has_gap=jnp.any(has_gap, axis=-1),
+        center_distance=_median(pending.center_distance, live),
+        support=jnp.sum(jnp.where(live, pending.support, 0.0), axis=-1) / size,
+        contact=jnp.argmax(votes * len(Contact) + kinds, axis=-1).astype(jnp.int32),
+        distance=_median(jnp.where(pending.gap_valid, pending.gap, pending.center_distance), live),
+    )
+
+
+def _median(values: Float[Array, "... K"], live: Bool[Array, "... K"]) -> Float[Array, "..."]:
+    """Median of the live values, 0 without any; counting is quicker than sorting so few."""
+    slots = values.shape[-1]
+    size = jnp.sum(live, axis=-1, keepdims=True, dtype=jnp.int32)
+    one, other = values[..., :, None], values[..., None, :]
+    place = jnp.arange(slots)
+    before = (other < one) | ((other == one) & (place < place[:, None]))
+    rank = jnp.sum(before & live[..., None, :], axis=-1, dtype=jnp.int32)
+
+    def pick(position: Array) -> Array:
+        return jnp.sum(jnp.where(live & (rank == position), values, 0.0), axis=-1)
+
+    return 0.5 * (pick((size - 1) // 2) + pick(size // 2))
+
+
+def _learn_edges(edges: Edges, episode: _Episode, takes_part: Bool[Array, "N O"]) -> Edges:
+    """Moves the running means by one episode (notes 6.2)."""
+    scalar = edges.gap_mean.dtype
+    with_gap = takes_part & episode.has_gap
+    gap_count = edges.gap_count + with_gap
+
+    def move(mean: Array, value: Array, count: Array, when: Array) -> Array:
+        step = (value.astype(scalar) - mean) / jnp.maximum(1, count).astype(scalar)
+        return jnp.where(when, mean + step, mean)
+
+    count = edges.count + takes_part
+    contact = episode.contact[..., None] == jnp.arange(len(Contact))
+    return Edges(
+        contact_count=edges.contact_count + (contact & takes_part[..., None]),
+        gap_count=gap_count,
+        gap_mean=move(edges.gap_mean, episode.gap, gap_count, with_gap),
+        center_mean=move(edges.center_mean, episode.center_distance, count, takes_part),
+        support_mean=move(
+            edges.support_mean, jnp.clip(episode.support, 0.0, 1.0), count, takes_part
+        ),
+    )
+
+
+def _learn_order(
+    nearer: Int[Array, "N O O"],
+    margin: Float[Array, "N O O"],
+    distance: Float[Array, "N O"],
+    takes_part: Bool[Array, "N O"],
+) -> tuple[Int[Array, "N O O"], Float[Array, "N O O"]]:
+    """Counts which of two others was nearer, and by how much (notes 6.2)."""
+    slot = jnp.arange(nearer.shape[-1])
+    upper = slot[:, None] < slot
+    both = takes_part[:, :, None] & takes_part[:, None, :] & (slot[:, None] != slot)
+    a, b = (distance.astype(margin.dtype)[:, :, None], distance.astype(margin.dtype)[:, None, :])
+    wins = both & ((a < b) | ((a == b) & ~upper))
+    count = nearer + jnp.swapaxes(nearer, 1, 2) + both
+    other = jnp.swapaxes(margin, 1, 2)
+    mean, squares = jnp.where(upper, margin, other), jnp.where(upper, other, margin)
+    delta = jnp.abs(a - b) - mean
+    moved = mean + delta / jnp.maximum(1, count).astype(margin.dtype)
+    squares = squares + delta * (jnp.abs(a - b) - moved)
+    return nearer + wins, jnp.where(both, jnp.where(upper, moved, squares), margin)
+
+
+def reorder_distances(
+    graph: DistanceGraph, order: Int[Array, "O"], alive: Bool[Array, "O"]
+) -> DistanceGraph:
+    """Moves objects to other slots and forgets those that are gone, by others, too.
+
+    Args:
+      graph: Graph by old slots.
+      order: Old slot of every new one.
+      alive: New slots in use.
+    """
+    slots = jnp.arange(order.shape[0])
+
+    def move(leaf: Array) -> Array:
+        keep = alive[:, None] & alive
+        moved = leaf[order][:, order]
+        blank = jnp.zeros((), leaf.dtype)
+        return jnp.where(keep.reshape(*keep.shape, *(1,) * (leaf.ndim - 2)), moved, blank)
+
+    def move_cube(leaf: Array) -> Array:
+        return jax.lax.map(
+            lambda at: jnp.where(alive[at], move(leaf[order[at]]), jnp.zeros((), leaf.dtype)), slots
+        )
+
+    def move_all() -> DistanceGraph:
+        return DistanceGraph(
+            pending=jax.tree.map(move, graph.pending),
+            edges=jax.tree.map(move, graph.edges),
+            nearer=move_cube(graph.nearer),
+            margin=move_cube(graph.margin),
+        )
+
+    known = (graph.edges.count > 0) | (graph.pending.count > 0)
+    gone = jnp.any(known & ~(alive[:, None] & alive))
+    moves = gone | jnp.any(order != slots)
+    return branch(moves, move_all, lambda: graph)

@@ -1,0 +1,80 @@
+"""Who was seen with whom in a frame: what both graphs of neighbours learn (paper III-D).
+
+Letters: `N` detections, `O` object slots.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.decision import Decisions, Lock, Outcome, Source
+from remind_jax.remind.memory.cooccurrence import (
+    CooccurrenceGraph,
+    gather_sightings,
+    update_cooccurrence,
+)
+from remind_jax.remind.memory.distances import DistanceGraph, update_distances
+from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.static import Static
+
+
+def decided_rank(
+    decisions: Decisions, source: Int[Array, "N"], class_id: Int[Array, "N"]
+) -> Int[Array, "N"]:
+    """Position of every detection in the order in which it got its object.
+
+    Matches come before births; among the matches those of the assignment, class by class as
+    the classes appear, locks first (association notes 12, 17).
+
+    Args:
+      decisions: Outcomes and locks.
+      source: What gave each match its object, `decision.Source`.
+      class_id: Class of each detection.
+    """
+    num = class_id.shape[0]
+    late = (source > Source.ASSOCIATION).astype(jnp.int32)
+    late = jnp.where(decisions.outcome == Outcome.NEW, 2, late)
+    by_class = jnp.argmax(class_id[:, None] == class_id, axis=1)
+    by_class = jnp.where(late == 0, by_class, 0)
+    locked = (decisions.lock != Lock.NONE) & (late == 0)
+    lock = jnp.where(locked, decisions.lock, Lock.DETECTION + 1)
+    assigned = decisions.candidate_id == decisions.assigned_id[:, None]
+    score = jnp.sum(jnp.where(assigned, decisions.candidate_score, 0.0), axis=1)
+    keys = (jnp.arange(num), -jnp.where(locked, score, 0.0), lock, by_class, late)
+    return jnp.argsort(jnp.lexsort(keys)).astype(jnp.int32)
+
+
+def update_graphs(
+    cooccurrence: CooccurrenceGraph,
+    distances: DistanceGraph,
+    now: Int[Array, ""],
+    slot: Int[Array, "N"],
+    order: Int[Array, "N"],
+    ids: Int[Array, "O"],
+    allowed: Bool[Array, "N"],
+    relations: Relations,
+    static: Static,
+    t: Thresholds,
+) -> tuple[CooccurrenceGraph, DistanceGraph]:
+    """Notes who was seen with whom (context notes 4, 6).
+
+    Args:
+      cooccurrence: Graph of episodes before the frame.
+      distances: Graph of distances before the frame.
+      now: Frame.
+      slot: Object slot of every matched or created detection, out of range for others.
+      order: Rises in the order in which the detections were decided.
+      ids: Ids of the objects, those of the frame included.
+      allowed: Detections that may make an episode.
+      relations: How the detections lie to each other.
+      static: Capacities and policies.
+      t: Thresholds.
+    """
+    sightings = gather_sightings(slot, order, allowed, static.num_objects)
+    cooccurrence, accepted = update_cooccurrence(
+        cooccurrence, sightings, ids, now, static, t.cooccurrence
+    )
+    distances = update_distances(distances, relations, sightings, accepted, t.relations)
+    return cooccurrence, distances

@@ -1,0 +1,121 @@
+"""Birth, confirmation, absence and removal of objects (paper III-F; perception notes 14)."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.decision import NO_ID
+from remind_jax.remind.thresholds.thresholds import Lifecycle as Rules
+
+
+class Lifecycle(enum.IntEnum):
+    """Standing of an object (perception notes 14)."""
+
+    NEW = 0
+    TENTATIVE = 1
+    CONFIRMED = 2
+    INACTIVE = 3
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Objects:
+    """One row per remembered object."""
+
+    id: Int[Array, "O"]  # -1 in free slots
+    class_id: Int[Array, "O"]
+    lifecycle: Int[Array, "O"]  # Lifecycle
+    hits: Int[Array, "O"]  # frames in which it was seen
+    misses: Int[Array, "O"]  # frames since it was last seen
+    age: Int[Array, "O"]  # frames since it was created, the first included
+    last_seen: Int[Array, "O"]  # frame
+
+    @property
+    def exists(self) -> Bool[Array, "O"]:
+        """Slots in use."""
+        return self.id != NO_ID
+
+
+def create_objects(
+    objects: Objects,
+    class_id: Int[Array, "N"],
+    is_new: Bool[Array, "N"],
+    next_id: Int[Array, ""],
+) -> tuple[Objects, Int[Array, "N"]]:
+    """Gives each new detection the next free slot and id, in detection order.
+
+    Returns:
+      The objects, and the slot of each detection (`O` for detections that are not new).
+    """
+    slots = objects.id.shape[0]
+    rank = jnp.cumsum(is_new, dtype=jnp.int32) - 1
+    slot = jnp.where(is_new, jnp.sum(objects.exists, dtype=jnp.int32) + rank, slots)
+
+    def put(column: Array, value: Array | int) -> Array:
+        return column.at[slot].set(value, mode="drop")
+
+    born = Objects(
+        id=put(objects.id, next_id + rank),
+        class_id=put(objects.class_id, class_id),
+        lifecycle=put(objects.lifecycle, Lifecycle.NEW),
+        hits=put(objects.hits, 0),
+        misses=put(objects.misses, 0),
+        age=put(objects.age, 0),
+        last_seen=put(objects.last_seen, 0),
+    )
+    return born, slot
+
+
+def mark_seen(
+    objects: Objects, sights: Int[Array, "O"], now: Int[Array, ""], rules: Rules
+) -> Objects:
+    """Counts the detections that show an object; two in all confirm it (notes 14.1).
+
+    Where one frame gives an object to two detections, each is a hit and a frame of its age.
+    """
+    seen = sights > 0
+    hits = objects.hits + sights
+    fresh = objects.lifecycle <= Lifecycle.TENTATIVE
+    waits = fresh & (hits < rules.confirm_hits)
+    lifecycle = jnp.where(waits, Lifecycle.TENTATIVE, Lifecycle.CONFIRMED)
+    return dataclasses.replace(
+        objects,
+        lifecycle=jnp.where(seen, lifecycle, objects.lifecycle),
+        hits=hits,
+        misses=jnp.where(seen, 0, objects.misses),
+        age=objects.age + sights,
+        last_seen=jnp.where(seen, now, objects.last_seen),
+    )
+
+
+def mark_missed(
+    objects: Objects, missed: Bool[Array, "O"], rules: Rules
+) -> tuple[Objects, Bool[Array, "O"]]:
+    """Counts a frame of absence (notes 14.2).
+
+    Returns:
+      The objects, and which of them stayed away so long that they may be forgotten.
+    """
+    misses = objects.misses + missed
+    young = missed & (objects.lifecycle <= Lifecycle.TENTATIVE)
+    confirmed = missed & (objects.lifecycle == Lifecycle.CONFIRMED)
+    inactive = missed & (objects.lifecycle == Lifecycle.INACTIVE)
+
+    def too_long(limit: Int[Array, ""]) -> Bool[Array, "O"]:
+        return (limit > 0) & (misses >= limit)
+
+    lifecycle = jnp.where(young, Lifecycle.TENTATIVE, objects.lifecycle)
+    leaves = confirmed & too_long(rules.max_misses_confirmed)
+    lifecycle = jnp.where(leaves, Lifecycle.INACTIVE, lifecycle)
+    forgotten = (young & too_long(rules.max_misses_tentative)) | (
+        inactive & too_long(rules.max_misses_inactive)
+    )
+    counted = dataclasses.replace(
+        objects, lifecycle=lifecycle, misses=misses, age=objects.age + missed
+    )
+    return counted, forgotten

@@ -1,0 +1,288 @@
+"""Tracks of detections that stay undecided (perception notes 15).
+
+They give undecided detections of successive frames one id and a memory of their own; they never
+decide an identity. Tracks never expire. Letters: `N` detections, `P` pending slots, `K = 3`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.decision import NO_ID, NUM_OPTIONS
+from remind_jax.numerics.constant_arrays import full, zeros
+from remind_jax.numerics.control_flow import branch
+from remind_jax.remind.thresholds.outcome import Pending as Rules
+from remind_jax.solvers.assignment import UNASSIGNED, assign
+
+_TINY = 1e-12
+
+
+class Kind(enum.IntEnum):
+    """What a pending track waits for."""
+
+    FREE = 0
+    AMBIGUOUS = 1  # one of several known objects
+    PROVISIONAL = 2  # new, or a known object after all
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PendingTracks:
+    """One row per pending track; ids count up separately for each kind."""
+
+    kind: Int[Array, "P"]  # Kind
+    id: Int[Array, "P"]  # -1 in free slots
+    class_id: Int[Array, "P"]
+    hits: Int[Array, "P"]
+    known_id: Int[Array, "P K"]  # objects that it could be, or that support it; -1 padding
+    known_score: Float[Array, "P K"]
+    from_parent: Bool[Array, "P"]  # provisional: probably a known object
+    center: Float[Array, "P 2"]  # of the last detection, pixels
+    area: Float[Array, "P"]  # pixels
+    next_id: Int[Array, "2"]  # next ambiguous and next provisional id
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Items:
+    """Undecided detections of a frame."""
+
+    kind: Int[Array, "N"]  # Kind, FREE for decided detections
+    class_id: Int[Array, "N"]
+    known_id: Int[Array, "N K"]
+    known_score: Float[Array, "N K"]
+    from_parent: Bool[Array, "N"]
+    center: Float[Array, "N 2"]
+    area: Float[Array, "N"]
+
+
+def no_pending(slots: int, scalar: jnp.dtype) -> PendingTracks:
+    """A pool without tracks."""
+    return PendingTracks(
+        kind=full(slots, int(Kind.FREE), np.int32),
+        id=full(slots, NO_ID, np.int32),
+        class_id=full(slots, NO_ID, np.int32),
+        hits=zeros(slots, np.int32),
+        known_id=full((slots, NUM_OPTIONS), NO_ID, np.int32),
+        known_score=zeros((slots, NUM_OPTIONS), scalar),
+        from_parent=zeros(slots, bool),
+        center=zeros((slots, 2), scalar),
+        area=zeros(slots, scalar),
+        next_id=zeros(2, np.int32),
+    )
+
+
+def join_tracks(
+    tracks: PendingTracks,
+    items: Items,
+    visual: Float[Array, "N P"],
+    rules: Rules,
+    *,
+    solver: str,
+) -> Int[Array, "N"]:
+    """Finds the track that each undecided detection continues, -1 for none (15.3)."""
+    affinity, valid, same = _affinity(tracks, items, visual, rules)
+    # Non-items form a group of their own that has no allowed pair.
+    waiting = items.kind != Kind.FREE
+    group = jnp.where(waiting, 2 * items.class_id + items.kind, -1)
+    nothing = jnp.zeros(len(group), affinity.dtype)
+
+    # Equal sums fall by the order of the tracks: that of their creation.
+    age = jnp.argsort(_creation_order(tracks), stable=True).astype(jnp.int32)
+
+    def solve() -> Int[Array, "N"]:
+        pairs = (affinity[:, age], valid[:, age], group, nothing, jnp.zeros((), bool))
+        column = assign(*pairs, same[:, age], solver=solver)
+        return jnp.where(column == UNASSIGNED, UNASSIGNED, age[column])
+
+    def skip() -> Int[Array, "N"]:
+        return jnp.full(len(group), UNASSIGNED, jnp.int32)
+
+    return branch(jnp.any(valid), solve, skip)
+
+
+def _affinity(
+    tracks: PendingTracks, items: Items, visual: Float[Array, "N P"], rules: Rules
+) -> tuple[Float[Array, "N P"], Bool[Array, "N P"], Bool[Array, "N P"]]:
+    """How well each track continues in each detection, whether it may, and which are of a kind."""
+    ambiguous = (items.kind == Kind.AMBIGUOUS)[:, None]
+    same = (items.kind[:, None] == tracks.kind[None]) & (items.kind != Kind.FREE)[:, None]
+    same = same & (items.class_id[:, None] == tracks.class_id[None])
+    overlap, one_sided, neither = _dice(items.known_id, tracks.known_id)
+    scores = _score_overlap(items, tracks)
+    scores = jnp.where(
+        neither, jnp.where(~ambiguous & rules.provisional_without_parent, 1.0, 0.0), scores
+    )
+    place = _place(items, tracks)
+
+    r = rules
+    names_fit = jnp.where(
+        ambiguous,
+        overlap >= r.ambiguous_min_overlap,
+        jnp.where(neither, r.provisional_without_parent, ~one_sided & (overlap > 0)),
+    )
+    looks_fit = visual >= jnp.where(ambiguous, r.ambiguous_min_visual, r.provisional_min_visual)
+    total = visual + jnp.where(
+        ambiguous,
+        r.ambiguous_overlap_weight * overlap
+        + r.ambiguous_scores_weight * scores
+        + r.ambiguous_place_weight * place,
+        r.provisional_overlap_weight * overlap
+        + r.provisional_scores_weight * scores
+        + r.provisional_place_weight * place,
+    )
+    enough = total >= jnp.where(ambiguous, r.ambiguous_min_total, r.provisional_min_total)
+    switched = jnp.where(ambiguous, r.ambiguous_matching, r.provisional_matching)
+    return total, same & names_fit & looks_fit & enough & switched, same
+
+
+def _creation_order(tracks: PendingTracks) -> Int[Array, "P"]:
+    """Rises with the creation of tracks of one kind; free slots are last."""
+    return jnp.where(tracks.kind == Kind.FREE, jnp.iinfo(jnp.int32).max, tracks.id)
+
+
+def _dice(
+    left: Int[Array, "N K"], right: Int[Array, "P K"]
+) -> tuple[Float[Array, "N P"], Bool[Array, "N P"], Bool[Array, "N P"]]:
+    """Dice overlap of two sets of ids, whether exactly one is empty, and whether both are."""
+    shared = (left[:, None, :, None] == right[None, :, None, :]) & (left >= 0)[:, None, :, None]
+    common = jnp.sum(shared, axis=(2, 3))
+    size_left, size_right = jnp.sum(left >= 0, axis=1)[:, None], jnp.sum(right >= 0, axis=1)[None]
+    total = size_left + size_right
+    overlap = jnp.where(total > 0, 2.0 * common / jnp.maximum(total, 1), 0.0)
+    empty_left, empty_right = size_left == 0, size_right == 0
+    return overlap, empty_left != empty_right, empty_left & empty_right
+
+
+def _score_overlap(items: Items, tracks: PendingTracks) -> Float[Array, "N P"]:
+    """Weighted overlap of two score maps over the union of their ids (15.3)."""
+    mine = jnp.where(items.known_id >= 0, jnp.maximum(items.known_score, 0.0), 0.0)
+    theirs = jnp.where(tracks.known_id >= 0, jnp.maximum(tracks.known_score, 0.0), 0.0)
+    same = items.known_id[:, None, :, None] == tracks.known_id[None, :, None, :]
+    same = same & (items.known_id >= 0)[:, None, :, None]
+    smaller = jnp.minimum(mine[:, None, :, None], theirs[None, :, None, :])
+    common = jnp.sum(jnp.where(same, smaller, 0.0), axis=(2, 3))
+    total = jnp.sum(mine, axis=1)[:, None] + jnp.sum(theirs, axis=1)[None]
+    return jnp.where(total > _TINY, 2.0 * common / jnp.maximum(total, _TINY), 0.0)
+
+
+def _place(items: Items, tracks: PendingTracks) -> Float[Array, "N P"]:
+    """Nearness and likeness in size, [0, 1] (15.3)."""
+    mine, theirs = items.area[:, None], tracks.area[None]
+    scale = jnp.maximum(1.0, jnp.sqrt(0.5 * (mine + theirs)))
+    offset = items.center[:, None] - tracks.center[None]
+    distance = jnp.sqrt(jnp.sum(offset * offset, axis=-1))
+    near = jnp.maximum(0.0, 1.0 - jnp.minimum(1.0, distance / (2.5 * scale)))
+    size = jnp.minimum(mine, theirs) / jnp.maximum(jnp.maximum(mine, theirs), _TINY)
+    return jnp.where((mine > 0) & (theirs > 0), 0.65 * near + 0.35 * size, 0.0)
+
+
+def open_tracks(
+    tracks: PendingTracks, items: Items, joined: Int[Array, "N"]
+) -> tuple[Int[Array, "N"], Int[Array, ""]]:
+    """Gives a free slot to each undecided detection that continues no track.
+
+    Returns:
+      The slot of every undecided detection (`P` for the others and for those that do not fit), and
+      the slots needed in all.
+    """
+    slots = tracks.kind.shape[0]
+    fresh = (items.kind != Kind.FREE) & (joined == UNASSIGNED)
+    free = tracks.kind == Kind.FREE
+    order = jnp.argsort(~free, stable=True).astype(jnp.int32)
+    turn = jnp.cumsum(fresh, dtype=jnp.int32) - 1
+    num_free = jnp.sum(free, dtype=jnp.int32)
+    opened = jnp.where(fresh & (turn < num_free), order[jnp.clip(turn, 0, slots - 1)], slots)
+    needed = slots - num_free + jnp.sum(fresh, dtype=jnp.int32)
+    return jnp.where(joined == UNASSIGNED, opened, joined), needed
+
+
+def write_tracks(
+    tracks: PendingTracks, items: Items, slot: Int[Array, "N"], joined: Int[Array, "N"]
+) -> PendingTracks:
+    """Notes the undecided detections in their tracks; new tracks get ids by rising detection."""
+    fresh = joined == UNASSIGNED
+    new_id = jnp.zeros_like(slot)
+    next_id = tracks.next_id
+    for position, kind in enumerate((Kind.AMBIGUOUS, Kind.PROVISIONAL)):
+        born = fresh & (items.kind == kind) & (slot < tracks.kind.shape[0])
+        turn = jnp.cumsum(born, dtype=jnp.int32) - 1
+        new_id = jnp.where(born, next_id[position] + turn, new_id)
+        next_id = next_id.at[position].add(jnp.sum(born, dtype=jnp.int32))
+
+    def put(column: Array, value: Array) -> Array:
+        return column.at[slot].set(value.astype(column.dtype), mode="drop")
+
+    old_id = tracks.id.at[slot].get(mode="fill", fill_value=NO_ID)
+    old_hits = tracks.hits.at[slot].get(mode="fill", fill_value=0)
+    return PendingTracks(
+        kind=put(tracks.kind, items.kind),
+        id=put(tracks.id, jnp.where(fresh, new_id, old_id)),
+        class_id=put(tracks.class_id, items.class_id),
+        hits=put(tracks.hits, jnp.where(fresh, 1, old_hits) + 1),
+        known_id=put(tracks.known_id, items.known_id),
+        known_score=put(tracks.known_score, items.known_score),
+        from_parent=put(tracks.from_parent, items.from_parent),
+        center=put(tracks.center, items.center),
+        area=put(tracks.area, items.area),
+        next_id=next_id,
+    )
+
+
+def claim_origins(
+    tracks: PendingTracks,
+    is_new: Bool[Array, "N"],
+    class_id: Int[Array, "N"],
+    support_id: Int[Array, "N K"],
+    rules: Rules,
+) -> Bool[Array, "P"]:
+    """Provisional tracks that end because a new object grows out of them (15.5).
+
+    Args:
+      tracks: Tracks before the frame.
+      is_new: Detections that found an object.
+      class_id: Class of each detection.
+      support_id: Known objects that speak for each, -1 padding.
+      rules: Least overlap of support.
+    """
+    slots = tracks.kind.shape[0]
+
+    def claim(free: Bool[Array, "P"], one: tuple[Array, Array, Array]):
+        born, kind_of, support = one
+        same = free & (tracks.class_id == kind_of) & born
+        overlap, _, _ = _dice(support[None], tracks.known_id)
+        fits = same & (overlap[0] >= rules.origin_min_overlap)
+        # On equal overlap the later track wins.
+        best = fits & (overlap[0] == jnp.max(jnp.where(fits, overlap[0], -1.0)))
+        latest = jnp.argmax(jnp.where(best, tracks.id, NO_ID))
+        alone = same & ~tracks.from_parent
+        named = jnp.any(support >= 0)
+        by_name = fits & (jnp.arange(slots) == latest) & named
+        by_class = alone & ~named & (jnp.sum(alone) == 1)
+        return free & ~(by_name | by_class), None
+
+    waiting = tracks.kind == Kind.PROVISIONAL
+
+    def run() -> Bool[Array, "P"]:
+        free, _ = jax.lax.scan(claim, waiting, (is_new, class_id, support_id))
+        return waiting & ~free
+
+    needed = jnp.any(waiting) & jnp.any(is_new)
+    return branch(needed, run, lambda: jnp.zeros(slots, bool))
+
+
+def end_tracks(tracks: PendingTracks, ended: Bool[Array, "P"]) -> PendingTracks:
+    """Frees the slots of tracks."""
+    return dataclasses.replace(
+        tracks,
+        kind=jnp.where(ended, Kind.FREE, tracks.kind),
+        id=jnp.where(ended, NO_ID, tracks.id),
+        class_id=jnp.where(ended, NO_ID, tracks.class_id),
+        known_id=jnp.where(ended[:, None], NO_ID, tracks.known_id),
+    )

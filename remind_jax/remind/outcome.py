@@ -1,0 +1,133 @@
+"""What became of each detection? (association notes 17)."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
+from remind_jax.observation import Descriptors, Masks
+from remind_jax.remind.association.assignment import Assignment
+from remind_jax.remind.association.diagnosis import Evidence
+from remind_jax.remind.association.similarity import Comparison
+from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.undecided.settlement import Settlement
+from remind_jax.remind.undecided.temporal import Account
+from remind_jax.static import Static
+
+
+def decide(
+    objects: Objects,
+    masks: Masks,
+    descriptors: Descriptors,
+    account: Account,
+    anchors: Bool[Array, "N O"],
+    evidence: Evidence,
+    final: Evidence,
+    assignment: Assignment,
+    settlement: Settlement,
+    static: Static,
+) -> Decisions:
+    """Writes down the decisions; memory fills in the ids of new objects and pending tracks.
+
+    Args:
+      objects: Objects known before the frame.
+      masks: Detections of the frame.
+      descriptors: Which of them are usable.
+      account: Scores and gates of all pairs.
+      anchors: Pairs that are clear beyond doubt.
+      evidence: Diagnosis of the visual scores.
+      final: Diagnosis of the final scores of eligible pairs.
+      assignment: Result of the joint assignment.
+      settlement: Verdicts after all guards.
+      static: Number of candidates shown.
+    """
+    outcome, reason, score = _verdicts(settlement)
+    usable = descriptors.valid
+    given = jnp.where(masks.valid, Outcome.DROPPED, Outcome.EMPTY)
+    why = jnp.where(masks.valid, Reason.INVALID_INPUT, Reason.NONE)
+    ids = lambda slot: jnp.where(slot >= 0, objects.id[jnp.maximum(slot, 0)], NO_ID)  # noqa: E731
+
+    comparison, pairs = account.comparison, account.pairs
+    candidate_id, rows = rank_candidates(objects, comparison, static.num_candidates)
+
+    def take(values: Array) -> Array:
+        shown = jnp.take_along_axis(values, rows, axis=1)
+        return jnp.where(candidate_id != NO_ID, shown, jnp.zeros((), values.dtype))
+
+    is_ambiguous = settlement.ambiguous.present[:, None]
+    doubts = settlement.doubts
+    option = jnp.where(is_ambiguous, settlement.ambiguous.slot, doubts.support)
+    option_score = jnp.where(is_ambiguous, settlement.ambiguous.score, doubts.support_score)
+    return Decisions(
+        outcome=jnp.where(usable, outcome, given).astype(jnp.int32),
+        reason=jnp.where(usable, reason, why).astype(jnp.int32),
+        object_id=ids(settlement.slot),
+        pending_id=jnp.full_like(rows[:, 0], NO_ID),
+        score=jnp.where(usable, score, 0.0),
+        status=jnp.where(masks.valid, evidence.status, Status.NONE),
+        status_final=jnp.where(masks.valid, final.status, Status.NONE),
+        confidence=evidence.confidence,
+        best_score=evidence.best_score,
+        second_score=evidence.second_score,
+        num_close=evidence.num_close,
+        lock=assignment.lock,
+        source=jnp.where(settlement.slot >= 0, settlement.source, 0).astype(jnp.int32),
+        assigned_id=ids(assignment.slot),
+        guarded_id=ids(settlement.guarded),
+        is_anchor=jnp.any(anchors, axis=1),
+        option_id=_option_ids(objects, option, settlement),
+        option_score=jnp.where(option >= 0, option_score, 0.0),
+        option_blocked=doubts.blocked,
+        candidate_id=candidate_id,
+        candidate_score=take(comparison.score),
+        candidate_final=take(pairs.score_final),
+        candidate_eligible=take(pairs.eligible),
+        candidate_plausible=take(account.plausible),
+        candidate_gate=take(pairs.gate),
+        candidate_bonus=take(pairs.bonus),
+        num_bad_patches=descriptors.num_bad_patches,
+    )
+
+
+def _verdicts(settlement: Settlement) -> tuple[Array, Array, Array]:
+    """Outcome, reason and score of usable detections, in the order of precedence."""
+    s, doubts = settlement, settlement.doubts
+    outcome = jnp.full(s.slot.shape, Outcome.UNASSIGNED)
+    reason = jnp.full(s.slot.shape, Reason.NO_ASSIGNMENT)
+    score = jnp.zeros_like(s.score)
+    is_parent = doubts.reason == Reason.UNCERTAIN_PARENT
+    provisional = jnp.where(is_parent, Outcome.PROVISIONAL_PARENT, Outcome.PROVISIONAL_NEW)
+    for present, what, why, value in (
+        (s.slot >= 0, Outcome.MATCH, Reason.ASSIGNED, s.score),
+        (s.creates, Outcome.NEW, Reason.CREATED_NEW, 0.0),
+        (doubts.present, provisional, doubts.reason, doubts.best),
+        (s.ambiguous.present, Outcome.AMBIGUOUS, s.ambiguous.reason, s.ambiguous.best),
+    ):
+        outcome = jnp.where(present, what, outcome)
+        reason = jnp.where(present, why, reason)
+        score = jnp.where(present, value, score)
+    return outcome, reason, score
+
+
+def _option_ids(
+    objects: Objects, slot: Int[Array, "N K"], settlement: Settlement
+) -> Int[Array, "N K"]:
+    """Ids of the named objects, those that the frame founds included."""
+    width = objects.id.shape[0]
+    known = objects.id[jnp.clip(slot, 0, width - 1)]
+    founded = settlement.reserved_id[jnp.clip(slot - width, 0, len(slot) - 1)]
+    return jnp.where(slot < 0, NO_ID, jnp.where(slot < width, known, founded))
+
+
+def rank_candidates(
+    objects: Objects, comparison: Comparison, num_shown: int
+) -> tuple[Int[Array, "N C"], Int[Array, "N C"]]:
+    """The ids of the visually best candidates, by falling score and rising id, and their slots."""
+    masked = jnp.where(comparison.candidate, comparison.score, -jnp.inf)
+    shown = min(num_shown, masked.shape[1])
+    top, rows = jax.lax.top_k(masked, shown)
+    ids = jnp.where(jnp.isfinite(top), objects.id[rows], NO_ID)
+    lacking = ((0, 0), (0, num_shown - shown))
+    return jnp.pad(ids, lacking, constant_values=NO_ID), jnp.pad(rows, lacking)

@@ -1,0 +1,144 @@
+"""What does each detection look like? From patch features and masks (paper III-B)."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from remind_jax.errors import ConfigError
+from remind_jax.numerics.pooling import keep_typical, pool, to_unit
+from remind_jax.observation import Descriptors, FrameFeats, Masks, PatchAttention
+from remind_jax.remind.perception.attention_parts import find_attention_parts
+from remind_jax.remind.perception.parts import cluster_parts
+from remind_jax.remind.perception.ring_prototypes import find_ring_prototypes
+from remind_jax.remind.perception.rings import find_rings, ring_weights
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.static import Static
+
+
+def describe(
+    frame_feats: FrameFeats, masks: Masks, static: Static, thresholds: Thresholds
+) -> Descriptors:
+    """Describes every detection by its appearance, its parts and its background.
+
+    Patches with a feature that is not finite are left out everywhere; a detection that loses all
+    its patches is not valid. One that never covered a patch is, without any descriptor
+    (perception notes 7).
+    """
+    t = thresholds.perception
+    num = masks.valid.shape[0]
+    finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)
+    features = jnp.where(finite[..., None], frame_feats.patches, 0.0)
+    features = features.reshape(-1, features.shape[-1]).astype(jnp.float32)
+
+    given = jnp.where(masks.valid[:, None, None], masks.coverage, 0.0)
+    filled = jnp.where(masks.valid[:, None, None], masks.filled_coverage, 0.0)
+    coverage = jnp.where(finite, given, 0.0)
+    selected = coverage > t.patch_coverage.astype(coverage.dtype)
+    weights = jnp.where(selected, coverage, 0.0).reshape(num, -1)
+    members = selected.reshape(num, -1)
+
+    (whole, seen), (trimmed, seen_trimmed) = _describe_objects(
+        features, weights, members, static, t
+    )
+    parts, parts_valid, support = _describe_parts(
+        frame_feats.attention, features, weights, members, static, thresholds
+    )
+    kept = {"kmeans": t.kmeans_parts_kept, "attention": t.attention_parts_kept}
+    parts_kept = jnp.stack([kept[channel] for channel in static.part_channels])[:, None]
+
+    # An object that sanitising left as it was keeps its own selection of patches.
+    unchanged = jnp.all(filled == given, axis=(1, 2), keepdims=True)
+    blocked = jnp.where(
+        unchanged,
+        given > t.patch_coverage.astype(given.dtype),
+        filled > t.ring_object_coverage.astype(filled.dtype),
+    )
+    rings = find_rings(blocked, static.ring_max_radius, t) & finite
+    background = ring_weights(rings, filled)
+    ring_mean, ring_present = pool(background, features)
+    prototypes = None
+    if static.ring_prototypes:
+        inside = rings.reshape(background.shape)
+        prototypes = find_ring_prototypes(
+            features, inside, background, static, thresholds.ring_prototypes
+        )
+
+    covered, lost = jnp.any(given > 0, axis=(1, 2)), ~jnp.any(coverage > 0, axis=(1, 2))
+    return Descriptors(
+        appearance=to_unit(jnp.stack([whole, trimmed], axis=1)),
+        appearance_valid=jnp.stack([seen, seen_trimmed], axis=1),
+        parts=parts,
+        parts_valid=parts_valid & parts_kept,
+        rings=to_unit(ring_mean),
+        rings_valid=ring_present,
+        num_patches=jnp.where(
+            t.count_patches, jnp.minimum(jnp.sum(members, axis=-1), t.max_counted_patches), 0
+        ),
+        patch_sum=jnp.sum(coverage, axis=(1, 2)).astype(static.scalar),
+        num_parts=jnp.max(jnp.sum(parts_valid, axis=2), axis=1),
+        part_support=jnp.max(jnp.sum(support, axis=2), axis=1).astype(static.scalar),
+        ring_patches=jnp.sum(rings, axis=(2, 3)),
+        mask_quality=jnp.where(masks.quality > 0, masks.quality, 1.0).astype(static.scalar),
+        class_id=masks.class_id,
+        valid=masks.valid & ~(covered & lost),
+        num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
+        ring_prototypes=prototypes,
+    )
+
+
+def _describe_objects(
+    features: Float[Array, "P D"],
+    coverage: Float[Array, "N P"],
+    members: Bool[Array, "N P"],
+    static: Static,
+    t: Perception,
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Mean feature of all patches and of the typical ones, `[N, D]`, with their presence."""
+    plain = members.astype(coverage.dtype)
+    weights = coverage if static.global_weighted else plain
+    whole, seen = mean, present = pool(weights, features)
+    if static.trimmed_weighted != static.global_weighted:
+        weights = coverage if static.trimmed_weighted else plain
+        mean, present = pool(weights, features)
+    typical = keep_typical(features, mean, members, t.trim_keep, t.trim_min_patches)
+    trimmed, left = pool(jnp.where(typical, weights, 0.0), features)
+    return (whole, seen & t.global_enabled), (trimmed, present & left & t.trimmed_enabled)
+
+
+def _describe_parts(
+    attention: PatchAttention | None,
+    features: Float[Array, "P D"],
+    coverage: Float[Array, "N P"],
+    members: Bool[Array, "N P"],
+    static: Static,
+    thresholds: Thresholds,
+) -> tuple[Float[Array, "N C K D"], Bool[Array, "N C K"], Float[Array, "N C K"]]:
+    """Parts of all channels with their support, padded to the channel that may have most."""
+    t, found = thresholds.perception, []
+    for source in static.part_channels:
+        if source == "kmeans":
+            found.append(cluster_parts(features, coverage, members, static, t))
+            continue
+        if attention is None:
+            raise ConfigError(
+                f"static.part_source is {static.part_source!r}, but the frame comes without "
+                "attention; give it with the features or choose 'kmeans'"
+            )
+        found.append(
+            find_attention_parts(
+                features, coverage, members & t.parts_enabled, attention, static,
+                thresholds.attention_parts,
+            )
+        )  # fmt: skip
+    most = max(valid.shape[1] for _, valid, _ in found)
+
+    def pad(leaf: Array) -> Array:
+        missing = [(0, most - leaf.shape[1]) if axis == 1 else (0, 0) for axis in range(leaf.ndim)]
+        return jnp.pad(leaf, missing)
+
+    parts, valid, support = (
+        jnp.stack([pad(leaf) for leaf in leaves], axis=1) for leaves in zip(*found, strict=True)
+    )
+    return parts, valid, support

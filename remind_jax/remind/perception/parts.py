@@ -1,0 +1,149 @@
+"""Parts of an object: clusters of its patches, pooled and merged (perception notes 5.1).
+
+Letters: `N` detections, `P` patches, `K` clusters, `D` dimensions.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.numerics.pooling import TINY, dot, keep_typical, pool, to_unit
+from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.solvers.clustering import kmeans
+from remind_jax.static import Static
+
+
+def cluster_parts(
+    features: Float[Array, "P D"],
+    coverage: Float[Array, "N P"],
+    members: Bool[Array, "N P"],
+    static: Static,
+    thresholds: Perception,
+) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
+    """Describes each object by up to K parts of differing appearance.
+
+    Patches are clustered by direction, parts are pooled from the raw features. What happens to a
+    part that resembles a better supported one is up to `static.part_resembling`.
+
+    Returns:
+      Unit vectors by falling support (by cluster, if resembling parts stay), which of them exist,
+      and their summed coverage (their number of patches, if coverage does not weigh).
+    """
+    t = thresholds
+    norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
+    labels = kmeans(
+        features / norm,
+        members & t.parts_enabled,
+        clusters=static.part_clusters,
+        iterations=static.part_iterations,
+        restarts=static.part_restarts,
+        seed=static.part_seed,
+        solver=static.solver,
+    )
+    inside = labels[:, None, :] == jnp.arange(static.part_clusters)[:, None]
+    weights = weigh_patches(inside, coverage, static.part_weighted)
+    support = jnp.sum(weights, axis=-1)
+    mean, present = pool_regions(
+        features, weights, inside, static.part_mean, t.part_trim_keep, t.part_trim_min_patches
+    )
+
+    size = jnp.sum(inside, axis=-1)
+    # An object that is one cluster is one part by itself and is spared the test of size.
+    count = jnp.sum(members, axis=-1, keepdims=True)
+    alone = jnp.minimum(count, static.part_clusters) == 1
+    large = (size >= t.part_min_patches) & (support >= t.part_min_support)
+    valid = present & (large | (alone & (size > 0)))
+    parts = to_unit(mean)
+    if static.part_resembling == "keep":
+        return _compact(parts, valid, support)
+    return _merge_resembling(
+        parts, valid, support, t.part_merge, joins=static.part_resembling == "join"
+    )
+
+
+def weigh_patches(
+    inside: Bool[Array, "N K P"], coverage: Float[Array, "N P"], weighted: bool
+) -> Float[Array, "N K P"]:
+    """Weight of every patch in every region: its coverage, or 1; 0 outside."""
+    share = coverage[:, None] if weighted else jnp.ones((), coverage.dtype)
+    return jnp.where(inside, share, 0.0)
+
+
+def pool_regions(
+    features: Float[Array, "P D"],
+    weights: Float[Array, "N K P"],
+    inside: Bool[Array, "N K P"],
+    mean: str,
+    trim_keep: Float[Array, ""],
+    trim_min_patches: Int[Array, ""],
+) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"]]:
+    """Mean feature of every region, of its typical patches only if `mean` is `"trimmed"`."""
+    means, present = pool(weights, features)
+    if mean == "plain":
+        return means, present
+    regions, patches = inside.shape[:2], inside.shape[2]
+    typical = keep_typical(
+        features,
+        means.reshape(-1, means.shape[-1]),
+        inside.reshape(-1, patches),
+        trim_keep,
+        trim_min_patches,
+    )
+    trimmed, left = pool(jnp.where(typical.reshape(*regions, patches), weights, 0.0), features)
+    return trimmed, present & left
+
+
+def _merge_resembling(
+    parts: Float[Array, "N K D"],
+    valid: Bool[Array, "N K"],
+    support: Float[Array, "N K"],
+    merge: Float[Array, ""],
+    joins: bool,
+) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
+    """Visits parts by falling support; one that resembles a kept part is dropped or joins it."""
+    order = jnp.argsort(jnp.where(valid, -support, jnp.inf), axis=-1, stable=True)
+    parts, valid, support = (_sort(leaf, order) for leaf in (parts, valid, support))
+    ranks = jnp.arange(valid.shape[1])
+    similarity = dot(parts, parts)
+
+    def visit(rank: Int[Array, ""], state: tuple[Array, Array, Array]):
+        kept, parts, support = state
+        new = jax.lax.dynamic_index_in_dim(parts, rank, axis=1)
+        cosine = dot(parts, new)[..., 0] if joins else similarity[:, rank]
+        cosine = jnp.where(kept & (ranks < rank), cosine, -jnp.inf)
+        alike = jnp.max(cosine, axis=-1).astype(merge.dtype) > merge
+        exists = valid[:, rank]
+        kept = kept.at[:, rank].set(exists & ~alike)
+        if not joins:
+            return kept, parts, support
+        into = (ranks == jnp.argmax(cosine, axis=-1)[:, None]) & (alike & exists)[:, None]
+        added = support[:, rank, None]
+        total = support + added
+        both = parts * support[..., None] + new * added[..., None]
+        both = to_unit(both / jnp.where(total > TINY, total, 1.0)[..., None])
+        joined = into & (total > TINY)
+        return (
+            kept,
+            jnp.where(joined[..., None], both, parts),
+            jnp.where(joined, total, support),
+        )
+
+    kept = jnp.zeros_like(valid)
+    kept, parts, support = jax.lax.fori_loop(0, valid.shape[1], visit, (kept, parts, support))
+    return _compact(parts, kept, support)
+
+
+def _compact(
+    parts: Float[Array, "N K D"], kept: Bool[Array, "N K"], support: Float[Array, "N K"]
+) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
+    """The kept parts first, in their order."""
+    parts, support = jnp.where(kept[..., None], parts, 0.0), jnp.where(kept, support, 0.0)
+    order = jnp.argsort(~kept, axis=-1, stable=True)
+    return _sort(parts, order), _sort(kept, order), _sort(support, order)
+
+
+def _sort(values: Array, order: Int[Array, "N K"]) -> Array:
+    index = order.reshape(order.shape + (1,) * (values.ndim - 2))
+    return jnp.take_along_axis(values, index, axis=1)

@@ -1,0 +1,127 @@
+"""How the detections of one frame lie to each other (paper III-D; context notes 5).
+
+Lengths are normalised by the mean side of the two masks. Letters: `N` detections.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.observation import MaskRelations, Masks
+from remind_jax.remind.thresholds.relations import Relations as Rules
+
+_TINY = 1e-6
+_SUPPORT_MAX_RATIO = 0.6  # a thing that rests on another is smaller than it by this factor
+_SUPPORT_INSIDE = 0.75
+_SUPPORT_OVERLAP, _SUPPORT_MIN_OVERLAP = 0.60, 0.5
+
+
+class Contact(enum.IntEnum):
+    """How close two masks are; of equally frequent ones the larger code counts."""
+
+    NEAR = 0
+    OVERLAP = 1
+    SEPARATE = 2
+    TOUCH = 3
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Relations:
+    """Every pair of detections; symmetric. The diagonal and padding are invalid."""
+
+    gap: Float[Array, "N N"]  # between the masks, normalised; negative where they overlap
+    center_distance: Float[Array, "N N"]  # between the mask centres, normalised
+    contact: Int[Array, "N N"]  # Contact
+    support: Float[Array, "N N"]  # how far one seems to rest on or in the other, [0, 1]
+    gap_valid: Bool[Array, "N N"]  # the gap can be trusted
+    gap_quality: Float[Array, "N N"]  # [0, 1]
+    truncated: Bool[Array, "N N"]  # one of the two is cut by the edge of the frame
+    valid: Bool[Array, "N N"]  # two different detections
+
+    @property
+    def distance(self) -> Float[Array, "N N"]:
+        """The gap where it can be trusted, else the distance of the centres."""
+        return jnp.where(self.gap_valid, self.gap, self.center_distance)
+
+
+def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> Relations:
+    """Relates every two detections of a frame.
+
+    Args:
+      masks: Boxes, centres and areas of the detections.
+      mask_relations: Exact gaps of the close pairs; a close pair without one is judged by its
+        boxes, at lower quality.
+      t: Thresholds, as arrays of the scalar type.
+    """
+    scalar = t.scale_min_px.dtype
+    box, center = jnp.asarray(masks.box, scalar), jnp.asarray(masks.center, scalar)
+    area = jnp.asarray(masks.area, scalar)
+    side = jnp.sqrt(area)
+    scale = jnp.maximum(t.scale_min_px, 0.5 * (side[:, None] + side[None]))
+    scale = jnp.maximum(_TINY, scale)
+    box_gap_px, box_overlap = relate_boxes(box)
+
+    far = (box_gap_px > 0) & (box_gap_px / scale > t.exact_gap_max)
+    trusted = mask_relations.exact | far
+    gap_px = jnp.where(
+        mask_relations.exact & ~far, jnp.asarray(mask_relations.gap_px, scalar), box_gap_px
+    )
+    border = jnp.asarray(mask_relations.touches_border)
+    truncated = border[:, None] | border[None]
+    quality = jnp.where(trusted, 1.0, jnp.where(truncated, 0.0, 0.5)).astype(scalar)
+    contact = _contact(gap_px, gap_px / scale, t)
+    apart = jnp.sqrt(jnp.sum((center[:, None] - center[None]) ** 2, axis=-1))
+    valid = masks.valid[:, None] & masks.valid[None] & ~jnp.eye(area.shape[0], dtype=bool)
+    return Relations(
+        gap=gap_px / scale,
+        center_distance=apart / scale,
+        contact=contact,
+        support=_support(area, box, center, box_overlap, contact),
+        gap_valid=quality > 0,
+        gap_quality=quality,
+        truncated=truncated,
+        valid=valid,
+    )
+
+
+def relate_boxes(box: Float[Array, "N 4"]) -> tuple[Float[Array, "N N"], Float[Array, "N N"]]:
+    """Gap of every two boxes in pixels, negative where they overlap, and their common area."""
+    low, high = box[:, :2], box[:, 2:]
+    apart = jnp.maximum(0.0, jnp.maximum(low[:, None] - high[None], low[None] - high[:, None]))
+    common = jnp.minimum(high[:, None], high[None]) - jnp.maximum(low[:, None], low[None])
+    area = jnp.prod(jnp.maximum(0.0, common), axis=-1)
+    gap = jnp.sqrt(jnp.sum(apart**2, axis=-1))
+    return jnp.where(jnp.any(apart > 0, axis=-1), gap, -jnp.sqrt(area)), area
+
+
+def _contact(gap_px: Float[Array, "N N"], gap: Float[Array, "N N"], t: Rules) -> Int[Array, "N N"]:
+    contact = jnp.where(gap <= t.near, Contact.NEAR, Contact.SEPARATE)
+    contact = jnp.where(gap_px <= t.contact_margin_px, Contact.TOUCH, contact)
+    return jnp.where(gap_px < 0, Contact.OVERLAP, contact).astype(jnp.int32)
+
+
+def _support(
+    area: Float[Array, "N"],
+    box: Float[Array, "N 4"],
+    center: Float[Array, "N 2"],
+    box_overlap: Float[Array, "N N"],
+    contact: Int[Array, "N N"],
+) -> Float[Array, "N N"]:
+    """Containment of the smaller thing by the larger, 0 for things of like size."""
+    small = jnp.maximum(_TINY, jnp.minimum(area[:, None], area[None]))
+    large = jnp.maximum(_TINY, jnp.maximum(area[:, None], area[None]))
+    overlap = box_overlap / small
+    in_box = jnp.all(
+        (center[:, None] >= box[None, :, :2]) & (center[:, None] <= box[None, :, 2:]), -1
+    )
+    close = contact != Contact.SEPARATE
+    support = jnp.maximum(overlap, jnp.where((in_box | in_box.T) & close, _SUPPORT_INSIDE, 0.0))
+    rests = (overlap >= _SUPPORT_MIN_OVERLAP) & close
+    support = jnp.maximum(support, jnp.where(rests, _SUPPORT_OVERLAP, 0.0))
+    return jnp.where(small / large <= _SUPPORT_MAX_RATIO, jnp.clip(support, 0.0, 1.0), 0.0)

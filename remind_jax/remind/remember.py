@@ -1,0 +1,397 @@
+"""What memory learns from a frame: banks of seen objects, births, absences (paper III-F).
+
+Order of operations: perception notes 16. Letters: `N` detections, `O` objects, `P` pending tracks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, Reason, Status
+from remind_jax.numerics.control_flow import repeat
+from remind_jax.observation import Descriptors, Masks
+from remind_jax.remind.memory.appearance import appearance_quality, observe_appearance
+from remind_jax.remind.memory.background import observe_background, ring_quality
+from remind_jax.remind.memory.bank import DualBank, Permit, Room, place
+from remind_jax.remind.memory.neighbours import decided_rank, update_graphs
+from remind_jax.remind.memory.objects import (
+    Objects,
+    create_objects,
+    mark_missed,
+    mark_seen,
+)
+from remind_jax.remind.memory.parts import observe_part
+from remind_jax.remind.memory.pending import (
+    Items,
+    Kind,
+    claim_origins,
+    end_tracks,
+    join_tracks,
+    open_tracks,
+    write_tracks,
+)
+from remind_jax.remind.memory.ring_prototypes import observe_ring_prototypes
+from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.state import TrackerState, remove_objects
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.undecided.settlement import Settlement
+from remind_jax.static import Static
+
+
+def remember(
+    state: TrackerState,
+    decisions: Decisions,
+    settlement: Settlement,
+    birth_support: Int[Array, "N K"],
+    pending_score: Array,
+    descriptors: Descriptors,
+    masks: Masks,
+    relations: Relations,
+    static: Static,
+    t: Thresholds,
+) -> TrackerState:
+    """Writes the outcome of a frame into memory.
+
+    If new objects or pending tracks do not fit, nothing is written but `overflow`.
+
+    Args:
+      state: Memory before the frame.
+      decisions: Outcomes; ids of new objects and of pending tracks are filled in here.
+      settlement: Slots and reserved ids behind the decisions.
+      birth_support: Slots of known objects that speak for a new detection, -1 padding.
+      pending_score: Visual score of detections with pending tracks, `[N, P]`.
+      descriptors: What the detections look like.
+      masks: Where they are.
+      relations: How they lie to each other.
+      static: Capacities and policies.
+      t: Thresholds.
+    """
+    slots, num_pending = static.num_objects, static.num_pending
+    now = state.frame
+    is_new = decisions.outcome == Outcome.NEW
+
+    support_id = _ids_of(state.objects, birth_support)
+    ended = claim_origins(state.pending, is_new, descriptors.class_id, support_id, t.pending)
+    tracks = end_tracks(state.pending, ended)
+    items = _undecided(decisions, settlement, descriptors, masks, t)
+    joined = join_tracks(tracks, items, pending_score, t.pending, solver=static.solver)
+    pending_slot, needed_pending = open_tracks(tracks, items, joined)
+
+    num_new = jnp.sum(is_new, dtype=jnp.int32)
+    founds = _committed_founders(settlement, items, state.next_id + num_new)
+    births = num_new + jnp.sum(founds, dtype=jnp.int32)
+    needed = jnp.sum(state.objects.exists, dtype=jnp.int32) + births
+    fits = (needed <= slots) & (needed_pending <= num_pending)
+
+    objects, new_slot = create_objects(
+        state.objects, descriptors.class_id, is_new & fits, state.next_id
+    )
+    next_id = state.next_id + jnp.where(fits, num_new, 0)
+    objects, founder_slot, next_id = _create_committed(
+        objects, descriptors.class_id, founds & fits, settlement.reserved_id, next_id
+    )
+    slot = jnp.where(settlement.slot >= 0, settlement.slot, new_slot)
+    slot = jnp.where(fits, slot, slots)
+    sights = _count(slot, slots) + _count(founder_slot, slots)
+    objects = mark_seen(objects, sights, now, t.lifecycle)
+    spared = (sights > 0) | _protected(objects, items)
+    objects, forgotten = mark_missed(objects, objects.exists & ~spared & fits, t.lifecycle)
+
+    in_track = items.kind != Kind.FREE
+    pending_slot = jnp.where(fits & in_track, pending_slot, num_pending)
+    written = write_tracks(tracks, items, pending_slot, joined)
+    tracks = jax.tree.map(lambda new, old: jnp.where(fits, new, old), written, state.pending)
+    decisions = dataclasses.replace(
+        decisions,
+        object_id=jnp.where(
+            is_new, objects.id.at[slot].get(mode="fill", fill_value=NO_ID), decisions.object_id
+        ),
+        pending_id=tracks.id.at[pending_slot].get(mode="fill", fill_value=NO_ID),
+    )
+    # In the types of the state, so that one compiled program serves every frame.
+    shown = jax.tree.map(
+        lambda new, old: jnp.where(fits, new.astype(old.dtype), old), decisions, state.decisions
+    )
+
+    learns, permit = gate_updates(decisions, t)
+    row = jnp.where(pending_slot < num_pending, slots + pending_slot, slots + num_pending)
+    row = jnp.where(slot < slots, slot, row)
+    row = jnp.where(learns & descriptors.valid, row, slots + num_pending)
+    founder_row = jnp.where(founder_slot < slots, founder_slot, slots + num_pending)
+    allowed = ~t.update.gated | ((decisions.outcome == Outcome.MATCH) & learns & permit.insert)
+    cooccurrence, distances = update_graphs(
+        state.cooccurrence,
+        state.distances,
+        state.frame,
+        jnp.where(descriptors.valid & t.cooccurrence.enabled, slot, slots),
+        decided_rank(decisions, settlement.source, descriptors.class_id),
+        objects.id,
+        allowed,
+        relations,
+        static,
+        t,
+    )
+    cleared = _clear_rows(state, jnp.concatenate([jnp.zeros(slots, bool), ended & fits]))
+    updated = dataclasses.replace(
+        _update_banks(cleared, jnp.stack([row, founder_row]), descriptors, permit, static, t),
+        objects=objects,
+        pending=tracks,
+        cooccurrence=cooccurrence,
+        distances=distances,
+        next_id=next_id,
+        frame=now + fits,
+        decisions=shown,
+        overflow=Overflow(
+            objects=jnp.where(needed <= slots, 0, needed),
+            pending=jnp.where(needed_pending <= num_pending, 0, needed_pending),
+        ),
+    )
+    if static.remove_objects:
+        return remove_objects(updated, forgotten & fits)
+    return updated
+
+
+def _count(slot: Int[Array, "N"], slots: int) -> Int[Array, "O"]:
+    return jnp.zeros(slots, jnp.int32).at[slot].add(1, mode="drop")
+
+
+def _ids_of(objects: Objects, slot: Int[Array, "N K"]) -> Int[Array, "N K"]:
+    return jnp.where(slot >= 0, objects.id[jnp.maximum(slot, 0)], NO_ID)
+
+
+def _undecided(
+    decisions: Decisions,
+    settlement: Settlement,
+    descriptors: Descriptors,
+    masks: Masks,
+    t: Thresholds,
+) -> Items:
+    """The detections that go to pending tracks."""
+    doubts, outcome = settlement.doubts, decisions.outcome
+    ambiguous = (outcome == Outcome.AMBIGUOUS) & t.pending.ambiguous_enabled
+    provisional = (outcome == Outcome.PROVISIONAL_NEW) | (outcome == Outcome.PROVISIONAL_PARENT)
+    provisional = provisional & t.pending.provisional_enabled
+    kind = jnp.where(ambiguous, Kind.AMBIGUOUS, Kind.FREE)
+    kind = jnp.where(provisional, Kind.PROVISIONAL, kind)
+    return Items(
+        kind=kind.astype(jnp.int32),
+        class_id=descriptors.class_id,
+        known_id=decisions.option_id,
+        known_score=decisions.option_score,
+        from_parent=doubts.reason == Reason.UNCERTAIN_PARENT,
+        center=masks.center,
+        area=masks.area,
+    )
+
+
+def _committed_founders(
+    settlement: Settlement, items: Items, next_id: Int[Array, ""]
+) -> Bool[Array, "N"]:
+    """Detections that found an object although they stay ambiguous (15.4)."""
+    reserved = settlement.reserved_id
+    named = jnp.any(items.known_id[:, :, None] == reserved, axis=1)
+    named = jnp.any(named & (items.kind == Kind.AMBIGUOUS)[:, None], axis=0)
+    return (reserved != NO_ID) & named & (reserved >= next_id)
+
+
+def _create_committed(
+    objects: Objects,
+    class_id: Int[Array, "N"],
+    founds: Bool[Array, "N"],
+    reserved: Int[Array, "N"],
+    next_id: Int[Array, ""],
+) -> tuple[Objects, Int[Array, "N"], Int[Array, ""]]:
+    """Creates the objects with reserved ids, by rising id; ids between stay unused (14.3)."""
+    order = jnp.argsort(jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max), stable=True)
+    created, slot = create_objects(objects, class_id[order], founds[order], next_id)
+    back = jnp.argsort(order)
+    slot = slot[back]
+    exact = created.id.at[slot].set(reserved, mode="drop")
+    last = jnp.max(jnp.where(founds, reserved, NO_ID))
+    return dataclasses.replace(created, id=exact), slot, jnp.maximum(next_id, last + 1)
+
+
+def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
+    """Objects that an undecided detection names: they count no miss (14.2)."""
+    named = jnp.where((items.kind != Kind.FREE)[:, None], items.known_id, NO_ID)
+    return objects.exists & jnp.any(objects.id[:, None, None] == named, axis=(1, 2))
+
+
+def _clear_rows(state: TrackerState, rows: Bool[Array, "O+P"]) -> TrackerState:
+    """Empties the banks of pending tracks that ended."""
+
+    def clear(banks: DualBank | None) -> DualBank | None:
+        if banks is None:
+            return None
+
+        def empty(bank):
+            return dataclasses.replace(bank, size=jnp.where(rows, 0, bank.size))
+
+        return DualBank(empty(banks.work), empty(banks.stable))
+
+    return dataclasses.replace(
+        state,
+        appearance=clear(state.appearance),
+        parts=clear(state.parts),
+        rings=clear(state.rings),
+        ring_prototypes=clear(state.ring_prototypes),
+    )
+
+
+def gate_updates(decisions: Decisions, t: Thresholds) -> tuple[Bool[Array, "N"], Permit]:
+    """How freely each detection may change memory (notes 13); new objects always may."""
+    status = decisions.status_final
+    gated = t.update.gated & (decisions.outcome == Outcome.MATCH)
+    weak, ambiguous = status == Status.WEAK, status == Status.AMBIGUOUS
+    rate = jnp.where(gated & ambiguous, t.update.ambiguous_rate, 1.0)
+    return ~(gated & weak), Permit(insert=~(gated & ambiguous), rate=rate)
+
+
+def _update_banks(
+    state: TrackerState,
+    rows: Int[Array, "2 N"],
+    descriptors: Descriptors,
+    permit: Permit,
+    static: Static,
+    t: Thresholds,
+) -> TrackerState:
+    """Shows each detection to the banks of its object or pending track, and of what it founds.
+
+    A detection may have two targets, and an object two detections; such cases take further rounds.
+    """
+    none = state.appearance.work.size.shape[1]
+    now, num = state.frame, rows.shape[1]
+    banks = (state.appearance, state.rings, state.parts, state.ring_prototypes)
+
+    def show(carry: tuple[Array, tuple]) -> tuple[Array, tuple]:
+        rows, banks = carry
+        turn = jnp.where(rows[0] < none, rows[0], rows[1])
+        first = jnp.argmax(turn[:, None] == turn[None], axis=1) == jnp.arange(num)
+        turn = jnp.where(first, turn, none)
+        done = (rows == turn[None]) & (rows < none)
+        done = done.at[1].set(done[1] & ~done[0])
+        appearance, rings, parts, prototypes = banks
+        args = (descriptors, permit, now, static, t)
+        shown = (
+            _write_rows(appearance, turn, lambda bank: _observe_appearance(bank, *args)),
+            _write_rows(rings, turn, lambda bank: _observe_rings(bank, *args)),
+            _write_rows(parts, turn, lambda bank: _observe_parts(bank, *args)),
+            prototypes
+            and _write_rows(prototypes, turn, lambda bank: _observe_prototypes(bank, *args)),
+        )
+        return jnp.where(done, none, rows), shown
+
+    _, banks = repeat(lambda carry: jnp.any(carry[0] < none), show, (rows, banks))
+    names = ("appearance", "rings", "parts", "ring_prototypes")
+    return dataclasses.replace(state, **dict(zip(names, banks, strict=True)))
+
+
+def _write_rows(
+    banks: DualBank, rows: Int[Array, "N"], observe: Callable[[DualBank], DualBank]
+) -> DualBank:
+    """Applies `observe` to the banks of the detections' objects, leading axes `[C N]`."""
+    last = banks.work.size.shape[1] - 1
+    picked = jax.tree.map(lambda leaf: leaf[:, jnp.minimum(rows, last)], banks)
+    updated = observe(picked)
+    return jax.tree.map(lambda leaf, new: leaf.at[:, rows].set(new, mode="drop"), banks, updated)
+
+
+def _observe_appearance(
+    banks: DualBank,
+    d: Descriptors,
+    permit: Permit,
+    now: Int[Array, ""],
+    static: Static,
+    t: Thresholds,
+) -> DualBank:
+    observe = functools.partial(observe_appearance, now=now, static=static, t=t.appearance)
+    quality = appearance_quality(d.patch_sum, t.appearance)
+    over_detections = jax.vmap(observe)
+    banks, arrival = jax.vmap(over_detections, in_axes=(0, 1, 1, 1, None))(
+        banks, d.appearance, d.appearance_valid, quality, permit
+    )
+    room = Room(
+        capacity=jnp.array([static.appearance_slots] * 2),
+        merge=jnp.stack([t.appearance.merge, t.appearance.stable_merge]),
+        redundant=jnp.array(
+            [
+                static.appearance_evict == "redundant",
+                static.appearance_stable_evict == "redundant",
+            ]
+        ),
+        cap=t.appearance.merge_cap if static.appearance_merge == "capped" else None,
+    )
+    return place(banks, arrival, room, now)
+
+
+def _observe_rings(
+    banks: DualBank,
+    d: Descriptors,
+    permit: Permit,
+    now: Int[Array, ""],
+    static: Static,
+    t: Thresholds,
+) -> DualBank:
+    observe = functools.partial(observe_background, now=now, t=t.background)
+    quality = ring_quality(d.ring_patches, d.mask_quality, t.background)
+    capacity = jnp.array([static.inner_ring_slots, static.outer_ring_slots])
+    over_detections = jax.vmap(observe, in_axes=(0, 0, 0, 0, 0, None))
+    banks, arrival = jax.vmap(over_detections, in_axes=(0, 1, 1, 1, None, 0))(
+        banks, d.rings, d.rings_valid & t.background.enabled, quality, permit, capacity[:, 1]
+    )
+    room = Room(
+        capacity=capacity,
+        merge=jnp.stack([t.background.merge] * 2),
+        redundant=jnp.array([static.ring_evict == "redundant"] * 2),
+        cap=t.background.merge_cap,
+    )
+    return place(banks, arrival, room, now)
+
+
+def _observe_prototypes(
+    banks: DualBank,
+    d: Descriptors,
+    permit: Permit,
+    now: Int[Array, ""],
+    static: Static,
+    t: Thresholds,
+) -> DualBank:
+    patches = d.ring_prototypes
+    assert patches is not None, "there are banks for them"
+    patches = dataclasses.replace(patches, valid=patches.valid & t.background.enabled)
+    return observe_ring_prototypes(banks, patches, permit, now, static, t)
+
+
+def _observe_parts(
+    banks: DualBank,
+    d: Descriptors,
+    permit: Permit,
+    now: Int[Array, ""],
+    static: Static,
+    t: Thresholds,
+) -> DualBank:
+    """Parts of one detection arrive one after another, those of all detections together."""
+    observe = functools.partial(observe_part, now=now, static=static, t=t.parts)
+    over_detections = jax.vmap(observe)
+    over_channels = jax.vmap(over_detections, in_axes=(0, 0, 1, 1, None))
+    room = Room(
+        capacity=jnp.array([static.part_slots] * banks.work.size.shape[0]),
+        merge=jnp.stack([t.parts.merge, t.parts.stable_merge]),
+        redundant=jnp.array([static.part_evict == "redundant"] * 2),
+        cap=t.parts.merge_cap if static.part_merge == "capped" else None,
+    )
+
+    def show(carry: tuple[DualBank, Array], part: tuple[Array, Array]):
+        banks, used, arrival = over_channels(*carry, *part, permit)
+        return (place(banks, arrival, room, now), used), None
+
+    used = jnp.zeros(banks.work.hits.shape, bool)
+    parts = (jnp.moveaxis(d.parts, 2, 0), jnp.moveaxis(d.parts_valid, 2, 0))
+    (banks, _), _ = jax.lax.scan(show, (banks, used), parts)
+    return banks

@@ -1,0 +1,154 @@
+"""The whole memory of a tracker as one fixed-capacity pytree.
+
+Letters: `O` object slots, `P` slots of pending tracks, `A` appearance channels (global, trimmed),
+`C` part channels, `R` rings (inner, outer). Object slots in use come first and are ordered by
+rising id; ids, never slots, are shown outside.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.decision import NEVER, NO_ID, Decisions, Overflow, no_decisions
+from remind_jax.method import extend
+from remind_jax.numerics.constant_arrays import full, number
+from remind_jax.remind.memory.bank import DualBank, empty_bank
+from remind_jax.remind.memory.cooccurrence import (
+    CooccurrenceGraph,
+    empty_cooccurrence,
+    reorder_cooccurrence,
+)
+from remind_jax.remind.memory.distances import DistanceGraph, empty_distances, reorder_distances
+from remind_jax.remind.memory.objects import Lifecycle, Objects
+from remind_jax.remind.memory.pending import Kind, PendingTracks, no_pending
+from remind_jax.static import Static
+
+NUM_APPEARANCE_CHANNELS = 2
+NUM_RINGS = 2
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class TrackerState:
+    """Everything that one frame hands to the next, and the decisions of the last frame."""
+
+    objects: Objects
+    pending: PendingTracks
+    cooccurrence: CooccurrenceGraph  # who is seen with whom
+    distances: DistanceGraph  # and how far apart
+    appearance: DualBank  # leading axes [A O+P]: objects first, then pending tracks
+    parts: DualBank  # leading axes [C O+P]
+    rings: DualBank  # leading axes [R O+P]
+    ring_prototypes: DualBank | None  # the same, only with static.ring_prototypes
+    next_id: Int[Array, ""]  # id of the next new object
+    frame: Int[Array, ""]  # frames processed so far, the clock of the memory
+    decisions: Decisions
+    overflow: Overflow
+
+
+def init(static: Static) -> TrackerState:
+    """The empty memory with the capacities of `static`."""
+    objects, scalar, dim = static.num_objects, static.scalar, static.feature_dim
+
+    def banks(channels: int, *capacities: tuple[int, int]) -> DualBank:
+        """All banks of a kind share one shape; capacities are kept by the updates."""
+        slots = max(max(capacity) for capacity in capacities)
+        leading = (channels, objects + static.num_pending)
+        work, stable = (empty_bank(leading, slots, dim, scalar) for _ in range(2))
+        return DualBank(work, stable)
+
+    def column(value: int) -> Array:
+        return full(objects, int(value), np.int32)
+
+    empty = TrackerState(
+        objects=Objects(
+            id=column(NO_ID),
+            class_id=column(NO_ID),
+            lifecycle=column(Lifecycle.NEW),
+            hits=column(0),
+            misses=column(0),
+            age=column(0),
+            last_seen=column(NEVER),
+        ),
+        pending=no_pending(static.num_pending, scalar),
+        cooccurrence=empty_cooccurrence(objects, scalar),
+        distances=empty_distances(objects, scalar, static.pending_relations),
+        appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
+        parts=banks(len(static.part_channels), static.part_slots),
+        rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),
+        ring_prototypes=(
+            banks(NUM_RINGS, static.inner_prototype_slots, static.outer_prototype_slots)
+            if static.ring_prototypes
+            else None
+        ),
+        next_id=number(static.first_object_id),
+        frame=number(0),
+        decisions=no_decisions(static),
+        overflow=Overflow(objects=number(0), pending=number(0)),
+    )
+    return jax.device_put(empty)
+
+
+def grow(state: TrackerState, static: Static) -> TrackerState:
+    """The same memory with the larger capacities of `static`, on the host."""
+    empty = init(static)
+    old_objects, new_objects = state.objects.id.shape[0], empty.objects.id.shape[0]
+
+    def widen_rows(small: Array, large: Array) -> np.ndarray:
+        """Rows of objects and rows of pending tracks move apart."""
+        widened, rows = np.array(large), np.asarray(small)
+        pending = rows[:, old_objects:]
+        widened[:, :old_objects] = rows[:, :old_objects]
+        widened[:, new_objects : new_objects + pending.shape[1]] = pending
+        return widened
+
+    banks = {
+        name: jax.tree.map(widen_rows, getattr(state, name), getattr(empty, name))
+        for name in ("appearance", "parts", "rings", "ring_prototypes")
+    }
+    # Banks have their size already: they are copied as they are.
+    return extend(dataclasses.replace(state, **banks), empty)
+
+
+def count_occupied(state: TrackerState) -> tuple[Int[Array, ""], Int[Array, ""]]:
+    """Slots of objects and of pending tracks that are in use."""
+    return jnp.sum(state.objects.exists), jnp.sum(state.pending.kind != Kind.FREE)
+
+
+def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerState:
+    """Takes objects out of memory and closes the gaps, so that slots stay ordered by id."""
+    keep = state.objects.exists & ~forgotten
+    slots, num_pending = keep.shape[0], state.pending.id.shape[0]
+    order = jnp.argsort(~keep, stable=True).astype(jnp.int32)
+    alive = jnp.arange(slots) < jnp.sum(keep)
+    rows = jnp.concatenate([order, slots + jnp.arange(num_pending, dtype=jnp.int32)])
+    filled = jnp.concatenate([alive, jnp.ones(num_pending, bool)])
+    kept = jax.tree.map(lambda leaf: leaf[order], state.objects)
+    objects = dataclasses.replace(
+        kept,
+        id=jnp.where(alive, kept.id, NO_ID),
+        class_id=jnp.where(alive, kept.class_id, NO_ID),
+    )
+
+    def compact(banks: DualBank | None) -> DualBank | None:
+        if banks is None:
+            return None
+        moved = jax.tree.map(lambda leaf: leaf[:, rows], banks)
+        clear = lambda bank: dataclasses.replace(bank, size=jnp.where(filled, bank.size, 0))  # noqa: E731
+        return DualBank(clear(moved.work), clear(moved.stable))
+
+    return dataclasses.replace(
+        state,
+        objects=objects,
+        cooccurrence=reorder_cooccurrence(state.cooccurrence, order, alive),
+        distances=reorder_distances(state.distances, order, alive),
+        appearance=compact(state.appearance),
+        parts=compact(state.parts),
+        rings=compact(state.rings),
+        ring_prototypes=compact(state.ring_prototypes),
+    )

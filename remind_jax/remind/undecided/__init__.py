@@ -1,0 +1,1 @@
+"""Who stays undecided: stability, competition, ambiguous and provisional tracks."""

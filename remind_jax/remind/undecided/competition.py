@@ -1,0 +1,111 @@
+"""A new detection that looks like an object already matched: both stay open (notes 14.4)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from remind_jax.decision import NO_ID, Reason
+from remind_jax.remind.memory.objects import Lifecycle, Objects
+from remind_jax.remind.thresholds.outcome import Competition
+from remind_jax.remind.undecided.temporal import NO_SLOT, Account, Entries, temporal_score
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Rivalry:
+    """Competitions of a frame."""
+
+    entries: Entries
+    reserved_id: Int[Array, "N"]  # id of the object that a detection founds, -1 none
+
+
+def find_competitions(
+    account: Account,
+    objects: Objects,
+    slot: Int[Array, "N"],
+    creates: Bool[Array, "N"],
+    next_id: Int[Array, ""],
+    t: Competition,
+) -> Rivalry:
+    """Finds new detections that score nearly as a matched detection does on its object.
+
+    Args:
+      account: Scores and gates of all pairs.
+      objects: Objects known before the frame.
+      slot: Matched object of each detection, -1 none.
+      creates: Detections that would found an object.
+      next_id: Next free object id.
+      t: Thresholds.
+    """
+    num, width = account.pairs.eligible.shape
+    known = account.pairs.score_known
+    holds = slot[:, None] == jnp.arange(width)
+    held = jnp.any(holds, axis=0)
+    open_parents = account.comparison.candidate & held[None]
+    parent = jnp.argmax(jnp.where(open_parents, known, -jnp.inf), axis=1)
+    has_parent = jnp.any(open_parents, axis=1) & creates & t.enabled
+    holder = jnp.argmax(holds, axis=0)[parent]
+
+    at = lambda table: jnp.take_along_axis(table, parent[:, None], axis=1)[:, 0]  # noqa: E731
+    lifecycle = objects.lifecycle[parent]
+    young = (objects.age[parent] <= t.max_parent_age) | ~t.young_only
+    is_confirmed = lifecycle == Lifecycle.CONFIRMED
+    fit = jnp.where(is_confirmed, t.confirmed_parents, (lifecycle <= Lifecycle.TENTATIVE) & young)
+    least = jnp.where(is_confirmed, t.confirmed_min_score, t.min_score)
+    widest = jnp.where(is_confirmed, t.confirmed_max_gap, t.max_gap)
+    blocked = at(account.plausible) & ~at(account.pairs.eligible)
+    least = jnp.where(blocked, jnp.minimum(least, t.min_score), least)
+    widest = jnp.where(blocked, jnp.maximum(widest, t.max_gap), widest)
+    mine = at(known)
+    theirs = known[holder, parent]
+    ok = has_parent & fit & (mine >= least) & (theirs >= least)
+    ok = ok & (jnp.abs(theirs - mine) <= widest)
+
+    supported = account.plausible & account.context.supported[None]
+    rival_score = jnp.maximum(known, temporal_score(account, supported))
+
+    def has_rival(row: Int[Array, "N"]) -> Bool[Array, "N"]:
+        """Another supported candidate of that detection is good enough as well."""
+        among = supported[row]
+        is_parent = parent[:, None] == jnp.arange(width)
+        asked = (jnp.sum(account.plausible[row], axis=1) >= 2) & (jnp.sum(among, axis=1) >= 2)
+        asked = asked & jnp.any(among & is_parent, axis=1)
+        return asked & jnp.any(among & ~is_parent & (rival_score[row] >= least[:, None]), axis=1)
+
+    ok = ok & ~has_rival(jnp.arange(num)) & ~has_rival(holder)
+    claims = ok[:, None] & (parent[:, None] == jnp.arange(width))
+    crowded = (jnp.sum(claims, axis=0) > 1) & t.single_create
+    best = jnp.argmax(jnp.where(claims, mine[:, None], -jnp.inf), axis=0)
+    seed = ok & ~crowded[parent] & (best[parent] == jnp.arange(num))
+
+    # Ids are reserved by rising parent, behind all other births that the frame may bring.
+    by_parent = jnp.zeros(width, bool).at[jnp.where(seed, parent, width)].set(True, mode="drop")
+    turn = (jnp.cumsum(by_parent, dtype=jnp.int32) - 1)[parent]
+    others = jnp.sum(creates & ~seed, dtype=jnp.int32)
+    reserved = jnp.where(seed, next_id + others + turn, NO_ID)
+
+    score = jnp.maximum(mine, theirs)
+    virtual = width + jnp.arange(num)
+    pair = jnp.stack([parent, virtual, jnp.full(num, NO_SLOT)], axis=1).astype(jnp.int32)
+    scores = jnp.stack([score, score, jnp.zeros_like(score)], axis=1)
+    of_seed = jnp.where(seed, holder, num)
+
+    def spread(values: Array) -> Array:
+        """The founding detection and the one that holds the parent share the entry."""
+        empty = jnp.zeros_like(values)
+        own = jnp.where(seed.reshape(-1, *(1,) * (values.ndim - 1)), values, empty)
+        return own.at[of_seed].set(values, mode="drop")
+
+    present = seed.at[of_seed].set(True, mode="drop")
+    entries = Entries(
+        present=present,
+        slot=jnp.where(present[:, None], spread(pair), NO_SLOT),
+        score=spread(scores),
+        best=spread(score),
+        reason=jnp.full(num, Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION, jnp.int32),
+    )
+    return Rivalry(entries, reserved)

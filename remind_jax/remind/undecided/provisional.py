@@ -1,0 +1,273 @@
+"""Is an unmatched detection really new? (association notes 16)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.decision import Reason, Status
+from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.set_order import iteration_rank
+from remind_jax.remind.association.diagnosis import admit_by_status, top_two
+from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.thresholds.outcome import Provisional
+from remind_jax.remind.thresholds.thresholds import Diagnosis, Matching
+from remind_jax.remind.undecided.temporal import (
+    NO_SLOT,
+    Account,
+    Entries,
+    is_close,
+    judge,
+    rank,
+    temporal_score,
+    to_mask,
+)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Doubts:
+    """Unmatched detections that may be known after all."""
+
+    ambiguous: Entries  # several known objects
+    present: Bool[Array, "N"]  # provisional
+    reason: Int[Array, "N"]  # decision.Reason
+    best: Float[Array, "N"]
+    support: Int[Array, "N K"]  # slots of known objects that speak for it, -1 padding
+    support_score: Float[Array, "N K"]
+    blocked: Bool[Array, "N K"]  # support that another detection holds
+
+
+def no_doubts(entries: Entries) -> Doubts:
+    """No doubt about any of the detections that `entries` is about."""
+    nothing = jax.tree.map(jnp.zeros_like, entries)
+    nowhere = jnp.full_like(entries.slot, NO_SLOT)
+    return Doubts(
+        ambiguous=dataclasses.replace(nothing, slot=nowhere),
+        present=nothing.present,
+        reason=nothing.reason,
+        best=nothing.best,
+        support=nowhere,
+        support_score=nothing.score,
+        blocked=jnp.zeros(entries.slot.shape, bool),
+    )
+
+
+def question_births(
+    account: Account,
+    creates: Bool[Array, "N"],
+    held: Bool[Array, "O"],
+    max_candidates: Int[Array, ""],
+    t: Provisional,
+    matching: Matching,
+    diagnosis: Diagnosis,
+) -> Doubts:
+    """Asks of every detection that would found an object whether it could be a known one.
+
+    Args:
+      account: Scores and gates of all pairs.
+      creates: Detections in question.
+      held: Objects that some detection holds.
+      max_candidates: Most candidates of an ambiguous detection.
+      t: Thresholds.
+      matching: Thresholds of a match.
+      diagnosis: Thresholds of the visual diagnosis.
+    """
+    candidate, plausible = account.comparison.candidate, account.plausible
+    visual = account.comparison.score
+    score = temporal_score(account, plausible)
+    raw_score = temporal_score(account, candidate)
+    supported = plausible & account.context.supported[None]
+    some = jnp.any(supported, axis=1)
+    several = jnp.sum(supported, axis=1, keepdims=True) >= 2
+    status, _, _ = judge(
+        score, jnp.where(several, supported, plausible), t.min_top, t.min_candidate, t.gap,
+        t.relative_gap, t.gap_slack,
+    )  # fmt: skip
+    first, first_score, _ = top_two(score, supported)
+    blocked_ok = some & held[first] & (first_score >= t.min_top)
+    near_miss = _is_near_miss(visual, plausible, candidate, some, t, matching, diagnosis)
+    admitted = admit_by_status(status, t.from_strong, t.from_ambiguous, t.from_weak)
+    bad_status = ~admitted & ~blocked_ok & ~near_miss
+
+    focus, focus_score = plausible, score
+    focus = jnp.where(some[:, None], supported, focus)
+    only_raw = ~jnp.any(focus, axis=1) & near_miss
+    focus = jnp.where(only_raw[:, None], candidate, focus)
+    focus_score = jnp.where(only_raw[:, None], raw_score, focus_score)
+    best_slot, best, _ = top_two(focus_score, focus)
+    asked = creates & jnp.any(candidate, axis=1) & jnp.any(focus, axis=1) & t.enabled
+    asked = asked & (some | near_miss | ~t.require_context) & (best >= t.min_top)
+
+    near = supported & (score >= t.min_candidate)
+    near = near & is_close(best[:, None], score, t.gap, t.relative_gap, t.gap_slack)
+    known, known_score = rank(score, near, t.max_support)
+    hint, hint_score, _ = top_two(visual, candidate)
+    lacks = known[:, 0] == NO_SLOT
+    asked = asked & (~lacks | near_miss | blocked_ok | ~t.require_context)
+    known, known_score = _fill(known, known_score, lacks & blocked_ok, first, first_score)
+    hinted = lacks & ~blocked_ok & near_miss
+    known, known_score = _fill(known, known_score, hinted, hint, hint_score)
+    by_hint = hinted  # the visual hint alone speaks for it
+    known, known_score = _promote(
+        known, known_score, score, supported, held, t, matching.min_visual
+    )
+
+    blocked = (known != NO_SLOT) & held[jnp.maximum(known, 0)]
+    count = jnp.sum(known != NO_SLOT, axis=1)
+    all_blocked = jnp.any(blocked, axis=1) & (jnp.sum(blocked, axis=1) == count)
+    contextual = (count > 0) & ~all_blocked
+    raw_top, _, _ = top_two(raw_score, candidate)
+    aligned = (count == 1) & ~jnp.any(blocked, axis=1)
+    aligned = aligned & jnp.where(
+        by_hint, known[:, 0] == best_slot, (known[:, 0] == first) & (first == raw_top) & some
+    )
+    is_ambiguous = asked & (count >= 2)
+    is_parent = (bad_status | near_miss) & (status == Status.STRONG) & contextual & aligned
+    is_provisional = asked & ~is_ambiguous & (is_parent | ~bad_status)
+
+    reason = jnp.where(count > 0, Reason.UNCERTAIN_NEW_WITH_KNOWN_CONTEXT, Reason.UNCERTAIN_NEW)
+    reason = jnp.where(jnp.any(blocked, axis=1), Reason.UNCERTAIN_KNOWN_BLOCKED, reason)
+    reason = jnp.where(is_parent, Reason.UNCERTAIN_PARENT, reason)
+    ambiguous = _as_entries(known, known_score, blocked, is_ambiguous, best, max_candidates)
+    return Doubts(
+        ambiguous=ambiguous,
+        present=is_provisional,
+        reason=reason.astype(jnp.int32),
+        best=best,
+        support=jnp.where(is_provisional[:, None], known, NO_SLOT),
+        support_score=jnp.where(is_provisional[:, None], known_score, 0.0),
+        blocked=blocked & is_provisional[:, None],
+    )
+
+
+def support_births(
+    score: Float[Array, "N O"],
+    plausible: Bool[Array, "N O"],
+    objects: Objects,
+    class_id: Int[Array, "N"],
+    is_new: Bool[Array, "N"],
+) -> Int[Array, "N K"]:
+    """Slots of the known objects that speak for each new detection, the best first (15.5).
+
+    Which of equals are named follows the order of the original's set of a class (context notes
+    17.4); without any evidence all are equal.
+
+    Args:
+      score: Known score of each pair.
+      plausible: Pairs that context did not veto.
+      objects: Objects in memory.
+      class_id: Class of each detection.
+      is_new: Detections that found an object.
+    """
+    by_id, _ = rank(score, plausible)
+    last = jnp.take_along_axis(score, jnp.maximum(by_id[:, -1:], 0), axis=1)
+    equal, named = plausible & (score == last), to_mask(by_id, score.shape[1])
+    tie = is_new & (by_id[:, -1] != NO_SLOT) & jnp.any(equal & ~named, axis=1)
+
+    def by_set() -> Array:
+        same = objects.exists & (objects.class_id == class_id[:, None])
+        members = jnp.argsort(~same, axis=1, stable=True)
+        place = jax.vmap(iteration_rank)(objects.id[members], jnp.sum(same, axis=1))
+        order = jnp.take_along_axis(members, jnp.argsort(place, axis=1), axis=1)
+        at, _ = rank(
+            jnp.take_along_axis(score, order, axis=1), jnp.take_along_axis(plausible, order, axis=1)
+        )
+        slot = jnp.take_along_axis(order, jnp.maximum(at, 0), axis=1)
+        return jnp.where(at == NO_SLOT, NO_SLOT, slot).astype(jnp.int32)
+
+    return branch(jnp.any(tie), by_set, lambda: by_id)
+
+
+def _is_near_miss(
+    visual: Float[Array, "N O"],
+    plausible: Bool[Array, "N O"],
+    candidate: Bool[Array, "N O"],
+    some: Bool[Array, "N"],
+    t: Provisional,
+    matching: Matching,
+    diagnosis: Diagnosis,
+) -> Bool[Array, "N"]:
+    """A clear visual winner that just missed the match threshold (step 5)."""
+    _, plain_top, _ = top_two(visual, plausible)
+    among = jnp.where((plain_top > 0)[:, None], plausible, candidate)
+    _, top, second = top_two(visual, among)
+    near = among & (visual >= (top - jnp.maximum(0.0, diagnosis.close))[:, None])
+    lack = matching.match - top
+    ok = (top >= t.visual_min_score) & (matching.match > 0)
+    ok = ok & (lack >= 0) & (lack <= t.visual_margin) & (top - second >= t.visual_min_gap)
+    ok = ok & (jnp.sum(near, axis=1) <= t.visual_max_close)
+    ok = ok & (~t.visual_single_only | (jnp.sum(candidate, axis=1) == 1))
+    return ok & t.visual_fallback & (~some | ~t.visual_only_without_context)
+
+
+def _fill(
+    slots: Int[Array, "N K"],
+    scores: Float[Array, "N K"],
+    when: Bool[Array, "N"],
+    slot: Int[Array, "N"],
+    score: Float[Array, "N"],
+) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
+    """Names one object where none is named yet."""
+    first = (jnp.arange(slots.shape[1]) == 0) & when[:, None]
+    slots = jnp.where(first, slot[:, None].astype(jnp.int32), slots)
+    return slots, jnp.where(first, score[:, None], scores)
+
+
+def _promote(
+    known: Int[Array, "N K"],
+    known_score: Float[Array, "N K"],
+    score: Float[Array, "N O"],
+    supported: Bool[Array, "N O"],
+    held: Bool[Array, "O"],
+    t: Provisional,
+    min_visual: Float[Array, ""],
+) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
+    """Beside a lone support that is taken, names further supported objects (step 14)."""
+    count = jnp.sum(known != NO_SLOT, axis=1)
+    taken = jnp.any((known != NO_SLOT) & held[jnp.maximum(known, 0)], axis=1)
+    lone = (count == 1) & taken
+    others = supported & ~to_mask(known, supported.shape[1])
+    others = others & (score >= jnp.maximum(t.min_candidate, min_visual))
+    lacking = jnp.maximum(1, t.max_support - 1)
+    more, more_score = rank(score, others, lacking, later_first=True)
+    slots = jnp.concatenate([known[:, :1], more[:, :-1]], axis=1)
+    scores = jnp.concatenate([known_score[:, :1], more_score[:, :-1]], axis=1)
+    return (
+        jnp.where(lone[:, None], slots, known),
+        jnp.where(lone[:, None], scores, known_score),
+    )
+
+
+def _as_entries(
+    known: Int[Array, "N K"],
+    known_score: Float[Array, "N K"],
+    blocked: Bool[Array, "N K"],
+    present: Bool[Array, "N"],
+    best: Float[Array, "N"],
+    max_candidates: Int[Array, ""],
+) -> Entries:
+    """Support of at least two as ambiguous candidates, by score, then the larger id."""
+    named = known != NO_SLOT
+    key = jnp.where(named, known_score, -jnp.inf)
+    order = jnp.lexsort((-known, -key), axis=-1)
+    slots = jnp.take_along_axis(known, order, axis=1)
+    keep = jnp.arange(known.shape[1]) < max_candidates
+    slots = jnp.where(keep, slots, NO_SLOT)
+    taken = jnp.take_along_axis(blocked, order, axis=1) | (slots == NO_SLOT)
+    reason = jnp.where(
+        jnp.all(taken, axis=1),
+        Reason.KNOWN_BUT_AMBIGUOUS_BLOCKED_FALLBACK,
+        Reason.KNOWN_BUT_AMBIGUOUS_CONTEXTUAL_FALLBACK,
+    )
+    scores = jnp.take_along_axis(known_score, order, axis=1)
+    return Entries(
+        present=present,
+        slot=slots,
+        score=jnp.where(slots != NO_SLOT, scores, 0.0),
+        best=best,
+        reason=reason.astype(jnp.int32),
+    )

@@ -1,0 +1,144 @@
+"""Scores and tests shared by the rules about undecided detections (association notes 14.1).
+
+Letters: `N` detections, `O` objects, `K = 3` named candidates.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from remind_jax.decision import NUM_OPTIONS, Status
+from remind_jax.remind.association.diagnosis import top_two
+from remind_jax.remind.association.gating import ContextVerdict, Pairs
+from remind_jax.remind.association.similarity import Comparison, comparable_score
+from remind_jax.remind.thresholds.thresholds import Similarity
+
+NO_SLOT = -1
+_TINY = 1e-12
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Account:
+    """All that the rules may ask about the pairs of a frame."""
+
+    comparison: Comparison
+    pairs: Pairs
+    context: ContextVerdict
+    similarity: Similarity
+    known_set_score: Bool[Array, ""]  # compare on common evidence, else by the final score
+
+    @property
+    def plausible(self) -> Bool[Array, "N O"]:
+        """Candidates that context does not veto."""
+        return self.comparison.candidate & self.context.plausible
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Entries:
+    """Detections that stay ambiguous, with the objects that they could be."""
+
+    present: Bool[Array, "N"]
+    slot: Int[Array, "N K"]  # object slots, -1 padding; `O + n`: the object that detection n founds
+    score: Float[Array, "N K"]
+    best: Float[Array, "N"]
+    reason: Int[Array, "N"]  # decision.Reason
+
+
+def no_entries(num: int, scalar: jnp.dtype) -> Entries:
+    """No ambiguous detection."""
+    return Entries(
+        jnp.zeros(num, bool),
+        jnp.full((num, NUM_OPTIONS), NO_SLOT, jnp.int32),
+        jnp.zeros((num, NUM_OPTIONS), scalar),
+        jnp.zeros(num, scalar),
+        jnp.zeros(num, jnp.int32),
+    )
+
+
+def prefer(first: Entries, second: Entries) -> Entries:
+    """Entries of both; where both have one, that of the first."""
+
+    def pick(a: Array, b: Array) -> Array:
+        return jnp.where(first.present.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
+
+    merged = jax.tree.map(pick, first, second)
+    return dataclasses.replace(merged, present=first.present | second.present)
+
+
+def temporal_score(account: Account, members: Bool[Array, "N O"]) -> Float[Array, "N O"]:
+    """T: the final score, or the score comparable within a set of candidates and its context."""
+    comparable = comparable_score(account.comparison, members, account.similarity)
+    known = jnp.maximum(account.pairs.score_final, comparable + account.context.bonus_raw[None])
+    return jnp.where(account.known_set_score, known, account.pairs.score_final)
+
+
+def is_close(
+    top: Float[Array, "..."],
+    other: Float[Array, "..."],
+    gap: Float[Array, ""],
+    relative: Float[Array, ""],
+    slack: Float[Array, ""],
+) -> Bool[Array, "..."]:
+    """Whether a score is near the top one, in absolute terms or as a share of it."""
+    lack = jnp.maximum(0.0, top - other)
+    share = lack / jnp.maximum(_TINY, jnp.abs(top))
+    return (lack <= gap + slack) | (share <= relative + slack)
+
+
+def judge(
+    scores: Float[Array, "N O"],
+    members: Bool[Array, "N O"],
+    min_top: Float[Array, ""],
+    min_candidate: Float[Array, ""],
+    gap: Float[Array, ""],
+    relative: Float[Array, ""],
+    slack: Float[Array, ""],
+) -> tuple[Int[Array, "N"], Bool[Array, "N O"], Float[Array, "N"]]:
+    """The temporal diagnosis: status, the candidates near the top, and the top score."""
+    _, top, _ = top_two(scores, members)
+    near = members & (scores >= min_candidate)
+    near = near & is_close(top[:, None], scores, gap, relative, slack)
+    several = jnp.sum(near, axis=1) >= 2
+    weak = ~jnp.any(members, axis=1) | (top < min_top)
+    status = jnp.where(several, Status.AMBIGUOUS, Status.STRONG)
+    return jnp.where(weak, Status.WEAK, status), near, top
+
+
+def rank(
+    scores: Float[Array, "N O"],
+    members: Bool[Array, "N O"],
+    most: Int[Array, ""] | int = NUM_OPTIONS,
+    *,
+    later_first: bool = False,
+) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
+    """The best members by falling score, at most three.
+
+    Args:
+      scores: Score of each pair.
+      members: Pairs to choose from.
+      most: How many, at most three.
+      later_first: Among equals the larger id first, else the smaller.
+
+    Returns:
+      Slots (-1 padding) and scores (0 padding).
+    """
+    width = scores.shape[1]
+    masked = jnp.where(members, scores, -jnp.inf)
+    shown = min(NUM_OPTIONS, width)
+    top, index = jax.lax.top_k(masked[:, ::-1] if later_first else masked, shown)
+    index = width - 1 - index if later_first else index
+    real = jnp.isfinite(top) & (jnp.arange(shown) < most)
+    lacking = ((0, 0), (0, NUM_OPTIONS - shown))
+    slots = jnp.pad(jnp.where(real, index, NO_SLOT), lacking, constant_values=NO_SLOT)
+    return slots.astype(jnp.int32), jnp.pad(jnp.where(real, top, 0.0), lacking)
+
+
+def to_mask(slots: Int[Array, "N K"], width: int) -> Bool[Array, "N O"]:
+    """Marks the named slots; padding and virtual ones fall out."""
+    return jnp.any(slots[:, :, None] == jnp.arange(width), axis=1)

@@ -1,0 +1,228 @@
+"""When an object is told of: detectors see things for a frame that never were (host).
+
+An object is announced once it was detected often enough, under the next free number: ids of what
+never was leave no gaps. Until then its detections are told as provisional. An id that was announced
+stays. Tracks "as decided" carry the ids of the memory, tracks "as told" announced ones.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.errors import OptionError
+from remind_jax.frame import Tracks
+
+# Detections from which on an object of a detector is announced (`benchmarks/announcement.py`).
+DETECTOR_DEFAULT = 5
+
+_ALL = sys.maxsize
+
+
+@dataclasses.dataclass(frozen=True)
+class Announcements:
+    """Which objects were announced, and how often the others were detected.
+
+    Objects are named by the ids of the memory, unless something else is said.
+    """
+
+    known_below: int = _ALL  # objects with lower ids were announced under these
+    ids: Mapping[int, int] = dataclasses.field(default_factory=dict)  # of all others announced
+    counts: Mapping[int, int] = dataclasses.field(default_factory=dict)  # detections of the rest
+    became: Mapping[int, int] = dataclasses.field(default_factory=dict)  # what it turned out to be
+    next_id: int = _ALL  # number of the next object announced
+
+    @classmethod
+    def none(cls, first_id: int = 0) -> Announcements:
+        """No object was announced; the first one will have that id."""
+        return cls(known_below=0, next_id=first_id)
+
+    @classmethod
+    def all_below(cls, object_id: int) -> Announcements:
+        """All objects with lower ids were announced under these, no other was."""
+        return cls(known_below=object_id, next_id=object_id)
+
+    def to_json(self) -> dict[str, Any]:
+        """What a later run needs to go on, as `json` can write it."""
+        return {
+            "known_below": self.known_below,
+            "next_id": self.next_id,
+            "ids": [list(pair) for pair in self.ids.items()],
+            "counts": [list(pair) for pair in self.counts.items()],
+        }
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Announcements:
+        """Reads back what `to_json` made.
+
+        Raises:
+          KeyError, TypeError, ValueError: If it is something else.
+        """
+        pairs = {
+            name: {int(one): int(other) for one, other in content[name]}
+            for name in ("ids", "counts")
+        }
+        return cls(
+            known_below=int(content["known_below"]), next_id=int(content["next_id"]), **pairs
+        )
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether every object is announced at once under the id that it has in memory."""
+        return self.known_below == _ALL
+
+    def id_of(self, object_id: int) -> int:
+        """The announced id, NO_ID without any."""
+        while True:
+            if object_id < self.known_below:
+                return object_id
+            if object_id in self.ids:
+                return self.ids[object_id]
+            if object_id not in self.became:
+                return NO_ID
+            object_id = self.became[object_id]
+
+    def waits(self, object_id: int) -> bool:
+        """Whether it is an object that was not announced."""
+        return object_id >= self.known_below and object_id not in self.ids
+
+    def number(self, object_ids: Iterable[int]) -> dict[int, int]:
+        """A number for each of these, for accounts of decisions.
+
+        Announced objects have their id, all others the numbers that follow the announced ones.
+        """
+        ids = sorted({int(i) for i in object_ids} - {NO_ID})
+        direct = {i: i if i < self.known_below else self.ids.get(i, NO_ID) for i in ids}
+        rest = [i for i in ids if direct[i] == NO_ID]
+        return direct | {i: self.next_id + place for place, i in enumerate(rest)} | {NO_ID: NO_ID}
+
+
+def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
+    """Detections after which objects are announced.
+
+    Args:
+      asked: What the caller wants; None or 0 leaves it to the configuration.
+      configured: `input.announce_after`; 0 leaves it to the kind of detections: 1 for given masks,
+        else `DETECTOR_DEFAULT`.
+      has_detector: Whether detections come from a detector.
+
+    Raises:
+      OptionError: If what is asked for is no number of detections.
+    """
+    if asked is not None and asked < 0:
+        raise OptionError(
+            f"'announce_after' is {asked}; give a number of detections from 1 on, or 0 for 1 with "
+            f"given masks and {DETECTOR_DEFAULT} with a detector",
+            "announce_after",
+        )
+    return asked or configured or (DETECTOR_DEFAULT if has_detector else 1)
+
+
+def hear(
+    so_far: Announcements, tracks: Tracks, after: int, merges: Iterable[tuple[int, int]] = ()
+) -> Announcements:
+    """What is announced when a frame was decided.
+
+    Args:
+      so_far: Before the frame.
+      tracks: As decided.
+      after: Detections after which an object is announced; a frame counts once.
+      merges: Objects that turned out to be others in this frame, beside those.
+    """
+    if so_far.is_identity:
+        return so_far
+    seen = sorted({int(i) for i in tracks.object_id if so_far.waits(int(i))})
+    merges = list(merges)
+    if not seen and not merges:
+        return so_far
+    ids, counts, became = dict(so_far.ids), dict(so_far.counts), dict(so_far.became)
+    for gone, kept in merges:
+        became[gone] = kept
+        told = so_far.id_of(gone)
+        if told != NO_ID and so_far.waits(kept):
+            # Whoever was told of the one knows the other by its id.
+            ids.setdefault(kept, told)
+        counts[kept] = counts.get(kept, 0) + counts.pop(gone, 0)
+    next_id = so_far.next_id
+    for object_id in seen:
+        counts[object_id] = counts.get(object_id, 0) + 1
+        if object_id not in ids and counts[object_id] >= after:
+            ids[object_id], next_id = next_id, next_id + 1
+    waiting = {i: n for i, n in counts.items() if i not in ids and so_far.waits(i)}
+    return Announcements(so_far.known_below, ids, waiting, became, next_id)
+
+
+def tell(announced: Announcements, tracks: Tracks) -> Tracks:
+    """What the user is told of a frame, by what is announced.
+
+    What is not announced is provisional, its pending id is the id that it has in memory. No id is
+    given to two objects of a frame: of those that became one, the one announced first has it.
+    """
+    if announced.is_identity:
+        return tracks
+    object_id = _name_rows(announced, tracks.object_id)
+    waits = (tracks.object_id != NO_ID) & (object_id == NO_ID)
+    candidate_id, candidate_score = _name_candidates(announced, tracks, waits)
+    outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
+    for row in range(len(tracks)):
+        if outcome[row] in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
+            options = tracks.candidate_id[row][tracks.candidate_id[row] != NO_ID]
+            num_named = np.sum(candidate_id[row] != NO_ID)
+            if len(options) and announced.id_of(int(options[0])) == NO_ID:
+                outcome[row] = Outcome.PROVISIONAL_NEW
+            elif num_named == 1 < len(options):
+                outcome[row] = Outcome.PROVISIONAL_PARENT
+        elif outcome[row] == Outcome.NEW and _was_known(announced, int(tracks.object_id[row])):
+            outcome[row], reason[row] = Outcome.MATCH, Reason.ASSIGNED
+    outcome[waits], reason[waits] = Outcome.PROVISIONAL_NEW, Reason.SEEN_TOO_FEW_TIMES
+    return dataclasses.replace(
+        tracks,
+        object_id=object_id,
+        outcome=outcome,
+        reason=reason,
+        pending_id=np.where(waits, tracks.object_id, tracks.pending_id),
+        candidate_id=candidate_id,
+        candidate_score=candidate_score,
+    )
+
+
+def _was_known(announced: Announcements, object_id: int) -> bool:
+    """Whether it became an object that has the same id and was seen before it."""
+    kept = announced.became.get(object_id)
+    return kept is not None and announced.id_of(kept) == announced.id_of(object_id)
+
+
+def _name_rows(announced: Announcements, object_id: Int[np.ndarray, "N"]) -> Int[np.ndarray, "N"]:
+    """The announced id of each row; of objects that share one, the first to have it keeps it."""
+    named = np.array([announced.id_of(int(i)) for i in object_id], object_id.dtype)
+    rank = {i: place for place, i in enumerate(announced.ids)} if announced.became else {}
+    for told in {int(i) for i in named if i != NO_ID}:
+        rows = np.flatnonzero(named == told)
+        first = min({int(i) for i in object_id[rows]}, key=lambda i: _rank(announced, rank, i))
+        named[rows[object_id[rows] != first]] = NO_ID
+    return named
+
+
+def _rank(announced: Announcements, rank: Mapping[int, int], object_id: int) -> int:
+    """When it was announced, among others."""
+    return -1 if object_id < announced.known_below else rank.get(object_id, len(rank))
+
+
+def _name_candidates(
+    announced: Announcements, tracks: Tracks, waits: Bool[np.ndarray, "N"]
+) -> tuple[Int[np.ndarray, "N C"], Float[np.ndarray, "N C"]]:
+    """Announced candidates, each once, in their order; none of rows that wait."""
+    ids = np.full_like(tracks.candidate_id, NO_ID)
+    scores = np.zeros_like(tracks.candidate_score)
+    for row in np.flatnonzero(~waits):
+        named = [announced.id_of(int(i)) for i in tracks.candidate_id[row]]
+        columns = [c for c, i in enumerate(named) if i != NO_ID and i not in named[:c]]
+        ids[row, : len(columns)] = [named[c] for c in columns]
+        scores[row, : len(columns)] = tracks.candidate_score[row, columns]
+    return ids, scores

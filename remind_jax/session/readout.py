@@ -1,0 +1,92 @@
+"""What the user is told of a frame: the decisions of the step beside the outlines of the masks.
+
+`outline` needs no decisions, so the host does it while the device computes them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from remind_jax.decision import NO_ID, Decisions
+from remind_jax.frame import Detections, Frame, Rle, Tracks
+from remind_jax.masks.run_length import encode_masks
+
+
+@dataclasses.dataclass(frozen=True)
+class Outlines:
+    """Masks as the result repeats them."""
+
+    rles: tuple[Rle, ...]
+    boxes: Float[np.ndarray, "N 4"]  # left, top, right, bottom, the last two excluded; pixels
+    areas: Int[np.ndarray, "N"]  # pixels
+
+
+def outline(masks: Bool[np.ndarray, "N H W"]) -> Outlines:
+    """Encodes and measures pixel masks; the box of an empty one is zero."""
+    import cv2
+
+    pixels = masks.view(np.uint8)
+    corners = [cv2.boundingRect(mask) for mask in pixels]
+    boxes = np.array(corners, np.float32).reshape(-1, 4)
+    boxes[:, 2:] += boxes[:, :2]
+    areas = np.array([cv2.countNonZero(mask) for mask in pixels], np.int64)
+    return Outlines(encode_masks(masks), boxes, areas)
+
+
+def read_tracks(
+    frame: Frame, detections: Detections, outlines: Outlines, decisions: Decisions
+) -> Tracks:
+    """Joins what was decided and what was seen.
+
+    Args:
+      frame: The frame.
+      detections: Those that were decided about.
+      outlines: Of the same detections.
+      decisions: Host arrays; slots behind the detections are left out.
+    """
+    num, d = len(detections), decisions
+    candidate_id, candidate_score = _name_candidates(d)
+
+    def take(values: Any) -> np.ndarray:
+        return np.asarray(values)[:num]
+
+    return Tracks(
+        frame_index=frame.index,
+        source_index=frame.source_index,
+        time_s=frame.time_s,
+        name=frame.name,
+        frame_size=frame.size,
+        outcome=take(d.outcome),
+        reason=take(d.reason),
+        object_id=take(d.object_id),
+        pending_id=take(d.pending_id),
+        status=take(d.status),
+        score=take(d.score),
+        confidence=take(d.confidence),
+        candidate_id=take(candidate_id),
+        candidate_score=take(candidate_score),
+        labels=detections.labels,
+        boxes=outlines.boxes,
+        areas=outlines.areas,
+        detector_scores=detections.scores,
+        instance_ids=detections.instance_ids,
+        rles=outlines.rles,
+    )
+
+
+def _name_candidates(d: Decisions) -> tuple[np.ndarray, np.ndarray]:
+    """Ids and scores `[N, C]`: what an undecided detection could be, else the visually nearest."""
+    width = max(d.candidate_id.shape[1], d.option_id.shape[1])
+
+    def widen(values: Any, blank: float) -> np.ndarray:
+        lacking = width - values.shape[1]
+        return np.pad(values, ((0, 0), (0, lacking)), constant_values=blank)
+
+    undecided = np.asarray(d.option_id)[:, :1] != NO_ID
+    named = np.where(undecided, widen(d.option_id, NO_ID), widen(d.candidate_id, NO_ID))
+    scores = np.where(undecided, widen(d.option_score, 0.0), widen(d.candidate_score, 0.0))
+    return named, scores

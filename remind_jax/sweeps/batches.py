@@ -1,0 +1,153 @@
+"""Runs one scene under many settings, as many at once as memory allows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from remind_jax.compiled.frame_step import settle_types
+from remind_jax.config import Config
+from remind_jax.method import Method, get_method
+from remind_jax.static import Static
+from remind_jax.sweeps.program import (
+    Answers,
+    compile_follow,
+    compiled_score,
+    empty_memories,
+    repeat,
+    spread,
+)
+from remind_jax.sweeps.scene_arrays import SceneFrames
+from remind_jax.sweeps.settings import Setting, stack
+
+FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all lengths share it
+# On a CPU more settings side by side gain nothing: their memories leave the caches.
+_MOST = {"cpu": 32}
+_COPIES = 3.0  # memories that the program holds per setting, before it is measured
+_LABELS_PER_SLOT = 2  # ids that are told apart per object slot
+
+
+def most_at_once(method: Method, static: Static, budget_bytes: int) -> int:
+    """Settings that memory may have room for, from the size of a memory; at least one."""
+    memory = jax.eval_shape(lambda: settle_types(method.init(static)))
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
+    room = max(1, int(budget_bytes // (_COPIES * size)))
+    return jax.local_device_count() * min(room, _MOST.get(jax.default_backend(), room))
+
+
+def plan_batch(
+    frames: Any, config: Config, static: Static, wanted: int, budget_bytes: int
+) -> tuple[int, int]:
+    """How many settings go side by side within a budget, and the bytes that they take per device.
+
+    Args:
+      frames: A described scene.
+      config: The method, and what a setting does not name.
+      static: Capacities.
+      wanted: Settings, a multiple of the number of devices; fewer if the compiled program needs
+        more than the budget, but at least one per device.
+      budget_bytes: Of each device.
+    """
+    devices = jax.local_device_count()
+    method = get_method(config.tracker)
+    batch = min(wanted, most_at_once(method, static, budget_bytes))
+    part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, _num_frames(frames)))))
+    while True:
+        shapes = stack(config.thresholds, [{}] * batch, static.scalar)
+        needed = compile_follow(method, static, batch, shapes, part).num_bytes
+        if batch == devices or needed <= budget_bytes:
+            return batch, needed
+        fitting = int(batch * budget_bytes / needed) // devices * devices
+        batch = max(devices, min(batch - devices, fitting))
+
+
+def pad_frames(frames: Any, length: int) -> Any:
+    """Adds empty frames at the end."""
+
+    def pad(leaf: np.ndarray) -> np.ndarray:
+        missing = [(0, length - len(leaf)), *((0, 0),) * (leaf.ndim - 1)]
+        return np.pad(leaf, missing)
+
+    return jax.tree.map(pad, frames)
+
+
+def run_batch(
+    frames: Any,
+    config: Config,
+    settings: Sequence[Setting],
+    static: Static,
+    budget_bytes: int | None = None,
+) -> tuple[Answers | None, Static]:
+    """Runs settings side by side; capacities grow until every frame fits every setting.
+
+    Args:
+      frames: A whole scene, described.
+      config: The method, and what a setting does not name.
+      settings: Settings of one batch.
+      static: Capacities to start with.
+      budget_bytes: Of each device; as much as it takes if left out.
+
+    Returns:
+      The answers of all frames and the capacities that they needed; no answers where so many
+      settings with these capacities have no room in the budget.
+    """
+    method, length = get_method(config.tracker), _num_frames(frames)
+    padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
+    stacked = spread(stack(config.thresholds, settings, static.scalar))
+    while True:
+        states, told = spread(empty_memories(method, static, len(settings))), []
+        lacking = (0, 0)
+        for part in _parts(padded):
+            program = compile_follow(method, static, len(settings), stacked, part)
+            states, answers = program.run(states, stacked, repeat(part))
+            told.append(jax.device_get(answers))
+            lacking = (int(told[-1].needed_objects.max()), int(told[-1].needed_pending.max()))
+            if any(lacking):
+                break
+        if not any(lacking):
+            answers = jax.tree.map(lambda *parts: np.concatenate(parts)[:length], *told)
+            return answers, static
+        static = static.grow(num_objects=lacking[0], num_pending=lacking[1])
+        if budget_bytes is not None:
+            fitting = max(jax.local_device_count(), most_at_once(method, static, budget_bytes))
+            if len(settings) > fitting:
+                return None, static
+
+
+def _num_frames(frames: Any) -> int:
+    return len(jax.tree.leaves(frames)[0])
+
+
+def _parts(frames: Any) -> Iterator[Any]:
+    for first in range(0, _num_frames(frames), FRAMES_AT_ONCE):
+        part = slice(first, first + FRAMES_AT_ONCE)
+        yield jax.tree.map(lambda leaf, part=part: leaf[part], frames)
+
+
+def score_batch(scene: SceneFrames, answers: Answers, static: Static) -> list[dict[str, float]]:
+    """Scores of every setting of a batch, on the device."""
+    truth, slots = scene.truth, answers.outcome.shape[-1]
+    lacking = slots - truth.object_index.shape[1]
+    widen = lambda leaf: np.pad(leaf, ((0, 0), (0, lacking)), constant_values=-1)  # noqa: E731
+    num_labels = _LABELS_PER_SLOT * static.num_objects
+    while True:
+        scores = jax.device_get(
+            compiled_score(
+                widen(truth.object_index),
+                widen(truth.class_id),
+                answers,
+                num_objects=truth.num_objects,
+                num_labels=num_labels,
+            )
+        )
+        if not scores["overflow"].any():
+            break
+        num_labels *= 2
+    names = [name for name in scores if name != "overflow"]
+    return [
+        {name: scores[name][index].item() for name in names}
+        for index in range(answers.outcome.shape[1])
+    ]

@@ -1,0 +1,237 @@
+"""Scenes that are read once, for sweep after sweep over them."""
+
+from __future__ import annotations
+
+import copy
+import importlib.metadata
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from remind_jax.backbone.opening import open_backbone
+from remind_jax.backbone.registry import Backbone
+from remind_jax.config import Config, load_config
+from remind_jax.config.dotted_keys import flatten_fields
+from remind_jax.errors import SweepError, nearest_names
+from remind_jax.method import StepHalves, get_method, list_methods
+from remind_jax.sources import Sampling, Source, open_source
+from remind_jax.sweeps.cluster import Cluster
+from remind_jax.sweeps.records import Records, Row, row_key
+from remind_jax.sweeps.result import SweepResult
+from remind_jax.sweeps.scene_arrays import SceneFrames, load_scene
+from remind_jax.sweeps.settings import Setting, Value, complete
+from remind_jax.sweeps.worker import Progress, Worker, group_by_description
+
+DEFAULT_BUDGET_GIB = 2.0
+
+
+class SceneBench:
+    """Scenes on which settings are tried: read once, described once, scored on the device."""
+
+    def __init__(
+        self,
+        scenes: Any,
+        *,
+        config: str | Path | Config | Mapping[str, Any] = "default",
+        backbone: str | Backbone = "patch-statistics",
+        weights: str | Path | None = None,
+        feature_cache: str | Path | None = None,
+        sampling: Sampling | Mapping[str, Any] | None = None,
+        memory_gib: float = DEFAULT_BUDGET_GIB,
+        batch: int | None = None,
+        out: str | Path | None = None,
+        progress: Callable[[Progress], None] | None = None,
+        workers: int | None = None,
+        cluster: str | None = None,
+        keep_scenes: bool = True,
+        **source_options: Any,
+    ) -> None:
+        """Opens scenes; what is not told here is told by `sweep`.
+
+        With `keep_scenes`, scenes stay in memory between sweeps.
+
+        Raises:
+          RemindError: If a scene or the configuration is not accepted.
+        """
+        self._config = load_config(config)
+        self._halves = _halves_of(self._config.tracker)
+        self._backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
+        sources = [
+            open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
+        ]
+        names = _distinct([source.name for source in sources])
+        self._sources: dict[str, Source] = dict(zip(names, sources, strict=True))
+        self._records, self._progress = Records(out), progress
+        self._keep_scenes, self._read = keep_scenes, {}
+        self._reading: dict[str, float] = {}
+        if workers is None and cluster is None:
+            self._crew = Worker(self._config, memory_gib, batch)
+        else:
+            self._crew = Cluster(self._config, memory_gib, batch, workers, cluster)
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of the scenes."""
+        return tuple(self._sources)
+
+    @property
+    def tracker(self) -> str:
+        """Name of the method whose thresholds settings are about."""
+        return self._config.tracker
+
+    def only(self, scenes: Sequence[str]) -> SceneBench:
+        """The same bench with some of its scenes; what is read and found is shared.
+
+        Raises:
+          SweepError: If there is no such scene.
+        """
+        for name in scenes:
+            if name not in self._sources:
+                raise SweepError(
+                    f"there is no scene {name!r}; {nearest_names(name, self._sources)}"
+                )
+        fewer = copy.copy(self)
+        fewer._sources = {name: self._sources[name] for name in scenes}
+        return fewer
+
+    def run(
+        self,
+        settings: Sequence[Mapping[str, Value]],
+        *,
+        share: float = 1.0,
+    ) -> SweepResult:
+        """Scores every setting on every scene; what has a row already is not run again.
+
+        Args:
+          settings: Settings.
+          share: Of the frames of each scene, from the first on.
+
+        Returns:
+          The rows. After Ctrl-C, those so far, with `complete` false.
+
+        Raises:
+          RemindError: If a scene or a setting is not accepted.
+        """
+        chosen = complete(settings, self._config)
+        self._sharpen(chosen)
+        tally = _Tally(len(chosen) * len(self._sources), self._progress)
+        keys: list[list[str]] = []
+        finished = False
+        try:
+            for name in self._sources:
+                keys.append(self._start(name, chosen, share, tally))
+            self._crew.finish()
+            finished = True
+        except KeyboardInterrupt:
+            self._crew.stop()
+        return self._collect(chosen, keys, finished)
+
+    def _start(
+        self, name: str, settings: Sequence[Setting], share: float, tally: _Tally
+    ) -> list[str]:
+        """Has the missing rows of a scene made; the keys of all of them."""
+        scene = self._load(name)
+        if share < 1:
+            scene = scene.first(max(1, math.ceil(share * scene.num_frames - 1e-9)))
+        origin = {
+            "config": scene.config.to_dict(),
+            "scene": scene.digest,
+            "version": importlib.metadata.version("remind-jax"),
+        }
+        keys = [row_key(name, setting, origin) for setting in settings]
+        missing = {key: i for i, key in enumerate(keys) if key not in self._records}
+        tally.add(name, sum(key in self._records for key in keys))
+        indices = list(missing.values())
+        groups = group_by_description([settings[i] for i in indices], self._halves.described_by)
+
+        def keep(rows: Iterable[int], scores: Iterable[dict[str, float]]) -> None:
+            found = [
+                Row(keys[i], name, settings[i], row) for i, row in zip(rows, scores, strict=True)
+            ]
+            self._records.add(found)
+            tally.add(name, sum(keys.count(row.key) for row in found))
+
+        if indices:
+            jobs = [{indices[i]: settings[indices[i]] for i in group} for group in groups]
+            self._crew.start(scene, jobs, keep)
+        return keys
+
+    def _collect(
+        self, settings: list[Setting], keys: list[list[str]], finished: bool
+    ) -> SweepResult:
+        """The rows of settings that were run on all scenes."""
+        reached_all = len(keys) == len(self._sources)
+        done = [
+            i
+            for i in range(len(settings) if reached_all else 0)
+            if all(of_scene[i] in self._records for of_scene in keys)
+        ]
+        return SweepResult(
+            settings=tuple(settings[i] for i in done),
+            scenes=self.scenes,
+            rows=tuple(tuple(self._records[of_scene[i]] for of_scene in keys) for i in done),
+            batch=self._crew.batch,
+            program_bytes=self._crew.program_bytes,
+            complete=finished,
+        )
+
+    def _load(self, name: str) -> SceneFrames:
+        if name in self._read:
+            return self._read[name]
+        source = self._sources[name]
+        scene = load_scene(source, self._config, self._backbone, self._reading)
+        if self._keep_scenes:
+            self._read[name] = scene
+        return scene
+
+    def _sharpen(self, settings: Sequence[Setting]) -> None:
+        """Has masks read as exactly as the most demanding setting so far needs."""
+        starts = (self._config, self._config.for_backbone(self._backbone.name))
+        given: list[dict[str, Any]] = [dict(flatten_fields(one.thresholds)) for one in starts]
+        reading = {}
+        for name in self._halves.reduced_by:
+            asked = [start | one for start in given for one in (self._reading, *settings)]
+            reading[name] = max(float(one[name]) for one in asked)
+        if reading != self._reading:
+            self._read.clear()
+            self._reading = reading
+
+
+class _Tally:
+    """Counts rows and tells about them."""
+
+    def __init__(self, num_rows: int, progress: Callable[[Progress], None] | None) -> None:
+        self._num_rows, self._num_done, self._progress = num_rows, 0, progress
+
+    def add(self, scene: str, num_rows: int) -> None:
+        self._num_done += num_rows
+        if self._progress is not None and num_rows:
+            self._progress(Progress(scene, self._num_done, self._num_rows))
+
+
+def _halves_of(tracker: str) -> StepHalves:
+    halves = get_method(tracker).halves
+    if halves is None:
+        others = (f"'{name}'" for name in list_methods() if get_method(name).halves is not None)
+        raise SweepError(
+            f"the configuration is for the tracker '{tracker}'; only {' and '.join(others)} can be "
+            "swept"
+        )
+    return halves
+
+
+def _as_list(scenes: Any) -> list[Any]:
+    is_many = isinstance(scenes, (list, tuple)) and not isinstance(scenes, Source)
+    found = list(scenes) if is_many else [scenes]
+    if not found:
+        raise SweepError("there are no scenes to sweep over; give at least one")
+    return found
+
+
+def _distinct(names: list[str]) -> list[str]:
+    """Scene names, told apart by number where two are equal."""
+    return [
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})"
+        for i, name in enumerate(names)
+    ]

@@ -1,0 +1,169 @@
+"""Many processes and machines: Ray places tasks, retries those that die, and moves the data.
+
+A task is a scene and a batch of settings. Rows are kept by the process that asked for them, as they
+come back, so that a task that has to be done again leaves no row twice.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from remind_jax.config import Config
+from remind_jax.errors import SweepError
+from remind_jax.sweeps.scene_arrays import SceneFrames
+from remind_jax.sweeps.settings import Setting
+from remind_jax.sweeps.worker import Keep, Worker
+
+SETTINGS_PER_TASK = 32
+_RETRIES = 5  # of a task whose process or machine died
+
+
+class Cluster:
+    """A crew of Ray workers; same calls as `worker.Worker`."""
+
+    def __init__(
+        self,
+        config: Config,
+        memory_gib: float,
+        batch: int | None,
+        workers: int | None,
+        address: str | None,
+    ) -> None:
+        """Joins a cluster, or starts one on this machine.
+
+        Args:
+          config: Capacities and the method; what a setting does not name comes with the scene.
+          memory_gib: Memory that the program of each worker may take, on each device.
+          batch: Settings side by side in a worker, and settings per task.
+          workers: Tasks at the same time; as many as the cluster has CPUs (GPUs) if left out.
+          address: Of a running Ray cluster; one is started on this machine if left out.
+
+        Raises:
+          SweepError: If Ray is missing, or the cluster cannot be reached.
+        """
+        self.batch, self.program_bytes = 0, 0
+        if workers is not None and workers < 1:
+            raise SweepError(f"{workers} workers cannot work; give at least 1")
+        self._ray = _join(address, workers)
+        self._most, self._batch = workers, batch
+        self._config, self._memory_gib = self._ray.put(config), memory_gib
+        self._waiting: list[tuple[Any, dict[int, Setting], Keep]] = []
+        self._running: dict[Any, tuple[list[int], Keep]] = {}
+        has_gpus = self._ray.cluster_resources().get("GPU", 0) > 0
+        self._task = self._ray.remote(
+            num_cpus=1, num_gpus=1 if has_gpus else 0, max_retries=_RETRIES
+        )(run_task)
+
+    def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
+        """Hands settings to the cluster; their rows come with `finish`.
+
+        Args:
+          scene: What they are shown.
+          jobs: Settings of same descriptors by number.
+          keep: Called with numbers and scores of every batch.
+        """
+        shown = self._ray.put(scene)
+        size = self._batch or SETTINGS_PER_TASK
+        for job in jobs:
+            numbers = list(job)
+            for first in range(0, len(numbers), size):
+                part = {number: job[number] for number in numbers[first : first + size]}
+                self._waiting.append((shown, part, keep))
+        self._submit()
+
+    def finish(self) -> None:
+        """Waits for all rows.
+
+        Raises:
+          SweepError: If a task fails, or its process dies again and again.
+        """
+        while self._running:
+            done, _ = self._ray.wait(list(self._running), num_returns=1)
+            numbers, keep = self._running.pop(done[0])
+            try:
+                scores, batch, program_bytes = self._ray.get(done[0])
+            except self._ray.exceptions.RayError as error:
+                self.stop()
+                raise SweepError(
+                    f"a worker of the cluster failed: {str(error).strip().splitlines()[-1]}"
+                ) from error
+            self.batch = max(self.batch, batch)
+            self.program_bytes = max(self.program_bytes, program_bytes)
+            self._submit()
+            keep(numbers, scores)
+
+    def stop(self) -> None:
+        """Gives up what has not come back."""
+        for task in self._running:
+            self._ray.cancel(task, force=True)
+        self._running.clear()
+        self._waiting.clear()
+
+    def _submit(self) -> None:
+        while self._waiting and (self._most is None or len(self._running) < self._most):
+            shown, part, keep = self._waiting.pop(0)
+            task = self._task.remote(
+                shown, list(part.values()), self._config, self._memory_gib, self._batch
+            )
+            self._running[task] = list(part), keep
+
+
+def run_task(
+    scene: SceneFrames,
+    settings: list[Setting],
+    config: Config,
+    memory_gib: float,
+    batch: int | None,
+) -> tuple[list[dict[str, float]], int, int]:
+    """Scores of some settings, the batch size and the bytes of the program; runs in a worker."""
+    worker = _worker(config, memory_gib, batch)
+    scores: list[dict[str, float]] = []
+    jobs = [dict(enumerate(settings))]
+    worker.start(scene, jobs, lambda numbers, rows: scores.extend(rows))
+    return scores, worker.batch, worker.program_bytes
+
+
+def _worker(config: Config, memory_gib: float, batch: int | None) -> Worker:
+    return _worker_of(_Same(config), memory_gib, batch)
+
+
+class _Same:
+    """A configuration that equals another one with the same values."""
+
+    def __init__(self, config: Config) -> None:
+        self.config, self._text = config, repr(config)
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self._text == other._text
+
+
+@functools.lru_cache(maxsize=1)
+def _worker_of(same: _Same, memory_gib: float, batch: int | None) -> Worker:
+    """Ray keeps processes: what one task compiled and described serves the next."""
+    return Worker(same.config, memory_gib, batch)
+
+
+def _join(address: str | None, workers: int | None) -> Any:
+    try:
+        import ray  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise SweepError(
+            "workers need Ray, which is not installed; pip install 'remind-jax[cluster]'"
+        ) from error
+    if ray.is_initialized():
+        return ray
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    try:
+        if address is None:
+            # By itself Ray would join any cluster that runs on this machine already.
+            ray.init(address="local", num_cpus=workers, include_dashboard=False, **quiet)
+        else:
+            ray.init(address=address, **quiet)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        raise SweepError(f"cannot join the Ray cluster at '{address}': {error}") from error
+    return ray

@@ -1,0 +1,207 @@
+"""Cross-validation over scenes: a setting is reported on scenes that it was not chosen on."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from remind_jax.errors import SweepError
+from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.sweeps.result import SweepResult, show_setting
+from remind_jax.sweeps.search import GIVEN
+from remind_jax.sweeps.settings import Setting
+
+Interval = tuple[float, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Fold:
+    """One scene, held out while a setting was chosen on the others."""
+
+    scene: str
+    setting: Setting
+    chosen_score: float  # mean over the other scenes
+    score: float  # on the scene held out
+    given_score: float  # of the configuration as it stands, on the same scene
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class CrossValidation(Printable):
+    """What tuning brings on scenes not used for it."""
+
+    metric: str
+    folds: tuple[Fold, ...]
+
+    @property
+    def scores(self) -> np.ndarray:
+        """Of the chosen settings on the scenes held out, `[folds]`."""
+        return np.array([fold.score for fold in self.folds])
+
+    @property
+    def gains(self) -> np.ndarray:
+        """How much better than the configuration as it stands, `[folds]`."""
+        return self.scores - np.array([fold.given_score for fold in self.folds])
+
+    def interval(
+        self, of: Sequence[float] | np.ndarray | None = None, *, resamples: int = 10_000
+    ) -> Interval:
+        """Percentile bootstrap interval over scenes of a mean, at 95 %; NaN with one scene.
+
+        Args:
+          of: Values per fold, such as `gains`; `scores` if left out.
+          resamples: Draws.
+        """
+        from scipy.stats import bootstrap
+
+        values = np.asarray(self.scores if of is None else of, float)
+        values = values[~np.isnan(values)]
+        if len(values) < 2:
+            return math.nan, math.nan
+        if np.all(values == values[0]):
+            return float(values[0]), float(values[0])
+        drawn = bootstrap(
+            (values,), np.mean, n_resamples=resamples, method="percentile", rng=0
+        ).confidence_interval
+        return float(drawn.low), float(drawn.high)
+
+    @property
+    def heads(self) -> tuple[str, ...]:
+        """Over the columns of `rows`."""
+        return ("scene held out", self.metric, "as it stands", "gain", "on the others", "setting")
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The folds as text."""
+        return [
+            (
+                fold.scene,
+                f"{fold.score:.3f}",
+                f"{fold.given_score:.3f}",
+                f"{gain:+.3f}",
+                f"{fold.chosen_score:.3f}",
+                show_setting(fold.setting),
+            )
+            for fold, gain in zip(self.folds, self.gains, strict=True)
+        ]
+
+    def mean(self) -> str:
+        """The means and their intervals in a sentence."""
+        (low, high), (least, most) = self.interval(), self.interval(self.gains)
+        return (
+            f"Mean over {len(self.folds)} scenes: {self.metric} {np.nanmean(self.scores):.3f} "
+            f"[{low:.3f}, {high:.3f}], gain {np.nanmean(self.gains):+.3f} "
+            f"[{least:+.3f}, {most:+.3f}] (95 %, bootstrap over scenes)"
+        )
+
+    def to_markdown(self) -> str:
+        """A table of the folds, and the means with their intervals below."""
+        lines = [self.heads, ("---",) * len(self.heads), *self.rows()]
+        table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        return f"{table}\n\n{self.mean()}"
+
+    def _summarize(self) -> SmallTable:
+        title = f"settings chosen on the other scenes, by {self.metric}"
+        return SmallTable(title, (self.mean(),), self.heads, self.rows(), is_text=(0, 5))
+
+
+BenchT = TypeVar("BenchT", bound="ScenesBench")
+
+
+class ScenesBench(Protocol):
+    """A bench whose scenes can be taken apart; see `bench.SceneBench`."""
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names."""
+        ...
+
+    def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:
+        """Scores of the settings."""
+        ...
+
+    def only(self: BenchT, scenes: Sequence[str]) -> BenchT:
+        """The same with some of the scenes."""
+        ...
+
+
+def choose_without(result: SweepResult, scene: str, metric: str = "IDF1") -> int:
+    """Index of the setting of best mean score over the other scenes; of equals the earlier.
+
+    Raises:
+      SweepError: If there is no other scene, or none has the score.
+    """
+    column = result.table()[:, :, result.metrics.index(metric)]
+    others = [index for index, name in enumerate(result.scenes) if name != scene]
+    if not others or np.all(np.isnan(column[:, others])):
+        raise SweepError(f"no scene but '{scene}' has a {metric} to choose a setting by")
+    return int(np.argmax(np.nan_to_num(_mean(column[:, others]), nan=-math.inf)))
+
+
+def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation:
+    """Chooses among the settings of a sweep on all scenes but one, and reports on that one.
+
+    For grids and random settings, which do not depend on the scenes. What a search proposes does:
+    see `cross_validate_choice`.
+
+    Args:
+      result: Rows of at least two scenes; the setting `{}` in it is what gains are counted from,
+        the first one if it is missing.
+      metric: Score, higher is better.
+
+    Raises:
+      SweepError: If there are fewer than two scenes, or there is no such score.
+    """
+    result.best(metric)  # says so if there is no such score
+    table = result.table()[:, :, result.metrics.index(metric)]
+    given = result.settings.index(GIVEN) if GIVEN in result.settings else 0
+    folds = []
+    for held_out, scene in enumerate(result.scenes):
+        chosen = choose_without(result, scene, metric)
+        folds.append(
+            Fold(
+                scene,
+                result.settings[chosen],
+                float(_mean(np.delete(table[chosen], held_out))),
+                float(table[chosen, held_out]),
+                float(table[given, held_out]),
+            )
+        )
+    return CrossValidation(metric, tuple(folds))
+
+
+def cross_validate_choice(
+    bench: BenchT, choose: Callable[[BenchT], Setting], metric: str = "IDF1"
+) -> CrossValidation:
+    """Lets a search choose a setting on all scenes but one, and reports on that one.
+
+        cross_validate_choice(bench, lambda others: search(others, space).best()[0].setting)
+
+    Args:
+      bench: At least two scenes.
+      choose: Finds a setting on the scenes that it is given.
+      metric: Score to report.
+
+    Raises:
+      SweepError: If there are fewer than two scenes, or there is no such score.
+    """
+    if len(bench.scenes) < 2:
+        raise SweepError("cross-validation needs at least two scenes; give more of them")
+    folds = []
+    for scene in bench.scenes:
+        others = bench.only([name for name in bench.scenes if name != scene])
+        setting = choose(others)
+        seen, unseen = others.run([setting]), bench.only([scene]).run([setting, GIVEN])
+        chosen_score = seen.best(metric)[0].scores[metric] if seen.best(metric) else math.nan
+        score, given_score = (standing.scores[metric] for standing in unseen.standings())
+        folds.append(Fold(scene, setting, chosen_score, score, given_score))
+    return CrossValidation(metric, tuple(folds))
+
+
+def _mean(scores: np.ndarray) -> np.ndarray:
+    """Means over the last axis of what is known; NaN where nothing is."""
+    known = ~np.isnan(scores)
+    total, number = np.where(known, scores, 0.0).sum(-1), known.sum(-1)
+    return np.where(number > 0, total / np.maximum(1, number), math.nan)

@@ -1,0 +1,245 @@
+"""The compiled part of a sweep: many settings go through the same frames.
+
+Letters: `S` settings, `T` frames, `N` detection slots.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Float, Int
+
+from remind_jax.compiled.frame_step import settle_types
+from remind_jax.compiled.programs import (
+    COMPILER_OPTIONS,
+    Recipe,
+    Shapes,
+    count_bytes,
+    get_program,
+    identify,
+    is_of_this_package,
+    shapes_of,
+)
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.method import Method, StepHalves
+from remind_jax.metrics.in_graph import GraphScores, score_labels
+from remind_jax.static import Static
+
+_AXIS = "settings"  # that devices share
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """What every setting said about every detection."""
+
+    outcome: Int[Array, "T S N"]  # decision.Outcome
+    object_id: Int[Array, "T S N"]  # -1 where undecided
+    score: Float[Array, "T S N"]
+    needed_objects: Int[Array, "T S"]  # slots that the frame lacked, 0 if they sufficed
+    needed_pending: Int[Array, "T S"]
+
+
+def empty_memories(method: Method, static: Static, num_settings: int) -> Any:
+    """One empty memory per setting, leading axis `S`."""
+    empty = settle_types(method.init(static))
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (num_settings, *leaf.shape)), empty)
+
+
+def follow(
+    states: Any, thresholds: Any, frames: Any, *, halves: StepHalves, static: Static
+) -> tuple[Any, Answers]:
+    """Takes the memories of all settings through some frames.
+
+    Args:
+      states: One memory per setting.
+      thresholds: Thresholds of all settings, each `[S]`.
+      frames: Described frames, leading axis `T`.
+      halves: The step of the method, of which the second half is taken.
+      static: Capacities of the memories.
+    """
+
+    def advance(state: Any, t: Any, frame: Any) -> tuple[Any, Answers]:
+        state = settle_types(halves.decide(state, frame, static=static, thresholds=t))
+        said, lacks = state.decisions, state.overflow
+        answers = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
+        return state, answers
+
+    def follow_one(given: tuple[Any, Any]) -> tuple[Any, Answers]:
+        state, t = given
+        return jax.lax.scan(lambda state, frame: advance(state, t, frame), state, frames)
+
+    if halves.in_turn_on_cpu and jax.default_backend() == "cpu":
+        states, answers = jax.lax.map(follow_one, (states, thresholds))
+        return states, jax.tree.map(lambda leaf: leaf.swapaxes(0, 1), answers)
+    advance_all = jax.vmap(advance, in_axes=(0, 0, None))
+    return jax.lax.scan(
+        lambda states, frame: advance_all(states, thresholds, frame), states, frames
+    )
+
+
+def score(
+    object_index: Int[Array, "T N"],
+    class_id: Int[Array, "T N"],
+    answers: Answers,
+    *,
+    num_objects: int,
+    num_labels: int,
+) -> dict[str, Array]:
+    """Scores of every setting, each `[S]`, by the rules of `metrics`, undecided ones strictly.
+
+    Args:
+      object_index: True object of each detection.
+      class_id: Its class.
+      answers: What the settings said.
+      num_objects: True objects.
+      num_labels: Ids that are told apart.
+    """
+    is_firm = (answers.outcome == Outcome.MATCH) | (answers.outcome == Outcome.NEW)
+    firm = jnp.where(is_firm, answers.object_id, NO_ID)
+    real = object_index >= 0
+
+    def one(ids: Array, certainty: Array) -> tuple[GraphScores, Array]:
+        scores = score_labels(
+            object_index, ids, score=certainty, gt_class=class_id,
+            num_objects=num_objects, num_labels=num_labels,
+        )  # fmt: skip
+        return scores, jnp.sum(
+            jnp.zeros(num_labels, jnp.int32)
+            .at[jnp.where(ids >= 0, ids, num_labels)]
+            .set(1, mode="drop")
+        )
+
+    scores, num_ids = jax.vmap(one, in_axes=(1, 1))(firm, answers.score)
+    num_real = jnp.maximum(1, jnp.sum(real))
+    share = lambda told: jnp.sum(told & real[:, None], axis=(0, 2)) / num_real  # noqa: E731
+    ambiguous = answers.outcome == Outcome.AMBIGUOUS
+    provisional = (answers.outcome == Outcome.PROVISIONAL_NEW) | (
+        answers.outcome == Outcome.PROVISIONAL_PARENT
+    )
+    return {
+        "IDF1": scores.idf1,
+        "HOTA": scores.hota,
+        "AssA": scores.ass_a,
+        "Recovery": scores.recovery,
+        "HardRecovery": scores.hard_recovery,
+        "Ambiguous": share(ambiguous),
+        "Provisional": share(provisional),
+        "Firm": share(is_firm),
+        "Identities": num_ids,
+        "overflow": scores.overflow,
+    }
+
+
+def spread(tree: Any) -> Any:
+    """Puts arrays on the devices, each of which takes an equal share of the settings."""
+    where = _shardings()
+    return jax.device_put(tree) if where is None else jax.device_put(tree, where[0])
+
+
+def repeat(tree: Any) -> Any:
+    """Puts arrays on the devices, each of which takes all of them."""
+    where = _shardings()
+    return jax.device_put(tree) if where is None else jax.device_put(tree, where[1])
+
+
+@functools.cache
+def _shardings() -> tuple[NamedSharding, NamedSharding, NamedSharding] | None:
+    """Settings along the first axis, none, settings along the second; None with one device."""
+    devices = jax.local_devices()
+    if len(devices) == 1:
+        return None
+    mesh = Mesh(np.array(devices), (_AXIS,))
+    first, none, second = PartitionSpec(_AXIS), PartitionSpec(), PartitionSpec(None, _AXIS)
+    return NamedSharding(mesh, first), NamedSharding(mesh, none), NamedSharding(mesh, second)
+
+
+@dataclasses.dataclass(frozen=True)
+class Program:
+    """`follow` for so many settings, compiled; the memories that it is given are used up."""
+
+    run: Callable[[Any, Any, Any], tuple[Any, Answers]]
+    # That it needs on each device: arguments, results and scratch space, as the compiler counts.
+    num_bytes: int
+
+
+def compile_follow(
+    method: Method, static: Static, num_settings: int, thresholds: Any, frames: Any
+) -> Program:
+    """Compiles `follow` for the shapes of the arguments, once per process."""
+    given = (thresholds, frames)
+    return _compile(method, static, num_settings, shapes_of(given), jax.tree.structure(given))
+
+
+@functools.lru_cache(maxsize=8)
+def _compile(
+    method: Method, static: Static, num_settings: int, shapes: Shapes, structure: Any
+) -> Program:
+    assert method.halves is not None
+    states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
+    run = functools.partial(follow, halves=method.halves, static=static)
+    options = COMPILER_OPTIONS.get(jax.default_backend(), {})
+    if (where := _shardings()) is None:
+        return _compile_kept(run, method.halves.decide, states, shapes, structure, options)
+    settings, frame, answers = where
+    # Every device goes its own way: a branch is taken where one of its own settings needs it.
+    program = jax.jit(
+        jax.shard_map(
+            run,
+            mesh=settings.mesh,
+            in_specs=(settings.spec, settings.spec, frame.spec),
+            out_specs=(settings.spec, answers.spec),
+            check_vma=False,
+        ),
+        donate_argnums=0,
+        compiler_options=options,
+        in_shardings=(settings, settings, frame),
+        out_shardings=(settings, answers),
+    )
+    compiled = program.lower(states, *jax.tree.unflatten(structure, shapes)).compile()
+    return Program(compiled, count_bytes(compiled))
+
+
+def _compile_kept(
+    run: functools.partial,
+    decide: Callable[..., Any],
+    states: Any,
+    shapes: Shapes,
+    structure: Any,
+    options: dict[str, Any],
+) -> Program:
+    """The program of one device, kept for other processes if the method is of this package."""
+    state_leaves, state_structure = jax.tree.flatten(states)
+    num = len(state_leaves)
+
+    def on_leaves(*leaves: Any) -> Any:
+        thresholds, frames = jax.tree.unflatten(structure, leaves[num:])
+        return run(jax.tree.unflatten(state_structure, leaves[:num]), thresholds, frames)
+
+    program = get_program(
+        Recipe(
+            "follow",
+            on_leaves,
+            (*shapes_of(states), *shapes),
+            (identify(decide), run.keywords["static"], structure),
+            num_donated=num,
+            options=tuple(options.items()),
+            is_kept=is_of_this_package(decide) and run.keywords["static"].solver != "host",
+        )
+    )
+
+    def follow_leaves(states: Any, thresholds: Any, frames: Any) -> tuple[Any, Answers]:
+        told = program(*jax.tree.leaves((states, thresholds, frames)))
+        return jax.tree.unflatten(state_structure, told[:num]), Answers(*told[num:])
+
+    return Program(follow_leaves, program.num_bytes)
+
+
+compiled_score = jax.jit(score, static_argnames=("num_objects", "num_labels"))

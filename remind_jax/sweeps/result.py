@@ -1,0 +1,148 @@
+"""What a sweep found: a row per setting and scene, means over scenes, the best, trade-offs."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from remind_jax.errors import OutputError, SweepError, nearest_names
+from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.sweeps.records import Row
+from remind_jax.sweeps.settings import Setting
+
+
+@dataclasses.dataclass(frozen=True)
+class Standing:
+    """A setting with its mean scores over the scenes; a score that no scene has is NaN."""
+
+    index: int  # of the setting, in the order given
+    setting: Setting
+    scores: dict[str, float]
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class SweepResult(Printable):
+    """All rows of a sweep; settings keep the order in which they were given."""
+
+    settings: tuple[Setting, ...]
+    scenes: tuple[str, ...]
+    rows: tuple[tuple[Row, ...], ...]  # [settings][scenes]
+    batch: int  # settings that went side by side; 0 if nothing had to be run
+    program_bytes: int  # that the compiled program needed for them
+    complete: bool = True  # false after an interruption; settings without all scenes are left out
+
+    def _summarize(self) -> SmallTable:
+        size = f"{len(self.settings)} settings on {len(self.scenes)} scenes"
+        stopped = "" if self.complete else ", interrupted"
+        if not self.rows:
+            return SmallTable(f"sweep of {size}{stopped}: nothing was run")
+        metric = self.metrics[0]
+        return SmallTable(
+            f"sweep of {size}{stopped}; best {metric} first",
+            heads=("setting", *self.metrics),
+            rows=[
+                (show_setting(best.setting), *(f"{best.scores[m]:.3f}" for m in self.metrics))
+                for best in self.best(metric, len(self.settings))
+            ],
+        )
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Names of the scores."""
+        return tuple(self.rows[0][0].scores) if self.rows else ()
+
+    def table(self) -> np.ndarray:
+        """Scores `[settings, scenes, metrics]`."""
+        return np.array(
+            [[[row.scores[m] for m in self.metrics] for row in rows] for rows in self.rows], float
+        )
+
+    def standings(self) -> list[Standing]:
+        """Every setting with its means over the scenes."""
+        table = self.table()
+        counted = ~np.isnan(table)
+        total = np.where(counted, table, 0.0).sum(axis=1)
+        number = counted.sum(axis=1)
+        mean = np.where(number > 0, total / np.maximum(1, number), math.nan)
+        return [
+            Standing(index, setting, dict(zip(self.metrics, mean[index].tolist(), strict=True)))
+            for index, setting in enumerate(self.settings)
+        ]
+
+    def best(self, metric: str = "IDF1", number: int = 1) -> list[Standing]:
+        """The settings of highest mean score; of equals the earlier.
+
+        Raises:
+          SweepError: If there is no such score.
+        """
+        self._check(metric)
+        known = [s for s in self.standings() if not math.isnan(s.scores[metric])]
+        return sorted(known, key=lambda s: -s.scores[metric])[:number]
+
+    def pareto(self, high: str = "IDF1", low: str = "Ambiguous") -> list[Standing]:
+        """Settings that no other one beats in both: a high score, and little of something else.
+
+        Raises:
+          SweepError: If there is no such score.
+        """
+        self._check(high)
+        self._check(low)
+        front, least = [], math.inf
+        ranked = [s for s in self.standings() if not math.isnan(s.scores[high])]
+        for standing in sorted(ranked, key=lambda s: (-s.scores[high], s.scores[low])):
+            if standing.scores[low] < least:
+                front.append(standing)
+                least = standing.scores[low]
+        return front
+
+    def to_csv(self, path: str | Path | None = None) -> str:
+        """All rows as CSV, also written to a file if one is given.
+
+        Raises:
+          OutputError: If it cannot be written.
+        """
+        names = sorted({name for setting in self.settings for name in setting})
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["setting", "scene", *names, *self.metrics])
+        for index, (setting, rows) in enumerate(zip(self.settings, self.rows, strict=True)):
+            for row in rows:
+                values = [setting.get(name, "") for name in names]
+                writer.writerow([index, row.scene, *values, *row.scores.values()])
+        if path is not None:
+            try:
+                Path(path).write_text(text.getvalue(), encoding="utf-8")
+            except OSError as error:
+                raise OutputError(f"cannot write '{path}': {error.strerror}") from error
+        return text.getvalue()
+
+    def to_markdown(self, standings: Sequence[Standing] | None = None) -> str:
+        """Settings and mean scores as a Markdown table; all of them if none are given."""
+        chosen = self.standings() if standings is None else standings
+        names = sorted({name for standing in chosen for name in standing.setting})
+        head = ["setting", *names, *self.metrics]
+        lines = [" | ".join(head), " | ".join("---" for _ in head)]
+        for standing in chosen:
+            values = [_show(standing.setting.get(name, "")) for name in names]
+            scores = [f"{standing.scores[metric]:.3f}" for metric in self.metrics]
+            lines.append(" | ".join([str(standing.index), *values, *scores]))
+        return "\n".join(f"| {line} |" for line in lines)
+
+    def _check(self, metric: str) -> None:
+        if metric not in self.metrics:
+            raise SweepError(f"there is no score {metric!r}; {nearest_names(metric, self.metrics)}")
+
+
+def show_setting(setting: Setting) -> str:
+    """A setting in one line."""
+    return ", ".join(f"{n}={_show(value)}" for n, value in setting.items()) or "as it stands"
+
+
+def _show(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

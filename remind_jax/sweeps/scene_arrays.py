@@ -1,0 +1,171 @@
+"""A whole scene as arrays: described once for all settings to which frames look the same.
+
+Letters: `T` frames, `N` detection slots.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from remind_jax.backbone.registry import Backbone
+from remind_jax.config import Config
+from remind_jax.config.dotted_keys import nest
+from remind_jax.errors import SourceError
+from remind_jax.frame import NO_INSTANCE
+from remind_jax.masks.reduction import pad_masks
+from remind_jax.method import Method, get_method
+from remind_jax.observation import FrameFeats, Masks
+from remind_jax.session.live import Tracker
+from remind_jax.sources.source import Source
+from remind_jax.static import Static
+from remind_jax.sweeps.settings import stack
+
+NONE = -1
+
+
+@dataclasses.dataclass(frozen=True)
+class Truth:
+    """Which true object each detection shows."""
+
+    object_index: Int[np.ndarray, "T N"]  # 0, 1, ...; -1 where there is none
+    class_id: Int[np.ndarray, "T N"]
+    num_objects: int
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneFrames:
+    """What the tracker is shown of a scene, reduced on the host."""
+
+    name: str
+    feats: list[FrameFeats]
+    masks: list[Masks]  # one slot per detection
+    observed: list[Any]  # what the method observed beside them
+    truth: Truth
+    config: Config  # what a setting does not name, with the profile of what features come from
+
+    @property
+    def num_frames(self) -> int:
+        """Frames."""
+        return len(self.masks)
+
+    @property
+    def most_detections(self) -> int:
+        """Detections of the fullest frame."""
+        return max((len(masks.valid) for masks in self.masks), default=0)
+
+    @functools.cached_property
+    def digest(self) -> str:
+        """Hash of all that the tracker is shown, and of the truth."""
+        digest = hashlib.sha256()
+        for leaf in jax.tree.leaves((self.feats, self.masks, self.observed)):
+            digest.update(np.ascontiguousarray(leaf).data)
+        digest.update(np.ascontiguousarray(self.truth.object_index).data)
+        return digest.hexdigest()
+
+    def first(self, num_frames: int) -> SceneFrames:
+        """The scene as if it had ended earlier."""
+        truth = dataclasses.replace(
+            self.truth,
+            object_index=self.truth.object_index[:num_frames],
+            class_id=self.truth.class_id[:num_frames],
+        )
+        return SceneFrames(
+            self.name,
+            self.feats[:num_frames],
+            self.masks[:num_frames],
+            self.observed[:num_frames],
+            truth,
+            self.config,
+        )
+
+
+def load_scene(
+    source: Source,
+    config: Config,
+    backbone: Backbone,
+    reduced_with: Mapping[str, float] | None = None,
+) -> SceneFrames:
+    """Reads a scene and its features.
+
+    Args:
+      source: Frames with masks of known objects.
+      config: What a setting does not name.
+      backbone: What features come from where the source brings none; one that caches them does so
+        once. Its profile is followed then.
+      reduced_with: Thresholds that masks are reduced with instead of those of `config`, by name.
+
+    Raises:
+      SourceError: If the source is empty, or does not say which objects its masks show.
+    """
+    reader = Tracker(config.updated({"thresholds": nest(reduced_with or {})}), backbone)
+    feats, masks, observed, instances = [], [], [], []
+    for frame in source:
+        prepared = reader.prepare(frame)
+        patches = prepared.features
+        if patches is None:
+            config = config.for_backbone(backbone.name)
+            assert prepared.image is not None
+            patches = backbone.extract(prepared.image[None])[0]
+        feats.append(FrameFeats(np.asarray(patches), np.array(frame.size, np.int32)))
+        masks.append(prepared.masks)
+        observed.append(prepared.observed)
+        instances.append(prepared.detections.instance_ids)
+    if not masks:
+        raise SourceError(f"'{source.name}' has no frames")
+    found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
+    if not found:
+        raise SourceError(
+            f"'{source.name}' does not say which object a mask shows; a sweep is scored against "
+            "annotated masks"
+        )
+    truth = _truth(instances, masks, found)
+    return SceneFrames(source.name, feats, masks, observed, truth, config)
+
+
+def _truth(instances: list[np.ndarray], masks: list[Masks], found: list[int]) -> Truth:
+    number = {instance: index for index, instance in enumerate(found)}
+    shape = (len(instances), max(len(ids) for ids in instances))
+    index, classes = np.full(shape, NONE, np.int32), np.full(shape, NONE, np.int32)
+    for frame, ids in enumerate(instances):
+        index[frame, : len(ids)] = [number.get(int(instance), NONE) for instance in ids]
+        classes[frame, : len(ids)] = masks[frame].class_id
+    return Truth(index, classes, len(found))
+
+
+def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
+    """Describes every detection of a scene, frame by frame.
+
+    Args:
+      scene: What is to be described.
+      static: Capacities; `num_detections` fits the scene.
+      config: The method and its thresholds, of which those of `StepHalves.described_by` matter.
+
+    Returns:
+      Frames ready for `StepHalves.decide`, leading axis `T`.
+    """
+    method = get_method(config.tracker)
+    thresholds = stack(config.thresholds, [{}], static.scalar)
+    thresholds = jax.tree.map(lambda leaf: leaf[0], thresholds)
+    frames = []
+    for feats, masks, observed in zip(scene.feats, scene.masks, scene.observed, strict=True):
+        padded = pad_masks(masks, static.num_detections)
+        frames.append(
+            jax.device_get(_describe(method, static, feats, padded, observed, thresholds))
+        )
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *frames)
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _describe(
+    method: Method, static: Static, feats: FrameFeats, masks: Masks, observed: Any, thresholds: Any
+) -> Any:
+    assert method.halves is not None
+    return method.halves.describe(feats, masks, observed, static=static, thresholds=thresholds)

@@ -1,0 +1,288 @@
+"""Search over thresholds: Optuna proposes settings in batches, sweeps score them.
+
+Settings, not studies, are what is kept: samplers are seeded, so that a search that is started again
+with the same `out` proposes the same settings and finds their rows there.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+from remind_jax.errors import SweepError, nearest_names
+from remind_jax.sweeps.result import SweepResult
+from remind_jax.sweeps.settings import Setting, Value
+
+if TYPE_CHECKING:
+    import optuna
+
+Space = Mapping[str, Sequence[Value]]  # as in `settings.draw`
+SamplerName = Literal["tpe", "cmaes", "random", "nsga2"]
+
+HIGH_IS_GOOD = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery", "Firm")
+LOW_IS_GOOD = ("Ambiguous", "Provisional")
+
+GIVEN: Setting = {}  # the configuration as it stands; the first row of every search
+
+
+class Bench(Protocol):
+    """What settings are tried on; see `bench.SceneBench`."""
+
+    @property
+    def tracker(self) -> str:
+        """Name of the method whose thresholds settings are about."""
+        ...
+
+    def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:
+        """Scores of the settings on the first `share` of every scene's frames."""
+        ...
+
+
+def search(
+    bench: Bench,
+    space: Space,
+    *,
+    number: int = 128,
+    at_once: int = 16,
+    sampler: SamplerName = "tpe",
+    objectives: Sequence[str] = ("IDF1",),
+    seed: int = 0,
+) -> SweepResult:
+    """Looks for the settings of best mean scores over the scenes.
+
+    Args:
+      bench: What settings are tried on.
+      space: By threshold, the least and the largest value, or three or more to choose from.
+      number: Settings to try.
+      at_once: Settings proposed together; a generation of "cmaes" and "nsga2".
+      sampler: Who proposes: "tpe", "cmaes" (one objective), "random" or "nsga2".
+      objectives: Scores; several of them are traded against each other (`SweepResult.pareto`).
+      seed: Same seed, same settings.
+
+    Returns:
+      The rows of the configuration as it stands and of all settings tried; `complete` is false
+      after Ctrl-C.
+
+    Raises:
+      SweepError: If Optuna is missing, or the search cannot be done as asked.
+    """
+    if number < 1 or at_once < 1:
+        raise SweepError(
+            f"a search of {number} settings, {at_once} at once, is none; give at least 1 of both"
+        )
+    study = _open_study(space, sampler, objectives, at_once, seed)
+    found: list[SweepResult] = []
+    tried = 0
+    while tried < number:
+        trials = [study.ask() for _ in range(min(at_once, number - tried))]
+        settings = [_propose(trial, space) for trial in trials]
+        result = bench.run([GIVEN, *settings] if not tried else settings)
+        if not result.complete:
+            return join([*found, result], complete=False)
+        standings = result.standings()[-len(trials) :]
+        for trial, standing in zip(trials, standings, strict=True):
+            _tell(study, trial, [standing.scores[name] for name in objectives])
+        found.append(result)
+        tried += len(trials)
+    return join(found)
+
+
+def plan_brackets(widest: int, shortest: float, eta: int = 3) -> list[list[tuple[int, float]]]:
+    """The rungs of Hyperband's brackets: how many settings, on which share of the frames.
+
+    Brackets start with many settings on few frames and end with few on all; about the same number
+    of frames goes into each (Li et al., JMLR 2018).
+
+    Args:
+      widest: Settings that the first bracket starts with.
+      shortest: Share of the frames that it starts on.
+      eta: One in so many settings gets on, to so many times as many frames.
+
+    Raises:
+      SweepError: If a number is out of range.
+    """
+    if widest < 1 or eta < 2 or not 0 < shortest <= 1:
+        raise SweepError(
+            f"Hyperband of {widest} settings from a share of {shortest} by factors of {eta} is "
+            "none; give at least 1 setting, a share in (0, 1] and a factor from 2 on"
+        )
+    most = math.floor(-math.log(shortest) / math.log(eta) + 1e-9)
+    brackets = []
+    for rungs in range(most, -1, -1):
+        first = math.ceil(widest * (most + 1) / (rungs + 1) / eta ** (most - rungs))
+        brackets.append(
+            [(max(1, first // eta**rung), eta ** float(rung - rungs)) for rung in range(rungs + 1)]
+        )
+    return brackets
+
+
+def hyperband(
+    bench: Bench,
+    space: Space,
+    *,
+    widest: int = 27,
+    shortest: float = 1 / 9,
+    eta: int = 3,
+    sampler: SamplerName = "tpe",
+    objective: str = "IDF1",
+    seed: int = 0,
+) -> SweepResult:
+    """Hyperband over frames: many settings see the start of the scenes, the better ones more.
+
+    Args:
+      bench: What settings are tried on.
+      space: As for `search`.
+      widest: Settings that the first bracket starts with; see `plan_brackets`.
+      shortest: Share of the frames that it starts on.
+      eta: One in so many settings gets on.
+      sampler: Who proposes the settings of each bracket.
+      objective: Score to be made best.
+      seed: Same seed, same settings.
+
+    Returns:
+      The rows of the configuration as it stands and of the settings that saw all frames.
+
+    Raises:
+      SweepError: If Optuna is missing, or the search cannot be done as asked.
+    """
+    study = _open_study(space, sampler, [objective], widest, seed)
+    found = [bench.run([GIVEN])]
+    for bracket in plan_brackets(widest, shortest, eta):
+        survivors = _run_bracket(bench, study, space, bracket, objective)
+        if survivors is None:
+            return join(found, complete=False)
+        found.append(survivors)
+    return join(found)
+
+
+def _run_bracket(
+    bench: Bench,
+    study: optuna.Study,
+    space: Space,
+    bracket: Sequence[tuple[int, float]],
+    objective: str,
+) -> SweepResult | None:
+    """Rows of the settings that get to the end; None after Ctrl-C."""
+    trials = [study.ask() for _ in range(bracket[0][0])]
+    alive = [(trial, _propose(trial, space)) for trial in trials]
+    result, scores = None, [0.0] * len(alive)
+    for rung, (number, share) in enumerate(bracket):
+        alive = _keep_best(study, alive, scores, number, objective)
+        result = bench.run([setting for _, setting in alive], share=share)
+        if not result.complete:
+            return None
+        scores = [standing.scores[objective] for standing in result.standings()]
+        for (trial, _), score in zip(alive, scores, strict=True):
+            if not math.isnan(score):
+                trial.report(score, rung)
+    for (trial, _), score in zip(alive, scores, strict=True):
+        _tell(study, trial, [score])
+    return result
+
+
+def join(results: Iterable[SweepResult], complete: bool | None = None) -> SweepResult:
+    """The rows of several sweeps over the same scenes, in one."""
+    results = list(results)
+    return SweepResult(
+        settings=tuple(setting for result in results for setting in result.settings),
+        scenes=results[0].scenes,
+        rows=tuple(rows for result in results for rows in result.rows),
+        batch=max(result.batch for result in results),
+        program_bytes=max(result.program_bytes for result in results),
+        complete=all(result.complete for result in results) if complete is None else complete,
+    )
+
+
+def _keep_best(
+    study: optuna.Study, alive: list, scores: list[float], number: int, objective: str
+) -> list:
+    """The best so many, in the order in which they were proposed; the others are done."""
+    from optuna.trial import TrialState
+
+    sign = -1.0 if objective in HIGH_IS_GOOD else 1.0
+    worth = [math.inf if math.isnan(score) else sign * score for score in scores]
+    best = set(sorted(range(len(alive)), key=worth.__getitem__)[:number])
+    for index, (trial, _) in enumerate(alive):
+        if index not in best:
+            state = TrialState.FAIL if math.isinf(worth[index]) else TrialState.PRUNED
+            study.tell(trial, state=state)
+    return [alive[index] for index in sorted(best)]
+
+
+def _open_study(
+    space: Space, sampler: SamplerName, objectives: Sequence[str], at_once: int, seed: int
+) -> optuna.Study:
+    try:
+        import optuna
+    except ImportError as error:
+        raise SweepError(
+            "a search needs Optuna, which is not installed; pip install 'remind-jax[sweep]'"
+        ) from error
+    if not space:
+        raise SweepError("there are no thresholds to search over; give at least one")
+    for name, values in space.items():
+        if len(values) < 2:
+            raise SweepError(f"{name} has {len(values)} value; give its least and its largest")
+    known = (*HIGH_IS_GOOD, *LOW_IS_GOOD)
+    for name in objectives:
+        if name not in known:
+            raise SweepError(f"{name!r} is no objective; {nearest_names(name, known)}")
+    if not objectives or (sampler == "cmaes" and len(objectives) > 1):
+        raise SweepError(
+            f"sampler {sampler!r} cannot search for {len(objectives)} objectives; give one, or "
+            "take nsga2 for several"
+        )
+    level = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        return optuna.create_study(
+            sampler=_make_sampler(sampler, at_once, seed),
+            directions=["maximize" if n in HIGH_IS_GOOD else "minimize" for n in objectives],
+        )
+    finally:
+        optuna.logging.set_verbosity(level)
+
+
+def _make_sampler(name: SamplerName, at_once: int, seed: int) -> Any:
+    import optuna
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        if name == "tpe":
+            # The constant liar keeps settings of one batch apart.
+            return optuna.samplers.TPESampler(seed=seed, constant_liar=True)
+        if name == "random":
+            return optuna.samplers.RandomSampler(seed)
+        if name == "nsga2":
+            return optuna.samplers.NSGAIISampler(population_size=max(2, at_once), seed=seed)
+        if name == "cmaes":
+            return optuna.samplers.CmaEsSampler(
+                seed=seed, popsize=max(2, at_once), warn_independent_sampling=False
+            )
+    names = ("tpe", "cmaes", "random", "nsga2")
+    raise SweepError(f"there is no sampler {name!r}; {nearest_names(name, names)}")
+
+
+def _propose(trial: optuna.Trial, space: Space) -> Setting:
+    return {name: _suggest(trial, name, values) for name, values in space.items()}
+
+
+def _suggest(trial: optuna.Trial, name: str, values: Sequence[Value]) -> Value:
+    if len(values) != 2 or isinstance(values[0], bool):
+        return trial.suggest_categorical(name, list(values))
+    low, high = values
+    if isinstance(low, int) and isinstance(high, int):
+        return trial.suggest_int(name, low, high)
+    return trial.suggest_float(name, float(low), float(high))
+
+
+def _tell(study: optuna.Study, trial: optuna.Trial, scores: list[float]) -> None:
+    """A score that no scene has is no score: the sampler learns nothing from it."""
+    from optuna.trial import TrialState
+
+    if any(math.isnan(score) for score in scores):
+        study.tell(trial, state=TrialState.FAIL)
+    else:
+        study.tell(trial, scores)

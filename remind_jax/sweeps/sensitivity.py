@@ -1,0 +1,275 @@
+"""How much each threshold matters: alone around the configuration, and among all the others."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from remind_jax.errors import SweepError
+from remind_jax.method import PAPER_METHOD
+from remind_jax.sweeps.result import SweepResult
+from remind_jax.sweeps.search import GIVEN, Bench, Space, join
+from remind_jax.sweeps.settings import Setting, Value
+
+# Thresholds of the paper's table (supplement), by the range around the published value in which a
+# user might set them.
+PAPER_SPACE: dict[str, tuple[Value, Value]] = {
+    "perception.trim_keep": (0.25, 1.0),  # rho
+    "perception.part_merge": (0.65, 0.95),  # tau_merge
+    "perception.ring_inner": (2, 5),  # r_in
+    "perception.ring_outer": (5, 9),  # r_out
+    "appearance.duplicate": (0.80, 0.98),  # tau_dup
+    "appearance.merge": (0.80, 0.98),  # tau_merge,int
+    "background.duplicate": (0.80, 0.98),
+    "background.merge": (0.80, 0.98),
+    "background.update_rate_min": (0.0, 0.10),  # alpha
+    "parts.duplicate": (0.80, 0.98),
+    "parts.merge": (0.80, 0.98),
+    "parts.update_rate_min": (0.0, 0.15),
+    "lifecycle.confirm_hits": (1, 5),  # h_confirm
+    "lifecycle.max_misses_confirmed": (2, 40),  # m_max
+    "similarity.object_weight": (0.2, 1.0),  # w_obj
+    "similarity.background_weight": (0.0, 0.5),  # w_bg
+    "similarity.parts_weight": (0.0, 0.4),  # w_parts
+    "diagnosis.anchor_margin": (0.01, 0.20),  # delta_confirm
+    "influence.positive_cap": (0.0, 0.40),  # delta_plus
+    "influence.negative_cap": (0.0, 0.30),  # delta_minus
+    "influence.rescue_visual": (0.40, 0.75),  # tau_vis,min
+    "matching.match": (0.55, 0.90),  # tau_match
+    "matching.lock_score": (0.75, 0.99),  # tau_lock
+}
+# Thresholds of plus that weigh its evidence and decide when it is enough, likewise.
+PLUS_SPACE: dict[str, tuple[Value, Value]] = {
+    "linking.overlap": (1.0, 5.0),
+    "linking.look": (0.5, 3.0),
+    "linking.least": (-4.0, 0.0),
+    "place.weight": (0.0, 1.6),
+    "place.least_doubt": (0.005, 0.1),
+    "looks.gain": (0.3, 1.5),
+    "looks.best": (1.5, 6.0),
+    "looks.worst": (-8.0, -2.5),
+    "looks.ring_weight": (0.0, 0.8),
+    "layout.weight": (0.0, 1.6),
+    "layout.best": (3.0, 10.0),
+    "layout.moved": (-6.0, -0.5),
+    "layout.witness": (-1.0, 2.0),
+    "layout.optimism": (0.0, 8.0),
+    "layout.covisible_weight": (0.0, 1.2),
+    "decision.new": (-0.5, 3.0),
+    "decision.familiarity": (0.0, 1.6),
+    "decision.crowd": (0.0, 1.5),
+    "decision.firm": (0.3, 0.7),
+    "decision.commit_age": (3, 16),
+    "decision.early_margin": (2.0, 8.0),
+    "decision.late_margin": (1.0, 6.0),
+    "memory.novel": (0.6, 0.95),
+}
+SPACES: dict[str, Space] = {PAPER_METHOD: PAPER_SPACE, "plus": PLUS_SPACE}  # by tracker
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """A score as one threshold moves and all others stay."""
+
+    name: str
+    values: tuple[Value, ...]
+    scores: tuple[float, ...]
+    given_score: float  # of the configuration as it stands
+
+    @property
+    def span(self) -> float:
+        """Largest less smallest score; NaN if there is none."""
+        known = [score for score in (*self.scores, self.given_score) if not math.isnan(score)]
+        return max(known) - min(known) if known else math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class SobolIndex:
+    """Share of a score's variance over the space that is owed to one threshold."""
+
+    name: str
+    first: float  # by itself
+    total: float  # with all its interactions
+    first_interval: tuple[float, float]  # 95 %, bootstrap
+    total_interval: tuple[float, float]
+
+
+def move_one_at_a_time(
+    bench: Bench, space: Space | None = None, *, number: int = 7, metric: str = "IDF1"
+) -> tuple[list[Curve], SweepResult]:
+    """Moves each threshold through its range while all others stay.
+
+    Args:
+      bench: What settings are tried on.
+      space: Ranges or choices; those of `SPACES` for the tracker if left out.
+      number: Values per range, ends included.
+      metric: Score that is looked at.
+
+    Returns:
+      Curves, the widest first, and the rows that they were made of.
+
+    Raises:
+      SweepError: If there is no such score, or no space for the tracker.
+    """
+    space = space or space_of(bench.tracker)
+    values = {name: spread(ends, number) for name, ends in space.items()}
+    settings: list[Setting] = [{name: v} for name, several in values.items() for v in several]
+    result = bench.run([GIVEN, *settings])
+    if not result.complete:
+        return [], result
+    result.best(metric)  # says so if there is no such score
+    given, *scores = (standing.scores[metric] for standing in result.standings())
+    curves, first = [], 0
+    for name, several in values.items():
+        last = first + len(several)
+        curves.append(Curve(name, tuple(several), tuple(scores[first:last]), given))
+        first = last
+    return sorted(curves, key=lambda curve: -np.nan_to_num(curve.span)), result
+
+
+def estimate_sobol(
+    bench: Bench,
+    space: Space | None = None,
+    *,
+    number: int = 64,
+    metric: str = "IDF1",
+    seed: int = 0,
+) -> tuple[list[SobolIndex], SweepResult]:
+    """Sobol indices of a mean score, by the estimator of Saltelli et al. (2010) in SciPy.
+
+    Runs `number * (thresholds + 2)` settings. A score of counts over short scenes moves in steps;
+    look at the intervals before an order is read off.
+
+    Args:
+      bench: What settings are tried on.
+      space: Least and largest value by threshold; those of `SPACES` for the tracker if left out.
+      number: A power of two.
+      metric: Score that is looked at; must be known on some scene for every setting.
+      seed: Of the points.
+
+    Returns:
+      Indices, the largest total first, and the rows that they were made of.
+
+    Raises:
+      SweepError: If `number` is no power of two, a threshold has no two ends, a setting has no
+        score, or there is no space for the tracker.
+    """
+    from scipy.stats import sobol_indices, uniform
+
+    space = space or space_of(bench.tracker)
+    if number < 2 or number & (number - 1):
+        raise SweepError(f"Sobol indices of {number} points; give a power of two, such as 64")
+    for name, values in space.items():
+        if len(values) != 2:
+            raise SweepError(f"{name} has {len(values)} values; give its least and its largest")
+    results: list[SweepResult] = []
+
+    def evaluate(points: np.ndarray) -> np.ndarray:
+        settings = [
+            _at(space, point) for point in np.moveaxis(points, 0, -1).reshape(-1, len(space))
+        ]
+        results.append(bench.run(settings))
+        if not results[-1].complete:
+            raise KeyboardInterrupt
+        results[-1].best(metric)
+        scores = np.array([standing.scores[metric] for standing in results[-1].standings()])
+        if np.isnan(scores).any():
+            raise SweepError(f"some settings have no {metric} on any scene; choose another score")
+        return scores.reshape(1, *points.shape[1:])
+
+    dists: Any = [uniform(0.0, 1.0)] * len(space)
+    found: Any = sobol_indices(
+        func=evaluate, n=number, dists=dists, rng=np.random.default_rng(seed)
+    )
+    with warnings.catch_warnings():  # a threshold without effect has an interval of no width
+        warnings.simplefilter("ignore")
+        intervals = found.bootstrap()
+    indices = []
+    for index, name in enumerate(space):
+        at = (0, index)
+        first, total = intervals.first_order, intervals.total_order
+        indices.append(
+            SobolIndex(
+                name,
+                float(np.atleast_2d(found.first_order)[at]),
+                float(np.atleast_2d(found.total_order)[at]),
+                _interval(first, at),
+                _interval(total, at),
+            )
+        )
+    return sorted(indices, key=lambda index: -np.nan_to_num(index.total)), join(results)
+
+
+def space_of(tracker: str) -> Space:
+    """The ranges in which thresholds of a tracker are usually varied.
+
+    Raises:
+      SweepError: If there are none for this tracker.
+    """
+    if tracker not in SPACES:
+        raise SweepError(
+            f"there are no usual ranges for thresholds of '{tracker}'; give some with "
+            "--set KEY=LOWEST,HIGHEST"
+        )
+    return SPACES[tracker]
+
+
+def spread(values: Sequence[Value], number: int) -> list[Value]:
+    """So many values of a range, evenly, ends included; choices as they are."""
+    if len(values) != 2 or isinstance(values[0], bool):
+        return list(values)
+    low, high = values
+    steps = np.linspace(low, high, number)
+    if isinstance(low, int) and isinstance(high, int):
+        return [int(value) for value in np.unique(np.rint(steps))]
+    return [float(f"{value:.12g}") for value in steps]
+
+
+def curves_to_markdown(curves: Sequence[Curve]) -> str:
+    """One line per threshold: its range, how far the score moves, and where it is best."""
+    lines = ["| threshold | range | span | best value | best | as it stands |", "|" + " --- |" * 6]
+    for curve in curves:
+        best = int(np.argmax(np.nan_to_num(curve.scores, nan=-math.inf)))
+        lines.append(
+            f"| {curve.name} | {curve.values[0]:g} to {curve.values[-1]:g} | {curve.span:.3f} | "
+            f"{curve.values[best]:g} | {curve.scores[best]:.3f} | {curve.given_score:.3f} |"
+        )
+    return "\n".join(lines)
+
+
+def sobol_to_markdown(indices: Sequence[SobolIndex]) -> str:
+    """One line per threshold: first-order and total index with their intervals."""
+    lines = ["| threshold | alone | with interactions |", "| --- | --- | --- |"]
+    for index in indices:
+        cells = [
+            f"{value:.2f} [{low:.2f}, {high:.2f}]"
+            for value, (low, high) in (
+                (index.first, index.first_interval),
+                (index.total, index.total_interval),
+            )
+        ]
+        lines.append(f"| {index.name} | {cells[0]} | {cells[1]} |")
+    return "\n".join(lines)
+
+
+def _at(space: Space, point: np.ndarray) -> Setting:
+    """The setting at a point of the unit cube; whole numbers and gates get equal shares."""
+    setting: Setting = {}
+    for (name, (low, high)), place in zip(space.items(), point, strict=True):
+        if isinstance(low, bool):
+            setting[name] = bool(place >= 0.5)
+        elif isinstance(low, int) and isinstance(high, int):
+            setting[name] = min(high, low + int(place * (high - low + 1)))
+        else:
+            setting[name] = float(low + place * (high - low))
+    return setting
+
+
+def _interval(intervals: Any, at: tuple[int, int]) -> tuple[float, float]:
+    ends = intervals.confidence_interval
+    return float(np.atleast_2d(ends.low)[at]), float(np.atleast_2d(ends.high)[at])

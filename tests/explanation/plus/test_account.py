@@ -1,0 +1,143 @@
+"""Why REMIND plus decided as it did: evidence that adds up, and sentences that fit the answer."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import remind_jax as rj
+from remind_jax.cli.main import main
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.errors import OutputError
+from remind_jax.explanation.plus.account import PlusExplanation
+from remind_jax.plus.state import PARTS, Stage
+from tests.plus.test_method import pan_frames
+
+
+@pytest.fixture(scope="module")
+def result() -> rj.Result:
+    return rj.run(pan_frames(), config="plus", trace=True)
+
+
+@pytest.fixture(scope="module")
+def told(result):
+    return [
+        result.explain(tracks.frame_index, row)
+        for tracks in result.tracks
+        for row in range(len(tracks))
+    ]
+
+
+def test_the_account_changes_no_answer(result):
+    plain = rj.run(pan_frames(), config="plus")
+    for with_trace, without in zip(result.tracks, plain.tracks, strict=True):
+        assert np.array_equal(with_trace.object_id, without.object_id)
+
+
+def test_evidence_adds_up_to_the_log_odds(told):
+    candidates = [candidate for one in told for candidate in one.candidates]
+    assert candidates
+    for candidate in candidates:
+        assert tuple(candidate.parts) == PARTS
+        # Sums of seven numbers below 100 in 32 bits.
+        assert sum(candidate.parts.values()) == pytest.approx(candidate.log_odds, abs=1e-3)
+
+
+def test_probabilities_of_open_tracklets_add_up_to_one(told):
+    for one in told:
+        if one.new_probability is None:
+            continue
+        total = one.new_probability + sum(c.probability for c in one.candidates)
+        assert total == pytest.approx(1.0, abs=1e-5)  # at most nine numbers in 32 bits
+
+
+def test_every_stage_is_told_and_fits_the_answer(told):
+    assert {one.stage for one in told} == {Stage.OPEN, Stage.FRESH, Stage.SETTLED}
+    for one in told:
+        text = " ".join(one.why)
+        assert str(one.answer_id) in text or one.object_id is None
+        assert ("decided before" in text) == (one.stage == Stage.SETTLED)
+        if one.stage == Stage.OPEN:
+            assert ("not decided yet and" in one.why[-1]) == (one.object_id is None)
+
+
+def test_a_recognised_square_names_the_evidence_for_it(told):
+    back = [
+        one
+        for one in told
+        if one.stage == Stage.OPEN and one.is_decided and one.outcome == Outcome.MATCH
+        if one.answer_id != one.tracklet_id
+    ]
+    assert back
+    for one in back:
+        best = next(c for c in one.candidates if c.object_id == one.answer_id)
+        strongest = max(best.parts, key=lambda part: best.parts[part])
+        line = next(text for text in one.why if best.name in text)
+        assert f"{strongest} {best.parts[strongest]:+.2f}" in line
+        assert best.name in one.to_text()
+
+
+def test_saved_runs_explain_the_same(result, told, tmp_path, capsys, monkeypatch):
+    result.save(tmp_path)
+    again = rj.Result.load(tmp_path)
+    one = next(one for one in told if one.candidates)
+    assert again.explain(one.frame, one.detection) == one
+    place = ["explain", str(tmp_path), "--frame", str(one.frame), "--detection", str(one.detection)]
+    monkeypatch.setenv("COLUMNS", "400")
+    assert main(place) == 0
+    assert capsys.readouterr().out.strip() == one.to_text().strip()
+    assert main([*place, "--json"]) == 0
+    read = json.loads(capsys.readouterr().out)
+    assert read["format"] == "remind-jax explanation of plus"
+    assert read["stage"] == one.stage.name.lower()
+    assert set(read["candidates"][0]["parts"]) == set(PARTS)
+
+
+def test_what_a_delay_revised_is_told(result):
+    first = result.tracks[0]
+    changed = dataclasses.replace(first, object_id=first.object_id + 50)
+    late = dataclasses.replace(result, tracks=(changed, *result.tracks[1:]))
+    for row in range(len(first)):
+        was, now = first.object_id[row], changed.object_id[row]
+        why = late.explain(first.frame_index, row).why
+        assert why[-1] == f"later frames told more: square {now} instead of square {was}"
+
+
+def test_unknown_frames_and_damaged_traces_are_refused(result, tmp_path):
+    with pytest.raises(OutputError, match="has no frame 999"):
+        result.explain(999, 0)
+    with pytest.raises(OutputError, match="has no detection 99"):
+        result.explain(result.tracks[0].frame_index, 99)
+    result.save(tmp_path)
+    path = tmp_path / "trace.npz"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(OutputError, match="damaged"):
+        rj.Result.load(tmp_path).explain(result.tracks[0].frame_index, 0)
+
+
+def test_no_detection_is_explained_twice_or_left_out(result, told):
+    assert len(told) == sum(len(tracks) for tracks in result.tracks)
+    assert all(one.tracklet_id not in (None, NO_ID) for one in told)
+
+
+def test_objects_are_called_as_they_were_announced(result):
+    after = 1 + min(thing.num_frames for thing in result.objects())
+    waited = rj.run(pan_frames(), config="plus", trace=True, announce_after=after)
+    named = {i for tracks in waited.tracks for i in tracks.object_id.tolist()} - {NO_ID}
+    assert named == set(range(len(named)))
+    silent = 0
+    for tracks in waited.tracks:
+        for row, object_id in enumerate(tracks.object_id.tolist()):
+            one = waited.explain(tracks.frame_index, row)
+            assert isinstance(one, PlusExplanation)
+            assert one.object_id == (None if object_id == NO_ID else object_id)
+            text = " ".join(one.why)
+            if one.reason == Reason.SEEN_TOO_FEW_TIMES:
+                silent += 1
+                assert f"too few times to be announced (input.announce_after {after})" in text
+            elif one.stage == Stage.SETTLED:
+                assert f"{one.label} {object_id}" in text
+    assert silent > 0

@@ -1,0 +1,129 @@
+"""The explanation as data and as text."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import pytest
+
+from remind_jax.decision import Outcome
+from remind_jax.errors import OutputError
+from remind_jax.explanation.remind.account import FORMAT, TERMS, Candidate, Explanation
+from remind_jax.explanation.remind.text import align, render_frame
+from remind_jax.outputs.result import Result
+from remind_jax.remind.association.gating import Gate
+from tests.outputs.fake_run import make_run
+from tests.outputs.traced_run import EMPTY, UNDECIDED, make_traced_run
+
+
+@pytest.fixture(scope="module")
+def result():
+    return make_traced_run(20)[1]
+
+
+def test_a_match_by_its_numbers(result):
+    told = result.explain(3, 0)
+    assert (told.name, told.outcome, told.object_id) == ("mug 0", Outcome.MATCH, 0)
+    assert (told.assigned_id, told.guarded_id, told.pending) == (0, 0, None)
+    best, other = told.candidates
+    assert best.visual_score == pytest.approx(0.93)
+    assert best.terms["object"].score == pytest.approx(0.93)
+    assert best.terms["object"].weight == pytest.approx(0.60)  # perfect quality
+    assert best.terms["parts"].score is None
+    assert (best.gate, best.backed, best.held_by) == (Gate.PASS_MATCH_THR, True, None)
+    assert (best.bonus, best.bonus_raw) == (0.0, pytest.approx(0.06))  # strong without it
+    assert other.held_by == 1
+    assert [(a.detection, a.object_id) for a in told.anchors] == [(0, 0), (1, 1)]
+
+
+def test_an_undecided_one_by_its_options(result):
+    told = result.explain(UNDECIDED, 0)
+    assert (told.name, told.object_id) == ("mug 0 or 1?", None)
+    assert told.pending is not None
+    assert (told.pending.kind, told.pending.track_id) == ("ambiguous", 0)
+    assert (told.pending.first_frame, told.pending.num_detections) == (UNDECIDED, 1)
+    assert [option.object_id for option in told.pending.options] == [0, 1]
+    (known, again) = told.known_sets
+    assert known.status.name == "NOT_CLOSED"
+    assert known.options == again.options
+
+
+def test_json_has_the_documented_keys(result):
+    content = json.loads(json.dumps(result.explain(UNDECIDED, 0).to_json()))
+    assert content["format"] == FORMAT
+    fields = [field.name for field in dataclasses.fields(Explanation)]
+    assert list(content) == ["format", "version", *fields]
+    candidate = content["candidates"][0]
+    assert list(candidate) == [field.name for field in dataclasses.fields(Candidate)]
+    assert list(candidate["terms"]) == list(TERMS)
+    assert candidate["gate"] == "pass_match_thr"
+    assert content["outcome"] == "ambiguous"
+
+
+def test_the_page_fits_a_terminal(result):
+    told = result.explain(UNDECIDED, 0)
+    page = told.to_text(80)
+    assert max(map(len, page.splitlines())) <= 80
+    # Only where lines break differs, and that the first column comes again.
+    assert set(told.to_text().split()) == set(page.split())
+
+
+def test_text_has_every_part(result):
+    text = str(result.explain(UNDECIDED, 0))
+    assert text.startswith(
+        f"frame {UNDECIDED} (1.70 s, {2 * UNDECIDED:06d}.jpg), detection 0: mug 0 or 1?"
+    )
+    for part in ("why\n  1. Of 2 objects", "candidates (2 of 2)", "0.80 x 0.60", "anchors: none"):
+        assert part in text
+    assert "ambiguous track 0: 1 detection since frame 17; could be mug 0 (0.80) or mug 1" in text
+    assert "* mug 0" in str(result.explain(3, 0))  # what it became is marked
+    assert "nan" not in text
+    assert all(line == line.rstrip() for line in text.splitlines())
+
+
+def test_a_frame_is_listed_to_choose_from(result):
+    lines = render_frame(result.tracks[3]).splitlines()
+    assert lines[0] == "frame 3 (0.30 s, 000006.jpg)"
+    assert lines[2].split() == ["0", "mug", "0", "match", "0.93", "0.80"]
+    assert render_frame(result.tracks[EMPTY]).endswith("nothing was detected")
+
+
+def test_what_is_saved_is_explained_the_same(result, tmp_path):
+    result.save(tmp_path)
+    again = Result.load(tmp_path)
+    assert again.explain(UNDECIDED, 0) == result.explain(UNDECIDED, 0)
+    assert again.explain(3, 1).to_json() == result.explain(3, 1).to_json()
+
+
+@pytest.mark.parametrize(
+    ("frame", "detection", "message"),
+    [
+        (20, 0, "the run has no frame 20; it has frames 0 to 19"),
+        (-1, 0, "the run has no frame -1; it has frames 0 to 19"),
+        (3, 2, "frame 3 has no detection 2; it has detections 0 to 1"),
+        (3, -1, "frame 3 has no detection -1; it has detections 0 to 1"),
+        (UNDECIDED, 1, f"frame {UNDECIDED} has no detection 1; it has detection 0 only"),
+        (EMPTY, 0, f"frame {EMPTY} has no detection 0; nothing was detected in it"),
+    ],
+)
+def test_what_is_not_there_is_named(result, frame, detection, message):
+    with pytest.raises(OutputError) as raised:
+        result.explain(frame, detection)
+    assert str(raised.value) == message
+
+
+def test_a_run_without_trace_cannot_be_explained():
+    _, result = make_run(4)
+    with pytest.raises(OutputError, match=r"holds no trace; run again with trace=True"):
+        result.explain(0, 0)
+
+
+def test_a_trace_of_another_run_is_noticed(result):
+    other = dataclasses.replace(result, tracks=make_run(4)[1].tracks)
+    with pytest.raises(OutputError, match="does not fit frame 0"):
+        other.explain(0, 0)
+
+
+def test_columns():
+    assert align((("a", "long"), ("bb", "1")), (0,)) == ["  a   long", "  bb     1"]

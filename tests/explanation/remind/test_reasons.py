@@ -1,0 +1,285 @@
+"""The chain of reasons on the worked examples of association notes 23 and on a drawn world."""
+
+from __future__ import annotations
+
+import dataclasses
+import operator
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from remind_jax.config import Config
+from remind_jax.decision import Outcome, Reason, Status
+from remind_jax.explanation.remind.reasons import tell_reasons
+from remind_jax.remind.context.veto import Veto
+from remind_jax.remind.memory.objects import Lifecycle
+from tests.explanation.scenes import backed, case_of, chain, decide_frame
+
+HOLDS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
+TWO_BACKED = {0: backed(0.05), 1: backed(0.05)}
+
+# Number in the notes: scores per detection, surroundings, detection, what its chain must say.
+EXAMPLES = {
+    "2, a lock": (
+        [{0: 0.91}],
+        {},
+        0,
+        ["STRONG evidence: 0.91 >= 0.80.", "locked to mug 0", "0.91 >= 0.90", "Matched as mug 0"],
+    ),
+    "4, two of a kind": (
+        [{0: 0.91, 1: 0.85}],
+        {},
+        0,
+        ["ahead by only 0.06 < 0.08", "6.59 % apart, within 10 %", "Open between mug 0 and mug 1"],
+    ),
+    "6, just clear": (
+        [{0: 0.80, 1: 0.7195}],
+        {},
+        0,
+        ["mug 1 is 0.08 behind mug 0, more than 0.05 or 10 %", "Matched as mug 0"],
+    ),
+    "9, a swap": (
+        [{0: 0.88, 1: 0.80}, {0: 0.87, 1: 0.76}],
+        {},
+        0,
+        [
+            "Mug 0, which it looks most like, goes to detection 1",
+            "Detections 0 and 1 could swap their objects: the best joint assignment leads by only "
+            "0.03 <= 0.05, so the match with mug 1 is withdrawn",
+        ],
+    ),
+    "11, a birth beside a match": (
+        [{0: 0.93}, {0: 0.90}],
+        {},
+        1,
+        [
+            "Detection 0 holds mug 0, and detection 1, which would be new, claims it too: 0.93 "
+            "and 0.90, both at least 0.75 and 0.03 <= 0.05 apart",
+            "Open between mug 0 and mug 1",
+        ],
+    ),
+    "17, the uncertain gives way": (
+        [{0: 0.80, 1: 0.79}, {0: 0.79}, {1: 0.95}],
+        {"lifecycle": Lifecycle.INACTIVE},
+        0,
+        [
+            "gives mug 0 to detection 1 and leaves this one without an object, for the highest "
+            "sum: 0.79 there and 0.25 for none here, against 0.80 here and 0.20 for none there",
+            "A new object: mug 2",
+        ],
+    ),
+    "18, a near miss": (
+        [{0: 0.74, 1: 0.50}],
+        {},
+        0,
+        ["misses the threshold 0.75 by only 0.010 <= 0.02", "Probably mug 0, to be confirmed"],
+    ),
+    "20, a near miss that is taken": (
+        [{0: 0.95}, {0: 0.74}],
+        {},
+        1,
+        ["but detection 0 holds it", "Probably new; mug 0 cannot be excluded"],
+    ),
+    "21, unlike": (
+        [{0: 0.50}],
+        {},
+        0,
+        ["mug 0 looks too unlike (0.50 < 0.60)", "by 0.25 > 0.02", "A new object: mug 1"],
+    ),
+    "22, a rescue": (
+        [{0: 0.66, 1: 0.55}],
+        {"context": {0: backed(0.10)}},
+        0,
+        ["although 0.66 < 0.75: with the bonus of +0.10 it reaches 0.76 >= 0.75"],
+    ),
+    "23, a penalty": (
+        [{0: 0.78}],
+        {"context": {0: {"bonus_raw": -0.05, "score_sets": -1.0}}},
+        0,
+        ["contradicts mug 0 (-0.05)", "after the penalty of -0.05 the score is 0.73 < 0.75"],
+    ),
+    "24, backed but short": (
+        [{0: 0.64, 1: 0.30}],
+        {"context": {0: backed(0.05)}},
+        0,
+        ["+0.05 from context does not lift it there", "Context backs mug 0 to 0.69 >= 0.60"],
+    ),
+    "25, context may not help the strong": (
+        [{0: 0.95}, {0: 0.70}],
+        {"context": {0: backed(0.05)}},
+        0,
+        ["backs mug 0 (+0.05), but the evidence is strong without it"],
+    ),
+    "26, a backed rival": (
+        [{0: 0.84, 1: 0.78}],
+        {"context": {1: backed(0.05)}},
+        0,
+        ["Context does not back mug 0 but mug 1, which scores nearly the same: 0.06 <= 0.08"],
+    ),
+    "28, two backed": (
+        [{0: 0.66, 1: 0.65}],
+        {"context": TWO_BACKED},
+        0,
+        ["Context backs several", "mug 0 (0.71) and mug 1 (0.70)", "0.01 <= 0.05 apart"],
+    ),
+    "30, no object but two backed": (
+        [{0: 0.95, 1: 0.30}, {0: 0.80, 1: 0.66}],
+        {"context": TWO_BACKED, "lifecycle": Lifecycle.INACTIVE},
+        1,
+        ["mug 0 was locked by detection 0", "well enough (0.85 >= 0.60): mug 0 (0.85) and mug 1"],
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("rows", "around", "detection", "expected"), EXAMPLES.values(), ids=EXAMPLES
+)
+def test_worked_examples_are_told_with_their_numbers(rows, around, detection, expected):
+    told = " ".join(chain(decide_frame(rows, **around), detection))
+    for part in expected:
+        assert part in told
+
+
+def test_a_veto_is_told_with_what_ruled_the_candidate_out():
+    record = decide_frame(
+        [{0: 0.9, 1: 0.88}],
+        context={0: backed(0.05)},
+        vetoes={(0, 1): Veto.LOCAL_CTX_CONTRADICTION},
+    )
+    told = " ".join(chain(record, 0))
+    assert "Context rules out mug 1: of 0 objects usually seen with it 0 are in view" in told
+    assert "Matched as mug 0" in told
+
+
+def test_a_configuration_that_asks_no_context_says_so():
+    """The scores stay, and not because the evidence is strong."""
+    record = decide_frame([{0: 0.95}, {0: 0.70}], context={0: backed(0.05)})
+    status = np.full_like(record.decisions.status, Status.WEAK)
+    record = dataclasses.replace(
+        record, decisions=dataclasses.replace(record.decisions, status=status)
+    )
+    told = " ".join(chain(record, 0))
+    assert "asks no context where the evidence is weak, so the scores stay" in told
+
+
+def test_nothing_known_is_a_short_story():
+    told = chain(decide_frame([{}]), 0)
+    assert told == [
+        "No mug is known yet, so it can be none of those seen before.",
+        "A new object: mug 0.",
+    ]
+
+
+def test_a_second_claim_is_given_up_in_words():
+    """What layout gave, the rule of one detection per identity takes again."""
+    record = decide_frame([{0: 0.93, 1: 0.62}, {0: 0.60, 1: 0.92}])
+    d = record.decisions
+    changes: dict[str, Any] = {
+        "outcome": np.array([Outcome.MATCH, Outcome.AMBIGUOUS]),
+        "reason": np.array([Reason.ASSIGNED, Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH]),
+        "object_id": np.array([0, -1]),
+        "option_id": np.array([[-1, -1, -1], [0, 1, -1]]),
+        "option_score": np.array([[0, 0, 0], [0.60, 0.92, 0]]),
+    }
+    record = dataclasses.replace(record, decisions=dataclasses.replace(d, **changes))
+    told = chain(record, 1)
+    assert told[-2:] == [
+        "It was matched with mug 0 (0.60), but detection 0 keeps it with the better score (0.93).",
+        "Open between mug 0 and mug 1 (ambiguous track -1).",
+    ]
+    assert "keeps it" not in " ".join(chain(record, 0))
+
+
+def test_an_identity_given_twice_is_pointed_out():
+    record = decide_frame([{0: 0.93, 1: 0.62}, {0: 0.60, 1: 0.92}])
+    twice = dataclasses.replace(record.decisions, object_id=np.array([0, 0]))
+    told = chain(dataclasses.replace(record, decisions=twice), 1)
+    assert "Detection 0 is matched with the same object: the frame holds it twice." in told
+
+
+def test_greedy_assignment_is_called_so():
+    record = decide_frame([{0: 0.89}, {0: 0.85}])
+    config = Config().updated({"static": {"assignment": "greedy"}})
+    told = " ".join(tell_reasons(case_of(record, 1, config)))
+    assert "the better score goes first: 0.89 there, 0.85 here" in told
+    assert "joint" not in told
+
+
+def drawn_frames(num: int):
+    """Frames of random scores, context and vetoes."""
+    rng = np.random.default_rng(5)
+    for _ in range(num):
+        shape = int(rng.integers(1, 4)), int(rng.integers(1, 5))
+        score = rng.choice([0.3, 0.62, 0.7, 0.74, 0.76, 0.8, 0.83, 0.91, 0.95], shape)
+        score = score + rng.uniform(-0.01, 0.01, shape)
+        rows = [dict(enumerate(row.tolist())) for row in score]
+        backing = {
+            slot: backed(float(rng.uniform(0.0, 0.2)))
+            for slot in range(shape[1])
+            if rng.random() < 0.4
+        }
+        vetoes = {
+            (row, slot): int(rng.integers(1, 3))
+            for row in range(shape[0])
+            for slot in range(shape[1])
+            if slot not in backing and rng.random() < 0.1
+        }
+        around = {"context": backing, "vetoes": vetoes} if rng.random() < 0.7 else {}
+        yield decide_frame(rows, lifecycle=Lifecycle(rng.integers(0, 4)), **around)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return list(drawn_frames(150))
+
+
+def test_every_comparison_that_is_told_holds(drawn):
+    count = 0
+    for record in drawn:
+        for row in range(len(record)):
+            for left, sign, right in re.findall(
+                r"([\d.]+\d) (>=|<=|<|>) ([\d.]+\d)", " ".join(chain(record, row))
+            ):
+                assert HOLDS[sign](float(left), float(right))
+                count += 1
+    assert count > 1000
+
+
+def test_the_verdict_is_the_decision(drawn):
+    seen = set()
+    for record in drawn:
+        for row in range(len(record)):
+            case, verdict = case_of(record, row), chain(record, row)[-1]
+            object_id, options = case.decision("object_id"), [i for i, _ in case.options()]
+            named = [int(i) for i in re.findall(r"mug (\d+)", verdict)]
+            if case.outcome in (Outcome.MATCH, Outcome.NEW):
+                assert named == [object_id]
+            else:
+                assert named == options
+            seen.add(case.reason)
+    assert len(seen) >= 9  # of the 15 reasons that a usable detection can have
+
+
+def test_no_sentence_is_told_twice_or_lacks_a_number(drawn):
+    for record in drawn:
+        for row in range(len(record)):
+            told = chain(record, row)
+            assert len(set(told)) == len(told)
+            for text in told:
+                assert text.endswith(".")
+                assert "None" not in text
+                assert "nan" not in text
+
+
+def test_who_is_locked_leads_by_the_gap_of_a_lock(drawn):
+    """The rival named beside a lock is one that the lock really beat."""
+    num_locks = 0
+    for record in drawn:
+        for row in range(len(record)):
+            lead = re.search(r"ahead of .*, by ([\d.]+) >= 0.10", " ".join(chain(record, row)))
+            if lead:
+                num_locks += 1
+                assert float(lead[1]) >= 0.0999
+    assert num_locks > 5

@@ -1,0 +1,230 @@
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.masks.reduction import patch_coverage, reduce_masks
+from tests.golden import load
+
+PATCH = 8
+
+
+def reduce(*masks, slots=None, **options):
+    stacked = np.array(masks, bool)
+    num = len(stacked)
+    return reduce_masks(
+        stacked, np.arange(num), np.full(num, 0.5), num_slots=slots or num, patch_px=PATCH,
+        **options,
+    )  # fmt: skip
+
+
+def blank(height=40, width=48):
+    return np.zeros((height, width), bool)
+
+
+def l_shape():
+    """40 by 50 pixels with legs of 20: 1400 pixels, 1690 in the hull (perception notes 22.1)."""
+    mask = blank(64, 64)
+    mask[5:55, 5:25] = mask[35:55, 5:45] = True
+    return mask
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    patch=st.sampled_from([2, 4, 8, 14, 16]),
+    extra=st.tuples(st.integers(0, 13), st.integers(0, 13)),
+)
+def test_coverage_is_the_area_resize(seed, patch, extra):
+    """As the original computes it: OpenCV's area resize of the cropped mask."""
+    rng = np.random.default_rng(seed)
+    mask = rng.random((3 * patch + extra[0] % patch, 5 * patch + extra[1] % patch)) < rng.random()
+    expected = cv2.resize(
+        mask[: 3 * patch, : 5 * patch].astype(np.float32), (5, 3), interpolation=cv2.INTER_AREA
+    )
+    found = patch_coverage(mask.view(np.uint8), patch)
+    assert found.dtype == np.float32
+    # exact where the patch area is a power of two; elsewhere a last bit of float32
+    np.testing.assert_allclose(found, expected, atol=0 if patch in (2, 4, 8, 16) else 1e-6)
+
+
+def test_geometry_of_a_box():
+    mask = blank()
+    mask[10:14, 20:29] = True
+    found = reduce(mask)
+    assert found.box[0].tolist() == [20, 10, 29, 14]
+    assert found.center[0].tolist() == [24.0, 11.5]
+    assert found.area[0] == 36
+    assert found.quality[0] == 1.0
+    np.testing.assert_array_equal(found.coverage, found.filled_coverage)
+
+
+def test_solidity_of_the_notes():
+    found = reduce(l_shape())
+    assert found.area[0] == 1400
+    assert found.filled_coverage[0].sum() * PATCH**2 == 1690
+    assert found.quality[0] == 0.8284023668639053
+
+
+def test_values_equal_the_original():
+    """Coverage, hull, box, centre and solidity recorded for three frames of `small`."""
+    with np.load(load.ROOT / "perception" / "small.npz") as data:
+        recorded = dict(data)
+    frames = list(load.load_inputs("small"))
+    for row, (frame, det) in enumerate(zip(recorded["frame"], recorded["det"], strict=True)):
+        masks = frames[frame].masks
+        found = reduce_masks(
+            masks, np.zeros(len(masks)), np.ones(len(masks)),
+            num_slots=len(masks), patch_px=load.PATCH,
+        )  # fmt: skip
+        np.testing.assert_array_equal(found.coverage[det] * 256, recorded["coverage"][row])
+        np.testing.assert_array_equal(
+            found.filled_coverage[det] * 256, recorded["hull_coverage"][row]
+        )
+        assert found.box[det].tolist() == recorded["bbox"][row].tolist()
+        np.testing.assert_allclose(found.center[det], recorded["center"][row], rtol=1e-14)
+        assert found.area[det] == recorded["area"][row]
+        assert found.quality[det] == recorded["mask_quality"][row]
+
+
+def test_an_empty_mask_is_no_detection():
+    mask = blank()
+    mask[:8, :8] = True
+    found = reduce(blank(), mask, slots=4)
+    assert found.valid.tolist() == [False, True, False, False]
+    for leaf in (found.coverage, found.filled_coverage, found.quality, found.box, found.area):
+        assert not leaf[[0, 2, 3]].any()
+
+
+def test_no_detections_at_all():
+    found = reduce_masks(
+        np.zeros((0, 40, 48), bool), np.zeros(0), np.zeros(0), num_slots=3, patch_px=PATCH
+    )
+    assert found.coverage.shape == (3, 5, 6)
+    assert not found.valid.any()
+
+
+def test_slots_are_filled_in_order():
+    mask = blank()
+    mask[0, 0] = True
+    found = reduce(mask, mask, slots=5)
+    assert found.class_id.tolist() == [0, 1, 0, 0, 0]
+    assert found.detector_score.tolist() == [0.5, 0.5, 0, 0, 0]
+    assert found.valid.tolist() == [True, True, False, False, False]
+
+
+def test_pixels_beyond_the_last_whole_patch_do_not_count():
+    mask = blank(43, 53)
+    mask[40:, :] = mask[:, 48:] = True
+    found = reduce(mask)
+    assert found.coverage.shape == (1, 5, 6)
+    assert not found.coverage.any()
+    assert found.valid[0]  # it is a detection all the same
+    assert found.area[0] == mask.sum()
+
+
+def test_one_pixel():
+    mask = blank()
+    mask[39, 47] = True
+    found = reduce(mask)
+    assert found.box[0].tolist() == [47, 39, 48, 40]
+    assert found.quality[0] == 1.0
+    assert found.coverage[0, 4, 5] == 1 / 64
+
+
+@pytest.mark.parametrize("size", [(8, 400), (400, 8), (8, 8)])
+def test_extreme_frames(size):
+    mask = np.ones(size, bool)
+    found = reduce(mask)
+    assert found.coverage.shape[1:] == (size[0] // 8, size[1] // 8)
+    assert (found.coverage == 1).all()
+    assert (found.filled_coverage == 1).all()
+
+
+def test_transposed_masks_are_transposed_in_everything():
+    found = reduce(l_shape(), l_shape().T.copy())
+    np.testing.assert_array_equal(found.coverage[0], found.coverage[1].T)
+    np.testing.assert_array_equal(found.filled_coverage[0], found.filled_coverage[1].T)
+    assert found.center[0].tolist() == found.center[1][::-1].tolist()
+
+
+def hollow():
+    """A frame of 16 x 16 pixels, 4 thick, with a notch of one pixel in its outer edge."""
+    mask = blank()
+    mask[8:24, 8:24] = True
+    mask[12:20, 12:20] = False
+    mask[8, 15] = False
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("options", "area"),
+    [
+        ({"sanitize": "none"}, 256 - 64 - 1),
+        ({"sanitize": "convex_hull"}, 256),
+        ({"sanitize": "morphology", "close_px": 0}, 256 - 1),  # only the hole is filled
+        ({"sanitize": "morphology", "close_px": 3}, 256),  # and the notch
+    ],
+)
+def test_sanitising(options, area):
+    found = reduce(hollow(), **options)
+    assert found.filled_coverage[0].sum() * PATCH**2 == area
+    assert found.quality[0] == 191 / area
+    assert found.coverage[0].sum() * PATCH**2 == 191
+
+
+def test_opening_takes_thin_things_away():
+    mask = blank()
+    mask[8:24, 8:24] = True
+    mask[16, 24:40] = True
+    found = reduce(mask, sanitize="morphology", open_px=3)
+    assert found.filled_coverage[0].sum() * PATCH**2 == 256
+    assert found.quality[0] == 1.0  # nothing was added
+    assert found.area[0] == 256 + 16
+
+
+@pytest.mark.parametrize("radius", [0, 1, 3])
+def test_erosion_spares_what_touches_the_box(radius):
+    """Perception notes 22.1: all 36 pixels of a full square survive."""
+    mask = blank(16, 16)
+    mask[4:10, 5:11] = True
+    reduced = reduce(mask, erosion_px=radius)
+    assert reduced.area[0] == 36
+    np.testing.assert_array_equal(reduced.box[0], [5, 4, 11, 10])
+
+
+def test_erosion_changes_all_that_is_measured():
+    """A square with a corner bitten off loses what is near the bite, a thin cross is lost."""
+    bitten, cross = blank(16, 16), blank(16, 16)
+    bitten[4:10, 4:10] = True
+    bitten[4:6, 4:6] = False
+    cross[3:12, 7] = cross[7, 3:12] = True
+    eroded = reduce(bitten, cross, erosion_px=1)
+    shrunk = bitten.copy()
+    shrunk[4:7, 4:7] = False
+    expected = reduce(shrunk)
+    assert eroded.valid.tolist() == [True, False]
+    for field in ("coverage", "filled_coverage", "quality", "box", "center", "area"):
+        np.testing.assert_array_equal(getattr(eroded, field)[0], getattr(expected, field)[0])
+
+
+def test_a_hole_open_to_the_frame_is_not_filled():
+    mask = blank()
+    mask[0:10, 0:10] = True
+    mask[0:5, 4:6] = False
+    found = reduce(mask, sanitize="morphology", close_px=0)
+    assert found.filled_coverage[0].sum() * PATCH**2 == 90
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_the_hull_contains_the_mask(seed):
+    rng = np.random.default_rng(seed)
+    mask = blank()
+    for _ in range(rng.integers(1, 4)):
+        row, column = rng.integers(0, 36), rng.integers(0, 44)
+        mask[row : row + rng.integers(1, 20), column : column + rng.integers(1, 20)] = True
+    found = reduce(mask)
+    assert (found.filled_coverage >= found.coverage).all()
+    assert 0 < found.quality[0] <= 1

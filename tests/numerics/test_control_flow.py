@@ -1,0 +1,86 @@
+"""Branches and loops give the same in a batch, and a batch skips what none of its members needs."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.numerics.control_flow import branch, repeat
+
+
+def _choose(pred, x, y):
+    return branch(pred, lambda: {"value": jnp.sin(x) + y}, lambda: {"value": x})
+
+
+def _double(times, x):
+    """Doubles x so many times; done states stay as they are."""
+
+    def turn(state):
+        done, value = state
+        return jnp.minimum(done + 1, times), jnp.where(done < times, value * 2, value)
+
+    return repeat(lambda state: state[0] < times, turn, (jnp.int32(0), x))[1]
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=1, max_size=4))
+def test_branch_in_batches_equals_a_loop(preds):
+    pred = np.array(preds)
+    x = np.arange(pred.size, dtype=np.float32).reshape(pred.shape)
+    nested = jax.vmap(jax.vmap(_choose, (0, 0, None)), (0, 0, None))
+    for run in (nested, jax.jit(nested)):
+        # sin is vectorised differently in a batch: one unit in the last place
+        np.testing.assert_allclose(
+            run(pred, x, 3.0)["value"], np.where(pred, np.sin(x) + 3.0, x), rtol=3e-7
+        )
+
+
+def test_branch_on_a_shared_predicate():
+    x = jnp.arange(3.0)
+    for pred in (True, False):
+        got = jax.vmap(_choose, (None, 0, None))(jnp.bool_(pred), x, 1.0)["value"]
+        np.testing.assert_array_equal(got, _choose(jnp.bool_(pred), x, 1.0)["value"])
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.integers(0, 5), min_size=1, max_size=5))
+def test_repeat_in_batches_equals_a_loop(times):
+    times = np.array(times, np.int32)
+    got = jax.jit(jax.vmap(_double, (0, None)))(times, 1.5)
+    np.testing.assert_array_equal(got, 1.5 * 2.0**times)
+    nested = jax.vmap(jax.vmap(_double, (0, None)), (None, 0))(times, jnp.array([1.0, 3.0]))
+    np.testing.assert_array_equal(nested, np.outer([1.0, 3.0], 2.0**times))
+
+
+def test_a_batch_skips_a_branch_that_nobody_takes():
+    """Under plain `vmap` the branch would be computed for all and thrown away."""
+
+    def count(x):
+        nonlocal num_calls
+        num_calls += 1
+        return x
+
+    def run(pred, x):
+        costly = lambda: jax.pure_callback(  # noqa: E731
+            count, jax.ShapeDtypeStruct((), jnp.float32), x, vmap_method="sequential"
+        )
+        return branch(pred, costly, lambda: -x)
+
+    batch = jax.jit(jax.vmap(run))
+    num_calls = 0
+    got = jax.block_until_ready(batch(jnp.zeros(4, bool), jnp.arange(4.0)))
+    np.testing.assert_array_equal(got, -jnp.arange(4.0))
+    assert num_calls == 0
+    jax.block_until_ready(batch(jnp.array([False, True, False, False]), jnp.arange(4.0)))
+    assert num_calls > 0
+
+
+def test_inside_a_scan():
+    def run(x):
+        def add(total, step):
+            return branch(step > total, lambda: total + x, lambda: total), None
+
+        return jax.lax.scan(add, 0.0, jnp.arange(4.0))[0]
+
+    np.testing.assert_array_equal(jax.vmap(run)(jnp.arange(3.0)), [run(x) for x in range(3)])

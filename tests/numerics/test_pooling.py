@@ -1,0 +1,114 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.numerics.pooling import dot, keep_typical, pool, to_unit
+
+# The worked example of perception notes 22.2: nine patches, two features.
+FEATURES = np.array(
+    [[1, 0], [1, 0.1], [1, 0.2], [1, 0.3], [1, 0.4], [0, 1], [-1, 0], [1, -0.1], [1, 1]], np.float32
+)
+COVERAGE = np.array([1, 1, 1, 1, 0.5, 0.5, 0.25, 1, 0.75], np.float32)
+ROUNDING = 2e-6  # the example is printed with six decimals, float32 adds 1e-7
+
+
+def typical(features, members, share=0.5, min_patches=8, weights=None):
+    weights = members.astype(np.float32) if weights is None else weights
+    mean, _ = pool(weights, jnp.asarray(features))
+    return np.asarray(
+        keep_typical(
+            jnp.asarray(features), mean, jnp.asarray(members), jnp.float32(share),
+            jnp.int32(min_patches),
+        )
+    )  # fmt: skip
+
+
+def test_example_of_the_notes():
+    mean, present = pool(COVERAGE[None], jnp.asarray(FEATURES))
+    np.testing.assert_allclose(mean[0], [0.857143, 0.278571], atol=ROUNDING)
+    np.testing.assert_allclose(to_unit(mean)[0], [0.951034, 0.309086], atol=ROUNDING)
+    assert bool(present[0])
+    kept = typical(FEATURES, np.ones((1, 9), bool), weights=COVERAGE[None])
+    assert sorted(np.flatnonzero(kept[0])) == [0, 1, 2, 3, 4]
+    trimmed, _ = pool(jnp.where(kept, COVERAGE, 0.0), jnp.asarray(FEATURES))
+    np.testing.assert_allclose(to_unit(trimmed)[0], [0.984563, 0.175033], atol=ROUNDING)
+
+
+def test_empty_region_is_absent_and_zero():
+    mean, present = pool(np.zeros((2, 9), np.float32), jnp.asarray(FEATURES))
+    assert not present.any()
+    assert not mean.any()
+
+
+@pytest.mark.parametrize("length", [0.0, 1e-13])
+def test_vector_without_direction_becomes_zero(length):
+    vector = jnp.array([length, 0.0, 0.0], jnp.float32)
+    assert not to_unit(vector).any()
+
+
+def test_dot_ignores_the_default_precision_of_the_device():
+    left, right = (np.random.default_rng(s).standard_normal((5, 64)) for s in (0, 1))
+    with jax.default_matmul_precision("bfloat16"):
+        result = dot(jnp.float32(left), jnp.float32(right))
+    # bfloat16 products would be off by 1e-2
+    np.testing.assert_allclose(result, left @ right.T, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("count", "share", "min_patches", "kept"),
+    [
+        (7, 0.5, 8, 7),  # too few to be trimmed
+        (8, 0.5, 8, 4),
+        (9, 0.5, 8, 5),  # rounded up
+        (9, 0.01, 8, 1),  # at least one
+        (9, 1.0, 8, 9),
+        (9, 0.0, 8, 9),  # out of range: all
+        (9, 1.5, 8, 9),
+        (1, 0.5, 1, 1),
+        (0, 0.5, 8, 0),
+    ],
+)
+def test_number_of_kept_patches(count, share, min_patches, kept):
+    features = np.random.default_rng(count).standard_normal((9, 4)).astype(np.float32)
+    members = np.arange(9)[None] < count
+    assert typical(features, members, share, min_patches).sum() == kept
+
+
+def test_equally_typical_patches_are_kept_in_raster_order():
+    members = np.ones((1, 10), bool)
+    members[0, 0] = False
+    kept = typical(np.ones((10, 3), np.float32), members)
+    assert np.flatnonzero(kept[0]).tolist() == [1, 2, 3, 4, 5]
+
+
+def test_zero_mean_keeps_the_first():
+    features = np.array([[1, 0], [-1, 0]] * 4, np.float32)
+    kept = typical(features, np.ones((1, 8), bool))
+    assert np.flatnonzero(kept[0]).tolist() == [0, 1, 2, 3]
+
+
+# One shape for all examples, so one compilation.
+KEEP = jax.jit(keep_typical)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 16).map(lambda n: n / 16), st.integers(0, 20))
+def test_kept_are_the_most_similar_members(seed, share, min_patches):
+    rng = np.random.default_rng(seed)
+    features = rng.integers(-3, 4, (20, 3)).astype(np.float32)
+    members = rng.random((2, 20)) < 0.7
+    mean = rng.integers(-3, 4, (2, 3)).astype(np.float32)
+    kept = np.asarray(KEEP(features, mean, members, jnp.float32(share), jnp.int32(min_patches)))
+    assert not (kept & ~members).any()
+    norm = np.linalg.norm(features, axis=1) * np.linalg.norm(mean, axis=1)[:, None]
+    similarity = mean @ features.T / (norm + 1e-12)
+    for row in range(2):
+        count = members[row].sum()
+        wanted = count if count < min_patches else max(1, np.ceil(share * count))
+        assert kept[row].sum() == min(wanted, count)
+        taken, left = (similarity[row][members[row] & part] for part in (kept[row], ~kept[row]))
+        if len(taken) and len(left):
+            assert taken.min() >= left.max() - 1e-6  # float32 rounding of equal directions

@@ -1,0 +1,49 @@
+import functools
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.numerics.set_order import iteration_rank
+
+
+@functools.cache
+def rank_program(most, copied):
+    return jax.jit(functools.partial(iteration_rank, copied=copied))
+
+
+def iterate(ids, most, *, copied=True):
+    """The first ids in the order of our ranks, of `most` slots."""
+    padded = np.zeros(most, np.int32)
+    padded[: len(ids)] = ids
+    rank = np.asarray(rank_program(most, copied)(padded, np.int32(len(ids))))
+    assert sorted(rank) == list(range(most))
+    return padded[np.argsort(rank)][: len(ids)].tolist()
+
+
+def python_order(ids):
+    grown = set()
+    for number in ids:
+        grown.add(number)
+    return list(grown), list(set(grown))
+
+
+def test_example_of_the_notes():
+    assert iterate([3, 35, 67, 40, 8, 100, 64, 1], 8) == [64, 1, 35, 67, 3, 100, 40, 8]
+
+
+@pytest.mark.parametrize("most", [1, 2, 4, 5, 7, 18, 19, 40, 90])
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_order_is_that_of_a_python_set(most, data):
+    largest = data.draw(st.sampled_from([most, 3 * most, 2000]))
+    ids = data.draw(st.lists(st.integers(0, largest), max_size=most, unique=True))
+    grown, copied = python_order(ids)
+    assert iterate(ids, most) == copied
+    assert iterate(ids, most, copied=False) == grown
+
+
+def test_small_ids_come_in_rising_order():
+    assert iterate([6, 2, 7, 0, 15], 6) == [0, 2, 6, 7, 15]

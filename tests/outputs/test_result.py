@@ -1,0 +1,164 @@
+import dataclasses
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from remind_jax.decision import Outcome
+from remind_jax.errors import OutputError
+from remind_jax.outputs.result import Result, RunInfo
+from tests.outputs.fake_run import make_info, make_run, make_tracks
+
+
+def run_of_presence(*presence: str) -> Result:
+    """A run from one string per object, `x` where it is seen; object 0 is the first string."""
+    tracks = []
+    for index in range(len(presence[0])):
+        rows = [{"object_id": i} for i, seen in enumerate(presence) if seen[index] == "x"]
+        masks = np.ones((len(rows), 8, 8), bool)
+        tracks.append(make_tracks(index, masks, rows))
+    return Result(tuple(tracks), make_info(size=(8, 8)))
+
+
+def test_info_survives_json():
+    info = make_info()
+    assert RunInfo.from_json(json.loads(json.dumps(info.to_json()))) == info
+
+
+def test_info_names_what_is_missing():
+    content = make_info().to_json()
+    del content["backbone"]
+    with pytest.raises(OutputError, match="lacks backbone"):
+        RunInfo.from_json(content)
+
+
+def test_objects_know_absences_and_returns():
+    result = run_of_presence("xx.....xx....x", ".............x")
+    first, second = result.objects()
+    assert (first.first_frame, first.last_frame, first.num_frames) == (0, 13, 5)
+    assert first.absences == ((2, 6),)  # the gap of four frames is flicker
+    assert first.returns == (7,)
+    assert (second.first_frame, second.absences, second.returns) == (13, (), ())
+
+
+def test_shorter_absences_count_when_asked():
+    result = run_of_presence("xx.....xx....x")
+    assert result.objects(min_absence_frames=4)[0].absences == ((2, 6), (9, 12))
+
+
+def test_absences_use_frame_numbers():
+    result = run_of_presence("x.....x")
+    renumbered = tuple(
+        dataclasses.replace(tracks, frame_index=10 * tracks.frame_index) for tracks in result.tracks
+    )
+    (history,) = dataclasses.replace(result, tracks=renumbered).objects()
+    assert history.absences == ((10, 50),)
+    assert history.returns == (60,)
+
+
+def test_summary_counts():
+    _, result = make_run()
+    summary = result.summary()
+    num_detections = sum(len(tracks) for tracks in result.tracks)
+    assert summary["frames"] == 40
+    assert summary["identities"] == 6
+    assert summary["returns"] == 3
+    assert summary["detections"] == num_detections
+    assert summary["skipped_frames"] == 1
+    assert summary["repeated_identities"] == 0
+    assert summary["undecided_share"] == pytest.approx(4 / num_detections)
+    assert sum(summary["outcome_shares"].values()) == pytest.approx(1)
+    assert summary["ms_per_frame"]["step"]["median"] == np.median(result.timings_ms["step"])
+    json.dumps(summary, allow_nan=False)
+
+
+def test_summary_counts_an_identity_given_twice():
+    masks = np.ones((2, 8, 8), bool)
+    tracks = make_tracks(0, masks, [{"object_id": 3}, {"object_id": 3}])
+    assert Result((tracks,), make_info()).summary()["repeated_identities"] == 1
+
+
+def test_empty_run_has_a_summary():
+    summary = Result((), make_info()).summary()
+    assert (summary["frames"], summary["identities"], summary["undecided_share"]) == (0, 0, 0)
+
+
+def test_saved_run_is_loaded_whole(tmp_path):
+    _, result = make_run()
+    result.save(tmp_path / "deep" / "run")
+    loaded = Result.load(tmp_path / "deep" / "run")
+    assert loaded.info == result.info
+    assert loaded.skipped == result.skipped
+    assert loaded.events == result.events
+    assert loaded.complete
+    assert (loaded.first_frame_ms, loaded.compile_s) == (812.5, 6.25)
+    # Times are written to a microsecond.
+    np.testing.assert_allclose(loaded.timings_ms["step"], result.timings_ms["step"], atol=5e-4)
+    assert loaded.objects() == result.objects()
+    for ours, theirs in zip(loaded.tracks, result.tracks, strict=True):
+        np.testing.assert_array_equal(ours.masks, theirs.masks)
+
+
+def test_class_names_include_unannounced_ones():
+    tracks = make_tracks(0, np.ones((1, 8, 8), bool), [{"label": "zebra"}])
+    info = dataclasses.replace(make_info(), class_names=("cup",))
+    assert Result((tracks,), info).class_names == ("cup", "zebra")
+
+
+def test_dataframe_has_a_row_per_detection():
+    pytest.importorskip("pandas")
+    _, result = make_run()
+    frame = result.to_dataframe()
+    assert len(frame) == sum(len(tracks) for tracks in result.tracks)
+    assert set(frame.loc[frame.object_id == 1, "label"]) == {"cup"}
+    assert (frame.outcome == "ambiguous").sum() == 3
+
+
+def test_supervision_gets_identities_and_masks():
+    pytest.importorskip("supervision")
+    _, result = make_run()
+    t = 26  # object 1 is ambiguous
+    detections = result.to_supervision(t)
+    tracks = result.tracks[t]
+    np.testing.assert_array_equal(detections.tracker_id, tracks.object_id)
+    np.testing.assert_array_equal(detections.xyxy, tracks.boxes)
+    np.testing.assert_array_equal(detections.mask, tracks.masks)
+    assert detections.tracker_id is not None
+    assert detections.tracker_id[1] == -1
+    assert detections.data["outcome"][1] == "ambiguous"
+    assert detections.class_id is not None
+    assert [result.class_names[i] for i in detections.class_id] == list(tracks.labels)
+
+
+def test_supervision_takes_an_empty_frame():
+    pytest.importorskip("supervision")
+    result = Result((make_tracks(0, np.zeros((0, 8, 8), bool), []),), make_info())
+    assert len(result.to_supervision(0)) == 0
+
+
+@pytest.mark.parametrize(
+    ("module", "call", "advice"),
+    [
+        ("supervision", lambda r: r.to_supervision(0), r'pip install "remind-jax\[viz\]"'),
+        ("pandas", lambda r: r.to_dataframe(), "pip install pandas"),
+    ],
+)
+def test_missing_library_is_named(monkeypatch, module, call, advice):
+    _, result = make_run(num_frames=2)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(OutputError, match=advice):
+        call(result)
+
+
+def test_supervision_refuses_a_frame_beyond_the_run():
+    pytest.importorskip("supervision")
+    _, result = make_run(num_frames=2)
+    with pytest.raises(OutputError, match="frame 2 was asked for, but the run has 2 frames"):
+        result.to_supervision(2)
+
+
+def test_outcomes_without_identity_are_no_presence():
+    rows = [{"object_id": -1, "outcome": Outcome.AMBIGUOUS, "candidates": [(0, 0.8), (1, 0.7)]}]
+    tracks = make_tracks(0, np.ones((1, 8, 8), bool), rows)
+    assert Result((tracks,), make_info()).objects() == ()

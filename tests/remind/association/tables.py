@@ -1,0 +1,198 @@
+"""One frame as a table of channel scores, and what the association decides about it.
+
+Everything between the channel scores and the decisions runs as in `remind_jax.remind.tracker.step`;
+perception, graphs and memory do not. All frames share one compiled program.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.decision import Decisions
+from remind_jax.remind.association import similarity
+from remind_jax.remind.association.assignment import Assignment, associate
+from remind_jax.remind.association.diagnosis import diagnose, find_anchors
+from remind_jax.remind.association.gating import read_context
+from remind_jax.remind.association.quality import Quality
+from remind_jax.remind.association.similarity import ChannelScores, Comparison, Score
+from remind_jax.remind.context.influence import no_influence
+from remind_jax.remind.context.reasoning import Reasoning
+from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.remind.outcome import decide
+from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.state import init
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.undecided.settlement import settle
+from remind_jax.remind.undecided.temporal import Account
+from remind_jax.static import Static
+
+NUM, SLOTS, PENDING = 5, 8, 1  # detections, objects, undecided tracks
+BATCH = 64  # frames that are decided at once
+STATIC = Static(
+    num_detections=NUM,
+    num_objects=SLOTS,
+    num_pending=PENDING,
+    feature_dim=2,
+    num_candidates=SLOTS,
+    precision="float64",
+    solver="host",  # quicker to compile
+)
+CONTEXT = ("bonus_raw", "score_sets", "support", "compat_rel", "compat_band", "kernel_raw")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """Detections fill the first rows, objects the first slots; an object's id is its slot."""
+
+    class_id: Any  # [N], -1 in padding
+    object_class: Any  # [O], -1 in free slots
+    lifecycle: Any  # [O]
+    age: Any  # [O]
+    channels: ChannelScores  # columns: O objects, P undecided tracks
+    quality: Quality
+    plausible: Any  # [N, O], not vetoed
+    context: Any  # name -> [O]
+    influences: Any  # context may change scores
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """What is decided about a frame, and on what grounds."""
+
+    decisions: Decisions
+    comparison: Comparison
+    assignment: Assignment
+    anchors: Any  # [N, O]
+
+
+def empty_frame(num: int, num_objects: int) -> Frame:
+    """One class, confirmed objects, no channel seen, perfect quality, no context."""
+    rows, slots = np.arange(NUM) < num, np.arange(SLOTS) < num_objects
+
+    def absent(channels: int) -> Score:
+        shape = (channels, NUM, SLOTS + PENDING)
+        return Score(np.zeros(shape), np.zeros(shape, bool))
+
+    authority = np.ones((2, NUM, SLOTS + PENDING))
+    return Frame(
+        class_id=np.where(rows, 0, -1).astype(np.int32),
+        object_class=np.where(slots, 0, -1).astype(np.int32),
+        lifecycle=np.full(SLOTS, Lifecycle.CONFIRMED, np.int32),
+        age=np.full(SLOTS, 50, np.int32),
+        channels=ChannelScores(
+            absent(2), absent(2), authority, authority, absent(2), absent(2), absent(1), absent(1)
+        ),
+        quality=Quality(*(np.ones(NUM) for _ in dataclasses.fields(Quality))),
+        plausible=np.ones((NUM, SLOTS), bool),
+        context={name: np.zeros(SLOTS, bool if "band" in name else float) for name in CONTEXT},
+        influences=np.bool_(True),
+    )
+
+
+def visual_frame(
+    rows: Sequence[Mapping[int, float]],
+    *,
+    lifecycle: Lifecycle = Lifecycle.CONFIRMED,
+    age: int = 50,
+    context: Mapping[int, Mapping[str, Any]] | None = None,
+    other: float = 0.30,
+) -> Frame:
+    """A frame of one class where only the object term is seen, so that it is the visual score.
+
+    `rows` gives the scores of each detection by object; pairs that it leaves out score `other`.
+    """
+    num_objects = 1 + max(slot for row in rows for slot in row)
+    frame = empty_frame(len(rows), num_objects)
+    value = np.full((NUM, SLOTS + PENDING), other)
+    for n, row in enumerate(rows):
+        for slot, score in row.items():
+            value[n, slot] = score
+    seen = np.zeros((2, NUM, SLOTS + PENDING), bool)
+    seen[0, :, :num_objects] = True
+    score = Score(np.where(seen, value, 0.0), seen)
+    values = {name: column.copy() for name, column in frame.context.items()}
+    for slot, said in (context or {}).items():
+        for name, number in said.items():
+            values[name][slot] = number
+    return dataclasses.replace(
+        frame,
+        channels=dataclasses.replace(frame.channels, object_work=score),
+        lifecycle=np.full(SLOTS, lifecycle, np.int32),
+        age=np.full(SLOTS, age, np.int32),
+        context=values,
+    )
+
+
+def decide_frames(frames: Sequence[Frame], thresholds: Sequence[Thresholds] = ()) -> Verdict:
+    """Verdicts of all frames on the host, with a leading axis.
+
+    `thresholds` are those of each frame, the published ones if left out.
+    """
+    thresholds = thresholds or [Thresholds()] * len(frames)
+    lacking = -len(frames) % BATCH
+    rows = list(zip(frames, thresholds, strict=True))
+    rows += [(empty_frame(0, 0), Thresholds())] * lacking
+    stack = lambda *leaves: np.stack(leaves)  # noqa: E731
+    verdicts = [
+        jax.device_get(_decide_batch(*jax.tree.map(stack, *rows[start : start + BATCH])))
+        for start in range(0, len(rows), BATCH)
+    ]
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(frames)], *verdicts)
+
+
+@jax.jit
+@jax.vmap
+def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
+    t, state = thresholds.as_arrays(STATIC.scalar), init(STATIC)
+    exists = frame.object_class >= 0
+    objects = dataclasses.replace(
+        state.objects,
+        id=jnp.where(exists, jnp.arange(SLOTS, dtype=jnp.int32), -1),
+        class_id=frame.object_class,
+        lifecycle=frame.lifecycle,
+        age=frame.age,
+    )
+    state = dataclasses.replace(state, objects=objects, next_id=jnp.sum(exists, dtype=jnp.int32))
+    valid = frame.class_id >= 0
+    descriptors: Any = SimpleNamespace(
+        valid=valid, class_id=frame.class_id, num_bad_patches=jnp.int32(0)
+    )
+    masks: Any = SimpleNamespace(valid=valid)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(similarity, "compare_channels", lambda *_: frame.channels)
+        comparison = similarity.compare(
+            state, descriptors, frame.quality, STATIC, t.similarity, jnp.bool_(True), jnp.int32(5)
+        )
+    num_terms = similarity.count_terms(comparison)
+    evidence = diagnose(
+        comparison.score, comparison.candidate, num_terms, STATIC.margin, t.diagnosis
+    )
+    anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
+    felt = dataclasses.replace(no_influence(SLOTS, STATIC.scalar), **frame.context)
+    plausible = comparison.candidate & frame.plausible
+    reasoning = Reasoning(felt, plausible, jnp.zeros((NUM, SLOTS), jnp.int32), None)  # pyright: ignore[reportArgumentType]
+    rules = dataclasses.replace(t.influence, enabled=frame.influences)
+    context = read_context(reasoning, rules, t.ambiguous)
+    assignment = associate(comparison, evidence, context, frame.class_id, STATIC, t.matching)
+    pairs = assignment.pairs
+    account = Account(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
+    apart = jnp.zeros((NUM, NUM), STATIC.scalar)
+    never = jnp.zeros((NUM, NUM), bool)
+    relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
+    settlement = settle(account, assignment, state, descriptors, relations, STATIC, t)
+    final = diagnose(pairs.score_final, pairs.eligible, num_terms, STATIC.margin, t.diagnosis)
+    decisions = decide(
+        objects, masks, descriptors, account, anchors, evidence, final, assignment, settlement,
+        STATIC,
+    )  # fmt: skip
+    return Verdict(decisions, comparison, assignment, anchors)

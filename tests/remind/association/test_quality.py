@@ -1,0 +1,90 @@
+"""How much can be told from each detection (association notes 6, 7.6)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.observation import Descriptors
+from remind_jax.remind.association.quality import Quality, assess, ramp
+from remind_jax.remind.thresholds.thresholds import Similarity
+
+ASSESS = jax.jit(assess)
+GOOD = {
+    "num_patches": 40, "patch_sum": 40.0, "num_parts": 4, "part_support": 40.0, "inner": 20,
+    "outer": 32, "mask_quality": 1.0,
+}  # fmt: skip
+THRESHOLDS = jax.tree.map(jnp.asarray, Similarity())
+# Sums and quotients of a few float32.
+CLOSE = 1e-6
+
+
+def rate(t: Similarity = THRESHOLDS, **seen: float) -> Quality:
+    """Quality of a detection that is large, dense and well surrounded but for what is given."""
+    row = {name: np.array([value]) for name, value in {**GOOD, **seen}.items()}
+    rings = np.stack([row.pop("inner"), row.pop("outer")], axis=1)
+    row = {n: v.astype(np.int32 if n.startswith("num") else np.float32) for n, v in row.items()}
+    absent = {field.name: None for field in dataclasses.fields(Descriptors)}
+    descriptors = Descriptors(**{**absent, **row, "ring_patches": rings.astype(np.int32)})  # pyright: ignore[reportArgumentType]
+    return jax.tree.map(lambda leaf: float(leaf[0]), ASSESS(descriptors, t))
+
+
+def test_worked_example():
+    rated = rate(
+        num_patches=40, patch_sum=20.0, num_parts=3, part_support=8.0, inner=14, outer=20,
+        mask_quality=0.8,
+    )  # fmt: skip
+    assert rated.object == pytest.approx(0.5, abs=CLOSE)
+    assert rated.parts == pytest.approx(0.577778, abs=CLOSE)
+    assert rated.background == pytest.approx(0.5, abs=CLOSE)
+    dense = (0.5 - 0.15) / (0.60 - 0.15)
+    assert rated.object_density == pytest.approx(dense, abs=CLOSE)
+    assert rated.parts_density == pytest.approx(dense, abs=CLOSE)
+
+
+def test_a_good_observation_is_perfect():
+    assert all(value == 1.0 for value in dataclasses.astuple(rate()))
+
+
+@pytest.mark.parametrize(
+    ("seen", "field", "expected"),
+    [
+        ({"patch_sum": 8.0, "num_patches": 8}, "object", 0.0),
+        ({"patch_sum": 32.0, "num_patches": 32}, "object", 1.0),
+        ({"patch_sum": 7.99, "num_patches": 8}, "parts", 0.0),  # too small for parts
+        ({"patch_sum": 8.0, "num_patches": 8}, "parts", 2 / 3),  # but of many that cover it
+        ({"num_patches": 0, "patch_sum": 0.0}, "object_density", 1.0),  # no patch, no doubt
+        ({"num_patches": 40, "patch_sum": 6.0}, "object_density", 0.0),
+        ({"inner": 8, "outer": 12, "mask_quality": 0.5}, "background", 0.0),
+        ({"inner": 8, "outer": 12, "mask_quality": 1.0}, "background", 1 / 3),
+        ({"num_parts": 0, "part_support": 0.0}, "parts", 1 / 3),
+    ],
+)
+def test_edges(seen, field, expected):
+    assert getattr(rate(**seen), field) == pytest.approx(expected, abs=CLOSE)
+
+
+def test_switched_off_everything_is_perfect():
+    off = dataclasses.replace(THRESHOLDS, quality_enabled=jnp.asarray(False))
+    nothing = dict.fromkeys(GOOD, 0)
+    assert all(value == 1.0 for value in dataclasses.astuple(rate(off, **nothing)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.tuples(*(st.floats(0, 100, width=32) for _ in GOOD)))
+def test_ratings_lie_between_zero_and_one(values):
+    seen = dict(zip(GOOD, values, strict=True))
+    assert all(0.0 <= value <= 1.0 for value in dataclasses.astuple(rate(**seen)))
+
+
+def test_ramp_is_a_step_where_its_ends_meet():
+    x = jnp.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    np.testing.assert_allclose(ramp(x, jnp.float32(1), jnp.float32(3)), [0, 0, 0.5, 1, 1])
+    np.testing.assert_array_equal(ramp(x, jnp.float32(2), jnp.float32(2)), [0, 0, 1, 1, 1])
+    np.testing.assert_array_equal(ramp(x, jnp.float32(3), jnp.float32(1)), [0, 1, 1, 1, 1])

@@ -1,0 +1,101 @@
+"""Switches that are not as shipped, against the original (association notes 11.2, 14.2, 14.5, 16).
+
+Settings are read as the original writes them, so that the import is tested as well.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import pytest
+
+from remind_jax.config import Config
+from remind_jax.config.dotted_keys import nest
+from remind_jax.decision import Outcome, Reason, Status
+from remind_jax.remind.thresholds import Thresholds
+from tests.remind.association.frozen_frames import load_expected, load_frames, load_settings
+from tests.remind.association.tables import Verdict, decide_frames, visual_frame
+from tests.remind.undecided.test_settlement import backed
+
+STABILITY = "association.matching.hungarian.identity_stability"
+SWITCHES = {
+    "association.matching.neighbor_sets_influence.allow_status": 7,
+    "association.ambiguous_tracks.allow_status": 6,
+    "association.provisional_new.allow_status": 6,
+    f"{STABILITY}.fragile_gate_reasons": 3,
+    f"{STABILITY}.component_max_size": 3,
+}
+
+
+def read(settings: dict[str, Any]) -> Thresholds:
+    return Config.from_reference(nest(settings)).thresholds
+
+
+def decided(verdict: Verdict) -> dict[str, Any]:
+    d = verdict.decisions
+    return {
+        "outcome": d.outcome,
+        "reason": d.reason,
+        "object": d.object_id,
+        "option": d.option_id,
+    }
+
+
+def test_frozen_frames_with_other_switches(x64):
+    """75 frames; in each the switch decides what becomes of a detection."""
+    frames, settings = load_frames("switches"), load_settings("switches")
+    shipped = [
+        {key: value for key, value in given.items() if key not in SWITCHES} for given in settings
+    ]
+    found = decided(decide_frames(frames, [read(given) for given in settings]))
+    before = decided(decide_frames(frames, [read(given) for given in shipped]))
+    expected = load_expected("switches")
+    changed = np.zeros(len(frames), bool)
+    for name, values in found.items():
+        np.testing.assert_array_equal(values, expected[name], name)
+        changed |= np.any((values != before[name]).reshape(len(frames), -1), axis=1)
+    assert changed.all(), np.flatnonzero(~changed)
+
+
+def test_frozen_frames_try_every_switch():
+    tried = Counter(
+        (key, str(value))
+        for given in load_settings("switches")
+        for key, value in given.items()
+        if key in SWITCHES
+    )
+    assert Counter(key for key, _ in tried) == SWITCHES
+    assert set(tried.values()) == {3}
+
+
+@pytest.mark.parametrize(
+    ("listed", "rescued"), [([], False), (["STRONG"], False), (["WEAK"], True)]
+)
+def test_whom_context_may_rescue(x64, listed, rescued):
+    """A detection below the threshold is WEAK."""
+    key = "association.matching.neighbor_sets_influence.allow_status"
+    frame = visual_frame([{0: 0.66, 1: 0.55}], context={0: backed(0.10)})
+    d = decide_frames([frame], [read({key: listed})]).decisions
+    assert d.status[0, 0] == Status.WEAK
+    assert (d.outcome[0, 0] == Outcome.MATCH) == rescued
+
+
+@pytest.mark.parametrize("listed", [[], ["STRONG"]])
+def test_without_a_diagnosis_context_may_influence_all(x64, listed):
+    key = "association.matching.neighbor_sets_influence.allow_status"
+    frame = visual_frame([{0: 0.66, 1: 0.55}], context={0: backed(0.10)})
+    t = read({key: listed, "association.ambiguity.enabled": False})
+    d = decide_frames([frame], [t]).decisions
+    assert (d.status[0, 0], d.outcome[0, 0]) == (Status.NONE, Outcome.MATCH)
+
+
+@pytest.mark.parametrize(("most", "compared"), [(1, False), (2, False), (3, True), (4, True)])
+def test_larger_groups_are_not_compared(x64, most, compared):
+    """Three look-alikes, of which the second best assignment swaps two."""
+    rows = [{0: 0.80, 1: 0.79, 2: 0.76}, {0: 0.78, 1: 0.80, 2: 0.76}, {0: 0.76, 1: 0.76, 2: 0.82}]
+    t = read({f"{STABILITY}.component_max_size": most})
+    d = decide_frames([visual_frame(rows)], [t]).decisions
+    doubtful = d.reason[0] == Reason.KNOWN_BUT_AMBIGUOUS_IDENTITY_STABILITY
+    assert doubtful.tolist() == [compared, compared, False, False, False]

@@ -1,0 +1,167 @@
+"""Frozen scenes of a memory and a frame, and what the reference rules make of them.
+
+The scenes were drawn at random (Python's `random.Random(seed)`, seeds below 400, stored as
+`seeds`): 3 to 30 objects of 1 to 10 classes in 1 to 4 places, whose episodes come from 0 to 90
+frames of walking between the places; up to 12 detections in one of them, some of unknown classes;
+no anchor to nearly all of them. Kept were the first 12 and those that bring an effect of which
+there were not enough yet. The answers are those of an independent plain implementation of the
+context notes that agrees with the original. Real inputs are stored in 1/1024.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from remind_jax.remind.context.evidence import NeighbourEvidence, neighbour_evidence
+from remind_jax.remind.context.reasoning import Reasoning, reason
+from remind_jax.remind.memory.cooccurrence import empty_cooccurrence
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.static import Static
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "context" / "scenes.npz"
+UNIT = 1024
+NUM, SLOTS = 12, 32  # detections and object slots of a scene
+STATIC = Static(num_detections=NUM, num_objects=SLOTS, precision="float64")
+VISUAL_GATE = 0.75  # least visual score of an object that is plausibly in view
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Scene:
+    """A memory and a frame; free slots have class -1."""
+
+    count: Any  # [O, O] episodes together
+    edge_time: Any  # [O, O]
+    edge_order: Any  # [O, O]
+    episodes: Any  # [O]
+    object_class: Any  # [O]
+    anchors: Any  # [O]
+    det_class: Any  # [N]
+    det_score: Any  # [N]
+    score: Any  # [N, O] visual
+
+
+@functools.cache
+def _stored() -> dict[str, np.ndarray]:
+    with np.load(GOLDEN) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def load_scenes() -> Scene:
+    """All scenes, with a leading axis."""
+
+    def read(name: str) -> np.ndarray:
+        value = _stored()[name]
+        if value.dtype == np.int16:
+            return value / UNIT
+        return value if value.dtype == bool else value.astype(np.int32)
+
+    return Scene(**{field.name: read(field.name) for field in dataclasses.fields(Scene)})
+
+
+def load_expected() -> dict[str, np.ndarray]:
+    """Name -> values with a leading axis of scenes."""
+    prefix = "expected."
+    return {
+        name.removeprefix(prefix): value
+        for name, value in _stored().items()
+        if name.startswith(prefix)
+    }
+
+
+def list_scenes() -> list[Scene]:
+    scenes = load_scenes()
+    return [
+        jax.tree.map(lambda leaf, row=row: leaf[row], scenes) for row in range(len(scenes.episodes))
+    ]
+
+
+def thresholds(precision: str = "float64", **changed: dict[str, Any]) -> Thresholds:
+    """The published thresholds but for those named, by section, in the types of the tracker."""
+    base = Thresholds()
+    sections = {
+        name: dataclasses.replace(getattr(base, name), **fields) for name, fields in changed.items()
+    }
+    kinds = {bool: np.bool_, int: np.int32, float: np.dtype(precision).type}
+    return jax.tree.map(
+        lambda value: kinds[type(value)](value), dataclasses.replace(base, **sections)
+    )
+
+
+def evidence_of(conditional: np.ndarray, **changed: Any) -> NeighbourEvidence:
+    """A memory of which only the conditional probabilities matter, unless more is given."""
+    square, row = np.zeros(conditional.shape, np.int32), np.zeros(len(conditional), np.int32)
+    evidence = NeighbourEvidence(conditional, square, row, square.astype(float), square, square)  # pyright: ignore[reportArgumentType]
+    return dataclasses.replace(evidence, **changed)
+
+
+def read_evidence(scene: Scene, t: Thresholds, static: Static) -> NeighbourEvidence:
+    """What the memory of a scene tells."""
+    graph = empty_cooccurrence(scene.episodes.shape[0], static.scalar)
+    graph = dataclasses.replace(
+        graph,
+        episodes=scene.episodes,
+        count=scene.count,
+        weight=scene.count.astype(static.scalar),
+        edge_time=scene.edge_time,
+        edge_order=scene.edge_order,
+    )
+    return neighbour_evidence(graph, scene.object_class >= 0, t.cooccurrence)
+
+
+def think(scene: Scene, t: Thresholds, static: Static) -> Reasoning:
+    """The whole package on one scene."""
+    exists, det_valid = scene.object_class >= 0, scene.det_class >= 0
+    candidate = (scene.det_class[:, None] == scene.object_class) & det_valid[:, None] & exists
+    return reason(
+        read_evidence(scene, t, static),
+        exists,
+        scene.object_class,
+        scene.anchors,
+        scene.det_class,
+        scene.det_score.astype(static.scalar),
+        det_valid,
+        candidate,
+        scene.score.astype(static.scalar),
+        jnp.asarray(VISUAL_GATE, static.scalar),
+        static,
+        t.sets,
+        t.influence,
+        t.veto,
+    )
+
+
+_think = jax.jit(think, static_argnames="static")
+
+
+def think_on(scene: Scene, static: Static = STATIC, **changed: dict[str, Any]) -> Reasoning:
+    """The whole package on one scene, on the host; thresholds as in `thresholds`."""
+    return jax.device_get(_think(scene, thresholds(**changed), static))
+
+
+def example() -> Scene:
+    """The worked example of the context notes, 19.3."""
+    count = np.zeros((SLOTS, SLOTS), np.int32)
+    for group, episodes in (((0, 1, 3), 6), ((2, 4), 4)):
+        for one in group:
+            count[one, [other for other in group if other != one]] = episodes
+    object_class, det_class = np.full(SLOTS, -1, np.int32), np.full(NUM, -1, np.int32)
+    object_class[:5], det_class[:3] = [0, 1, 1, 2, 3], [0, 1, 2]
+    return Scene(
+        count=count,
+        edge_time=np.where(count > 0, 10, -1).astype(np.int32),
+        edge_order=np.cumsum(count > 0, axis=1, dtype=np.int32),
+        episodes=np.max(count, axis=1),
+        object_class=object_class,
+        anchors=np.isin(np.arange(SLOTS), [0, 3]),
+        det_class=det_class,
+        det_score=np.ones(NUM),
+        score=np.zeros((NUM, SLOTS)),
+    )

@@ -1,0 +1,160 @@
+"""Sets that grow member by member, against trees and means over all members at once."""
+
+import dataclasses
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from remind_jax.remind.context.evidence import Links
+from remind_jax.remind.context.member_sets import (
+    NOBODY,
+    LinkCounts,
+    empty_set,
+    extend_paths,
+    line_up,
+    link_strengths,
+    rate_cohesion,
+    rate_trust,
+    weigh_tree,
+)
+
+from .scenes import thresholds
+
+pytestmark = pytest.mark.usefixtures("x64")
+OBJECTS = 6
+ROUNDING = 1e-12  # float64, a handful of operations on numbers below 1
+quick = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def weigh_plainly(strength):
+    """Weight of the maximum spanning tree of a complete graph of strengths in [0, 1]."""
+    # The solver takes 0 for no edge and minimises: turn strengths around, above 0.
+    tree = minimum_spanning_tree(2.0 - strength).toarray()
+    return float(np.sum(2.0 - tree[tree > 0]))
+
+
+@jax.jit
+def _weigh_in_order(strength, order):
+    """Tree of the objects that enter one after the other; NOBODY ends the list."""
+    blank = jnp.zeros_like(strength, bool)
+    links = Links(maturity=strength[0], strength=strength, present=blank)
+    start = empty_set(OBJECTS, OBJECTS, strength.dtype)
+    slot = line_up(start, order)
+    path = start.path
+    for entry, link in enumerate(link_strengths(order, slot, links)):
+        path = extend_paths(path, link, jnp.where(order[entry] == NOBODY, NOBODY, entry))
+    return slot, weigh_tree(path)
+
+
+@quick
+@given(
+    st.lists(st.sampled_from([0.0, 0.25, 0.5, 0.8, 1.0]), min_size=15, max_size=15),
+    st.permutations(range(OBJECTS)),
+    st.integers(0, OBJECTS),
+)
+def test_paths_yield_the_maximum_spanning_tree(strengths, order, count):
+    strength = np.zeros((OBJECTS, OBJECTS))
+    strength[np.triu_indices(OBJECTS, 1)] = strengths
+    strength += strength.T
+    newcomers = np.where(np.arange(OBJECTS) < count, order, NOBODY).astype(np.int32)
+    slot, weight = jax.device_get(_weigh_in_order(strength, newcomers))
+    np.testing.assert_array_equal(slot, newcomers)
+    members = np.array(order[:count], int)
+    plain = weigh_plainly(strength[np.ix_(members, members)]) if count > 1 else 0.0
+    np.testing.assert_allclose(weight, plain, rtol=0, atol=ROUNDING)
+
+
+def test_newcomers_line_up_behind_the_members():
+    one = dataclasses.replace(
+        empty_set(4, 9, jnp.dtype("float64")),
+        slot=jnp.array([7, 2, NOBODY, NOBODY]),
+        size=jnp.int32(2),
+    )
+    np.testing.assert_array_equal(line_up(one, jnp.array([5, NOBODY])), [7, 2, 5, NOBODY])
+    np.testing.assert_array_equal(line_up(one, jnp.array([5, 8, 1])), [7, 2, 5, 8])
+
+
+def cohesion(size, tree, pairs, linked, isolated, **changed):
+    counts = LinkCounts(np.float64(pairs), np.float64(linked), np.bool_(isolated))
+    rated = rate_cohesion(np.int32(size), np.float64(tree), counts, thresholds(sets=changed).sets)
+    return float(rated.density), float(rated.connection)
+
+
+@pytest.mark.parametrize(
+    ("given_", "changed", "density", "connection"),
+    [
+        ((0, 0.0, 0, 0, False), {}, 0, 1),
+        ((1, 0.0, 0, 0, True), {}, 0, 1),
+        # 19.3: three objects always seen together, 6.5 / 8.5 each
+        ((3, 2 * 6.5 / 8.5, 3, 3, False), {}, 6.5 / 8.5, 1),
+        # two of three pairs linked: half the paths, less for the pairs
+        ((3, 1.0, 2, 3, False), {}, 0.5 * 2 / 3, 2 / 3),
+        ((3, 1.0, 1, 2, True), {}, 0.5 / 3, 0),
+        # nobody needs a link: shares of members and pairs decide
+        ((3, 1.0, 1, 2, False), {"min_links": 0}, 0.5 / 3, (2 / 3) ** 1.5 / 3),
+        # powers that are not positive leave a share out
+        ((3, 1.0, 1, 2, False), {"density_power": 0.0, "pairs_power": -1.0}, 0.5, (2 / 3) ** 1.5),
+        # without a least strength all pairs are linked, so nothing is gated
+        ((3, 1.0, 1, 2, True), {"min_link": 0.0}, 0.5, 1),
+    ],
+)
+def test_cohesion(given_, changed, density, connection):
+    """Context notes 7.6."""
+    found = cohesion(*given_, **changed)
+    np.testing.assert_allclose(found, (density, connection), rtol=0, atol=ROUNDING)
+
+
+def trust_plainly(maturity, t: Any):
+    """Context notes 7.6, over the maturities of the members."""
+    mean = sum(maturity) / len(maturity) if maturity else 0.0
+    floored = [max(1e-12, one) for one in maturity]
+    if not maturity:
+        coherence = 0.0
+    elif len(maturity) == 1:
+        coherence = mean
+    elif abs(t["maturity_mean"]) <= 1e-12:
+        coherence = math.exp(sum(map(math.log, floored)) / len(floored))
+    else:
+        power = t["maturity_mean"]
+        coherence = (sum(one**power for one in floored) / len(floored)) ** (1 / power)
+    if not t["maturity"]:
+        return mean, 1.0
+    power = t["maturity_power"]
+    return mean, min(1.0, coherence) ** power if power > 0 else 1.0
+
+
+_rate_trust = jax.jit(rate_trust)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {},
+        {"maturity_mean": 0.0},
+        {"maturity_mean": 2.0},
+        {"maturity_power": 0.0},
+        {"maturity": False},
+    ],
+)
+def test_trust_in_sets(changed):
+    """All sets of five objects, two of which were never seen in company."""
+    maturity = np.array([0.0, 0.221199, 0.776870, 0.0, 0.999])
+    sets = (np.arange(32)[None] >> np.arange(5)[:, None]) % 2 == 1
+    rules = {"maturity_mean": -3.0, "maturity_power": 0.85, "maturity": True, **changed}
+    found = _rate_trust(sets, sets.sum(0).astype(np.int32), maturity, thresholds(sets=changed).sets)
+    for column in range(32):
+        mean, reliability = trust_plainly(maturity[sets[:, column]].tolist(), rules)
+        np.testing.assert_allclose(found.maturity[column], mean, rtol=0, atol=ROUNDING)
+        # Powers of the floored maturity reach 1e36, roots bring them back.
+        np.testing.assert_allclose(
+            found.reliability[column], reliability, rtol=1e-10, atol=ROUNDING
+        )

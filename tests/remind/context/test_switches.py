@@ -1,0 +1,142 @@
+"""How sets are built with switches that are not as shipped, against the original (notes 7, 10.1).
+
+Settings are read as the original writes them, so that the import is tested as well. Kept were
+scenes that the switches change, drawn as those of `scenes.npz` but with other seeds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+from collections import Counter
+from typing import Any
+
+import jax
+import numpy as np
+import pytest
+
+from remind_jax.config import Config
+from remind_jax.config.dotted_keys import nest
+from remind_jax.remind.context.veto import expect_neighbours
+from remind_jax.static import Static
+
+from .scenes import GOLDEN, STATIC, UNIT, Scene, read_evidence, think
+
+pytestmark = pytest.mark.usefixtures("x64")
+ROUNDING = 1e-12  # float64 sums and products of some tens of numbers below 1
+SETS = "association.scores.neighbor_sets"
+SWITCHES = {
+    f"{SETS}.allow_partial_coverage",
+    f"{SETS}.density_gate_min_edge_p",
+    f"{SETS}.core.priors_top_m",
+    f"{SETS}.max_set_size",
+}
+SCALE = "association.matching.neighbor_sets_context_veto.local.expected_topk_scale"
+COUNT = f"{SETS}.context.k"
+ANSWERS = ("hyp_valid", "hyp_members", "hyp_detections", "veto")
+SCORES = ("hyp_score", "bonus_raw", "strength", "quality")
+
+
+@functools.cache
+def _stored() -> dict[str, np.ndarray]:
+    with np.load(GOLDEN.parent / "switches.npz") as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def list_cases() -> list[tuple[Scene, dict[str, Any], dict[str, np.ndarray]]]:
+    """Scene, settings and the original's answer."""
+    stored, cases = _stored(), []
+    for row, settings in enumerate(json.loads(str(stored["settings"]))):
+        fields = {}
+        for field in dataclasses.fields(Scene):
+            value = stored[field.name][row]
+            if value.dtype == np.int16:
+                value = value / UNIT
+            fields[field.name] = value if value.dtype.kind in "bf" else value.astype(np.int32)
+        prefix = "expected."
+        answer = {
+            name.removeprefix(prefix): value[row]
+            for name, value in stored.items()
+            if name.startswith(prefix)
+        }
+        cases.append((Scene(**fields), settings, answer))
+    return cases
+
+
+def configure(settings: dict[str, Any]) -> Config:
+    return Config.from_reference(nest(settings))
+
+
+_think = jax.jit(think, static_argnames="static")
+
+
+def answer_on(scene: Scene, settings: dict[str, Any]) -> dict[str, np.ndarray]:
+    t = configure(settings).thresholds.as_arrays(STATIC.scalar)
+    found = jax.device_get(_think(scene, t, STATIC))
+    return {
+        "hyp_valid": found.hypotheses.valid,
+        "hyp_members": found.hypotheses.members,
+        "hyp_detections": found.hypotheses.detections,
+        "hyp_score": found.hypotheses.score,
+        "veto": found.veto,
+        "bonus_raw": found.influence.bonus_raw,
+        "strength": found.influence.strength,
+        "quality": found.influence.quality,
+    }
+
+
+def test_sets_with_other_switches():
+    changed = Counter()
+    for scene, settings, expected in list_cases():
+        used = SWITCHES & set(settings)
+        if not used:
+            continue
+        found = answer_on(scene, settings)
+        for name in ANSWERS:
+            np.testing.assert_array_equal(found[name], expected[name], str(settings))
+        for name in SCORES:
+            np.testing.assert_allclose(
+                found[name], expected[name], rtol=0, atol=ROUNDING, err_msg=f"{name} {settings}"
+            )
+        before = answer_on(scene, {k: v for k, v in settings.items() if k not in SWITCHES})
+        felt = any(
+            np.max(np.abs(found[name].astype(float) - before[name])) > 1e-6
+            for name in ("veto", "bonus_raw", "strength")
+        )
+        assert felt, settings
+        changed.update((key, settings[key]) for key in used)
+    assert {key for key, _ in changed} == SWITCHES
+    assert min(changed.values()) >= 3
+
+
+_expect = jax.jit(expect_neighbours, static_argnames="static")
+
+
+def expected_by(scene: Scene, config: Config) -> np.ndarray:
+    t = config.thresholds.as_arrays(STATIC.scalar)
+    listed = {
+        name: getattr(config.static, name) for name in ("expected_neighbours", "context_hypotheses")
+    }
+    static = dataclasses.replace(STATIC, **listed)
+    evidence = read_evidence(scene, t, static)
+    return np.asarray(_expect(evidence, t.sets.min_link, static=static, t=t.veto))
+
+
+def test_length_of_the_list_of_expected_neighbours():
+    tried = set()
+    for scene, settings, expected in list_cases():
+        if not {SCALE, COUNT} & set(settings):
+            continue
+        shown = expected_by(scene, configure(settings))
+        np.testing.assert_array_equal(shown, expected["expected"], str(settings))
+        other = SCALE if SCALE in settings else COUNT
+        without = configure({key: value for key, value in settings.items() if key != other})
+        assert np.any(shown != expected_by(scene, without)), settings
+        tried.add((settings.get(COUNT), settings.get(SCALE)))
+    assert len(tried) == 4
+
+
+def test_published_length_of_that_list():
+    assert configure({SCALE: 2.0, COUNT: 6}) == Config()
+    assert Static().expected_neighbours == 2 * Static().context_hypotheses

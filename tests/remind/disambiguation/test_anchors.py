@@ -1,0 +1,137 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.remind.disambiguation.anchors import (
+    Group,
+    KnownScores,
+    Voters,
+    choose_anchors,
+    find_voters,
+    rate_anchors,
+)
+from remind_jax.remind.disambiguation.distance_evidence import Edges, PairOrders
+from remind_jax.static import Static
+
+from .scenes import thresholds
+from .test_groups import relations_at
+
+pytestmark = pytest.mark.usefixtures("x64")
+
+
+def pair_group(slots=(0, 1)):
+    """Detections 0 and 1, each of which may be either object."""
+    return Group(
+        detection=jnp.array([0, 1]),
+        is_detection=jnp.array([True, True]),
+        candidate=jnp.array(slots),
+        is_candidate=jnp.array([True, True]),
+        slot=jnp.array(slots),
+        stored=jnp.array([True, True]),
+        allowed=jnp.ones((2, 2), bool),
+    )
+
+
+def voters(slots, factor=1.0):
+    num = len(slots)
+    return Voters(
+        jnp.ones(num, bool), jnp.array(slots), jnp.arange(num), jnp.full(num, factor, jnp.float64)
+    )
+
+
+def test_usefulness_of_the_lamp_of_the_notes():
+    """Context notes 19.4, from the distances in millionths that are given there."""
+    edges = Edges(
+        reliability=jnp.full((2, 1), 0.5**0.5),
+        has_gap=jnp.ones((2, 1), bool),
+        distance=jnp.array([[3.033333], [1.010708]]),
+        support=jnp.zeros((2, 1)),
+    )
+    share = jnp.full((2, 2, 1), 1.0)
+    orders = PairOrders(share > 0, 0 * share, share, 2.022625 * share, 0.706447 * share)
+    distance = np.array([[0.0, 0.0, 0.978875], [0.0, 0.0, 2.75], [0.978875, 2.75, 0.0]])
+    lamp = Voters(jnp.array([True]), jnp.array([2]), jnp.array([2]), jnp.ones(1))
+    relations = relations_at(distance)
+    quality = rate_anchors(pair_group(), lamp, edges, orders, relations, thresholds())
+    np.testing.assert_allclose(quality, 0.867661, atol=2e-6)
+
+
+def choose(slots, quality, group=(0, 1), **changes):
+    anchors = choose_anchors(
+        pair_group(group),
+        voters(slots),
+        jnp.array(quality, jnp.float64),
+        Static(),
+        thresholds(**changes),
+    )
+    found = np.flatnonzero(anchors.votes)
+    return [(slots[anchors.voter[index]], int(anchors.votes[index])) for index in found]
+
+
+@pytest.mark.parametrize(
+    ("slots", "quality", "changes", "chosen"),
+    [
+        ([5, 6, 7, 8], [0.9, 0.8, 0.7, 0.6], {}, [(5, 1), (6, 1), (7, 1)]),
+        ([5, 6, 7, 8], [0.9, 0.9, 0.9, 0.9], {}, [(8, 1), (7, 1), (6, 1)]),
+        ([5, 6], [0.9, 0.53], {}, [(5, 1)]),
+        ([5, 6], [0.9, 0.55], {}, [(5, 1), (6, 1)]),
+        ([5, 6], [0.09, 0.08], {}, []),
+        ([1, 6], [0.9, 0.2], {}, [(6, 1)]),  # candidates do not vote on themselves
+        ([5, 6, 5, 7], [0.9, 0.8, 0.85, 0.7], {}, [(5, 2), (6, 1)]),
+        ([5, 6, 7, 5], [0.9, 0.8, 0.7, 0.1], {}, [(5, 2), (6, 1), (7, 1)]),
+        ([5, 6, 7], [0.9, 0.8, 0.7], {"max_anchors": 1}, [(5, 1)]),
+        ([5, 6, 7], [0.9, 0.8, 0.7], {"max_pairs": 1}, [(5, 1), (6, 1)]),
+    ],
+)
+def test_choice_of_anchors(slots, quality, changes, chosen):
+    assert choose(slots, quality, **changes) == chosen
+
+
+def find(known, matched_slot, *, undecided=(), matched_pass=None, eligible=None, soft_limit=4):
+    known = np.array(known)
+    num, num_objects = known.shape
+    open_pairs = np.ones(known.shape, bool) if eligible is None else np.array(eligible)
+    found = find_voters(
+        np.isin(np.arange(num), undecided),
+        np.array(matched_slot),
+        np.zeros(num, np.int32) if matched_pass is None else np.array(matched_pass),
+        np.ones(num_objects, bool),
+        KnownScores(known, np.ones(known.shape, bool), open_pairs),
+        Static(soft_anchors=soft_limit),
+        thresholds(),
+    )
+    found = jax.tree.map(lambda field: np.asarray(field)[np.asarray(found.valid)], found)
+    return list(zip(found.slot.tolist(), found.place.tolist(), found.factor.tolist(), strict=True))
+
+
+def test_decided_objects_come_first_and_lend_their_place():
+    found = find([[0.9, 0.8], [0.7, 0.8]], [0, -1])
+    assert found[0] == (0, 0, 1.0)
+    assert found[1] == (1, 1, pytest.approx(0.65 + 0.35 * 0.8))
+
+
+def test_a_likely_object_that_is_decided_keeps_the_decided_place():
+    found = find([[0.9], [0.95]], [0, -1])
+    assert [entry[:2] for entry in found] == [(0, 0), (0, 0)]
+
+
+def test_the_later_match_lends_the_place():
+    known = np.zeros((3, 1))
+    assert [place for _, place, _ in find(known, [0, 0, 0])] == [2, 2, 2]
+    later = find(known, [0, 0, 0], matched_pass=[0, 1, 0])
+    assert [place for _, place, _ in later] == [1, 1, 1]
+
+
+def test_ties_of_likely_objects():
+    """The higher id among equal objects, the first among equal detections."""
+    assert [entry[:2] for entry in find([[0.8, 0.8], [0.1, 0.8]], [-1, -1])] == [(1, 0)]
+    ranked = find([[0.8, 0.0, 0.0], [0.0, 0.8, 0.0], [0.0, 0.0, 0.9]], [-1] * 3)
+    assert [slot for slot, _, _ in ranked] == [2, 1, 0]
+    assert [slot for slot, _, _ in find(np.eye(6), [-1] * 6)] == [5, 4, 3, 2]
+    assert len(find(np.eye(6), [-1] * 6, soft_limit=0)) == 6
+
+
+def test_undecided_and_closed_pairs_do_not_vote():
+    assert find([[0.9], [0.74]], [0, -1], undecided=[0]) == []
+    assert find([[0.9], [0.9]], [-1, -1], eligible=[[False], [False]]) == []

@@ -1,0 +1,149 @@
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse.csgraph import connected_components
+
+from remind_jax.remind.disambiguation.distance_evidence import FrameRelations
+from remind_jax.remind.disambiguation.groups import Entries, form_groups, measure_affinity
+from remind_jax.static import Static
+
+from .scenes import thresholds
+
+NUM_DETECTIONS, NUM_OBJECTS = 7, 6
+_form = jax.jit(form_groups, static_argnames="static")
+_measure = jax.jit(measure_affinity)
+
+
+def relations_at(distance):
+    shape = np.shape(distance)
+    return FrameRelations(
+        gap=np.asarray(distance, np.float32),
+        gap_valid=np.ones(shape, bool),
+        centre=np.zeros(shape, np.float32),
+        gap_quality=np.ones(shape, np.float32),
+        truncation=np.zeros(shape, np.float32),
+        state=np.zeros(shape, np.int32),
+        support_like=np.zeros(shape, np.float32),
+    )
+
+
+def edge_table(*edges, num=NUM_OBJECTS):
+    """A table with edges (from, to, reliability, gap)."""
+    table = np.zeros((num, num, 4), np.float32)
+    for source, target, reliability, gap in edges:
+        table[source, target] = reliability, 1.0, gap, 0.0
+    return table
+
+
+def form(present, candidates, class_id, *, exists=None, table=None, distance=None):
+    num = len(present)
+    distance = np.full((num, num), 9.0) if distance is None else distance
+    return jax.device_get(
+        _form(
+            Entries(np.array(present), np.array(candidates, np.int32), np.array(class_id)),
+            np.ones(NUM_OBJECTS, bool) if exists is None else exists,
+            relations_at(distance),
+            edge_table() if table is None else table,
+            np.zeros((NUM_OBJECTS, NUM_OBJECTS, 4), np.int32),
+            Static(),
+            thresholds("float32"),
+        )
+    )
+
+
+entry_lists = st.lists(
+    st.lists(st.integers(-1, NUM_OBJECTS + 1), min_size=3, max_size=3),
+    min_size=NUM_DETECTIONS,
+    max_size=NUM_DETECTIONS,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(entry_lists, st.lists(st.booleans(), min_size=7, max_size=7))
+def test_groups_are_components_of_shared_candidates(candidates, present):
+    groups = form(present, candidates, [0] * NUM_DETECTIONS)
+    lists = [set(row) - {-1} if on else set() for row, on in zip(candidates, present, strict=True)]
+    part = [index for index, names in enumerate(lists) if len(names) >= 2]
+    assert set(np.flatnonzero(groups.root >= 0)) == set(part)
+    if not part:
+        return
+    shared = np.array([[bool(lists[a] & lists[b]) for b in part] for a in part])
+    _, labels = connected_components(shared, directed=False)
+    for label in np.unique(labels):
+        members = np.array(part)[labels == label]
+        root = members[0]
+        union = set().union(*(lists[member] for member in members))
+        stored = {name for name in union if name < NUM_OBJECTS}
+        assert np.all(groups.root[members] == root)
+        assert groups.num_detections[root] == len(members)
+        assert groups.num_candidates[root] == len(union)
+        assert groups.fits[root] == (len(members) <= 4 and len(members) <= len(union) <= 5)
+        all_known = all(min(lists[member]) < NUM_OBJECTS for member in members)
+        assert groups.closed[root] == (len(members) == len(stored) >= 2 and all_known)
+    others = np.setdiff1d(np.arange(NUM_DETECTIONS), groups.root)
+    assert not np.any(groups.num_detections[others])
+
+
+def test_two_closed_groups_that_stand_as_remembered_are_one():
+    table = edge_table((1, 2, 1.0, 0.5), (2, 1, 1.0, 0.5))
+    present, candidates = [True] * 4, [[0, 1, -1], [1, 0, -1], [2, 3, -1], [3, 2, -1]]
+    distance = np.full((4, 4), 1.5)
+    distance[1, 2] = distance[2, 1] = 0.5
+    near = form(present, candidates, [0] * 4, table=table, distance=distance)
+    np.testing.assert_array_equal(near.root, [0, 0, 0, 0])
+    assert near.closed[0]
+    np.testing.assert_array_equal(near.num_candidates, [4, 0, 0, 0])
+    apart = form(present, candidates, [0] * 4, table=table)
+    np.testing.assert_array_equal(apart.root, [0, 0, 2, 2])
+    other_class = form(present, candidates, [0, 0, 1, 1], table=table, distance=distance)
+    np.testing.assert_array_equal(other_class.root, [0, 0, 2, 2])
+
+
+def test_repeated_and_missing_candidates():
+    groups = form([True] * 3, [[0, 0, -1], [0, 1, 0], [1, 0, -1]], [0] * 3)
+    np.testing.assert_array_equal(groups.root, [-1, 1, 1])
+    np.testing.assert_array_equal(groups.num_candidates, [0, 2, 0])
+    assert groups.closed[1]
+    exists = np.ones(NUM_OBJECTS, bool)
+    exists[1] = False
+    gone = form([True] * 3, [[0, 0, -1], [0, 1, 0], [1, 0, -1]], [0] * 3, exists=exists)
+    assert gone.fits[1]
+    assert not gone.closed[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "factor"),
+    [
+        ({}, 1.0),
+        ({"gap_quality": 0.0}, 0.65),
+        ({"truncation": 1.0}, 0.5),
+        # support 0.5: informative 1 - 0.4, agreement 0.5 + 0.25 * 0.5 instead of 0.75
+        ({"support_like": 0.5}, 0.6 * 0.625 / 0.75),
+        # touching in 4 of 4 episodes: agreement 1 instead of 0.75
+        ({"state": 3}, 1.0 / 0.75),
+    ],
+)
+def test_affinity_weighs_what_was_seen(change, factor):
+    """Context notes 11.2, for one edge in one direction: half of its similarity times weight."""
+    relations = relations_at(np.full((2, 2), 0.6))
+    for name, value in change.items():
+        old = getattr(relations, name)
+        relations = dataclasses.replace(relations, **{name: np.full_like(old, value)})
+    contact = np.zeros((NUM_OBJECTS, NUM_OBJECTS, 4), np.int32)
+    contact[0, 1, 3] = 4
+    affinity = _measure(
+        np.array([[0], [1]]),
+        np.ones((2, 1), bool),
+        relations,
+        edge_table((0, 1, 0.5, 0.5)),
+        contact,
+        thresholds("float32"),
+    )
+    expected = 0.5 * np.exp(-0.1 / 0.2) * 0.5 * 0.75 * factor
+    # float32 exponential of a difference of two rounded distances
+    np.testing.assert_allclose(affinity[0, 1], expected, rtol=1e-6)
+    np.testing.assert_allclose(affinity[1, 0], expected, rtol=1e-6)

@@ -1,0 +1,347 @@
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.remind.disambiguation.anchors import KnownScores
+from remind_jax.remind.disambiguation.distance_evidence import DistanceEvidence, FrameRelations
+from remind_jax.remind.disambiguation.groups import Entries
+from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus
+from remind_jax.remind.disambiguation.known_sets import Source, settle_known_sets
+from remind_jax.static import Static
+
+from .scenes import NUM_OBJECTS, Scene, load_scenes, load_stored, settle_scenes, thresholds
+
+ROUNDING = 1e-12  # float64 sums of a hundred terms below 30 in another order
+
+
+def expected(name):
+    return load_stored()[f"expected.{name}"]
+
+
+@pytest.mark.usefixtures("x64")
+def test_frozen_scenes_are_settled_as_by_the_plain_rules():
+    settled = settle_scenes(load_scenes())
+    np.testing.assert_array_equal(settled.resolved_slot, expected("resolved_slot"))
+    np.testing.assert_array_equal(settled.remaining, expected("remaining"))
+    np.testing.assert_array_equal(settled.source, expected("full"))
+    np.testing.assert_array_equal(settled.root, expected("root"))
+    np.testing.assert_array_equal(settled.groups.status, expected("status"))
+    np.testing.assert_array_equal(settled.groups.num_detections, expected("n_det"))
+    rated = settled.groups.status > GroupStatus.NO_ASSIGNMENT
+    anchors = np.where(rated, settled.groups.num_anchors, 0)
+    np.testing.assert_array_equal(anchors, expected("n_anchor"))
+    numbers = [getattr(settled.groups, name) for name in NUMBERS if name != "second"]
+    np.testing.assert_allclose(np.stack(numbers, -1), expected("numbers"), atol=ROUNDING)
+    np.testing.assert_allclose(settled.resolved_score, expected("resolved_score"), atol=ROUNDING)
+
+
+def test_frozen_scenes_show_every_status():
+    found = np.bincount(expected("status").ravel(), minlength=len(GroupStatus))
+    assert np.all(found >= 3), dict(zip(GroupStatus, found, strict=True))
+
+
+def test_decisions_hold_in_float32():
+    """The scenes have no near ties, so single precision decides alike."""
+    settled = settle_scenes(load_scenes("float32"), "float32")
+    np.testing.assert_array_equal(settled.resolved_slot, expected("resolved_slot"))
+    np.testing.assert_array_equal(settled.groups.status, expected("status"))
+    assert settled.groups.score.dtype == np.float32
+    # Exponentials with a decay of 0.2 amplify the rounding of distances below 30 fivefold.
+    np.testing.assert_allclose(settled.groups.core, expected("numbers")[..., 2], atol=1e-4)
+
+
+def test_answers_are_consistent():
+    scenes = load_scenes("float32")
+    settled = settle_scenes(scenes, "float32")
+    entries, slot = scenes.entries, settled.resolved_slot
+    resolved = slot >= 0
+    assert not np.any(resolved & ~entries.present)
+    assert not np.any(resolved & settled.remaining)
+    assert not np.any(settled.remaining & ~entries.present)
+    np.testing.assert_array_equal(resolved, settled.source != Source.NONE)
+    named = np.any(entries.candidates == slot[..., None], axis=-1)
+    assert np.all(named[resolved])
+    for objects, roots in zip(slot, settled.root, strict=True):
+        for root in np.unique(roots[objects >= 0]):
+            inside = objects[(roots == root) & (objects >= 0)]
+            assert len(np.unique(inside)) == len(inside)
+    gave_way = entries.present & ~settled.remaining & ~resolved
+    assert np.all(settled.proposed[gave_way] >= NUM_OBJECTS)
+    assert gave_way.sum() >= 3
+
+
+def test_capacities_and_padding_do_not_matter():
+    scenes, more, dets = load_scenes("float32"), 5, 3
+    noise = np.random.default_rng(0)
+
+    def widen(value, *growing):
+        """Adds slots to the named axes and fills them with anything."""
+        value = np.asarray(value)
+        pad = [(0, 0)] * value.ndim
+        for axis, count in growing:
+            pad[axis] = (0, count)
+        wide = np.pad(value, pad)
+        old = np.pad(np.ones(value.shape, bool), pad)
+        return np.where(old, wide, noise.integers(0, 2, wide.shape).astype(value.dtype))
+
+    def evidence_axes(name):
+        return [(axis, more) for axis in ((1, 2, 3) if name in ("nearer", "margin") else (1, 2))]
+
+    candidates = widen(scenes.entries.candidates, (1, dets))
+    virtual = candidates >= NUM_OBJECTS
+    evidence = {
+        field.name: widen(getattr(scenes.evidence, field.name), *evidence_axes(field.name))
+        for field in dataclasses.fields(scenes.evidence)
+    }
+    never = lambda value, axis, count: np.pad(  # noqa: E731
+        value, [(0, count if i == axis else 0) for i in range(value.ndim)]
+    )
+    wide = Scene(
+        Entries(
+            never(scenes.entries.present, 1, dets),
+            np.where(virtual, candidates + more, candidates),
+            widen(scenes.entries.class_id, (1, dets)),
+        ),
+        np.pad(scenes.matched_slot, ((0, 0), (0, dets)), constant_values=-1),
+        widen(scenes.matched_pass, (1, dets)),
+        KnownScores(
+            widen(scenes.scores.score, (1, dets), (2, more)),
+            never(widen(scenes.scores.candidate, (2, more)), 1, dets),
+            widen(scenes.scores.eligible, (1, dets), (2, more)),
+        ),
+        never(scenes.object_exists, 1, more),
+        jax.tree.map(lambda value: widen(value, (1, dets), (2, dets)), scenes.relations),
+        DistanceEvidence(**evidence),
+    )
+    plain, grown = settle_scenes(scenes, "float32"), settle_scenes(wide, "float32")
+    num = plain.root.shape[1]
+    for name in ("resolved_slot", "resolved_score", "remaining", "root", "source"):
+        np.testing.assert_array_equal(getattr(grown, name)[:, :num], getattr(plain, name), name)
+    np.testing.assert_array_equal(grown.groups.status[:, :num], plain.groups.status)
+    # Other shapes are summed in another order.
+    np.testing.assert_allclose(grown.groups.core[:, :num], plain.groups.core, atol=1e-5)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_order_of_detections_does_not_matter(random):
+    scenes = load_scenes("float32")
+    order = list(range(scenes.matched_slot.shape[1]))
+    random.shuffle(order)
+    rows = lambda value: value[:, order]  # noqa: E731
+    shuffled = dataclasses.replace(
+        scenes,
+        entries=jax.tree.map(rows, scenes.entries),
+        matched_slot=rows(scenes.matched_slot),
+        # Of two matches of one object the later lends its place; ranks keep who is later.
+        matched_pass=rows(scenes.matched_pass * len(order) + np.arange(len(order), dtype=np.int32)),
+        scores=jax.tree.map(rows, scenes.scores),
+        relations=jax.tree.map(lambda value: value[:, order][:, :, order], scenes.relations),
+    )
+    plain, mixed = settle_scenes(scenes, "float32"), settle_scenes(shuffled, "float32")
+    np.testing.assert_array_equal(mixed.resolved_slot, plain.resolved_slot[:, order])
+    np.testing.assert_array_equal(mixed.remaining, plain.remaining[:, order])
+
+
+@pytest.mark.parametrize("why", ["disabled", "no entries"])
+def test_nothing_happens(why):
+    scenes = load_scenes("float32")
+    changes = {"enabled": False} if why == "disabled" else {}
+    if why == "no entries":
+        none = np.zeros_like(scenes.entries.present)
+        scenes = dataclasses.replace(
+            scenes, entries=dataclasses.replace(scenes.entries, present=none)
+        )
+    settled = settle_scenes(scenes, "float32", **changes)
+    assert np.all(settled.resolved_slot == -1)
+    np.testing.assert_array_equal(settled.remaining, scenes.entries.present)
+    assert np.all(settled.groups.status == GroupStatus.NONE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "status"),
+    [
+        ({"min_evidence": 1e3}, GroupStatus.LOW_EVIDENCE),
+        ({"min_score": 2.0}, GroupStatus.LOW_SCORE),
+        ({"min_core": 2.0}, GroupStatus.LOW_CORE_SCORE),
+        ({"min_core_gap": 2.0}, GroupStatus.LOW_CORE_GAP),
+        ({"full_gap": 2.0}, GroupStatus.PARTIAL_RESOLVED),
+    ],
+)
+def test_each_test_can_reject(changes, status):
+    scenes = load_scenes("float32")
+    before, after = settle_scenes(scenes, "float32"), settle_scenes(scenes, "float32", **changes)
+    accepted = before.groups.status >= GroupStatus.RESOLVED
+    assert accepted.sum() >= 10
+    assert np.all(after.groups.status[accepted] == status)
+
+
+@pytest.mark.usefixtures("x64")
+def test_a_sweep_of_thresholds_equals_single_runs():
+    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
+    cores = np.array([0.1, 0.65, 0.66])
+    swept = dataclasses.replace(thresholds(), min_core=cores)
+    axes = jax.tree.map(lambda leaf: 0 if np.ndim(leaf) else None, swept)
+    settled = jax.vmap(lambda t: settle_one(scene, t), in_axes=(axes,))(swept)
+    single = [settle_one(scene, thresholds(min_core=float(core))) for core in cores]
+    accepted, low = GroupStatus.RESOLVED, GroupStatus.LOW_CORE_SCORE
+    np.testing.assert_array_equal(settled.groups.status[:, 0], [accepted, accepted, low])
+    for row, one in enumerate(single):
+        np.testing.assert_array_equal(settled.resolved_slot[row], one.resolved_slot)
+
+
+def chairs_and_lamp(chair_scores):
+    """Two chairs and the lamp beside them (context notes 19.4): objects 0, 1 and 2."""
+    num_detections, num_objects = 4, 4
+    square, cube = (num_objects,) * 2, (num_objects,) * 3
+
+    def put(shape, cells, kind=np.float64):
+        table = np.zeros(shape, kind)
+        for cell, value in cells.items():
+            table[cell] = value
+        return table
+
+    evidence = DistanceEvidence(
+        rel_n=put(square, {(0, 2): 3, (1, 2): 3}, np.int32),
+        gap_n=put(square, {(0, 2): 3, (1, 2): 3}, np.int32),
+        gap_mean=put(square, {(0, 2): 3.033333, (1, 2): 1.010708}),
+        centre_mean=np.zeros(square),
+        support_mean=np.zeros(square),
+        contact=np.zeros((*square, 4), np.int32),
+        nearer=put(cube, {(2, 1, 0): 3}, np.int32),
+        margin=put(cube, {(2, 0, 1): 2.022625, (2, 1, 0): 2 * 0.002598**2}),
+    )
+    gaps = {(0, 2): 0.978875, (2, 0): 0.978875, (1, 2): 2.75, (2, 1): 2.75}
+    frame = (num_detections,) * 2
+    relations = FrameRelations(
+        gap=put(frame, gaps),
+        gap_valid=np.ones(frame, bool),
+        centre=np.zeros(frame),
+        gap_quality=np.ones(frame),
+        truncation=np.zeros(frame),
+        state=np.zeros(frame, np.int32),
+        support_like=np.zeros(frame),
+    )
+    score, candidate = np.zeros((2, num_detections, num_objects))
+    score[:2, :2], score[2, 2] = chair_scores, 0.9
+    candidate[:2, :2] = candidate[2, 2] = 1
+    return Scene(
+        Entries(
+            np.array([True, True, False, False]),
+            np.array([[0, 1, -1], [1, 0, -1], [-1] * 3, [-1] * 3], np.int32),
+            np.array([0, 0, 1, -1], np.int32),
+        ),
+        np.array([-1, -1, 2, -1], np.int32),
+        np.zeros(num_detections, np.int32),
+        KnownScores(score, candidate > 0, candidate > 0),
+        np.array([True, True, True, False]),
+        relations,
+        evidence,
+    )
+
+
+_settle = jax.jit(settle_known_sets, static_argnames="static")
+
+
+def settle_one(scene, t, **limits):
+    parts = {field.name: getattr(scene, field.name) for field in dataclasses.fields(scene)}
+    static = Static(precision="float64", **limits)
+    return _settle(**parts, static=static, t=t)
+
+
+@pytest.mark.usefixtures("x64")
+def test_chairs_beside_a_lamp_change_places():
+    settled = settle_one(chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]]), thresholds())
+    digits = 2e-6  # the notes give six decimals
+    groups = settled.groups
+    np.testing.assert_array_equal(settled.resolved_slot, [1, 0, -1, -1])
+    np.testing.assert_allclose(settled.resolved_score, [0.79, 0.81, 0, 0])
+    assert groups.root[0] == 0
+    assert groups.status[0] == GroupStatus.RESOLVED
+    assert groups.num_anchors[0] == 1
+    np.testing.assert_allclose(groups.evidence[0], 0.433425, atol=digits)
+    np.testing.assert_allclose(groups.core[0], 0.650336, atol=digits)
+    np.testing.assert_allclose(groups.score[0], 0.673361, atol=digits)
+    np.testing.assert_allclose(groups.second[0], 0.196147, atol=digits)
+    np.testing.assert_allclose(groups.gap[0], 0.477213, atol=digits)
+    np.testing.assert_allclose(groups.core_gap[0], 0.563980, atol=digits)
+
+
+@pytest.mark.usefixtures("x64")
+def test_looks_do_not_overrule_the_layout():
+    """Looks that favour the other assignment by far stop the decision instead of turning it."""
+    t = thresholds(visual_weight=2.0)
+    settled = settle_one(chairs_and_lamp([[0.95, 0.30], [0.30, 0.95]]), t)
+    assert settled.groups.status[0] == GroupStatus.VISUAL_RANK_FLIP
+    np.testing.assert_array_equal(settled.remaining, [True, True, False, False])
+
+
+def likely_lamp(scene, score, threshold):
+    """The lamp's detection is not matched, but it may be the lamp."""
+    known = scene.scores.score.copy()
+    known[2, 2] = score
+    open_scene = dataclasses.replace(
+        scene,
+        matched_slot=np.full(4, -1, np.int32),
+        scores=dataclasses.replace(scene.scores, score=known),
+    )
+    return settle_one(open_scene, thresholds(soft_min_score=threshold))
+
+
+@pytest.mark.usefixtures("x64")
+def test_a_likely_object_votes_at_its_full_quality():
+    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
+    decided = settle_one(scene, thresholds())
+    likely, doubtful = likely_lamp(scene, 0.8, 0.8), likely_lamp(scene, 0.8, 0.81)
+    np.testing.assert_array_equal(likely.resolved_slot, decided.resolved_slot)
+    assert likely.groups.core[0] == decided.groups.core[0]
+    assert doubtful.groups.status[0] == GroupStatus.LOW_EVIDENCE
+    assert doubtful.groups.num_anchors[0] == 0
+
+
+@pytest.mark.usefixtures("x64")
+def test_a_decided_object_that_is_likely_elsewhere_votes_twice():
+    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
+    known, candidate = scene.scores.score.copy(), scene.scores.candidate.copy()
+    known[3, 2], candidate[3, 2] = 0.9, True
+    twice = dataclasses.replace(scene, scores=KnownScores(known, candidate, candidate))
+    once, settled = settle_one(scene, thresholds()), settle_one(twice, thresholds())
+    assert settled.groups.num_anchors[0] == 2
+    np.testing.assert_allclose(settled.groups.evidence[0], 2 * once.groups.evidence[0])
+    np.testing.assert_allclose(settled.groups.core[0], once.groups.core[0])
+
+
+@pytest.mark.usefixtures("x64")
+def test_an_open_group_stays_undecided():
+    """A third chair opens the group: the layout cannot say which one is absent."""
+    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
+    candidates = scene.entries.candidates.copy()
+    candidates[0, 2] = 3
+    opened = dataclasses.replace(
+        scene,
+        entries=dataclasses.replace(scene.entries, candidates=candidates),
+        object_exists=np.ones(4, bool),
+    )
+    virtual = dataclasses.replace(
+        scene,
+        entries=dataclasses.replace(
+            scene.entries, candidates=np.where(candidates == 3, 4, candidates)
+        ),
+    )
+    assert settle_one(opened, thresholds()).groups.status[0] == GroupStatus.NOT_CLOSED
+    closed = settle_one(virtual, thresholds())
+    assert closed.groups.status[0] != GroupStatus.NOT_CLOSED
+    assert closed.groups.num_candidates[0] == 3
+
+
+@pytest.mark.usefixtures("x64")
+@pytest.mark.parametrize("limits", [{"group_size": 1}, {"group_candidates": 1}])
+def test_groups_beyond_the_limits_are_skipped(limits):
+    scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
+    settled = settle_one(scene, thresholds(), **limits)
+    assert settled.groups.status[0] == GroupStatus.TOO_LARGE_OR_SMALL
+    assert settled.remaining[0]

@@ -1,0 +1,166 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.remind.memory.background import ring_quality
+from remind_jax.remind.memory.bank import Bank, DualBank, Permit, empty_bank
+from remind_jax.remind.remember import _observe_rings
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.thresholds.thresholds import Background
+from remind_jax.static import Static
+from tests.remind.memory.list_banks import (
+    Banks,
+    assert_same,
+    descriptors_of,
+    random_views,
+    update_background,
+)
+
+pytestmark = pytest.mark.usefixtures("x64")
+
+# Unequal capacities of the rings in shared slots.
+STATIC = Static(inner_ring_slots=(2, 1), outer_ring_slots=(3, 2), precision="float64")
+FRAMES, OBJECTS, DIM = 50, 8, 4
+INNER, OUTER = 0, 1
+
+
+def new_banks(static, num=OBJECTS, dim=DIM):
+    slots = max(*static.inner_ring_slots, *static.outer_ring_slots)
+    return DualBank(*(empty_bank((2, num), slots, dim, static.scalar) for _ in range(2)))
+
+
+@functools.partial(jax.jit, static_argnames="static")
+def watch(banks, views, ring_patches, solidity, permit, thresholds, static):
+    """Shows `views` [T N 2 D] one frame after another; the banks after each."""
+
+    def see(banks, frame):
+        now, view, patches, solid, permit = frame
+        shown = descriptors_of(
+            view.shape[0], rings=view, rings_valid=patches > 0, ring_patches=patches,
+            mask_quality=solid,
+        )  # fmt: skip
+        banks = _observe_rings(banks, shown, permit, now, static, thresholds)
+        return banks, banks
+
+    now = jnp.arange(len(views), dtype=jnp.int32)
+    return jax.lax.scan(see, banks, (now, views, ring_patches, solidity, permit))[1]
+
+
+def rules(**changes):
+    return Thresholds(background=Background(**changes)).as_arrays(jnp.float64)
+
+
+SETTINGS = {
+    "published": ({}, {}),
+    "merging": ({}, {"merge": 0.4, "promote_hits": 3, "merge_cap": 3}),
+    "evicting": ({}, {"merge": 1.1, "promote_hits": 2, "create_quality": 0.0}),
+    "oldest": ({"ring_evict": "oldest"}, {"merge": 1.1, "duplicate": 0.85}),
+    "joining": (
+        {},
+        {"duplicate": 0.7, "stable_duplicate": 0.97, "promote_hits": 2, "update_rate_max": 0.9},
+    ),
+    "stable at rest": ({}, {"stable_update": False, "promote_hits": 1, "stable_duplicate": 0.7}),
+    "off": ({}, {"enabled": False}),
+}
+MUST_OCCUR = {
+    "published": {"work: evict", "stable: refresh", "skip", "stable: insert"},
+    "merging": {"work: merge", "stable: full"},
+    "evicting": {"work: evict", "stable: full"},
+    "oldest": {"work: evict"},
+    "joining": {"stable: join", "stable: full"},
+    "stable at rest": {"stable: refresh"},
+    "off": set(),
+}
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_banks_equal_lists(setting):
+    """400 random updates per ring with banks that are always full."""
+    switches, changes = SETTINGS[setting]
+    static, t = dataclasses.replace(STATIC, **switches), Background(**changes)
+    rng = np.random.default_rng(11)
+    views = random_views(rng, FRAMES, OBJECTS, 2, dim=DIM, spread=0.25)
+    patches = rng.integers(0, 40, (FRAMES, OBJECTS, 2)).astype(np.int32)
+    solidity = rng.uniform(0.4, 1.0, (FRAMES, OBJECTS))
+    may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
+    rate = np.where(may_insert, 1.0, 0.2)
+    thresholds = rules(**changes)
+    seen = watch(
+        new_banks(static), views, patches, solidity, Permit(may_insert, rate), thresholds, static
+    )
+    seen = jax.tree.map(np.asarray, seen)
+    quality = np.asarray(
+        ring_quality(patches.reshape(-1, 2), solidity.ravel(), thresholds.background)
+    ).reshape(FRAMES, OBJECTS, 2)
+    capacities = (static.inner_ring_slots, static.outer_ring_slots)
+    lists = [[Banks() for _ in range(OBJECTS)] for _ in range(2)]
+    for now in range(FRAMES):
+        for ring in (INNER, OUTER):
+            for n, banks in enumerate(lists[ring]):
+                if patches[now, n, ring] > 0 and t.enabled:
+                    update_background(
+                        banks, views[now, n, ring], quality[now, n, ring], now, capacities[ring],
+                        static.ring_evict, t, may_insert[now, n], rate[now, n],
+                    )  # fmt: skip
+                ours = jax.tree.map(lambda leaf: leaf[now, ring, n], seen)  # noqa: B023
+                where = (setting, now, ring, n)
+                assert_same(ours.work, banks.work, where)
+                assert_same(ours.stable, banks.stable, where)
+                assert ours.work.size <= capacities[ring][0]
+                assert ours.stable.size <= capacities[ring][1]
+    occurred = {event for ring in lists for banks in ring for event in banks.events}
+    assert occurred >= MUST_OCCUR[setting], occurred
+
+
+def direction(degrees):
+    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], np.float32)
+
+
+def test_merge_example_of_the_notes():
+    """Perception notes 22.8: a full inner bank joins its closest pair, then takes the new one."""
+    static = Static(inner_ring_slots=(2, 1), outer_ring_slots=(2, 1), precision="float64")
+    banks = new_banks(static, 1, 2)
+    work = Bank(
+        embedding=np.array([[[direction(0), direction(15)]]] * 2, np.float32).reshape(2, 1, 2, 2),
+        hits=np.array([[[12, 2]]] * 2, np.int32),
+        last_seen=np.array([[[0, 1]]] * 2, np.int32),
+        quality_recent=np.array([[[0.8, 0.6]]] * 2),
+        quality_sum=np.array([[[4.0, 1.2]]] * 2),
+        num_qualities=np.array([[[5, 2]]] * 2, np.int32),
+        size=np.array([[2], [2]], np.int32),
+    )
+    views = np.zeros((3, 1, 2, 2), np.float32)
+    views[2] = direction(80)
+    patches = np.zeros((3, 1, 2), np.int32)  # nothing is seen before frame 2
+    patches[2] = 99
+    permit = Permit(np.ones((3, 1), bool), np.ones((3, 1)))
+    seen = watch(
+        DualBank(work, banks.stable), views, patches, np.ones((3, 1)), permit, rules(), static
+    )
+    found = jax.tree.map(lambda leaf: np.asarray(leaf[2, INNER, 0]), seen.work)
+    assert found.size == 2
+    np.testing.assert_allclose(found.embedding, [direction(2.484), direction(80)], atol=1e-5)
+    assert found.hits.tolist() == [14, 1]
+    assert found.last_seen.tolist() == [2, 2]
+    assert found.num_qualities.tolist() == [7, 1]
+    np.testing.assert_allclose(found.quality_recent, [0.742857, 1.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("inner", "outer", "solidity", "expected"),
+    [
+        (8, 12, 0.5, (0.0, 0.0)),
+        (20, 28, 1.0, (1.0, 1.0)),
+        (14, 20, 0.75, (0.5, 0.5)),
+        (0, 0, 1.0, (0.3, 0.3)),
+        (99, 99, 0.0, (0.7, 0.7)),
+    ],
+)
+def test_quality_of_rings(inner, outer, solidity, expected):
+    """Perception notes 11.1: seven parts size, three parts solidity."""
+    found = ring_quality(np.array([[inner, outer]]), np.array([solidity]), rules().background)[0]
+    np.testing.assert_allclose(found, expected, atol=1e-12)

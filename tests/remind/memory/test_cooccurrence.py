@@ -1,0 +1,233 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.remind.memory.cooccurrence import (
+    conditional,
+    empty_cooccurrence,
+    gather_sightings,
+    rank_edges,
+    ranked_neighbours,
+    reorder_cooccurrence,
+    update_cooccurrence,
+)
+from remind_jax.remind.thresholds.relations import Cooccurrence
+from remind_jax.static import Static
+
+from .plain_graphs import PlainNeighbours
+
+
+def as_arrays(rules):
+    def convert(value):
+        return jnp.asarray(value, jnp.float32 if isinstance(value, float) else None)
+
+    return jax.tree.map(convert, rules)
+
+
+@jax.jit
+def _sightings(slot, order, allowed, like):
+    return gather_sightings(slot, order, allowed, like.shape[0])
+
+
+_update = jax.jit(update_cooccurrence, static_argnames="static")
+
+
+@functools.partial(jax.jit, static_argnames="static")
+def _order(graph, static):
+    """Neighbours, the strongest first."""
+    rank = rank_edges(graph, static)
+    return ranked_neighbours(rank, min(static.max_neighbours or rank.shape[1], rank.shape[1]))
+
+
+def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=None, ids=None):
+    """Shows a frame with the given objects, one detection each; ids are the slots unless given."""
+    slot = np.full(slots, graph.episodes.shape[0], np.int32)
+    slot[: len(visible)] = visible
+    allowed = np.ones(slots, bool) if allowed is None else np.isin(slot, allowed)
+    sightings = _sightings(slot, np.arange(slots), allowed, graph.episodes)
+    ids = np.arange(graph.episodes.shape[0]) if ids is None else np.asarray(ids, np.int32)
+    rules = as_arrays(rules or Cooccurrence())
+    return _update(graph, sightings, ids, jnp.int32(frame), static or Static(), rules)[0]
+
+
+def edges(graph, owner=0):
+    return {int(j): int(graph.count[owner, j]) for j in np.flatnonzero(graph.count[owner])}
+
+
+def test_episodes_of_the_notes():
+    graph = empty_cooccurrence(6, jnp.float32)
+    frames = [  # context notes 19.1: frame, others, episodes and counts after it
+        (0, [1, 2], 1, {1: 1, 2: 1}),
+        (1, [1, 2], 1, {1: 1, 2: 1}),
+        (2, [1, 2], 1, {1: 1, 2: 1}),
+        (3, [1, 2, 3], 2, {1: 2, 2: 2, 3: 1}),
+        (4, [1], 2, {1: 2, 2: 2, 3: 1}),
+        (9, [1, 4], 3, {1: 3, 2: 2, 3: 1, 4: 1}),
+        (10, [4], 3, {1: 3, 2: 2, 3: 1, 4: 1}),
+    ]
+    for frame, others, episodes, counts in frames:
+        graph = show(graph, frame, [0, *others])
+        assert (int(graph.episodes[0]), edges(graph)) == (episodes, counts), frame
+    assert set(np.flatnonzero(graph.pending_context[0])) == {4}
+    assert graph.pending_hits[0] == 1
+
+
+def test_forced_episode_keeps_the_pending_context():
+    graph = empty_cooccurrence(4, jnp.float32)
+    episodes = []
+    for frame, others in enumerate([[1, 2], [3], [3], [1, 2], [3]]):
+        graph = show(graph, frame, [0, *others])
+        episodes.append(int(graph.episodes[0]))
+    assert episodes == [1, 1, 1, 2, 3]
+
+
+def test_full_list_keeps_the_lowest_ids_of_equal_edges():
+    graph = show(empty_cooccurrence(26, jnp.float32), 0, range(26), slots=26)
+    assert edges(graph) == {j: 1 for j in range(1, 21)}
+    slot, valid = _order(graph, Static())
+    assert list(np.asarray(slot[0])[valid[0]]) == list(range(1, 21))
+
+
+def test_conditional_of_the_notes():
+    graph = dataclasses.replace(
+        empty_cooccurrence(4, jnp.float32),
+        episodes=jnp.array([3, 3, 0, 0]),
+        count=jnp.zeros((4, 4), jnp.int32).at[0, 1].set(3),
+    )
+    rules = as_arrays(Cooccurrence())
+    expected = {
+        5: (0.636364, 0.090909),
+        10: (0.4375, 0.0625),
+        14: (0.35, 0.05),
+        20: (0.269231, 0.038462),
+    }
+    for num_objects, (seen, unseen) in expected.items():
+        p = conditional(graph, jnp.int32(num_objects), rules)
+        # the notes print six decimals
+        np.testing.assert_allclose([p[0, 1], p[0, 2], p[0, 0]], [seen, unseen, unseen], atol=6e-7)
+    nothing = dataclasses.replace(rules, smoothing=jnp.float32(0.0))
+    assert not conditional(graph, jnp.int32(4), nothing)[2].any()
+
+
+worlds = st.lists(st.sets(st.integers(0, 9), max_size=8), min_size=1, max_size=25)
+rules_drawn = st.sampled_from(
+    [
+        (Cooccurrence(), {}, Static(max_neighbours=4)),
+        (Cooccurrence(), {}, Static()),
+        (Cooccurrence(decay=0.5), {"decay": 0.5}, Static(max_neighbours=4)),
+        (
+            Cooccurrence(decay=0.5),
+            {"decay": 0.5},
+            Static(max_neighbours=3, neighbour_trim="recent"),
+        ),
+        (Cooccurrence(force_frames=0), {"force": 0}, Static(max_neighbours=0)),
+        (
+            Cooccurrence(force_frames=7, debounce_frames=2, same_context=0.5),
+            {"force": 7, "debounce": 2, "same_context": 0.5},
+            Static(max_neighbours=4),
+        ),
+    ]
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(worlds, rules_drawn, st.sets(st.integers(0, 150), min_size=12, max_size=12).map(sorted))
+def test_agrees_with_plain_python(frames, drawn, ids):
+    rules, plain_rules, static = drawn
+    limits = {"most": static.max_neighbours, "recent": static.neighbour_trim == "recent"}
+    plain = [PlainNeighbours(**plain_rules, **limits) for _ in range(10)]
+    graph = empty_cooccurrence(12, jnp.float32)
+    for frame, visible in enumerate(frames):
+        listed = sorted(visible, reverse=True)
+        graph = show(graph, frame, listed, static=static, rules=rules, ids=ids)
+        for i in visible:
+            plain[i].see({ids[j] for j in listed if j != i}, frame)
+    slot, valid = (np.asarray(x) for x in _order(graph, static))
+    for i, expected in enumerate(plain):
+        assert graph.episodes[i] == expected.episodes
+        assert graph.pending_hits[i] == expected.hits
+        assert {ids[j] for j in np.flatnonzero(graph.context[i])} == (expected.context or set())
+        # powers of the decay 0.5 and their sums are exact in float32
+        kept = (graph.count[i], graph.weight[i], graph.edge_time[i])
+        ours = {ids[j]: [leaf[j].item() for leaf in kept] for j in edges(graph, i)}
+        assert ours == expected.edges
+        assert [ids[j] for j in slot[i][valid[i]]] == expected.order()
+
+
+def test_capacity_does_not_change_results():
+    rng = np.random.default_rng(0)
+    small, large = (empty_cooccurrence(size, jnp.float32) for size in (10, 16))
+    static = Static(max_neighbours=4)
+    for frame in range(30):
+        visible = rng.permutation(10)[: rng.integers(0, 9)]
+        small = show(small, frame, visible, static=static, ids=13 * np.arange(10))
+        large = show(large, frame, visible, static=static, slots=12, ids=13 * np.arange(16))
+    for field in dataclasses.fields(small):
+        ours = np.asarray(getattr(large, field.name))
+        ours = ours[:10, :10] if ours.ndim == 2 else ours[:10]
+        if field.name == "edge_order":  # only the order of the numbers counts
+            continue
+        np.testing.assert_array_equal(getattr(small, field.name), ours, field.name)
+    for one, other in zip(_order(small, static), _order(large, static), strict=True):
+        np.testing.assert_array_equal(one, other[:10])
+
+
+def test_later_decided_detection_shows_the_object():
+    slot, order = jnp.array([2, 0, 2, 5]), jnp.array([7, 1, 3, 9])
+    seen = gather_sightings(slot, order, jnp.array([True, False, False, True]), 4)
+    np.testing.assert_array_equal(seen.row, [2, 0, 4, 4])
+    np.testing.assert_array_equal(seen.detection, [1, 4, 0, 4])
+    np.testing.assert_array_equal(seen.visible, [True, False, True, False])
+    np.testing.assert_array_equal(seen.allowed, [False, False, True, False])
+
+
+def test_object_without_leave_makes_no_episode():
+    graph = show(empty_cooccurrence(4, jnp.float32), 0, [0, 1, 2], allowed=[0, 1])
+    np.testing.assert_array_equal(graph.episodes, [1, 1, 0, 0])
+    assert edges(graph) == {1: 1, 2: 1}
+    switched_off = show(
+        empty_cooccurrence(4, jnp.float32), 0, [0, 1, 2], rules=Cooccurrence(enabled=False)
+    )
+    assert not switched_off.episodes.any()
+
+
+def test_forgotten_object_leaves_no_trace():
+    graph = empty_cooccurrence(6, jnp.float32)
+    for frame, visible in enumerate([[0, 1, 2, 3], [0, 3], [1, 2, 3], [0, 1, 3]]):
+        graph = show(graph, frame, visible)
+    moved = reorder_cooccurrence(
+        graph, jnp.array([0, 2, 3, 1, 4, 5]), jnp.array([True, True, True, False, False, False])
+    )
+    assert edges(moved) == {1: 1, 2: 2}  # what were 2 and 3
+    assert edges(moved, 2) == {0: 2, 1: 1}
+    np.testing.assert_array_equal(moved.episodes[:4], [*np.asarray(graph.episodes)[[0, 2, 3]], 0])
+    assert not moved.count[3:].any()
+    assert not moved.context[:, 3:].any()
+
+
+def test_maps_over_a_batch():
+    graph = empty_cooccurrence(6, jnp.float32)
+    for frame in range(5):
+        graph = show(graph, frame, [0, 1, 2 + frame % 3])
+    slot = np.full((2, 8), 6, np.int32)
+    slot[0, :3], slot[1, :2] = [0, 1, 5], [3, 4]
+    args = (jnp.arange(8), jnp.ones(8, bool))
+    rules, static = as_arrays(Cooccurrence()), Static(max_neighbours=2)
+    ids = 8 * jnp.arange(6)
+
+    def one(slot):
+        sightings = gather_sightings(slot, *args, 6)
+        return update_cooccurrence(graph, sightings, ids, jnp.int32(9), static, rules)
+
+    both, alone = jax.jit(jax.vmap(one))(slot), jax.jit(one)
+    for index in range(2):
+        jax.tree.map(
+            lambda b, a, index=index: np.testing.assert_array_equal(b[index], a),
+            both,
+            alone(slot[index]),
+        )

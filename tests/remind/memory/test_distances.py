@@ -1,0 +1,349 @@
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.masks.relations import relate_masks
+from remind_jax.observation import MaskRelations, Masks
+from remind_jax.remind.memory.cooccurrence import (
+    empty_cooccurrence,
+    gather_sightings,
+    update_cooccurrence,
+)
+from remind_jax.remind.memory.distances import (
+    empty_distances,
+    read_pair_order,
+    reorder_distances,
+    update_distances,
+)
+from remind_jax.remind.perception.relations import Contact, Relations, observe_relations
+from remind_jax.remind.thresholds.relations import Cooccurrence
+from remind_jax.remind.thresholds.relations import Relations as Rules
+from remind_jax.static import Static
+
+from .plain_graphs import PlainDistances
+
+GOLDEN = Path(__file__).resolve().parent.parent / "golden" / "graphs" / "layout_graph_alt.npz"
+WELFORD = 1e-5  # float32 running means of up to some dozen values of order ten
+
+
+def arrays(rules, scalar=jnp.float32):
+    def convert(value):
+        return jnp.asarray(value, scalar if isinstance(value, float) else None)
+
+    return jax.tree.map(convert, rules)
+
+
+@jax.jit
+def _update(graph, relations, slot, order, allowed, accepted, rules):
+    sightings = gather_sightings(slot, order, allowed, graph.nearer.shape[0])
+    return update_distances(graph, relations, sightings, accepted, rules)
+
+
+def update(graph, relations, slot, accepted, *, order=None, allowed=None, enabled=True):
+    num = len(slot)
+    order = np.arange(num) if order is None else np.array(order)
+    allowed = np.ones(num, bool) if allowed is None else np.array(allowed)
+    slot, accepted = np.array(slot, np.int32), np.array(accepted)
+    return _update(graph, relations, slot, order, allowed, accepted, arrays(Rules(enabled=enabled)))
+
+
+def relate(
+    gap: Any,
+    center: Any = None,
+    support: Any = 0.0,
+    contact: Any = Contact.NEAR,
+    gap_valid: Any = True,
+) -> Relations:
+    """Relations from symmetric matrices or single values."""
+    shape = np.shape(gap)
+
+    def full(value, dtype) -> Any:
+        return np.broadcast_to(np.asarray(value, dtype), shape).copy()
+
+    return Relations(
+        gap=full(gap, np.float32),
+        center_distance=full(gap if center is None else center, np.float32),
+        contact=full(contact, np.int32),
+        support=full(support, np.float32),
+        gap_valid=full(gap_valid, bool),
+        gap_quality=full(gap_valid, np.float32),
+        truncated=full(False, bool),
+        valid=full(~np.eye(shape[0], dtype=bool), bool),
+    )
+
+
+def symmetric(*pairs, num=3):
+    matrix = np.zeros((num, num))
+    for i, j, value in pairs:
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
+
+
+def test_chairs_and_lamp_of_the_notes(x64):
+    """Context notes 19.4, from masks to the edges after seven frames."""
+    rules = arrays(Rules(), jnp.float64)
+    neighbours, graph = empty_cooccurrence(4, jnp.float64), empty_distances(4, jnp.float64)
+
+    @jax.jit
+    def step(neighbours, graph, masks, frame):
+        slot = jnp.arange(3, dtype=jnp.int32)
+        seen = gather_sightings(slot, slot, jnp.ones(3, bool), 4)
+        neighbours, accepted = update_cooccurrence(
+            neighbours,
+            seen,
+            jnp.arange(4, dtype=jnp.int32),
+            frame,
+            Static(precision="float64"),
+            arrays(Cooccurrence(), jnp.float64),
+        )
+        relations = observe_relations(masks, masks.relations, rules)
+        return neighbours, update_distances(graph, relations, seen, accepted, rules)
+
+    for frame, shift in enumerate([0, 4, -4, 8, 0, 2, -6]):
+        pixels = np.zeros((3, 200, 300), bool)
+        box = np.array([(x, 100, x + 40, 140) for x in (20, 100, 180 + shift)], float)
+        for mask, (left, _, right, _) in zip(pixels, box.astype(int), strict=True):
+            mask[100:140, left:right] = True
+        unused, area = np.zeros(3), np.full(3, 1600.0)
+        masks = Masks(
+            coverage=unused, filled_coverage=unused, quality=unused, box=box,
+            center=(box[:, :2] + box[:, 2:] - 1) / 2, area=area, class_id=unused,
+            detector_score=unused, relations=relate_masks(pixels, box, area, num_slots=3),
+            valid=np.ones(3, bool),
+        )  # fmt: skip
+        neighbours, graph = step(neighbours, graph, masks, jnp.int32(frame))
+
+    edges = graph.edges
+    np.testing.assert_array_equal(neighbours.episodes, [3, 3, 3, 0])
+    np.testing.assert_array_equal(edges.count[:2, 2], [3, 3])
+    # printed with six decimals; the gaps come from float32 distance transforms
+    np.testing.assert_allclose(edges.gap_mean[:2, 2], [3.033333, 1.010708], atol=2e-6)
+    order = read_pair_order(graph, jnp.int32(2), jnp.int32(0), jnp.int32(1))
+    np.testing.assert_array_equal([order.count, order.first_share], [3, 0])
+    np.testing.assert_allclose(order.margin_mean, 2.022625, atol=2e-6)
+    np.testing.assert_allclose(order.margin_deviation, 0.002598, atol=2e-6)
+
+
+def test_order_statistics_of_the_notes():
+    graph = empty_distances(3, jnp.float32)
+    for first, second in [(0.2, 0.5), (0.2, 0.7), (0.3, 0.2), (0.1, 0.5)]:  # context notes 19.2
+        near = relate(symmetric((0, 2, first), (1, 2, second)))
+        graph = update(graph, near, [0, 1, 2], [False, False, True])
+    order = read_pair_order(graph, jnp.int32(2), jnp.array([0, 1]), jnp.array([1, 0]))
+    np.testing.assert_array_equal(order.count, [4, 4])
+    np.testing.assert_array_equal(order.first_share, [0.75, 0.25])
+    np.testing.assert_allclose(order.margin_mean, [0.325, 0.325], atol=1e-6)  # float32
+    np.testing.assert_allclose(order.margin_deviation, [0.170783, 0.170783], atol=1e-6)
+
+
+def test_of_equal_distances_the_larger_id_is_nearer():
+    equal = relate(symmetric((0, 1, 0.5), (0, 2, 0.5)))
+    graph = update(empty_distances(3, jnp.float32), equal, [0, 1, 2], [True] * 3)
+    assert (graph.nearer[0, 1, 2], graph.nearer[0, 2, 1]) == (0, 1)
+
+
+def test_episode_empties_everything_that_is_pending():
+    graph = update(empty_distances(4, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [False] * 3)
+    np.testing.assert_array_equal(graph.pending.count[0], [0, 1, 1, 0])
+    graph = update(graph, relate(np.ones((3, 3))), [0, 1, 3], [True, False, False])
+    assert not graph.pending.count[0].any()
+    np.testing.assert_array_equal(graph.pending.count[1], [2, 0, 1, 1])
+    # 2 was gone when the episode came
+    np.testing.assert_array_equal(graph.edges.count[0], [0, 1, 0, 1])
+
+
+def test_later_detection_of_an_object_counts():
+    gaps = symmetric((0, 1, 5.0), (0, 2, 7.0), (1, 2, 9.0))
+    for order, expected in (([0, 1, 2], 7.0), ([0, 2, 1], 5.0)):
+        graph = update(
+            empty_distances(2, jnp.float32), relate(gaps), [0, 1, 1], [True] * 3, order=order
+        )
+        assert graph.edges.gap_mean[0, 1] == graph.edges.gap_mean[1, 0] == expected
+
+
+@pytest.mark.parametrize(
+    ("allowed", "pending"),
+    [
+        ([True, True, True], [[0, 1, 1], [1, 0, 1], [1, 1, 0]]),
+        ([True, True, False], [[0, 1, 0], [1, 0, 0], [1, 1, 0]]),  # 2 is left out, but looks on
+        ([True, False, False], [[0, 1, 1], [1, 0, 1], [1, 1, 0]]),  # one alone sees all
+    ],
+)
+def test_who_collects_whom(allowed, pending):
+    graph = update(
+        empty_distances(3, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [False] * 3,
+        allowed=allowed,
+    )  # fmt: skip
+    np.testing.assert_array_equal(graph.pending.count, pending)
+
+
+def test_switched_off():
+    graph = update(
+        empty_distances(3, jnp.float32), relate(np.ones((3, 3))), [0, 1, 2], [True] * 3,
+        enabled=False,
+    )  # fmt: skip
+    assert not any(leaf.any() for leaf in jax.tree.leaves(graph))
+
+
+def test_newest_relations_stay_when_there_are_too_many():
+    graph = empty_distances(2, jnp.float32)
+    for gap in [100.0, 1.0, 2.0, 4.0]:
+        graph = update(graph, relate(symmetric((0, 1, gap), num=2)), [0, 1], [False, False])
+    graph = update(graph, relate(symmetric((0, 1, 8.0), num=2)), [0, 1], [True, True])
+    assert graph.edges.gap_mean[0, 1] == 4.0
+
+
+@st.composite
+def frames(draw):
+    """Who is visible, who has an episode, and the seed of the relations."""
+    visible = draw(st.permutations(range(6)))[: draw(st.integers(0, 5))]
+    return visible, [draw(st.booleans()) for _ in visible], draw(st.integers(0, 99))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(frames(), max_size=12))
+def test_agrees_with_plain_python(drawn):
+    num, slots = 5, 7
+    graph = empty_distances(slots, jnp.float32, pending_slots=12)
+    plain = [PlainDistances() for _ in range(6)]
+    for visible, episodes, seed in drawn:
+        rng = np.random.default_rng(seed)
+        values = np.round(rng.random((3, num, num)) * 4, 1)  # ties are wanted
+        values = values + np.swapaxes(values, 1, 2)
+        gap, center, support = values.astype(np.float32)
+        contact = rng.integers(0, 4, (num, num))
+        contact, valid = np.maximum(contact, contact.T), rng.random((num, num)) < 0.8
+        valid &= valid.T
+        relations = relate(gap, center, support / 8, contact, valid)
+        slot, accepted = np.full(num, slots), np.zeros(num, bool)
+        slot[: len(visible)], accepted[: len(visible)] = visible, episodes
+        graph = update(graph, relations, slot, accepted)
+        for n, i in enumerate(visible):
+            for m, j in enumerate(visible):
+                if n != m:
+                    seen = gap[n, m] if valid[n, m] else None
+                    plain[i].collect(j, (seen, center[n, m], support[n, m] / 8, contact[n, m]))
+        for n, i in enumerate(visible):
+            if episodes[n]:
+                plain[i].accept(set(visible) - {i})
+    compare(graph, plain)
+
+
+def compare(graph, plain):
+    edges = graph.edges
+    for i, expected in enumerate(plain):
+        assert set(np.flatnonzero(edges.count[i])) == set(expected.edges)
+        for j, (gaps, centers, supports, contacts) in expected.edges.items():
+            assert edges.gap_count[i, j] == len(gaps)
+            np.testing.assert_array_equal(
+                edges.contact_count[i, j], np.bincount(contacts, minlength=4)
+            )
+            means = [edges.gap_mean[i, j], edges.center_mean[i, j], edges.support_mean[i, j]]
+            wanted = [np.mean(gaps) if gaps else 0.0, np.mean(centers), np.mean(supports)]
+            np.testing.assert_allclose(means, wanted, atol=WELFORD)
+        known = np.asarray(graph.nearer[i] + graph.nearer[i].T)
+        assert np.count_nonzero(known) == 2 * len(expected.orders)
+        for (a, b), both in expected.orders.items():
+            first, second = np.array(both).T
+            assert (known[a, b], graph.nearer[i, a, b]) == (len(both), np.sum(first < second))
+            margin = np.abs(first - second)
+            np.testing.assert_allclose(graph.margin[i, a, b], margin.mean(), atol=WELFORD)
+            squares = np.sum((margin - margin.mean()) ** 2)
+            np.testing.assert_allclose(graph.margin[i, b, a], squares, atol=10 * WELFORD)
+
+
+def test_forgotten_object_leaves_no_trace():
+    rng = np.random.default_rng(0)
+    graph = empty_distances(5, jnp.float32)
+    for _ in range(4):
+        gaps = rng.random((4, 4))
+        graph = update(graph, relate(gaps + gaps.T), [0, 1, 2, 3], rng.random(4) < 0.7)
+    move = jax.jit(reorder_distances)
+    moved = move(graph, jnp.array([0, 2, 3, 1, 4]), jnp.arange(5) < 3)
+    left = np.array([0, 2, 3])
+
+    def check(ours, before):
+        axes = 3 if ours.shape == (5, 5, 5) else 2
+        before = np.asarray(before)[np.ix_(*[left] * axes)]
+        np.testing.assert_array_equal(ours[(slice(3),) * axes], before)
+        assert np.count_nonzero(ours) == np.count_nonzero(before)
+
+    jax.tree.map(check, moved, graph)
+    last_gone = move(graph, jnp.arange(5), jnp.arange(5) < 3)
+    assert not last_gone.edges.count[:, 3].any()
+    assert not last_gone.nearer[:, 3].any()
+    jax.tree.map(
+        np.testing.assert_array_equal, move(graph, jnp.arange(5), jnp.arange(5) < 4), graph
+    )
+
+
+def test_graphs_of_the_original(x64):
+    """One run of the original: sequence layout, variant graph_alt, 120 frames (golden README).
+
+    Its decisions and the geometry of its detections go in; its graphs come out.
+    """
+    data = dict(np.load(GOLDEN))
+    ids, num = data["object_ids"], data["object"].shape[1]
+    slots, scalar = len(ids) + 1, jnp.float64
+    static = Static(precision="float64", max_neighbours=6, neighbour_trim="recent")
+    rules = arrays((Cooccurrence(decay=0.9), Rules()), scalar)
+
+    def step(graphs, frame):
+        neighbours, graph = graphs
+        at, found, box, center, area, relations = frame
+        unused = jnp.zeros(num)
+        masks = Masks(
+            unused, unused, unused, box, center, area, unused, unused, relations, area > 0
+        )
+        seen = gather_sightings(found, jnp.arange(num), jnp.ones(num, bool), slots)
+        neighbours, accepted = update_cooccurrence(
+            neighbours, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules[0]
+        )
+        relations = observe_relations(masks, relations, rules[1])
+        graph = update_distances(graph, relations, seen, accepted, rules[1])
+        degrees = [jnp.sum(count > 0, axis=1) for count in (neighbours.count, graph.edges.count)]
+        return (neighbours, graph), (degrees[0], neighbours.episodes, degrees[1])
+
+    found = np.where(data["object"] >= 0, np.searchsorted(ids, data["object"]), slots)
+    gap_px = data["gap_px"] + np.swapaxes(data["gap_px"], 1, 2)
+    relations = MaskRelations(gap_px.astype(float), data["exact"], data["touches_border"])
+    frame = np.arange(len(found), dtype=np.int32)
+    geometry = [data[name].astype(float) for name in ("box", "center", "area")]
+    graphs = empty_cooccurrence(slots, scalar), empty_distances(slots, scalar)
+    scan = jax.jit(lambda graphs, frames: jax.lax.scan(step, graphs, frames))
+    (neighbours, graph), history = scan(
+        graphs, (frame, found.astype(np.int32), *geometry, relations)
+    )
+
+    rows = data["row_frame"], np.searchsorted(ids, data["row_object"])
+    for name, ours in zip(("degree", "episodes", "distance_degree"), history, strict=True):
+        np.testing.assert_array_equal(np.asarray(ours)[rows], data[f"row_{name}"], name)
+
+    def slots_of(table, *names):
+        return tuple(np.searchsorted(ids, data[f"{table}_{name}"]) for name in names)
+
+    edge = slots_of("edge", "src", "dst")
+    assert np.count_nonzero(neighbours.count) == len(edge[0])
+    np.testing.assert_array_equal(np.asarray(neighbours.count)[edge], data["edge_count"])
+    np.testing.assert_array_equal(np.asarray(neighbours.edge_time)[edge], data["edge_last_seen"])
+    close = {"rtol": 0, "atol": 2e-6}  # recorded as float32; gaps are float32, too
+    np.testing.assert_allclose(np.asarray(neighbours.weight)[edge], data["edge_weight"], **close)
+    edge, edges = slots_of("dist", "src", "dst"), jax.tree.map(np.asarray, graph.edges)
+    np.testing.assert_array_equal(edges.gap_count[edge], data["dist_n_gap"])
+    for contact in Contact:
+        ours = edges.contact_count[edge][:, contact]
+        np.testing.assert_array_equal(ours, data[f"dist_{contact.name.lower()}"])
+    for name in ("gap", "center", "support"):
+        ours = getattr(edges, f"{name}_mean")[edge]
+        np.testing.assert_allclose(ours, data[f"dist_{name}"], **close)
+    order = read_pair_order(graph, *slots_of("pair", "src", "first", "second"))
+    np.testing.assert_array_equal(order.count, data["pair_count"])
+    first = np.round(order.first_share * order.count)
+    np.testing.assert_array_equal(first, data["pair_first_before"])
+    np.testing.assert_allclose(order.margin_mean, data["pair_margin"], **close)

@@ -1,0 +1,190 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.remind.memory.objects import (
+    Lifecycle,
+    create_objects,
+    mark_missed,
+    mark_seen,
+)
+from remind_jax.remind.state import init, remove_objects
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.thresholds.thresholds import Lifecycle as Rules
+from remind_jax.static import Static
+
+STATIC = Static(num_objects=4, num_detections=3, num_pending=2, feature_dim=2)
+
+
+def rules(**changes):
+    return Thresholds(lifecycle=Rules(**changes)).as_arrays(jnp.float32).lifecycle
+
+
+def born(*class_ids, static=STATIC, next_id=0):
+    """Objects created by one frame, in detection order."""
+    ids = jnp.array([*class_ids, *[0] * (3 - len(class_ids))], jnp.int32)
+    is_new = jnp.arange(3) < len(class_ids)
+    return create_objects(init(static).objects, ids, is_new, jnp.int32(next_id))
+
+
+def standing(objects, slot=0):
+    names = ("lifecycle", "hits", "misses", "age")
+    state, *counts = (int(getattr(objects, name)[slot]) for name in names)
+    return Lifecycle(state).name, *counts
+
+
+def only(slot=0):
+    return jnp.arange(STATIC.num_objects) == slot
+
+
+def once(slot=0):
+    return only(slot).astype(jnp.int32)
+
+
+def test_creation_takes_slots_and_ids_in_detection_order():
+    objects, slot = create_objects(
+        born(7)[0], jnp.array([1, 2, 3], jnp.int32), jnp.array([True, False, True]), jnp.int32(5)
+    )
+    assert slot.tolist() == [1, 4, 2]  # the second detection is not new
+    assert objects.id.tolist() == [0, 5, 6, -1]
+    assert objects.class_id.tolist()[:3] == [7, 1, 3]
+    assert objects.exists.tolist() == [True, True, True, False]
+    assert standing(objects, 1) == ("NEW", 0, 0, 0)
+
+
+def test_example_of_the_notes():
+    """Perception notes 22.10."""
+    t = rules()
+    objects, _ = born(0)
+    objects = mark_seen(objects, once(), jnp.int32(0), t)
+    assert standing(objects) == ("TENTATIVE", 1, 0, 1)
+    objects, _ = mark_missed(objects, only(), t)
+    assert standing(objects) == ("TENTATIVE", 1, 1, 2)
+    objects = mark_seen(objects, once(), jnp.int32(2), t)
+    assert standing(objects) == ("CONFIRMED", 2, 0, 3)
+    for _ in range(9):
+        objects, _ = mark_missed(objects, only(), t)
+    assert standing(objects) == ("CONFIRMED", 2, 9, 12)
+    objects, _ = mark_missed(objects, only(), t)
+    assert standing(objects) == ("INACTIVE", 2, 10, 13)
+    for _ in range(2):
+        objects, _ = mark_missed(objects, only(), t)
+    assert standing(objects) == ("INACTIVE", 2, 12, 15)
+    objects = mark_seen(objects, once(), jnp.int32(15), t)
+    assert standing(objects) == ("CONFIRMED", 3, 0, 16)
+    assert int(objects.last_seen[0]) == 15
+
+
+def test_two_detections_of_one_frame_are_two_hits_and_two_frames_of_age():
+    objects = mark_seen(born(0)[0], 2 * once(), jnp.int32(0), rules())
+    assert standing(objects) == ("CONFIRMED", 2, 0, 2)
+
+
+def test_a_tentative_object_stays_tentative():
+    t = rules()
+    objects = mark_seen(born(0)[0], once(), jnp.int32(0), t)
+    for _ in range(13):
+        objects, forgotten = mark_missed(objects, only(), t)
+    assert standing(objects) == ("TENTATIVE", 1, 13, 14)
+    assert forgotten[0]  # it may be removed, which the published settings do not
+
+
+def test_sightings_need_not_be_consecutive():
+    t = rules(confirm_hits=3)
+    objects = born(0)[0]
+    for frame in range(3):
+        assert standing(objects)[0] != "CONFIRMED"
+        objects = mark_seen(objects, once(), jnp.int32(2 * frame), t)
+        if frame < 2:
+            objects, _ = mark_missed(objects, only(), t)
+    assert standing(objects) == ("CONFIRMED", 3, 0, 5)
+
+
+def test_only_the_named_objects_change():
+    t = rules()
+    objects, _ = born(0, 0)
+    changed = mark_missed(mark_seen(objects, once(1), jnp.int32(0), t), only(1), t)[0]
+    assert standing(changed, 0) == standing(objects, 0)
+    assert standing(changed, 1) == ("TENTATIVE", 1, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("state", "misses", "expected", "forgotten"),
+    [
+        ("TENTATIVE", 1, "TENTATIVE", False),
+        ("TENTATIVE", 2, "TENTATIVE", True),
+        ("CONFIRMED", 3, "CONFIRMED", False),
+        ("CONFIRMED", 4, "INACTIVE", False),  # forgotten from the next frame on
+        ("INACTIVE", 5, "INACTIVE", False),
+        ("INACTIVE", 6, "INACTIVE", True),
+    ],
+)
+def test_limits_of_absence(state, misses, expected, forgotten):
+    t = rules(max_misses_tentative=2, max_misses_confirmed=4, max_misses_inactive=6)
+    objects = dataclasses.replace(
+        born(0)[0],
+        lifecycle=jnp.full(4, Lifecycle[state], jnp.int32),
+        misses=jnp.full(4, misses - 1, jnp.int32),
+    )
+    objects, gone = mark_missed(objects, only(), t)
+    assert standing(objects)[0] == expected
+    assert gone.tolist() == [forgotten, False, False, False]
+
+
+def test_no_limit_is_zero():
+    t = rules(max_misses_tentative=0, max_misses_confirmed=0, max_misses_inactive=0)
+    for state in Lifecycle:
+        objects = dataclasses.replace(
+            born(0)[0],
+            lifecycle=jnp.full(4, state, jnp.int32),
+            misses=jnp.full(4, 999, jnp.int32),
+        )
+        objects, gone = mark_missed(objects, only(), t)
+        assert not gone.any()
+        assert standing(objects)[0] == ("TENTATIVE" if state == Lifecycle.NEW else state.name)
+
+
+def test_removal_closes_gaps_and_takes_the_banks_along():
+    state = init(STATIC)
+    objects, _ = born(5, 6, 7)
+    rows = state.appearance.work.size.shape[1]
+
+    def number(banks):
+        """Every row of every bank holds one prototype that says its row."""
+        work = dataclasses.replace(
+            banks.work,
+            size=jnp.broadcast_to(jnp.int32(jnp.arange(rows) < 3), banks.work.size.shape),
+            hits=jnp.broadcast_to(jnp.int32(jnp.arange(rows))[:, None], banks.work.hits.shape),
+        )
+        return dataclasses.replace(banks, work=work)
+
+    state = dataclasses.replace(
+        state,
+        objects=objects,
+        next_id=jnp.int32(3),
+        appearance=number(state.appearance),
+        parts=number(state.parts),
+        rings=number(state.rings),
+    )
+    left = remove_objects(state, only(1))
+    assert left.objects.id.tolist() == [0, 2, -1, -1]
+    assert left.objects.class_id.tolist()[:2] == [5, 7]
+    assert int(left.next_id) == 3  # ids are not used again
+    for banks in (left.appearance, left.parts, left.rings):
+        assert banks.work.size[:, :4].tolist() == [[1, 1, 0, 0]] * len(banks.work.size)
+        assert banks.work.hits[0, :2, 0].tolist() == [0, 2]
+    again, slot = create_objects(
+        left.objects, jnp.array([9, 9, 9], jnp.int32), jnp.array([True, False, False]), left.next_id
+    )
+    assert again.id.tolist() == [0, 2, 3, -1]
+    assert slot[0] == 2
+    assert standing(again, 2) == ("NEW", 0, 0, 0)
+
+
+def test_nothing_forgotten_changes_nothing():
+    state = dataclasses.replace(init(STATIC), objects=born(5, 6)[0])
+    left = remove_objects(state, jnp.zeros(4, bool))
+    assert jax.tree.all(jax.tree.map(np.array_equal, left, state))

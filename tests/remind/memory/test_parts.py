@@ -1,0 +1,142 @@
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.remind.memory.bank import DualBank, Permit, empty_bank
+from remind_jax.remind.remember import _observe_parts
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.thresholds.thresholds import Parts
+from remind_jax.static import Static
+from tests.remind.memory.list_banks import (
+    Banks,
+    assert_same,
+    descriptors_of,
+    random_views,
+    update_parts,
+)
+
+pytestmark = pytest.mark.usefixtures("x64")
+
+STATIC = Static(part_slots=(4, 2), precision="float64")
+FRAMES, OBJECTS, NUM_PARTS, DIM = 30, 8, 3, 4
+
+
+def new_banks(static, num=OBJECTS, dim=DIM):
+    slots = max(static.part_slots)
+    return DualBank(*(empty_bank((1, num), slots, dim, static.scalar) for _ in range(2)))
+
+
+@functools.partial(jax.jit, static_argnames="static")
+def watch(banks, parts, valid, permit, thresholds, static):
+    """Shows parts [T N K D] one frame after another; the banks after each."""
+
+    def see(banks, frame):
+        now, vectors, exists, permit = frame
+        shown = descriptors_of(
+            vectors.shape[0], parts=vectors[:, None], parts_valid=exists[:, None]
+        )
+        banks = _observe_parts(banks, shown, permit, now, static, thresholds)
+        return banks, banks
+
+    now = jnp.arange(len(parts), dtype=jnp.int32)
+    return jax.lax.scan(see, banks, (now, parts, valid, permit))[1]
+
+
+def rules(**changes):
+    return Thresholds(parts=Parts(**changes)).as_arrays(jnp.float64)
+
+
+SETTINGS = {
+    "published": ({}, {}),
+    "merging": ({}, {"merge": 0.3, "stable_merge": 0.2, "promote_hits": 2, "merge_cap": 3}),
+    "equal weights": ({"part_merge": "equal"}, {"merge": 0.3, "stable_merge": 0.2}),
+    "evicting": ({}, {"merge": 1.1, "stable_merge": 1.1, "promote_hits": 1, "duplicate": 0.85}),
+    "redundant": (
+        {"part_evict": "redundant"},
+        {"merge": 1.1, "stable_merge": 1.1, "promote_hits": 2},
+    ),
+    "novel": ({"part_insert": "novel"}, {"novel": 0.5, "duplicate": 0.95}),
+    "many to one": ({}, {"one_to_one": False, "duplicate": 0.8, "update_rate_max": 0.9}),
+    "no promotion": ({}, {"promote_hits": 0, "duplicate": 0.8}),
+}
+MUST_OCCUR = {
+    "published": {"work: evict", "redirected", "stable: insert"},
+    "merging": {"work: merge", "stable: merge"},
+    "equal weights": {"work: merge"},
+    "evicting": {"work: evict", "stable: evict", "stable: refresh"},
+    "redundant": {"work: evict", "stable: evict"},
+    "novel": {"not novel", "work: evict"},
+    "many to one": {"work: refresh", "stable: refresh"},
+    "no promotion": {"work: refresh"},
+}
+
+
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_banks_equal_lists(setting):
+    """Up to 720 random parts with banks that are always full."""
+    switches, changes = SETTINGS[setting]
+    static = dataclasses.replace(STATIC, **switches)
+    rng = np.random.default_rng(13)
+    parts = random_views(rng, FRAMES, OBJECTS, NUM_PARTS, dim=DIM, spread=0.25)
+    count = rng.integers(0, NUM_PARTS + 1, (FRAMES, OBJECTS))
+    valid = np.arange(NUM_PARTS) < count[..., None]
+    may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
+    rate = np.where(may_insert, 1.0, 0.2)
+    seen = watch(
+        new_banks(static), parts, valid, Permit(may_insert, rate), rules(**changes), static
+    )
+    seen = jax.tree.map(np.asarray, seen)
+    lists = [Banks() for _ in range(OBJECTS)]
+    for now in range(FRAMES):
+        for n, banks in enumerate(lists):
+            update_parts(
+                banks, parts[now, n, : count[now, n]], now, static, Parts(**changes),
+                may_insert[now, n], rate[now, n],
+            )  # fmt: skip
+            ours = jax.tree.map(lambda leaf: leaf[now, 0, n], seen)  # noqa: B023
+            where = (setting, now, n)
+            assert_same(ours.work, banks.work, where, qualities=False)
+            assert_same(ours.stable, banks.stable, where, qualities=False)
+            assert ours.work.size <= static.part_slots[0]
+            assert ours.stable.size <= static.part_slots[1]
+    occurred = {event for banks in lists for event in banks.events}
+    assert occurred >= MUST_OCCUR[setting], occurred
+    if setting == "many to one":
+        assert "redirected" not in occurred
+
+
+def test_example_of_the_notes():
+    """Perception notes 22.9: two parts never refresh the same prototype in one frame."""
+    static = Static(precision="float64")
+    degrees = [[0, 30], [5, 12], *[[5, 0]] * 5]
+    parts = np.array(
+        [[[np.cos(np.radians(d)), np.sin(np.radians(d))] for d in frame] for frame in degrees]
+    ).astype(np.float32)[:, None]
+    valid = np.ones((7, 1, 2), bool)
+    valid[2:, :, 1] = False
+    permit = Permit(np.ones((7, 1), bool), np.ones((7, 1)))
+    seen = watch(new_banks(static, 1, 2), parts, valid, permit, rules(), static)
+
+    def angles(bank, frame):
+        size = int(bank.size[frame, 0, 0])
+        x, y = np.asarray(bank.embedding[frame, 0, 0, :size]).T
+        return np.degrees(np.arctan2(y, x)), bank.hits[frame, 0, 0, :size].tolist()
+
+    def expect(found, degrees, hits):
+        assert found[1] == hits
+        np.testing.assert_allclose(found[0], degrees, atol=1e-3)  # printed with four digits
+
+    expect(angles(seen.work, 0), [0, 30], [1, 1])
+    expect(angles(seen.work, 1), [0.7038, 29.423], [2, 2])
+    expect(angles(seen.work, 2), [1.3189, 29.423], [3, 2])
+    expect(angles(seen.work, 3), [1.8526, 29.423], [4, 2])
+    expect(angles(seen.work, 4), [2.3132, 29.423], [5, 2])  # proven, and it stays
+    expect(angles(seen.stable, 4), [2.3132], [1])
+    expect(angles(seen.work, 5), [2.709, 29.423], [6, 2])
+    expect(angles(seen.stable, 5), [2.3725], [2])
+    expect(angles(seen.work, 6), [3.0482, 29.423], [7, 2])
+    expect(angles(seen.stable, 6), [2.4737], [3])

@@ -1,0 +1,157 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.observation import MaskRelations, Masks
+from remind_jax.remind.perception.relations import Contact, observe_relations, relate_boxes
+from remind_jax.remind.thresholds.relations import Relations as Rules
+
+FLOAT32 = 3e-6  # of coordinates in the hundreds, normalised by at least 40
+_observe = jax.jit(observe_relations)
+
+
+def observe(boxes, gap_px=None, areas=None, centers=None, border=None, **rules):
+    """Relates detections by boxes; without `gap_px` no gap was measured between masks."""
+    boxes = np.array(boxes, float)
+    num = len(boxes)
+    size = boxes[:, 2:] - boxes[:, :2]
+    unused = np.zeros(num)
+    exact = np.zeros((num, num), bool) if gap_px is None else np.isfinite(gap_px)
+    relations = MaskRelations(
+        gap_px=np.where(exact, gap_px if gap_px is not None else 0.0, 0.0),
+        exact=exact,
+        touches_border=np.zeros(num, bool) if border is None else np.array(border),
+    )
+    masks = Masks(
+        coverage=unused,
+        filled_coverage=unused,
+        quality=unused,
+        box=boxes,
+        center=(boxes[:, :2] + boxes[:, 2:] - 1) / 2 if centers is None else np.array(centers),
+        area=size.prod(axis=1) if areas is None else np.array(areas, float),
+        class_id=unused,
+        detector_score=unused,
+        relations=relations,
+        valid=np.ones(num, bool),
+    )
+    return _observe(masks, relations, jax.tree.map(jnp.asarray, Rules(**rules)))
+
+
+A, B, C = (50, 50, 110, 100), (130, 60, 160, 90), (60, 60, 80, 80)
+F, G = (112, 102, 130, 120), (280, 0, 300, 30)
+NAN = np.nan
+GAPS = np.array([
+    [NAN, 20.055, -20.0, 4.1079, NAN],
+    [20.055, NAN, NAN, NAN, NAN],
+    [-20.0, NAN, NAN, NAN, NAN],
+    [4.1079, NAN, NAN, NAN, NAN],
+    [NAN, NAN, NAN, NAN, NAN],
+])  # fmt: skip
+
+
+def test_relations_of_the_notes():
+    found = observe([A, B, C, F, G], GAPS, border=[False] * 4 + [True])  # context notes 19.2
+    gap = [0.473150, -0.5, 0.102698, 4.279311]
+    np.testing.assert_allclose(found.gap[0, 1:], gap, atol=FLOAT32)
+    np.testing.assert_allclose(found.center_distance[0, 1:3], [1.533521, 0.279508], atol=FLOAT32)
+    contacts = [Contact.NEAR, Contact.OVERLAP, Contact.NEAR, Contact.SEPARATE]
+    np.testing.assert_array_equal(found.contact[0, 1:], contacts)
+    np.testing.assert_allclose(found.support[0, 1:], [0, 1, 0, 0], atol=FLOAT32)
+    np.testing.assert_array_equal(found.gap_quality[0, 1:], [1, 1, 1, 1])
+    np.testing.assert_array_equal(found.truncated[0, 1:], [False, False, False, True])
+
+
+def test_boxes_stand_in_for_gaps_that_were_not_measured():
+    found = observe([A, B, G], border=[True, False, False])
+    assert found.gap[0, 1] == pytest.approx(0.471852, abs=FLOAT32)  # context notes 19.2
+    # cut by the edge, the box of A may end anywhere
+    np.testing.assert_array_equal(found.gap_quality[0], [0, 0, 1])
+    np.testing.assert_array_equal(found.gap_quality[1], [0, 0.5, 1])
+    np.testing.assert_array_equal(found.gap_valid[0], [False, False, True])
+    np.testing.assert_array_equal(found.distance[0, 1], found.center_distance[0, 1])
+    np.testing.assert_array_equal(found.distance[0, 2], found.gap[0, 2])
+
+
+def test_far_pairs_are_judged_by_their_boxes():
+    boxes = [(0, 0, 40, 40), (110, 0, 150, 40)]  # 70 px or 1.75 sides apart
+    measured = np.array([[NAN, 99.0], [99.0, NAN]])
+    assert observe(boxes, measured).gap[0, 1] == 99 / 40
+    found = observe(boxes, measured, exact_gap_max=1.74)
+    assert (found.gap[0, 1], found.gap_quality[0, 1]) == (1.75, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("gap_px", "contact"),
+    [
+        (-1.0, Contact.OVERLAP),
+        (0.0, Contact.TOUCH),
+        (2.0, Contact.TOUCH),
+        (2.5, Contact.NEAR),
+        (50.0, Contact.NEAR),  # 1.25 sides
+        (50.5, Contact.SEPARATE),
+    ],
+)
+def test_contact(gap_px, contact):
+    boxes = [(0, 0, 40, 40), (41, 0, 81, 40)]
+    found = observe(boxes, np.array([[NAN, gap_px], [gap_px, NAN]]))
+    assert found.contact[0, 1] == contact
+
+
+BIG = (0, 0, 100, 100)
+
+
+@pytest.mark.parametrize(
+    ("small", "area", "gap_px", "support"),
+    [
+        ((10, 10, 30, 30), 400, -20.0, 1.0),  # inside the box of the other
+        ((90, 40, 130, 60), 800, 1.0, 0.25),  # a quarter of it
+        ((90, 40, 110, 60), 400, 1.0, 0.75),  # half of it, centre on the edge of the other
+        ((92, 40, 108, 60), 320, 1.0, 0.75),  # centre inside
+        ((92, 40, 108, 60), 320, 99.0, 0.5),  # but the masks are apart
+        ((0, 0, 78, 78), 6001, -60.0, 0.0),  # more than 0.6 of the size: no support
+        ((0, 0, 78, 78), 6000, -60.0, 1.0),
+    ],
+)
+def test_support(small, area, gap_px, support):
+    gaps = np.array([[NAN, gap_px], [gap_px, NAN]])
+    centers = [(49.5, 49.5), ((small[0] + small[2]) / 2, 49.5)]
+    found = observe([BIG, small], gaps, areas=[10000, area], centers=centers)
+    assert found.support[0, 1] == found.support[1, 0] == pytest.approx(support)
+
+
+def test_half_contained_things_rest_on_each_other_even_with_the_centre_outside():
+    gaps = np.array([[NAN, 1.0], [1.0, NAN]])
+    found = observe(
+        [BIG, (90, 40, 110, 60)], gaps, areas=[10000, 400], centers=[(49.5, 49.5), (104, 49.5)]
+    )
+    assert found.support[0, 1] == pytest.approx(0.6)
+
+
+boxes_drawn = st.lists(
+    st.tuples(*[st.integers(0, 60)] * 2, *[st.integers(1, 40)] * 2), min_size=4, max_size=4
+)
+
+
+@settings(max_examples=30, deadline=None)
+@given(boxes_drawn, st.permutations(range(4)))
+def test_symmetric_and_blind_to_the_order_of_detections(drawn, order):
+    boxes = np.array([(x, y, x + w, y + h) for x, y, w, h in drawn])
+    found = observe(boxes)
+    np.testing.assert_array_equal(found.valid, ~np.eye(4, dtype=bool))
+    permuted = observe(boxes[list(order)])
+    for field in dataclasses.fields(found):
+        values = np.asarray(getattr(found, field.name))
+        np.testing.assert_array_equal(values, values.T, field.name)
+        again = getattr(permuted, field.name)
+        np.testing.assert_array_equal(values[np.ix_(order, order)], again, field.name)
+
+
+def test_boxes_that_share_an_edge_are_not_apart():
+    gap, area = relate_boxes(jnp.array([[0.0, 0, 10, 10], [10, 0, 20, 10], [13, 14, 20, 20]]))
+    np.testing.assert_array_equal(gap[0], [-10, 0, 5])
+    np.testing.assert_array_equal(area[0], [100, 0, 0])

@@ -1,0 +1,116 @@
+"""Every switch of the perception, against values recorded from the original."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from remind_jax.config import Config
+from remind_jax.config.dotted_keys import nest
+from remind_jax.errors import ConfigError
+from remind_jax.masks.reduction import reduce_masks
+from remind_jax.observation import FrameFeats, PatchAttention
+from remind_jax.remind.perception.description import describe
+from tests.golden import load
+from tests.remind.perception.switch_scene import DIM, GRID, PATCH, SETTINGS, make_scene
+
+DESCRIBE = jax.jit(describe, static_argnames="static")
+NUM_SCENES = 2
+SPARE_SLOTS = 3  # of the attention, so that padding is tried
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    with np.load(load.ROOT / "perception" / "switches.npz") as data:
+        rows = zip(data["names"].tolist(), data["vectors"], data["numbers"], strict=True)
+        return {name: (vectors, numbers) for name, vectors, numbers in rows}
+
+
+def attention_of(masks, attention) -> PatchAttention:
+    """What a backbone would say of the patches of all objects."""
+    patches = np.flatnonzero(masks.coverage.any(axis=0))
+    slots = np.full(len(patches) + SPARE_SLOTS, -1, np.int32)
+    slots[: len(patches)] = patches
+    sums = np.zeros(len(slots), np.float32)
+    block = np.zeros((len(slots), len(slots)), np.float32)
+    sums[: len(patches)] = attention.sum(axis=1)[patches]
+    block[: len(patches), : len(patches)] = attention[np.ix_(patches, patches)]
+    return PatchAttention(slots, sums, block)
+
+
+def describe_scene(seed: int, settings: dict, **more):
+    features, masks, attention = make_scene(seed)
+    config = Config.from_reference(nest(settings))
+    options = config.input
+    reduced = reduce_masks(
+        masks, np.zeros(len(masks)), np.ones(len(masks)), num_slots=len(masks) + 1,
+        patch_px=PATCH, sanitize=options.sanitize, fill_holes=options.fill_holes,
+        close_px=options.close_px, open_px=options.open_px, keep_largest=options.keep_largest,
+    )  # fmt: skip
+    static = dataclasses.replace(
+        config.static, feature_dim=DIM, num_detections=len(masks) + 1, **more
+    )
+    heads = list(static.attention_heads) or slice(None)
+    known = None
+    if static.part_source != "kmeans":
+        known = attention_of(reduced, attention[heads].mean(axis=0))
+    size = np.array([PATCH * side for side in GRID], np.int32)
+    rules = config.thresholds.as_arrays(static.scalar)
+    feats = FrameFeats(features, size, known)
+    found = DESCRIBE(feats, reduced, static=static, thresholds=rules)
+    return jax.tree.map(np.asarray, found), static
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_descriptors_equal_the_original(recorded, name):
+    for seed in range(NUM_SCENES):
+        d, static = describe_scene(seed, SETTINGS[name])
+        num = sum(key.startswith(f"{seed}/{name}/") for key in recorded)
+        for i in range(num):
+            vectors, numbers = recorded[f"{seed}/{name}/{i}"]
+            ours = [
+                np.where(d.appearance_valid[i][:, None], d.appearance[i], np.nan),
+                np.where(d.rings_valid[i][:, None], d.rings[i], np.nan),
+            ]
+            for channel in ("kmeans", "attention"):
+                parts = np.full((4, DIM), np.nan)
+                if channel in static.part_channels:
+                    c = static.part_channels.index(channel)
+                    most = d.parts.shape[2]
+                    parts[:most][d.parts_valid[i, c]] = d.parts[i, c][d.parts_valid[i, c]]
+                ours.append(parts)
+            # float32 sums over up to 60 patches in another order
+            where = f"{name}, scene {seed}, mask {i}"
+            np.testing.assert_allclose(np.concatenate(ours), vectors, atol=2e-6, err_msg=where)
+            count, quality, inner, outer, *support = numbers
+            assert d.num_patches[i] == count, where
+            np.testing.assert_allclose(d.mask_quality[i], quality, rtol=1e-6)
+            assert d.ring_patches[i].tolist() == [inner, outer], where
+            kmeans, attention = sum(support[:4]), sum(support[4:])
+            np.testing.assert_allclose(d.part_support[i], max(kmeans, attention), rtol=1e-6)
+            exists = np.isfinite(vectors[4:]).all(axis=1).reshape(2, 4).sum(axis=1)
+            assert d.num_parts[i] == exists.max(), where
+
+
+def test_parts_that_are_not_kept_still_count():
+    """What is observed rates the observation, whether memory has a place for it or not."""
+    settings = SETTINGS["attention"]
+    d, _ = describe_scene(0, settings)
+    kept, _ = describe_scene(0, {**settings, "memory.parts.channels.kmeans.enabled": False})
+    assert not kept.parts_valid[:, 0].any()
+    assert d.parts_valid[:, 0].any()
+    np.testing.assert_array_equal(kept.parts_valid[:, 1], d.parts_valid[:, 1])
+    np.testing.assert_array_equal(kept.num_parts, d.num_parts)
+    np.testing.assert_array_equal(kept.part_support, d.part_support)
+
+
+def test_attention_must_come_with_the_frame():
+    features, masks, _ = make_scene(0)
+    reduced = reduce_masks(masks, np.zeros(5), np.ones(5), num_slots=5, patch_px=PATCH)
+    static = dataclasses.replace(Config().static, feature_dim=DIM, part_source="attention")
+    feats = FrameFeats(features, np.array([144, 192], np.int32))
+    with pytest.raises(ConfigError, match="without attention"):
+        describe(feats, reduced, static, Config().thresholds.as_arrays(static.scalar))

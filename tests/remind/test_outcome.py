@@ -1,0 +1,74 @@
+"""What is written down about each detection (association notes 17)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Lock, Outcome, Source, no_decisions
+from remind_jax.remind.association.similarity import Comparison
+from remind_jax.remind.outcome import rank_candidates
+from remind_jax.remind.state import init
+from tests.remind.association.tables import SLOTS, STATIC, decide_frames, empty_frame, visual_frame
+
+
+def test_padding_is_empty(x64):
+    d = decide_frames([visual_frame([{0: 0.9}]), empty_frame(0, 3)]).decisions
+    assert (d.outcome[0, 1:] == Outcome.EMPTY).all()
+    assert (d.outcome[1] == Outcome.EMPTY).all()
+    for values in (d.object_id, d.option_id, d.candidate_id, d.assigned_id, d.guarded_id):
+        assert (values[1] == NO_ID).all()
+    blank = no_decisions(STATIC)
+    for name in (field.name for field in dataclasses.fields(blank)):
+        np.testing.assert_array_equal(getattr(d, name)[1], getattr(blank, name), name)
+
+
+def test_without_objects_everything_is_new(x64):
+    d = decide_frames([empty_frame(3, 0)]).decisions
+    assert d.outcome[0].tolist() == [Outcome.NEW] * 3 + [Outcome.EMPTY] * 2
+    assert (d.object_id == NO_ID).all()  # given by the memory
+    assert (d.confidence == 0).all()
+
+
+def test_candidates_are_listed_by_falling_score_then_rising_id(x64):
+    d = decide_frames([visual_frame([{0: 0.5, 1: 0.9, 2: 0.5, 3: 0.7}])]).decisions
+    assert d.candidate_id[0, 0].tolist() == [1, 3, 0, 2] + [NO_ID] * (SLOTS - 4)
+    np.testing.assert_allclose(d.candidate_score[0, 0, :5], [0.9, 0.7, 0.5, 0.5, 0])
+    assert d.candidate_eligible[0, 0].tolist() == [True] + [False] * (SLOTS - 1)
+
+
+def test_more_candidates_shown_than_objects_and_fewer(x64):
+    objects = init(STATIC).objects
+    ids = jnp.where(jnp.arange(SLOTS) < 3, 10 + jnp.arange(SLOTS), NO_ID)
+    objects = dataclasses.replace(objects, id=ids)
+    table = jnp.tile(jnp.array([0.1, 0.3, 0.2] + [0.0] * (SLOTS - 3)), (2, 1))
+    absent = {field.name: None for field in dataclasses.fields(Comparison)}
+    candidate = jnp.arange(SLOTS)[None] < jnp.array([[3], [1]])
+    comparison = Comparison(**{**absent, "candidate": candidate, "score": table})  # pyright: ignore[reportArgumentType]
+    for shown in (2, SLOTS + 3):
+        listed, rows = rank_candidates(objects, comparison, shown)
+        expected = [[11, 12, 10], [10, NO_ID, NO_ID]]
+        assert listed.shape == rows.shape == (2, shown)
+        assert [row[:3] for row in listed.tolist()] == [row[:shown] for row in expected]
+
+
+@pytest.mark.parametrize(
+    ("rows", "lock"),
+    [([{0: 0.95}], Lock.OBJECT), ([{0: 0.80}], Lock.NONE)],
+)
+def test_what_gave_a_match_its_object(x64, rows, lock):
+    d = decide_frames([visual_frame(rows)]).decisions
+    assert (d.outcome[0, 0], d.source[0, 0]) == (Outcome.MATCH, Source.ASSOCIATION)
+    assert d.lock[0, 0] == lock
+    assert d.assigned_id[0, 0] == d.guarded_id[0, 0] == d.object_id[0, 0] == 0
+
+
+def test_undecided_detections_hold_no_object_but_show_what_was_assigned(x64):
+    d = decide_frames([visual_frame([{0: 0.80, 1: 0.79}, {0: 0.78, 1: 0.78}])]).decisions
+    assert (d.object_id[0] == NO_ID).all()
+    assert (d.source[0] == Source.NONE).all()
+    assert sorted(d.assigned_id[0, :2].tolist()) == [0, 1]
+    assert (d.guarded_id[0, :2] == NO_ID).all()

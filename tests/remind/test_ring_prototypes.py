@@ -1,0 +1,90 @@
+"""The whole step with ring prototypes: the fourth term, their banks, and where they are kept."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID
+from remind_jax.remind.state import grow, init
+from remind_jax.remind.tracker import step_traced
+from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
+from tests import tiny_world as world
+
+NUM_FRAMES = 16
+STATIC = dataclasses.replace(
+    world.STATIC,
+    ring_prototypes=True,
+    ring_clusters=(2, 3),
+    ring_iterations=3,
+    inner_prototype_slots=(3, 2),
+    outer_prototype_slots=(4, 2),
+)
+THRESHOLDS = dataclasses.replace(
+    world.THRESHOLDS,
+    ring_prototypes=dataclasses.replace(world.THRESHOLDS.ring_prototypes, promote_hits=2),
+)
+OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES = range(4)
+
+
+@pytest.fixture(scope="module")
+def steps():
+    """States and traces of a drawn sequence, on the host."""
+    stepper = jax.jit(step_traced, static_argnames="static")
+    thresholds = THRESHOLDS.as_arrays(STATIC.scalar)
+    state, seen = init(STATIC), []
+    for feats, masks in world.make_frames(NUM_FRAMES, seed=3):
+        state, trace = stepper(state, feats, masks, static=STATIC, thresholds=thresholds)
+        seen.append(jax.device_get((state, trace)))
+    return seen
+
+
+@pytest.mark.slow
+def test_visual_score_has_a_fourth_term(steps):
+    checked = 0
+    for _, trace in steps:
+        c = trace.detections.candidates
+        weight = np.where(c.present, c.weight, 0.0)
+        total = weight.sum(axis=-1)
+        shown = (c.id != NO_ID) & (total > 1e-6)
+        mean = (weight * c.value).sum(axis=-1)[shown] / total[shown]
+        # float32: sums of four products in [0, 1].
+        np.testing.assert_allclose(c.visual[shown], mean, atol=1e-6)
+        # Both look at the background, so its quality weighs both.
+        share = c.weight[..., RING_PROTOTYPES][shown] / c.weight[..., BACKGROUND][shown]
+        np.testing.assert_allclose(share, 0.05 / 0.25, rtol=1e-6)
+        checked += (shown & c.present[..., RING_PROTOTYPES]).sum()
+    assert checked > 50
+
+
+@pytest.mark.slow
+def test_banks_fill_up_to_their_capacities(steps):
+    banks = steps[-1][0].ring_prototypes
+    assert banks.work.size.max(axis=1).tolist() == [3, 4]
+    assert banks.stable.size.max(axis=1).tolist() == [2, 2]
+
+
+@pytest.mark.slow
+def test_they_survive_growth_and_files(steps, tmp_path):
+    state = steps[-1][0]
+    path = tmp_path / "memory.safetensors"
+    save_memory(path, SavedMemory(state, STATIC, ("box",), "test"))
+    kept = load_memory(path).state
+    jax.tree.map(np.testing.assert_array_equal, kept, state)
+    larger = dataclasses.replace(STATIC, num_objects=11)
+    grown = grow(kept, larger).ring_prototypes
+    assert grown is not None
+    for ours, theirs in zip(
+        jax.tree.leaves(grown), jax.tree.leaves(state.ring_prototypes), strict=True
+    ):
+        np.testing.assert_array_equal(
+            ours[:, : STATIC.num_objects], theirs[:, : STATIC.num_objects]
+        )
+        np.testing.assert_array_equal(ours[:, 11:], theirs[:, STATIC.num_objects :])
+
+
+def test_without_them_nothing_is_kept():
+    assert init(world.STATIC).ring_prototypes is None

@@ -1,0 +1,98 @@
+"""The memory as a pytree: growing keeps everything, and no two leaves share a buffer."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.remind.state import TrackerState, grow, init
+from tests.tiny_world import STATIC
+
+WIDER = dataclasses.replace(STATIC, num_objects=13, num_pending=11)
+WIDEST = dataclasses.replace(STATIC, num_detections=9, num_objects=17, num_pending=12)
+
+
+def fill(state: TrackerState) -> TrackerState:
+    """A memory in which every number is another one; nothing in it is consistent."""
+    rng = np.random.default_rng(0)
+
+    def draw(leaf: jax.Array) -> jax.Array:
+        if leaf.dtype == bool:
+            return jnp.asarray(rng.random(leaf.shape) < 0.5)
+        return jnp.asarray(rng.integers(1, 1 << 20, leaf.shape), leaf.dtype)
+
+    return jax.tree.map(draw, state)
+
+
+def assert_equal(ours: Any, theirs: Any) -> None:
+    paths = jax.tree_util.tree_flatten_with_path(ours)[0]
+    for (path, a), b in zip(paths, jax.tree.leaves(theirs), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b, jax.tree_util.keystr(path))
+
+
+def test_growing_keeps_everything():
+    small, empty = fill(init(STATIC)), init(WIDEST)
+    large = grow(small, WIDEST)
+    assert jax.tree.map(jnp.shape, large) == jax.tree.map(jnp.shape, empty)
+    objects, pending = STATIC.num_objects, STATIC.num_pending
+    for name in ("appearance", "parts", "rings"):
+        before, after = jax.tree.leaves(getattr(small, name)), jax.tree.leaves(getattr(large, name))
+        for old, new in zip(before, after, strict=True):
+            np.testing.assert_array_equal(new[:, :objects], old[:, :objects])
+            moved = new[:, WIDEST.num_objects : WIDEST.num_objects + pending]
+            np.testing.assert_array_equal(moved, old[:, objects:])
+    rest = [
+        dataclasses.replace(state, appearance=None, parts=None, rings=None, overflow=None)
+        for state in (small, large)
+    ]
+    for old, new in zip(*map(jax.tree.leaves, rest), strict=True):
+        np.testing.assert_array_equal(new[tuple(map(slice, old.shape))], old)
+
+
+def test_what_is_added_is_empty():
+    large, empty = grow(fill(init(STATIC)), WIDEST), init(WIDEST)
+    objects, pending = STATIC.num_objects, STATIC.num_pending
+    assert (large.objects.id[objects:] == NO_ID).all()
+    assert not large.objects.exists[objects:].any()
+    for name in ("objects", "cooccurrence"):
+        for new, free in zip(
+            *(jax.tree.leaves(getattr(s, name)) for s in (large, empty)), strict=True
+        ):
+            np.testing.assert_array_equal(new[objects:], free[objects:])
+    assert (large.pending.kind[pending:] == 0).all()
+    assert (large.decisions.outcome[STATIC.num_detections :] == Outcome.EMPTY).all()
+    assert (large.appearance.work.size[:, objects : WIDEST.num_objects] == 0).all()
+    assert (large.overflow.objects, large.overflow.pending) == (0, 0)
+
+
+def test_growing_in_steps_is_growing_at_once():
+    small = fill(init(STATIC))
+    assert_equal(grow(grow(small, WIDER), WIDEST), grow(small, WIDEST))
+    overflow = init(STATIC).overflow
+    assert_equal(grow(small, STATIC), dataclasses.replace(small, overflow=overflow))
+
+
+@pytest.mark.parametrize("make", [init, lambda static: grow(fill(init(STATIC)), static)])
+def test_no_two_leaves_share_a_buffer(make):
+    """Each is donated to the step, which may happen only once."""
+    leaves = jax.tree.leaves(make(WIDEST))
+    pointers = {
+        leaf.ctypes.data if isinstance(leaf, np.ndarray) else leaf.unsafe_buffer_pointer()
+        for leaf in leaves
+    }
+    assert len(pointers) == len(leaves)
+
+
+def test_state_can_be_donated_and_is_few_leaves():
+    state = init(STATIC)
+    leaves = len(jax.tree.leaves(state))
+    advanced = jax.jit(lambda s: dataclasses.replace(s, frame=s.frame + 1), donate_argnums=0)(state)
+    assert advanced.frame == 1
+    assert leaves < 150

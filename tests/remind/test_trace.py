@@ -1,0 +1,101 @@
+"""The account of a step: it changes nothing, and it adds up to the decisions."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.remind.state import init
+from remind_jax.remind.tracker import step_traced
+from tests import tiny_world as world
+
+NUM_FRAMES = 24
+
+
+@pytest.fixture(scope="module")
+def steps():
+    """States and traces of a drawn sequence, on the host."""
+    stepper = jax.jit(step_traced, static_argnames="static")
+    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
+    state, seen = init(world.STATIC), []
+    for feats, masks in world.make_frames(NUM_FRAMES, seed=3):
+        state, trace = stepper(state, feats, masks, static=world.STATIC, thresholds=thresholds)
+        seen.append(jax.device_get((state, trace)))
+    return seen
+
+
+def test_tracing_changes_nothing(steps):
+    plain = world.run(world.make_frames(NUM_FRAMES, seed=3))
+    for state, (traced, _) in zip(plain, steps, strict=True):
+        ours = jax.tree_util.tree_leaves_with_path(traced)
+        for (path, leaf), expected in zip(ours, jax.tree.leaves(state), strict=True):
+            # Two programs: the compiler may order sums otherwise, by a bit or two.
+            np.testing.assert_allclose(
+                leaf, expected, atol=2e-6, err_msg=jax.tree_util.keystr(path)
+            )
+
+
+def rows_of(state):
+    return np.flatnonzero(state.decisions.outcome != Outcome.EMPTY)
+
+
+def test_shape_does_not_depend_on_the_frame(steps):
+    shapes = {str(jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), trace)) for _, trace in steps}
+    assert len(shapes) == 1
+
+
+def test_visual_score_is_the_weighted_mean_of_its_terms(steps):
+    checked = 0
+    for _, trace in steps:
+        c = trace.detections.candidates
+        weight = np.where(c.present, c.weight, 0.0)
+        total = weight.sum(axis=-1)
+        shown = (c.id != NO_ID) & (total > 1e-6)
+        mean = (weight * c.value).sum(axis=-1)[shown] / total[shown]
+        # float32: sums of three products in [0, 1].
+        np.testing.assert_allclose(c.visual[shown], mean, atol=1e-6)
+        checked += shown.sum()
+    assert checked > 100
+
+
+def test_candidates_are_those_of_the_decisions_by_falling_score(steps):
+    for state, trace in steps:
+        c, d = trace.detections.candidates, state.decisions
+        for row in rows_of(state):
+            shown = c.id[row][c.id[row] != NO_ID]
+            assert len(set(shown.tolist())) == len(shown)
+            assert np.all(np.diff(c.visual[row][: len(shown)]) <= 0)
+            if trace.detections.num_candidates[row] <= d.candidate_id.shape[1]:
+                assert shown.tolist() == d.candidate_id[row][: len(shown)].tolist()
+
+
+def test_named_objects_are_among_the_candidates(steps):
+    for state, trace in steps:
+        known = set(trace.object_id[trace.object_id != NO_ID].tolist())
+        for row in rows_of(state):
+            shown = set(trace.detections.candidates.id[row].tolist())
+            d = state.decisions
+            named = {*d.option_id[row].tolist(), int(d.assigned_id[row]), int(d.guarded_id[row])}
+            named |= set(trace.detections.passes.option_id[row].ravel().tolist())
+            assert (named & known) <= shown
+
+
+def test_anchors_are_those_of_the_decisions(steps):
+    for state, trace in steps:
+        anchors = trace.detections.anchor_id != NO_ID
+        np.testing.assert_array_equal(anchors, state.decisions.is_anchor)
+        best = trace.detections.candidates.id[:, 0]
+        np.testing.assert_array_equal(trace.detections.anchor_id[anchors], best[anchors])
+
+
+def test_sets_explain_as_many_detections_as_they_have_members(steps):
+    some = 0
+    for _, trace in steps:
+        sets = trace.sets
+        sizes = (sets.member_id != NO_ID).sum(axis=1)
+        np.testing.assert_array_equal(sizes, sets.detections.sum(axis=1))
+        assert np.all(np.diff(sets.score[sets.valid]) <= 1e-7)
+        some += sets.valid.sum()
+    assert some > 50

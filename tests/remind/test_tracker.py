@@ -1,0 +1,344 @@
+"""Properties of the whole step, on a tiny world.
+
+Whole numbers and decisions must agree exactly. Real ones may differ by what another shape of a
+matrix product does to sums of float32: a few ulps, a hundred times less than `CLOSE`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.compiled.frame_step import settle_types
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
+from remind_jax.remind.state import TrackerState, grow, init
+from remind_jax.remind.tracker import step
+from remind_jax.static import Static
+from tests import tiny_world as world
+from tests.stepping import step_once
+
+CLOSE = 2e-5
+SEED = 2  # a world that brings every kind of decision and fits the capacities
+NUM_SWEPT = 16  # frames
+OTHER_FRAMES = world.make_frames(NUM_SWEPT, seed=3)
+STRANGERS = world.make_frames(1, seed=11, share=1.0)
+OTHER_THRESHOLDS = dataclasses.replace(
+    world.THRESHOLDS,
+    matching=dataclasses.replace(world.THRESHOLDS.matching, match=0.65, lock_score=0.95),
+    similarity=dataclasses.replace(world.THRESHOLDS.similarity, background_weight=0.05),
+)
+LARGER = dataclasses.replace(world.STATIC, num_detections=9, num_objects=20, num_pending=17)
+
+
+def assert_same(ours: Any, theirs: Any, close: float = CLOSE) -> None:
+    """All leaves agree, real ones to `close`."""
+    paths = jax.tree_util.tree_flatten_with_path(ours)[0]
+    for (path, a), b in zip(paths, jax.tree.leaves(theirs), strict=True):
+        name, a, b = jax.tree_util.keystr(path), np.asarray(a), np.asarray(b)
+        if np.issubdtype(a.dtype, np.floating):
+            np.testing.assert_allclose(a, b, atol=close, rtol=close, err_msg=name)
+        else:
+            np.testing.assert_array_equal(a, b, name)
+
+
+def assert_same_state(ours: TrackerState, theirs: TrackerState) -> None:
+    """Memories agree, and so do the decisions about detections in use."""
+    assert_same(world.decided(ours), world.decided(theirs))
+    undecided = lambda state: dataclasses.replace(state, decisions=None)  # noqa: E731
+    assert_same(undecided(ours), undecided(theirs))
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[world.Frame]:
+    return world.make_frames(40, SEED)
+
+
+@pytest.fixture(scope="module")
+def states(frames) -> list[TrackerState]:
+    return world.run(frames)
+
+
+def test_the_world_brings_every_kind_of_decision(states):
+    """Else the tests below would show little."""
+    outcomes = np.concatenate([world.decided(state)["outcome"] for state in states])
+    assert {*map(int, outcomes)} >= {Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS}
+    decisions = [state.decisions for state in states]
+    assert any((d.candidate_bonus != 0).any() for d in decisions)
+    assert any((d.source > 1).any() for d in decisions)
+    assert any((d.assigned_id != d.guarded_id).any() for d in decisions)
+    assert not any(state.overflow.objects or state.overflow.pending for state in states)
+
+
+def count_programs() -> int:
+    """Programs that the step was compiled to in this process."""
+    return world.STEP._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_one_program_whatever_the_counts(states):
+    before = count_programs()
+    for share in (0.0, 0.3, 1.0):
+        world.run(world.make_frames(3, seed=7, share=share), state=states[-1])
+    assert count_programs() == before
+
+
+def batch(*trees: Any) -> Any:
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
+
+
+def row(tree: Any, *index: int) -> Any:
+    return jax.tree.map(lambda leaf: leaf[index], tree)
+
+
+@pytest.fixture(scope="module")
+def sweep(frames, states) -> TrackerState:
+    """States `[scene, frame]` of one program with larger capacities.
+
+    `vmap` over three scenes with thresholds and memories of their own, around `scan` over frames:
+    the world itself, another one under other thresholds, and strangers who meet a full memory.
+    """
+    scenes = [frames[:NUM_SWEPT], OTHER_FRAMES, STRANGERS * NUM_SWEPT]
+    memories = [init(LARGER), init(LARGER), grow(states[-1], LARGER)]
+    settings = (world.THRESHOLDS, OTHER_THRESHOLDS, world.THRESHOLDS)
+
+    def track(state: TrackerState, scene: world.Frame, thresholds: Any) -> TrackerState:
+        def advance(state, frame):
+            stepped = step(state, *frame, static=LARGER, thresholds=thresholds)
+            return settle_types(stepped), stepped
+
+        return jax.lax.scan(advance, state, scene)[1]
+
+    padded = [world.pad(scene, LARGER.num_detections) for scene in scenes]
+    return jax.device_get(
+        jax.jit(jax.vmap(track))(
+            settle_types(batch(*memories)),
+            batch(*(batch(*scene) for scene in padded)),
+            batch(*(t.as_arrays(LARGER.scalar) for t in settings)),
+        )
+    )
+
+
+def test_capacities_scan_and_vmap_change_nothing(states, sweep):
+    for t, state in enumerate(states[:NUM_SWEPT]):
+        assert_same_state(grow(state, LARGER), row(sweep, 0, t))
+
+
+def test_scenes_and_thresholds_of_a_sweep_are_those_of_a_loop(sweep):
+    loop = world.run(OTHER_FRAMES, thresholds=OTHER_THRESHOLDS)
+    for t, state in enumerate(loop):
+        assert_same_state(grow(state, LARGER), row(sweep, 1, t))
+    published = world.run(OTHER_FRAMES)
+    assert any(
+        (a.decisions.outcome != b.decisions.outcome).any()
+        for a, b in zip(loop, published, strict=True)
+    )
+
+
+@pytest.mark.slow
+def test_capacities_alone_change_nothing(frames, states):
+    padded = world.run(world.pad(frames, LARGER.num_detections), LARGER)
+    for small, large in zip(states, padded, strict=True):
+        assert_same_state(grow(small, LARGER), large)
+
+
+@pytest.mark.slow
+def test_scan_alone_is_a_loop(frames, states):
+    def advance(state, frame):
+        state = step(state, *frame, static=world.STATIC, thresholds=thresholds)
+        return settle_types(state), state
+
+    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
+    empty = settle_types(init(world.STATIC))
+    scanned = jax.jit(lambda *given: jax.lax.scan(advance, *given)[1])(empty, batch(*frames))
+    for t, state in enumerate(states):
+        assert_same_state(state, row(scanned, t))
+
+
+@pytest.mark.slow
+def test_vmap_alone_is_a_loop(frames):
+    others = world.make_frames(len(frames), seed=3)
+    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
+    mapped = jax.jit(
+        jax.vmap(lambda *given: step_once(*given, static=world.STATIC, thresholds=thresholds))
+    )
+    both = settle_types(batch(init(world.STATIC), init(world.STATIC)))
+    loops = [world.run(frames), world.run(others)]
+    for t, pair in enumerate(zip(frames, others, strict=True)):
+        both = mapped(both, *batch(*pair))
+        for n, loop in enumerate(loops):
+            assert_same_state(loop[t], row(both, n))
+
+
+@pytest.mark.slow
+def test_large_capacities_change_nothing(frames):
+    medium = dataclasses.replace(world.STATIC, num_detections=16, num_objects=64, num_pending=32)
+    large = dataclasses.replace(medium, num_objects=256, num_pending=128)
+    padded = world.pad(frames, medium.num_detections)
+    few, many = world.run(padded, medium), world.run(padded, large)
+    for small, big in zip(few, many, strict=True):
+        assert_same(world.decided(small), world.decided(big))
+    assert_same_state(grow(few[-1], large), many[-1])
+
+
+@pytest.mark.parametrize("start", [0, 15])
+def test_order_of_detections_changes_only_ids_of_simultaneous_births(states, start):
+    """From frame 15 on nothing is born: then shuffling changes nothing at all.
+
+    With other ids, hypotheses of equal score are kept in another order, and the context that
+    they add to scores varies; what is decided does not.
+    """
+    rng, orders = np.random.default_rng(5), []
+
+    def shuffle(boxes: list[int]) -> list[int]:
+        mixed = len(orders) >= start
+        orders.append(rng.permutation(len(boxes)) if mixed else np.arange(len(boxes)))
+        return [boxes[i] for i in orders[-1]]
+
+    shuffled = world.run(world.make_frames(40, SEED, order=shuffle))
+    renamed = {NO_ID: NO_ID}
+    for plain, other, order in zip(states, shuffled, orders, strict=True):
+        a = {name: values[order] for name, values in world.decided(plain).items()}
+        b = world.decided(other)
+        is_new = b["outcome"] == Outcome.NEW
+        renamed |= dict(zip(a["object_id"][is_new], b["object_id"][is_new], strict=True))
+        for name in ("outcome", "reason", "status", "num_close", "lock", "source"):
+            np.testing.assert_array_equal(a[name], b[name], name)
+        for name in ("object_id", "option_id", "assigned_id", "guarded_id"):
+            np.testing.assert_array_equal(rename(a[name], renamed), b[name], name)
+        for name in ("best_score", "second_score", "confidence"):
+            np.testing.assert_allclose(a[name], b[name], atol=CLOSE, err_msg=name)
+        if start > 0:
+            assert_same({**a, "pending_id": b["pending_id"]}, b)
+    changed = [old for old, new in renamed.items() if old != new]
+    assert bool(changed) == (start == 0)
+
+
+def rename(ids: np.ndarray, names: dict[int, int]) -> np.ndarray:
+    return np.array([names[i] for i in ids.ravel()], np.int32).reshape(ids.shape)
+
+
+def test_empty_frame_only_ages_the_memory(states):
+    before = states[-1]
+    nothing = world.make_frames(1, SEED, share=0.0)
+    (after,) = world.run(nothing, state=before)
+    assert (after.decisions.outcome == Outcome.EMPTY).all()
+    assert after.frame == before.frame + 1
+    aged = dataclasses.replace(
+        before.objects,
+        misses=before.objects.misses + before.objects.exists,
+        age=before.objects.age + before.objects.exists,
+        lifecycle=after.objects.lifecycle,  # some come to rest: tested with the lifecycle
+    )
+    assert_same(aged, after.objects, close=0)
+    for part in ("appearance", "parts", "rings", "next_id"):
+        assert_same(getattr(before, part), getattr(after, part), close=0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_features_that_are_not_finite_never_reach_memory(states, bad):
+    feats, masks = world.make_frames(1, SEED, share=1.0)[0]
+    patches = np.array(feats.patches)
+    hidden = masks.coverage[2] > 0  # nothing is left of one detection, half of another
+    patches[hidden] = bad
+    partly = np.argwhere(masks.coverage[4] > 0)[::2]
+    patches[tuple(partly.T)] = bad
+    spoiled = dataclasses.replace(feats, patches=patches)
+    clean = world.make_frames(1, SEED, share=1.0)[0]
+    first, second = world.run([(spoiled, masks), clean], state=states[-1])
+    assert first.decisions.num_bad_patches == hidden.sum() + len(partly)
+    assert first.decisions.outcome[2] == Outcome.DROPPED
+    assert first.decisions.reason[2] == Reason.INVALID_INPUT
+    assert first.decisions.object_id[2] == NO_ID
+    others = np.arange(world.BOXES) != 2
+    assert (first.decisions.outcome[others] != Outcome.DROPPED).all()
+    assert second.decisions.num_bad_patches == 0
+    for leaf in jax.tree.leaves([first, second]):
+        assert np.isfinite(leaf).all()
+
+
+def test_an_unused_slot_among_used_ones_is_empty(states):
+    feats, masks = world.make_frames(1, SEED, share=1.0)[0]
+    gone = np.arange(world.BOXES) == 3
+    without = dataclasses.replace(masks, valid=masks.valid & ~gone)
+    (after,) = world.run([(feats, without)], state=states[-1])
+    assert after.decisions.outcome[3] == Outcome.EMPTY
+    assert after.decisions.object_id[3] == NO_ID
+
+
+def test_overflow_is_flagged_and_changes_nothing_else(states, sweep):
+    """Strangers fill the memory; grown, it takes the same frame."""
+    before = states[-1]
+    (after,) = world.run(STRANGERS, state=before)
+    needed = int(after.overflow.objects)
+    assert world.STATIC.num_objects < needed <= LARGER.num_objects
+    assert_same(dataclasses.replace(after, overflow=before.overflow), before, close=0)
+
+    grown = row(sweep, 2, 0)
+    assert grown.overflow.objects == 0
+    assert (grown.objects.id != NO_ID).sum() == needed
+    assert (np.diff(grown.objects.id[:needed]) > 0).all()
+    num_new = (world.decided(grown)["outcome"] == Outcome.NEW).sum()
+    assert num_new == needed - before.objects.exists.sum()
+    # Seen again, the strangers are known.
+    last = world.decided(row(sweep, 2, NUM_SWEPT - 1))
+    assert (last["outcome"] != Outcome.NEW).all()
+
+
+@pytest.mark.slow
+def test_thresholds_alone_can_be_swept(frames):
+    """Only swept leaves carry a batch axis."""
+    match = jnp.array([0.6, 0.7, 0.8], world.STATIC.scalar)
+    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
+
+    def track(match: jax.Array) -> Decisions:
+        swept = dataclasses.replace(
+            thresholds, matching=dataclasses.replace(thresholds.matching, match=match)
+        )
+
+        def advance(state, frame):
+            state = step(state, *frame, static=world.STATIC, thresholds=swept)
+            return state, state.decisions
+
+        return jax.lax.scan(advance, init(world.STATIC), batch(*frames))[1]
+
+    batched = jax.jit(jax.vmap(track))(match)
+    for n, value in enumerate(match):
+        matching = dataclasses.replace(thresholds.matching, match=value)
+        loop = world.run(frames, thresholds=dataclasses.replace(thresholds, matching=matching))
+        for t, state in enumerate(loop):
+            assert_same(row(batched, n, t), state.decisions)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", [{"solver": "host"}, {"num_candidates": 8}])
+def test_decisions_do_not_depend_on(frames, states, change):
+    other = world.run(frames, dataclasses.replace(world.STATIC, **change))
+    shown = min(world.STATIC.num_candidates, other[0].decisions.candidate_id.shape[1])
+    for state, expected in zip(other, states, strict=True):
+        ours, theirs = world.decided(state), world.decided(expected)
+        for name in ours:
+            visible = np.s_[:, :shown] if name.startswith("candidate") else np.s_[:]
+            assert_same(ours[name][visible], theirs[name][visible])
+
+
+@pytest.mark.slow
+def test_decisions_do_not_depend_on_compiler_options(frames, states, optimized):
+    compiled = jax.jit(step, static_argnames="static")
+    state = init(world.STATIC)
+    thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
+    for frame, expected in zip(frames, states, strict=True):
+        state = compiled(state, *frame, static=world.STATIC, thresholds=thresholds)
+        assert_same(state.decisions, expected.decisions)
+
+
+@pytest.mark.slow
+def test_single_precision_decides_as_double(frames, states, x64):
+    static: Static = dataclasses.replace(world.STATIC, precision="float64")
+    for ours, double in zip(states, world.run(frames, static), strict=True):
+        a, b = world.decided(ours), world.decided(double)
+        for name in ("outcome", "reason", "object_id", "option_id", "pending_id"):
+            np.testing.assert_array_equal(a[name], b[name], name)

@@ -1,0 +1,356 @@
+"""When objects are told of: rules of the numbers, live and in runs, in files and over memory files.
+
+The tracker by overlap serves here: what is announced does not depend on who decides.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import remind_jax as rj
+from remind_jax.config import load_config
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.errors import ConfigError
+from remind_jax.frame import Tracks
+from remind_jax.outputs.result import Result
+from remind_jax.session import run as session
+from remind_jax.session.announcement import (
+    DETECTOR_DEFAULT,
+    Announcements,
+    choose_after,
+    hear,
+    tell,
+)
+from tests.cli import scenes
+from tests.outputs.fake_run import make_tracks
+
+STATIC = {"num_detections": 4, "num_objects": 16}
+OPTIONS: dict[str, Any] = {"tracker": "iou", "config": {"static": STATIC}}
+AFTER = 3
+# The fourth thing is seen once in the middle, the third from the fifth frame on.
+IN_VIEW = [(1, 2), (1, 2), (1, 2), (1, 2, 4), (1, 2, 3), (1, 2, 3), (1, 2, 3), (1, 2, 3)]
+PICTURES = [scenes.picture(index, ids) for index, ids in enumerate(IN_VIEW)]
+
+
+def frame_of(*rows: int | dict[str, Any], index: int = 0) -> Tracks:
+    """A frame with these objects decided; a mapping says more of a detection."""
+    told = [row if isinstance(row, dict) else {"object_id": row} for row in rows]
+    return make_tracks(index, np.zeros((len(told), 2, 2), bool), told)
+
+
+def follow(
+    frames: list[Tracks], after: int, start: Announcements | None = None
+) -> tuple[list[Tracks], Announcements]:
+    """What is told of each frame at once, and what is announced in the end."""
+    announced = Announcements.none() if start is None else start
+    told = []
+    for tracks in frames:
+        announced = hear(announced, tracks, after)
+        told.append(tell(announced, tracks))
+    return told, announced
+
+
+def ids(told: list[Tracks]) -> list[list[int]]:
+    return [tracks.object_id.tolist() for tracks in told]
+
+
+def test_an_object_has_an_id_from_the_nth_detection_on():
+    frames = [frame_of(7), frame_of(7, 4), frame_of(7)]
+    told, announced = follow(frames, 3)
+    assert ids(told) == [[NO_ID], [NO_ID, NO_ID], [0]]
+    assert told[0].outcome.tolist() == [Outcome.PROVISIONAL_NEW]
+    assert told[0].reason.tolist() == [Reason.SEEN_TOO_FEW_TIMES]
+    assert told[0].pending_id[0] == told[1].pending_id[0] != told[1].pending_id[1]
+    assert told[2].pending_id.tolist() == [-1]
+    assert announced.counts == {4: 1}
+
+
+def test_in_the_end_it_has_it_from_the_first_sight_on():
+    first = {"object_id": 7, "outcome": Outcome.NEW, "reason": Reason.CREATED_NEW}
+    frames = [frame_of(first), frame_of(7)]
+    _, announced = follow(frames, 2)
+    final = tell(announced, frames[0])
+    assert final.object_id.tolist() == [0]
+    assert final.outcome.tolist() == [Outcome.NEW]
+    assert final.reason.tolist() == [Reason.CREATED_NEW]
+
+
+def test_a_frame_counts_once():
+    told, _ = follow([frame_of(3, 3), frame_of(3)], 2)
+    assert ids(told) == [[NO_ID, NO_ID], [0]]
+
+
+def test_known_objects_are_announced_at_once():
+    told, announced = follow([frame_of(4, 6)], 5, Announcements.all_below(5))
+    assert ids(told) == [[4, NO_ID]]
+    assert follow([frame_of(6)], 1, announced)[0][0].object_id.tolist() == [5]
+
+
+def test_candidates_speak_of_announced_objects_only():
+    near = {"object_id": 9, "candidates": [(9, 0.9), (3, 0.5), (8, 0.4)]}
+    doubt = {"outcome": Outcome.AMBIGUOUS, "object_id": NO_ID, "pending_id": 2}
+    rows = [
+        near,
+        doubt | {"candidates": [(9, 0.6), (3, 0.3), (8, 0.1)]},
+        doubt | {"candidates": [(9, 0.6), (8, 0.4)]},
+        doubt | {"candidates": [(8, 0.6), (9, 0.4)]},
+        doubt | {"outcome": Outcome.PROVISIONAL_PARENT, "candidates": [(8, 0.6)]},
+    ]
+    known = Announcements(0, {9: 0, 3: 1}, next_id=2)
+    told = tell(known, frame_of(*rows))
+    assert told.candidate_id[:, 0].tolist() == [0, 0, 0, 0, -1]
+    assert told.candidate_id[:, 1].tolist() == [1, 1, -1, -1, -1]
+    np.testing.assert_array_equal(told.candidate_score[:, 0], np.float32([0.9, 0.6, 0.6, 0.4, 0]))
+    assert told.outcome.tolist() == [
+        Outcome.MATCH,
+        Outcome.AMBIGUOUS,
+        Outcome.PROVISIONAL_PARENT,  # the only one left
+        Outcome.PROVISIONAL_NEW,  # most likely one that is not announced
+        Outcome.PROVISIONAL_NEW,
+    ]
+    assert told.pending_id.tolist() == [-1, 2, 2, 2, 2]
+    waiting = tell(Announcements.none(), frame_of(near))
+    assert waiting.candidate_id.tolist() == [[-1, -1, -1]]
+
+
+def test_detections_of_objects_that_turn_out_to_be_one_add_up():
+    frames = [frame_of(1), frame_of(2), frame_of(1)]
+    announced = Announcements.none()
+    for tracks, merges in zip(frames, ([], [], [(2, 1)]), strict=True):
+        announced = hear(announced, tracks, 3, merges)
+    assert ids([tell(announced, tracks) for tracks in frames]) == [[0], [0], [0]]
+
+
+def test_the_id_told_stays_when_its_object_turns_out_to_be_one_never_told():
+    new = {"outcome": Outcome.NEW}
+    frames = [frame_of(new | {"object_id": 1}), frame_of(new | {"object_id": 2}), frame_of(2)]
+    _, announced = follow(frames, 2)
+    last = frame_of(1)
+    announced = hear(announced, last, 2, [(2, 1)])
+    final = [tell(announced, tracks) for tracks in [*frames, last]]
+    assert ids(final) == [[0], [0], [0], [0]]
+    assert [tracks.outcome[0] for tracks in final] == [Outcome.NEW] + 3 * [Outcome.MATCH]
+    assert follow([frame_of(5)], 1, announced)[0][0].object_id.tolist() == [1]
+
+
+def test_no_id_is_given_to_two_objects_of_a_frame():
+    both = frame_of(1, 2)
+    announced = Announcements.none()
+    for tracks, merges in ((both, []), (frame_of(2), []), (frame_of(1), [(2, 1)])):
+        announced = hear(announced, tracks, 2, merges)
+    told = tell(announced, both)
+    assert told.object_id.tolist() == [NO_ID, 0]  # the one that was announced
+    assert told.outcome[0] == Outcome.PROVISIONAL_NEW
+
+
+RUNS = st.lists(st.lists(st.integers(0, 12), unique=True, max_size=6), min_size=1, max_size=12)
+AFTERS = st.integers(1, 5)
+
+
+@given(RUNS)
+def test_without_waiting_nothing_changes(run):
+    for index, rows in enumerate(run):
+        tracks = frame_of(*rows, index=index)
+        announced = hear(Announcements(), tracks, 1)
+        assert announced.is_identity
+        assert tell(announced, tracks) is tracks
+
+
+@given(RUNS, AFTERS)
+def test_ids_are_dense_and_stay(run, after):
+    frames = [frame_of(*rows, index=index) for index, rows in enumerate(run)]
+    online, announced = follow(frames, after)
+    final = [tell(announced, tracks) for tracks in frames]
+    times = {i: sum(i in rows for rows in run) for rows in run for i in rows}
+    given_ids = {i for tracks in final for i in tracks.object_id.tolist() if i != NO_ID}
+    assert given_ids == set(range(sum(count >= after for count in times.values())))
+    for now, later in zip(online, final, strict=True):
+        assert ((now.object_id == NO_ID) | (now.object_id == later.object_id)).all()
+
+
+@given(RUNS, AFTERS, st.randoms(use_true_random=False))
+def test_the_order_of_detections_does_not_matter(run, after, random):
+    orders = [random.sample(range(len(rows)), len(rows)) for rows in run]
+    frames = [frame_of(*rows) for rows in run]
+    shuffled = [
+        frame_of(*(rows[place] for place in order)) for rows, order in zip(run, orders, strict=True)
+    ]
+    for tracks, other, order in zip(
+        follow(frames, after)[0], follow(shuffled, after)[0], orders, strict=True
+    ):
+        assert other.object_id.tolist() == tracks.object_id[order].tolist()
+
+
+@given(RUNS, AFTERS, st.integers(0, 12))
+def test_a_run_in_two_parts_is_the_whole_run(run, after, cut):
+    frames = [frame_of(*rows, index=index) for index, rows in enumerate(run)]
+    whole, _ = follow(frames, after)
+    first, announced = follow(frames[:cut], after)
+    saved = json.loads(json.dumps(announced.to_json()))
+    second, _ = follow(frames[cut:], after, Announcements.from_json(saved))
+    assert ids(first + second) == ids(whole)
+
+
+def test_numbers_of_accounts_are_one_to_one():
+    announced = Announcements(0, {5: 0, 2: 1}, {7: 1}, next_id=2)
+    assert announced.number([7, 5, 2, 9, NO_ID]) == {5: 0, 2: 1, 7: 2, 9: 3, NO_ID: NO_ID}
+
+
+@pytest.mark.parametrize(
+    ("asked", "configured", "has_detector", "after"),
+    [
+        (None, 0, False, 1),
+        (None, 0, True, DETECTOR_DEFAULT),
+        (0, 0, True, DETECTOR_DEFAULT),
+        (None, 7, True, 7),
+        (None, 7, False, 7),
+        (2, 7, True, 2),
+        (1, 0, True, 1),
+    ],
+)
+def test_who_chooses(asked, configured, has_detector, after):
+    assert choose_after(asked, configured, has_detector) == after
+
+
+def test_a_negative_number_is_refused():
+    with pytest.raises(ConfigError, match=r"'announce_after' is -1; give .* from 1 on"):
+        rj.run(PICTURES, announce_after=-1, **OPTIONS)
+
+
+def masks_of(labels: np.ndarray) -> np.ndarray:
+    return labels == np.unique(labels)[1:, None, None]
+
+
+def detect(image: np.ndarray) -> dict[str, Any]:
+    known = {picture.tobytes(): masks_of(labels) for picture, labels in PICTURES}
+    return {"masks": known[image.tobytes()]}
+
+
+def run(**options: Any) -> Result:
+    images = [image for image, _ in PICTURES]
+    return rj.run(images, detector=detect, overlay=False, **OPTIONS | options)
+
+
+EXPECTED = [[0, 1]] * 3 + [[0, 1, NO_ID]] + [[0, 1, 2]] * 4
+
+
+def test_live_objects_are_provisional_until_they_are_announced():
+    tracker = rj.Tracker(announce_after=AFTER, **OPTIONS)
+    told = [tracker.update(*picture) for picture in PICTURES]
+    assert ids(told)[:2] == [[NO_ID, NO_ID]] * 2
+    assert ids(told)[2:4] == [[0, 1], [0, 1, NO_ID]]
+    assert ids(told)[4:] == [[0, 1, NO_ID]] * 2 + [[0, 1, 2]] * 2
+    assert tracker.announce_after == AFTER
+    tracker.reset()
+    assert ids([tracker.update(*PICTURES[0])]) == [[NO_ID, NO_ID]]
+
+
+def test_masks_are_announced_at_once_and_detections_of_a_detector_are_not():
+    given = rj.run(PICTURES, **OPTIONS)
+    assert ids(list(given.tracks))[3] == [0, 1, 2]
+    assert given.info.config["input"]["announce_after"] == 1
+    result = run()
+    assert result.info.config["input"]["announce_after"] == DETECTOR_DEFAULT
+
+
+def test_a_run_carries_ids_back(tmp_path):
+    result = run(announce_after=AFTER, out=tmp_path)
+    assert ids(list(result.tracks)) == EXPECTED
+    first_sights = [(0, 0), (0, 1), (4, 2)]
+    for frame, row in first_sights:
+        assert result.tracks[frame].outcome[row] == Outcome.NEW
+    assert [thing.first_frame for thing in result.objects()] == [0, 0, 4]
+    assert result.summary()["identities"] == 3
+    assert [event.message for event in result.events] == [
+        "1 object without an id: detected fewer than 3 times (--announce-after)"
+    ]
+    assert ids(list(Result.load(tmp_path).tracks)) == EXPECTED
+    with (tmp_path / "tracks.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["object_id"]) for row in rows] == [i for frame in EXPECTED for i in frame]
+    assert rows[8]["outcome"] == "provisional_new"
+    assert rows[8]["reason"] == "seen_too_few_times"
+    assert (tmp_path / "mot.txt").read_text().count("\n") == len(rows) - 1
+    assert not list(tmp_path.glob("*.part"))
+    told = json.loads((tmp_path / "run.json").read_text())
+    assert told["info"]["config"]["input"]["announce_after"] == AFTER
+
+
+def test_late_announcements_reach_what_was_written_before(tmp_path):
+    """An object that comes back is announced long after its first sight."""
+    views = [(1, 2), (1,), (1,), (1,), (1,), (1, 2)]
+    pictures = [scenes.picture(12, view) for view in views]  # nothing moves
+    known = {index: masks_of(labels) for index, (_, labels) in enumerate(pictures)}
+    frames = [
+        rj.Frame(i, i, float(i), str(i), image, rj.Detections.create(known[i]))
+        for i, (image, _) in enumerate(pictures)
+    ]
+    options = OPTIONS | {"tracker": "running-mean"}  # that by overlap soon forgets
+    result = rj.run(frames, announce_after=2, out=tmp_path, overlay=False, **options)
+    final = [[0, 1], *[[0]] * 4, [0, 1]]
+    assert ids(list(result.tracks)) == final
+    assert ids(list(Result.load(tmp_path).tracks)) == final
+
+
+def test_pictures_wait_for_announcements(tmp_path, monkeypatch):
+    """Overlay and gallery are drawn once, so frames come to them some frames late."""
+    drawn: list[Tracks] = []
+    monkeypatch.setattr(session.RunWriter, "add", lambda self, frame, tracks: drawn.append(tracks))
+    run(announce_after=AFTER, out=tmp_path)
+    assert ids(drawn) == EXPECTED
+    drawn.clear()
+    run(announce_after=1, out=tmp_path, overwrite=True)
+    assert ids(drawn)[3] == [0, 1, 2]
+
+
+def test_an_interrupted_run_tells_of_all_frames(tmp_path):
+    def stop(step: rj.Progress) -> None:
+        if step.num_done == 4:
+            raise KeyboardInterrupt
+
+    result = run(announce_after=AFTER, out=tmp_path, progress=stop)
+    assert ids(list(result.tracks)) == EXPECTED[:4]
+    assert ids(list(Result.load(tmp_path).tracks)) == EXPECTED[:4]
+
+
+def save_first_half(folder: Path, **options: Any) -> Path:
+    tracker = rj.Tracker(**OPTIONS | options)
+    for picture in PICTURES[:4]:
+        tracker.update(*picture)
+    tracker.save(folder / "memory.safetensors")
+    return folder / "memory.safetensors"
+
+
+def test_ids_stay_from_run_to_run(tmp_path):
+    path = save_first_half(tmp_path, announce_after=AFTER)
+    for after, expected in ((AFTER, [NO_ID, NO_ID, 2, 2]), (1, [2, 2, 2, 2])):
+        tracker = rj.Tracker(announce_after=after, **OPTIONS)
+        tracker.load(path)
+        assert ids([tracker.update(*picture) for picture in PICTURES[4:]]) == [
+            [0, 1, last] for last in expected
+        ]
+
+
+def test_objects_of_a_memory_without_announcements_are_known(tmp_path):
+    path = save_first_half(tmp_path)  # the thing seen once is object 2 of this memory
+    tracker = rj.Tracker(announce_after=AFTER, **OPTIONS)
+    tracker.load(path)
+    told = ids([tracker.update(*picture) for picture in PICTURES[4:]])
+    assert told == [[0, 1, last] for last in (NO_ID, NO_ID, 3, 3)]
+
+
+def test_a_configuration_may_ask_for_it(tmp_path):
+    (tmp_path / "mine.yaml").write_text("base: default\ninput:\n  announce_after: 4\n")
+    config = load_config(tmp_path / "mine.yaml")
+    config = dataclasses.replace(config, static=dataclasses.replace(config.static, **STATIC))
+    assert run(config=config).info.config["input"]["announce_after"] == 4
+    assert run(config=config, announce_after=2).info.config["input"]["announce_after"] == 2

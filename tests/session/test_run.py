@@ -1,0 +1,199 @@
+"""`run`: one call from frames to identities, in whatever form, and what an interruption leaves.
+
+All runs share the compiled program of the tests of the live tracker.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import remind_jax as rj
+from remind_jax.baselines.bank import BankThresholds
+from remind_jax.decision import Outcome
+from remind_jax.errors import ConfigError, OutputError, SourceError
+from remind_jax.frame import Detections, Frame
+from remind_jax.outputs.result import Result
+from remind_jax.session.live import Tracker
+from remind_jax.session.run import MEMORY_NAME, Progress
+from tests.cli import scenes
+
+CONFIG = {"static": {"num_detections": 4, "num_objects": 6, "num_pending": 4}}
+NUM = 6
+PICTURES = [scenes.picture(index) for index in range(NUM)]
+
+
+def identities(result: Result) -> list[list[int]]:
+    return [tracks.object_id.tolist() for tracks in result.tracks]
+
+
+def assert_same_decisions(ours: Result, theirs: Result) -> None:
+    for a, b in zip(ours.tracks, theirs.tracks, strict=True):
+        np.testing.assert_array_equal(a.object_id, b.object_id)
+        np.testing.assert_array_equal(a.outcome, b.outcome)
+        np.testing.assert_array_equal(a.score, b.score)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Result:
+    """The run that all others are compared with: pairs of image and instance map."""
+    return rj.run(PICTURES, config=CONFIG)
+
+
+def test_three_objects_keep_their_identity(whole):
+    assert identities(whole) == [[0, 1, 2]] * NUM
+    assert whole.complete
+    assert [tracks.frame_index for tracks in whole.tracks] == list(range(NUM))
+    first, *others = (tracks.outcome for tracks in whole.tracks)
+    assert (first == Outcome.NEW).all()
+    assert (np.array(others) == Outcome.MATCH).all()
+    assert {len(times) for times in whole.timings_ms.values()} == {NUM}
+
+
+def test_seconds_of_compiling_are_those_of_the_tracker(monkeypatch, tmp_path):
+    class Waiting(Tracker):
+        compile_s = property(lambda self: 1.5, lambda self, value: None)
+
+    monkeypatch.setattr("remind_jax.session.run.Tracker", Waiting)
+    result = rj.run(PICTURES[:1], config=CONFIG, tracker="bank", out=tmp_path)
+    assert result.compile_s == result.summary()["compile_s"] == 1.5
+    assert Result.load(tmp_path).compile_s == 1.5
+
+
+def test_thresholds_told_are_those_that_decided():
+    live = Tracker(CONFIG, tracker="bank")
+    live.update(*PICTURES[0])
+    told = rj.run(PICTURES[:1], config=CONFIG, tracker="bank").info.config
+    # What was left to the run is told as it ran: masks are announced at once.
+    assert told == live.config.updated({"input": {"announce_after": 1}}).to_dict()
+    assert told["thresholds"]["match"] != BankThresholds().match
+
+
+def as_arrays() -> dict[str, Any]:
+    images, maps = zip(*PICTURES, strict=True)
+    return {
+        "source": np.stack(images),
+        "masks": np.stack(maps),
+        "class_names": dict.fromkeys(range(1, 4), "object 1"),
+    }
+
+
+def masks_of(labels: np.ndarray) -> np.ndarray:
+    return labels == np.unique(labels)[1:, None, None]
+
+
+def as_iterator() -> dict[str, Any]:
+    return {"source": iter([(image, masks_of(labels)) for image, labels in PICTURES])}
+
+
+def as_frames() -> dict[str, Any]:
+    frames = [
+        Frame(index, index, index / 30, str(index), image, Detections.create(masks_of(labels)))
+        for index, (image, labels) in enumerate(PICTURES)
+    ]
+    return {"source": frames}
+
+
+def as_detector() -> dict[str, Any]:
+    known = {image.tobytes(): masks_of(labels) for image, labels in PICTURES}
+    images = [image for image, _ in PICTURES]
+    return {"source": images, "detector": lambda image: {"masks": known[image.tobytes()]}}
+
+
+@pytest.mark.parametrize("give", [as_arrays, as_iterator, as_frames, as_detector])
+def test_the_form_of_the_input_does_not_matter(whole, give):
+    assert_same_decisions(rj.run(**give(), config=CONFIG), whole)
+
+
+def test_live_tracker_decides_the_same(whole):
+    tracker = Tracker(CONFIG)
+    for picture, expected in zip(PICTURES, whole.tracks, strict=True):
+        tracks = tracker.update(*picture)
+        np.testing.assert_array_equal(tracks.object_id, expected.object_id)
+        np.testing.assert_array_equal(tracks.score, expected.score)
+
+
+def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
+    first = rj.run(PICTURES[:3], config=CONFIG, out=tmp_path / "first", overlay=False)
+    rest = rj.run(PICTURES[3:], memory=tmp_path / "first" / MEMORY_NAME)
+    assert rest.info.config["static"]["num_objects"] == CONFIG["static"]["num_objects"]
+    for ours, theirs in zip((*first.tracks, *rest.tracks), whole.tracks, strict=True):
+        np.testing.assert_array_equal(ours.object_id, theirs.object_id)
+        np.testing.assert_array_equal(ours.outcome, theirs.outcome)
+        np.testing.assert_array_equal(ours.score, theirs.score)
+
+
+def test_progress_counts(whole):
+    seen: list[Progress] = []
+    rj.run(PICTURES, config=CONFIG, progress=seen.append)
+    assert [step.num_done for step in seen] == [*range(1, NUM + 1)]
+    assert {step.num_frames for step in seen} == {NUM}
+    assert seen[-1].num_identities == 3
+    assert seen[-1].undecided_share == 0
+
+
+def interrupt(after: int):
+    def stop(step: Progress) -> None:
+        if step.num_done == after:
+            raise KeyboardInterrupt
+
+    return stop
+
+
+def test_interruption_keeps_what_was_done(whole, tmp_path):
+    out = tmp_path / "run"
+    result = rj.run(PICTURES, config=CONFIG, out=out, overlay=False, progress=interrupt(after=4))
+    assert not result.complete
+    assert identities(result) == identities(whole)[:4]
+    loaded = Result.load(out)
+    assert not loaded.complete
+    assert_same_decisions(loaded, result)
+    going_on = rj.run(PICTURES[4:], config=CONFIG, memory=out / MEMORY_NAME)
+    assert identities(going_on) == identities(whole)[4:]
+
+
+def test_a_source_that_fails_midway_leaves_finished_outputs(whole, tmp_path):
+    def failing() -> Iterator[Any]:
+        yield from itertools.islice(PICTURES, 2)
+        raise SourceError("the camera is gone")
+
+    out = tmp_path / "run"
+    with pytest.raises(SourceError, match="the camera is gone"):
+        rj.run(failing(), config=CONFIG, out=out, overlay=False)
+    kept = Result.load(out)
+    assert not kept.complete
+    assert identities(kept) == identities(whole)[:2]
+    assert (out / MEMORY_NAME).is_file()
+
+
+def test_an_occupied_folder_is_refused_before_anything_is_done(tmp_path):
+    """Neither is the source opened, nor anything compiled or written."""
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(OutputError, match="not empty"):
+        rj.run("no such video.mp4", detector="no such model.onnx", out=tmp_path)
+    with pytest.raises(OutputError, match="is a file"):
+        rj.run("no such video.mp4", out=tmp_path / "thesis.tex")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_a_misspelt_option_is_named():
+    with pytest.raises(ConfigError, match="run has no option 'detectr'; did you mean 'detector'"):
+        rj.run(PICTURES, detectr="yolo11n-seg.onnx")
+
+
+def test_nothing_to_track():
+    with pytest.raises(SourceError, match="has no frames"):
+        rj.run([], config=CONFIG)
+
+
+@pytest.mark.slow
+def test_more_detections_and_objects_than_fit_change_nothing(whole):
+    small = {"static": {"num_detections": 2, "num_objects": 2, "num_pending": 4}}
+    grown = rj.run(PICTURES, config=small)
+    assert grown.events == ()
+    assert grown.grown_at
+    assert identities(grown) == identities(whole)

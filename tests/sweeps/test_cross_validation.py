@@ -1,0 +1,71 @@
+"""The setting reported on a scene was chosen without it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import SweepError
+from remind_jax.sweeps.cross_validation import choose_without, cross_validate, cross_validate_choice
+from tests.sweeps.fake_bench import FakeBench, hill
+
+SETTINGS = [{}, *({"matching.match": 0.4 + 0.05 * step} for step in range(12))]
+
+
+def favourite(setting, scene):
+    """Every scene has one setting that is best for it alone; setting 0.7 is second everywhere."""
+    match = round(setting.get("matching.match", 0.0), 2)
+    if match == round(0.4 + 0.05 * scene, 2):
+        return {"IDF1": 1.0}
+    return {"IDF1": 0.8 if match == 0.7 else 0.3}
+
+
+def test_what_is_best_for_the_scene_held_out_does_not_count():
+    result = FakeBench(favourite, tuple("abcd")).run(SETTINGS)
+    validation = cross_validate(result)
+    assert [fold.setting for fold in validation.folds] == [SETTINGS[7]] * 4
+    np.testing.assert_allclose(validation.scores, 0.8)
+    np.testing.assert_allclose(validation.gains, 0.5)
+    assert all(fold.chosen_score == pytest.approx(0.8) for fold in validation.folds)
+
+
+def test_choice_is_the_best_mean_over_the_others():
+    result = FakeBench(hill, tuple("abc")).run(SETTINGS)
+    column = result.table()[:, :, 0]
+    for index, scene in enumerate("abc"):
+        others = np.delete(column, index, axis=1).mean(axis=1)
+        assert choose_without(result, scene) == int(np.argmax(others))
+
+
+def test_a_search_chooses_on_the_others_only():
+    seen = []
+
+    def choose(others):
+        seen.append(others.scenes)
+        return others.run(SETTINGS).best()[0].setting
+
+    bench = FakeBench(favourite, tuple("abc"))
+    validation = cross_validate_choice(bench, choose)
+    assert seen == [("b", "c"), ("a", "c"), ("a", "b")]
+    assert validation.folds == cross_validate(bench.run(SETTINGS)).folds
+
+
+def test_interval_holds_the_mean_and_narrows_with_agreement():
+    wide = cross_validate(FakeBench(hill, tuple("abcdef")).run(SETTINGS))
+    low, high = wide.interval()
+    assert low < wide.scores.mean() < high
+    assert wide.interval([0.5, 0.5, 0.5]) == (0.5, 0.5)
+    assert all(math.isnan(end) for end in wide.interval([0.5]))
+    text = wide.to_markdown()
+    assert "Mean over 6 scenes" in text
+    assert text.count("\n| ") == 7
+
+
+def test_one_scene_is_too_few():
+    bench = FakeBench(hill, ("a",))
+    with pytest.raises(SweepError, match="no scene but 'a'"):
+        cross_validate(bench.run(SETTINGS))
+    with pytest.raises(SweepError, match="at least two scenes"):
+        cross_validate_choice(bench, lambda others: {})
+    with pytest.raises(SweepError, match="no score 'IDF'"):
+        cross_validate(FakeBench(hill).run(SETTINGS), "IDF")

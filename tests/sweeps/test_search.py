@@ -1,0 +1,133 @@
+"""Searches find the top of a hill that is known, keep to their budget, and repeat themselves."""
+
+import math
+import sys
+
+import pytest
+
+from remind_jax.errors import SweepError
+from remind_jax.sweeps.search import hyperband, plan_brackets, search
+from tests.sweeps.fake_bench import FakeBench, hill
+
+pytest.importorskip("optuna")
+
+SPACE = {
+    "matching.match": (0.3, 1.0),
+    "matching.lock_score": (0.5, 1.0),
+    "influence.enabled": (False, True),
+}
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "cmaes", "random", "nsga2"])
+def test_search_beats_the_configuration_as_it_stands(sampler):
+    bench = FakeBench(hill)
+    result = search(bench, SPACE, number=48, at_once=8, sampler=sampler, seed=2)
+    assert result.settings[0] == {}
+    assert len(result.settings) == 49
+    assert [len(settings) for settings, _ in bench.asked] == [9, 8, 8, 8, 8, 8]
+    best = result.best()[0]
+    assert best.setting["influence.enabled"] is True
+    assert best.scores["IDF1"] > result.standings()[0].scores["IDF1"] + 0.2
+
+
+def test_a_sampler_that_learns_ends_nearer_the_top_than_where_it_began():
+    result = search(FakeBench(hill), SPACE, number=96, at_once=8, sampler="tpe", seed=0)
+    scores = [standing.scores["IDF1"] for standing in result.standings()[1:]]
+    assert sum(scores[-24:]) / 24 > sum(scores[:24]) / 24 + 0.1
+    assert result.best()[0].scores["IDF1"] > 0.95
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "cmaes", "random", "nsga2"])
+def test_same_seed_same_settings(sampler):
+    first, again = (
+        search(FakeBench(hill), SPACE, number=24, at_once=6, sampler=sampler, seed=5)
+        for _ in range(2)
+    )
+    other = search(FakeBench(hill), SPACE, number=24, at_once=6, sampler=sampler, seed=6)
+    assert first.settings == again.settings
+    assert first.settings != other.settings
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2"])
+def test_two_objectives_give_a_front(sampler):
+    result = search(
+        FakeBench(hill), SPACE, number=64, at_once=16, sampler=sampler,
+        objectives=("IDF1", "Ambiguous"),
+    )  # fmt: skip
+    front = result.pareto()
+    assert len(front) > 3
+    scores = [(s.scores["IDF1"], s.scores["Ambiguous"]) for s in front]
+    assert scores == sorted(scores, reverse=True)
+
+
+def test_unknown_scores_teach_nothing_and_stop_nothing():
+    def half_known(setting, scene):
+        scores = hill(setting, scene)
+        known = setting.get("matching.match", 0.5) < 0.8
+        return {**scores, "IDF1": scores["IDF1"] if known else math.nan}
+
+    result = search(FakeBench(half_known), SPACE, number=32, at_once=8)
+    assert result.best()[0].scores["IDF1"] > 0.8
+    assert hyperband(FakeBench(half_known), SPACE, widest=9).best()[0].scores["IDF1"] > 0.7
+
+
+def test_interruption_keeps_what_was_found():
+    result = search(FakeBench(hill, stop_after=2), SPACE, number=32, at_once=8)
+    assert not result.complete
+    assert len(result.settings) == 17
+    result = hyperband(FakeBench(hill, stop_after=2), SPACE, widest=9)
+    assert not result.complete
+    assert len(result.settings) == 1
+
+
+def test_brackets_are_those_of_the_paper():
+    # Table 1 of Li et al. for R = 81, eta = 3, in shares of R.
+    brackets = plan_brackets(81, 1 / 81)
+    assert [[number for number, _ in bracket] for bracket in brackets] == [
+        [81, 27, 9, 3, 1], [34, 11, 3, 1], [15, 5, 1], [8, 2], [5],
+    ]  # fmt: skip
+    assert [round(81 * share) for _, share in brackets[0]] == [1, 3, 9, 27, 81]
+    assert all(bracket[-1][1] == 1.0 for bracket in brackets)
+
+
+def test_hyperband_looks_at_fewer_frames_and_finds_the_hill():
+    bench = FakeBench(hill)
+    result = hyperband(bench, SPACE, widest=27, shortest=1 / 9, seed=1)
+    seen = sum(len(settings) * share for settings, share in bench.asked)
+    tried = sum(bracket[0][0] for bracket in plan_brackets(27, 1 / 9))
+    assert seen < 0.6 * tried
+    assert len(result.settings) == 1 + sum(b[-1][0] for b in plan_brackets(27, 1 / 9))
+    assert result.best()[0].scores["IDF1"] > 0.8
+
+
+def test_hyperband_keeps_the_better_ones_of_a_rung():
+    bench = FakeBench(hill)
+    hyperband(bench, SPACE, widest=9, shortest=1 / 3)
+    (first, share), (second, full) = bench.asked[1:3]
+    assert (len(first), len(second)) == (9, 3)
+    assert (share, full) == (pytest.approx(1 / 3), 1.0)
+    worth = lambda s: hill(s, 0)["IDF1"] + hill(s, 1)["IDF1"]  # noqa: E731
+    assert sorted(map(worth, second)) == sorted(map(worth, first))[-3:]
+
+
+def test_what_cannot_be_searched_is_told():
+    bench = FakeBench(hill)
+    with pytest.raises(SweepError, match="'IDF' is no objective"):
+        search(bench, SPACE, objectives=("IDF",))
+    with pytest.raises(SweepError, match="no sampler 'anneal'"):
+        search(bench, SPACE, sampler="anneal")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(SweepError, match="cannot search for 2 objectives"):
+        search(bench, SPACE, sampler="cmaes", objectives=("IDF1", "Ambiguous"))
+    with pytest.raises(SweepError, match="no thresholds"):
+        search(bench, {})
+    with pytest.raises(SweepError, match="has 1 value"):
+        search(bench, {"matching.match": [0.5]})
+    with pytest.raises(SweepError, match="give at least 1"):
+        search(bench, SPACE, number=0)
+    assert not bench.asked
+
+
+def test_without_optuna_one_sentence_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    with pytest.raises(SweepError, match=r"pip install 'remind-jax\[sweep\]'"):
+        search(FakeBench(hill), SPACE)

@@ -1,0 +1,148 @@
+"""Every row of a sweep is the single run with that setting; nothing is done twice."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from remind_jax.backbone.registry import get_backbone
+from remind_jax.config import load_config
+from remind_jax.config.dotted_keys import nest
+from remind_jax.decision import Outcome
+from remind_jax.errors import ConfigError, SourceError
+from remind_jax.frame import Detections
+from remind_jax.masks.reduction import pad_masks
+from remind_jax.sources import open_source
+from remind_jax.sweeps import batches, sweep
+from remind_jax.sweeps.batches import run_batch
+from remind_jax.sweeps.scene_arrays import describe_scene, load_scene
+from remind_jax.sweeps.settings import complete
+from tests import tiny_world as world
+from tests.sweeps.tiny_sweep import CONFIG, SCENES, SETTINGS
+
+FIRM = (Outcome.MATCH, Outcome.NEW)
+
+
+@pytest.fixture(scope="module")
+def swept():
+    """A sweep in two batches."""
+    return sweep(SCENES, SETTINGS, config=CONFIG, batch=4)
+
+
+def thresholds_of(setting):
+    """Thresholds of a single run."""
+    return CONFIG.updated({"thresholds": nest(setting)}).thresholds
+
+
+def firm_ids(outcome, object_id):
+    """What a setting said, decision by decision."""
+    return np.stack([outcome, np.where(np.isin(outcome, FIRM), object_id, -1)])
+
+
+def test_answers_equal_single_runs():
+    scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
+    frames = list(zip(scene.feats, (pad_masks(m, world.BOXES) for m in scene.masks), strict=True))
+    settings, alone = SETTINGS[:4], set()
+    same = [{**setting, "perception.trim_keep": 0.7} for setting in settings]
+    described = describe_scene(scene, world.STATIC, CONFIG.updated({"thresholds": nest(same[0])}))
+    answers, _ = run_batch(described, CONFIG, same, world.STATIC)
+    assert answers is not None
+    for index, setting in enumerate(same):
+        states = world.run(frames, thresholds=thresholds_of(setting))
+        said = firm_ids(
+            np.stack([s.decisions.outcome for s in states]),
+            np.stack([s.decisions.object_id for s in states]),
+        )
+        np.testing.assert_array_equal(
+            firm_ids(answers.outcome[:, index], answers.object_id[:, index]), said
+        )
+        alone.add(said.tobytes())
+    assert len(alone) > 1, "the settings must really differ"
+
+
+@pytest.mark.slow
+def test_capacities_grow_until_every_setting_fits(swept):
+    small = dataclasses.replace(CONFIG, static=dataclasses.replace(world.STATIC, num_objects=2))
+    grown = sweep(SCENES, SETTINGS, config=small, batch=4)
+    np.testing.assert_array_equal(grown.table(), swept.table())
+
+
+@pytest.mark.slow
+def test_a_batch_without_room_to_grow_gives_no_answers():
+    scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
+    small = dataclasses.replace(world.STATIC, num_objects=2)
+    described = describe_scene(scene, small, CONFIG)
+    answers, grown = run_batch(described, CONFIG, SETTINGS[:4], small, 1)
+    assert answers is None
+    assert grown.num_objects > 2
+    answers, _ = run_batch(described, CONFIG, SETTINGS[:1], small, 1)
+    assert answers is not None
+
+
+def test_batches_and_their_order_change_nothing(swept):
+    again = sweep(SCENES, SETTINGS[::-1], config=CONFIG, batch=4)
+    np.testing.assert_array_equal(again.table()[::-1], swept.table())
+
+
+def test_nothing_is_done_twice(tmp_path, monkeypatch):
+    first = sweep(SCENES[:1], SETTINGS[:3], config=CONFIG, batch=4, out=tmp_path)
+    calls = []
+    run = batches.run_batch
+    monkeypatch.setattr(
+        "remind_jax.sweeps.worker.run_batch", lambda *args: calls.append(args) or run(*args)
+    )
+    with (tmp_path / "rows.jsonl").open("a") as stream:
+        stream.write('{"key": "cut o')
+    again = sweep(SCENES[:1], SETTINGS[:5], config=CONFIG, batch=4, out=tmp_path)
+    assert len(calls) >= 1
+    assert sum(len({str(s) for s in args[2]}) for args in calls) == 2
+    np.testing.assert_array_equal(again.table()[:3], first.table())
+    calls.clear()
+    sweep(SCENES[:1], SETTINGS[:5], config=CONFIG, batch=4, out=tmp_path)
+    assert not calls
+
+
+def test_interruption_keeps_what_is_done(tmp_path):
+    def stop(progress):
+        raise KeyboardInterrupt
+
+    stopped = sweep(SCENES, SETTINGS[:2], config=CONFIG, batch=4, out=tmp_path, progress=stop)
+    assert not stopped.complete
+    assert len((tmp_path / "rows.jsonl").read_text().splitlines()) == 1
+
+
+def test_thresholds_are_named_as_everywhere():
+    given = [{"thresholds.matching.match": 1}, {"matching.match": 0.5}, {"match": 0.25}]
+    named = [{"matching.match": value} for value in (1.0, 0.5, 0.25)]
+    assert complete(given, CONFIG) == named
+
+
+def test_a_profile_is_followed_where_features_come_from_the_backbone():
+    config, backbone = load_config("remind"), get_backbone("patch-statistics")
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 255, (2, 64, 96, 3), np.uint8)
+    masks = np.zeros((2, 64, 96), np.int32)
+    masks[:, 8:40, 8:40] = 1
+    pairs = list(zip(images, masks, strict=True))
+    described = load_scene(open_source(pairs), config, backbone)
+    assert described.config == config.for_backbone("patch-statistics") != config
+    given = load_scene(open_source(SCENES[0]), config, backbone)
+    assert given.first(2).config == config
+
+
+def test_bad_input_is_told_before_work_starts():
+    with pytest.raises(ConfigError, match=r"'matching\.mtch' in a setting.*'match'"):
+        sweep(SCENES, {"matching.mtch": [0.5]}, config=CONFIG)
+    with pytest.raises(ConfigError, match=r"input\.open_px is no threshold"):
+        sweep(SCENES, {"input.open_px": [0, 3]}, config=CONFIG)
+    with pytest.raises(ConfigError, match=r"a threshold twice: matching\.match, match"):
+        sweep(SCENES, {"matching.match": [0.5], "match": [0.6]}, config=CONFIG)
+    with pytest.raises(ConfigError, match="must be true or false"):
+        sweep(SCENES, {"influence.enabled": [0.5]}, config=CONFIG)
+    unknown = [
+        dataclasses.replace(frame, detections=Detections.create(frame.detections.masks))
+        for frame in SCENES[0]
+        if frame.detections is not None
+    ]
+    with pytest.raises(SourceError, match="does not say which object"):
+        sweep([unknown], {"matching.match": [0.5]}, config=CONFIG)

@@ -1,0 +1,146 @@
+"""Trackers by name, and that a run needs nothing else of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax import method as methods
+from remind_jax.config import load_config
+from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, no_decisions
+from remind_jax.errors import ConfigError, RemindError
+from remind_jax.method import Method, get_method, list_methods, register_method
+from remind_jax.session import live
+from remind_jax.static import Static
+
+SIDE = 64
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Numbers:
+    first_id: int = 0
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Slots:
+    id: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Counter:
+    """Gives every detection a new id; shift is the last thing observed."""
+
+    objects: Slots
+    frame: jax.Array
+    decisions: Decisions
+    overflow: Overflow
+    shift: jax.Array
+
+
+def empty(static: Static) -> Counter:
+    return Counter(
+        Slots(jnp.full(static.num_objects, NO_ID)),
+        jnp.int32(0),
+        no_decisions(static),
+        Overflow(jnp.int32(0), jnp.int32(0)),
+        jnp.zeros(2),
+    )
+
+
+def count(state, frame_feats, masks, *, static, thresholds, observed):
+    used = jnp.sum(state.objects.id != NO_ID)
+    rank = jnp.cumsum(masks.valid) - 1
+    ids = jnp.where(masks.valid, thresholds.first_id + used + rank, NO_ID)
+    needed = used + jnp.sum(masks.valid)
+    fits = needed <= static.num_objects
+    slot = jnp.where(masks.valid, used + rank, static.num_objects)
+    decisions = dataclasses.replace(
+        no_decisions(static),
+        outcome=jnp.where(masks.valid, int(Outcome.NEW), int(Outcome.EMPTY)),
+        object_id=ids,
+    )
+    after = Counter(
+        Slots(state.objects.id.at[slot].set(ids, mode="drop")),
+        state.frame + 1,
+        decisions,
+        state.overflow,
+        observed["shift"],
+    )
+    kept = jax.tree.map(lambda new, old: jnp.where(fits, new, old), after, state)
+    short = Overflow(jnp.where(fits, 0, needed), jnp.int32(0))
+    return dataclasses.replace(kept, overflow=short)
+
+
+def observe(previous, image):
+    moved = 0.0 if previous is None else float(image.mean()) - float(previous.mean())
+    return {"shift": np.full(2, moved, np.float32)}
+
+
+@pytest.fixture
+def counter(monkeypatch):
+    monkeypatch.setattr(methods, "_methods", dict(methods._methods))
+    method = Method("counter", Numbers, empty, count, observe=observe)
+    register_method(method)
+    return method
+
+
+def picture(level: int) -> np.ndarray:
+    return np.full((SIDE, SIDE, 3), level, np.uint8)
+
+
+def two_masks() -> np.ndarray:
+    masks = np.zeros((2, SIDE, SIDE), bool)
+    masks[0, 8:24, 8:24] = masks[1, 32:56, 32:56] = True
+    return masks
+
+
+def test_a_method_runs_observes_grows_and_comes_back(counter, tmp_path):
+    config = load_config({"tracker": "counter", "static": {"num_objects": 2}})
+    tracker = live.Tracker(config.updated({"thresholds": {"first_id": 10}}))
+    ids = [tracker.update(picture(level), two_masks()).object_id.tolist() for level in (50, 53, 53)]
+    assert ids == [[10, 11], [12, 13], [14, 15]]
+    assert tracker.static.num_objects == 8
+    assert tracker.num_objects == 6
+    np.testing.assert_array_equal(tracker.state.shift, [0, 0])
+    tracker.update(picture(60), two_masks())
+    np.testing.assert_array_equal(tracker.state.shift, [7, 7])
+
+    tracker.save(tmp_path / "memory")
+    again = live.Tracker(config)
+    again.load(tmp_path / "memory")
+    assert again.num_objects == 8
+    np.testing.assert_array_equal(again.state.objects.id, tracker.state.objects.id)
+    with pytest.raises(RemindError, match="memory of tracker 'counter', not 'plus'"):
+        live.Tracker().load(tmp_path / "memory")
+
+
+def test_choosing_a_tracker_chooses_its_thresholds(counter):
+    config = load_config("default").with_tracker("counter")
+    assert config.thresholds == Numbers()
+    assert config.input == load_config("default").input
+    assert config.with_tracker("remind").thresholds == load_config("remind").thresholds
+    assert live.Tracker(tracker="counter").config == config
+    with pytest.raises(ConfigError, match=r"thresholds\.matching"):
+        config.updated({"thresholds": {"matching": {"match": 0.5}}})
+    assert ("tracker", "counter", "plus") in config.difference(load_config("default"))
+
+
+def test_a_method_without_account_cannot_be_traced(counter):
+    with pytest.raises(ConfigError, match="'counter' keeps no account"):
+        live.Tracker(tracker="counter", trace=True)
+
+
+def test_wrong_names_are_told(counter):
+    with pytest.raises(ConfigError, match=r"no tracker 'remnd'.*'remind'"):
+        get_method("remnd")
+    with pytest.raises(ConfigError, match="registered already"):
+        register_method(dataclasses.replace(counter))
+    register_method(counter)  # a notebook cell that is run twice
+    assert list_methods()[0] == load_config().tracker == "plus"
