@@ -1,7 +1,7 @@
 """What every part of REMIND plus is worth, and where its assumptions break.
 
     python benchmarks/plus.py ladder SEQUENCE...       each part added in turn, and left out alone
-    python benchmarks/plus.py hardship SEQUENCE...     with less to go by, in another order, cut
+    python benchmarks/plus.py hardship SEQUENCE...     with less information, in another order, cut
     python benchmarks/plus.py stress [NAME ...]        generated tours that break its assumptions
     python benchmarks/plus.py reliability SEQUENCE...  how often sure answers are right
 
@@ -51,7 +51,7 @@ from remind_jax.synthetic import (
 )
 from remind_jax.synthetic.shapes import CLASSES
 
-# From nothing but looks to everything; each step keeps those before.
+# From appearance alone to the complete method; each step keeps those before.
 BARE: Changes = {
     "looks": {"whitening": False, "ring_weight": 0.0},
     "calibration": {"enabled": False},
@@ -76,10 +76,10 @@ BARE: Changes = {
     "motion": {"checked": False},
 }
 LADDER: tuple[tuple[str, Changes], ...] = (
-    ("tracklets, looks, joint assignment", {}),
+    ("tracklets, appearance, joint assignment", {}),
     ("+ whitening", {"looks": {"whitening": True}}),
     ("+ calibration", {"calibration": {"enabled": True}}),
-    ("+ number of rivals", {"decision": {"crowd": 0.7}}),
+    ("+ number of candidates", {"decision": {"crowd": 0.7}}),
     ("+ background", {"looks": {"ring_weight": 0.3}}),
     ("+ place", {"place": {"weight": 0.8}}),
     ("+ companions", {"layout": {"covisible_weight": 0.6}}),
@@ -87,13 +87,13 @@ LADDER: tuple[tuple[str, Changes], ...] = (
     ("+ optimism", {"layout": {"optimism": 4.0}}),
     ("+ familiarity", {"decision": {"familiarity": 0.8}}),
     ("+ late recognition", {"decision": {"late_frames": 60}}),
-    ("+ memory of what ended open", {"decision": {"ended_age": 2}}),
-    ("+ held while missed", {"decision": {"held": 3.0}}),
+    ("+ memory of undecided tracklets", {"decision": {"ended_age": 2}}),
+    ("+ missed objects held", {"decision": {"held": 3.0}}),
     ("+ checked motion", {"motion": {"checked": True}}),
     ("+ familiarity of what is in view", {"decision": {"familiarity_open": 1.0}}),
     ("+ empty places", {"layout": {"gone_anchors": 3}}),
-    ("+ early answers rather known", {"decision": {"tentative": 0.5}}),
-    ("+ credible witnesses = plus", {"layout": {"witness": 0.5}}),
+    ("+ early preference for known", {"decision": {"tentative": 0.5}}),
+    ("+ appearance of partners = plus", {"layout": {"witness": 0.5}}),
 )
 WITHOUT_PLACE: Changes = {
     "place": {"weight": 0.0},
@@ -133,7 +133,7 @@ HARDSHIPS = {
 
 
 def climb(recordings: list[Recording]) -> Iterator[dict[str, Any]]:
-    """The ladder upwards, then every part left out of the whole."""
+    """Each part added in turn, then each part left out of the complete method."""
     thresholds = changed(PlusThresholds(), BARE)
     for name, changes in LADDER:
         thresholds = changed(thresholds, changes)
@@ -160,7 +160,7 @@ def _row(name: str, recordings: list[Recording], thresholds: PlusThresholds) -> 
 
 
 def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str, Any]]:
-    """Sequences as they are, with less or wrong to go by, in another order, and cut."""
+    """Sequences as they are, with missing or wrong input, in another order, and cut."""
 
     def recorded(change: Callable[[str], Iterable[Frame]]) -> list[Recording]:
         return [record(Path(name).name, change(name), backbone, one_class) for name in names]
@@ -169,11 +169,11 @@ def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str,
     yield _row("as is", as_is, PlusThresholds())
     motions = {
         "no image motion": _without_motion,
-        "a tenth of the motions wrong": _with_lies,
+        "a tenth of the motions wrong": _with_wrong_motion,
     }
     for label, observed in motions.items():
-        told = [dataclasses.replace(one, motion=observed(one.motion)) for one in as_is]
-        yield _row(label, told, PlusThresholds())
+        changed_motion = [dataclasses.replace(one, motion=observed(one.motion)) for one in as_is]
+        yield _row(label, changed_motion, PlusThresholds())
     following = dict(zip(names, (*names[1:], names[0]), strict=True))
     changes: dict[str, Callable[[str], Iterable[Frame]]] = {
         "backwards": _backwards,
@@ -223,13 +223,13 @@ def _renamed(frame: Frame) -> Frame:
 
 
 def _without_motion(motion: Motion) -> Motion:
-    """Nobody could tell how the picture moved."""
+    """As if the motion of the image could not be estimated."""
     still = np.broadcast_to(np.eye(2, 3, dtype=motion.matrix.dtype), motion.matrix.shape)
     return dataclasses.replace(motion, matrix=still, score=np.zeros_like(motion.score))
 
 
-def _with_lies(motion: Motion, share: float = 0.1) -> Motion:
-    """Some frames are said to have moved by up to half a frame, with a good score."""
+def _with_wrong_motion(motion: Motion, share: float = 0.1) -> Motion:
+    """Motion of some frames is wrong by up to half a frame, with a good score."""
     rng = np.random.default_rng(0)
     chosen = rng.random(len(motion.score)) < share
     units = motion.frame_size.max(axis=1, keepdims=True)
@@ -270,8 +270,8 @@ def _bank_answers(
     live = Tracker(config, get_backbone(backbone))
     ids = np.full(recording.truth.shape, -1)
     for row, frame in enumerate(frames):
-        told = live.update(as_one_class(frame) if one_class else frame)
-        ids[row, : len(told)] = told.object_id
+        tracks = live.update(as_one_class(frame) if one_class else frame)
+        ids[row, : len(tracks)] = tracks.object_id
     return ids
 
 
@@ -292,11 +292,11 @@ def reliability(recordings: list[Recording]) -> Iterator[dict[str, Any]]:
         error += here.mean() * gap
         yield {
             "name": f"{k / 10:.1f} to {(k + 1) / 10:.1f}",
-            "told": 100 * float(sure[here].mean()),
+            "confidence": 100 * float(sure[here].mean()),
             "right": 100 * float(right[here].mean()),
             "detections": float(here.sum()),
         }
-    yield {"name": "expected calibration error", "told": 100 * float(error)}
+    yield {"name": "expected calibration error", "confidence": 100 * float(error)}
 
 
 def main() -> None:

@@ -2,9 +2,8 @@
 
     python docs/plus_failures.py docs/figures/plus_failures.webp
 
-For each tour: the frame with most wrong identities, beside one that shows most of the things in
-question under the number that is theirs for most of the tour. Green: right; red: wrong, with that
-number behind it.
+For each tour: the frame with most wrong identities, beside one that shows most of the objects in
+question under their usual ids. Green: right; red: wrong, with the usual id in parentheses.
 """
 
 from __future__ import annotations
@@ -34,20 +33,20 @@ def draw(frame: Frame, truth: np.ndarray, ids: np.ndarray, reference: dict[int, 
     assert frame.image is not None
     assert frame.detections is not None
     picture = frame.image.copy()
-    for mask, thing, told in zip(frame.detections.masks, truth, ids, strict=False):
-        right = reference.get(int(thing)) == told
+    for mask, thing, given in zip(frame.detections.masks, truth, ids, strict=False):
+        right = reference.get(int(thing)) == given
         outline, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, 1)
         cv2.drawContours(picture, outline, -1, GREEN if right else RED, 1)
         rows, columns = np.nonzero(mask)
-        text = str(told) if right else f"{told} ({reference.get(int(thing), 'none')})"
+        text = str(given) if right else f"{given} ({reference.get(int(thing), 'none')})"
         place = int(columns.min()), int(max(rows.min() - 3, 9))
-        for colour, width in (((0, 0, 0), 3), (WHITE if right else (255, 170, 160), 1)):
-            cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, colour, width, 16)
+        for color, width in (((0, 0, 0), 3), (WHITE if right else (255, 170, 160), 1)):
+            cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.4, color, width, 16)
     return picture
 
 
 def worst_frames(name: str) -> np.ndarray:
-    """The frame of a tour where most went wrong, and one where the same things are right."""
+    """The frame of a tour where most went wrong, and one where the same objects are right."""
     options, noise = STRESS[name]
     frames = list(render(make_scene(dataclasses.replace(_TOUR, **options))))
     shown = list(add_detector_noise(frames, noise, tuple(CLASSES))) if noise else frames

@@ -1,4 +1,4 @@
-"""Draws how often answers of REMIND plus are right, against the confidence that it tells.
+"""Draws how often answers of REMIND plus are right, against the confidence that it reports.
 
     python docs/plus_reliability.py docs/figures/plus_reliability.png SEQUENCE...
 
@@ -52,15 +52,15 @@ def draw(axis: Any, title: str, kinds: dict[str, list[Recording]]) -> None:
     axis.plot([0.2, 1], [0.2, 1], ":k", lw=1)
     for kind, recordings in kinds.items():
         *bins, total = reliability(recordings)
-        error = total["told"] / 100
-        told, right = ([row[key] / 100 for row in bins] for key in ("told", "right"))
+        error = total["confidence"] / 100
+        confidence, right = ([row[key] / 100 for row in bins] for key in ("confidence", "right"))
         count = [row["detections"] for row in bins]
-        (line,) = axis.plot(told, right, lw=1)
+        (line,) = axis.plot(confidence, right, lw=1)
         sizes = [15 + 180 * one / sum(count) for one in count]
         label = f"{kind}: ECE {error:.3f}"
-        axis.scatter(told, right, s=sizes, color=line.get_color(), label=label)
+        axis.scatter(confidence, right, s=sizes, color=line.get_color(), label=label)
         print(f"{title}, {label}")
-    axis.set(title=title, xlabel="confidence told", ylabel="share right")
+    axis.set(title=title, xlabel="confidence", ylabel="share right")
     axis.set(xlim=(0.2, 1.02), ylim=(0, 1.02))
     axis.legend(loc="lower right")
 
