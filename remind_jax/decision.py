@@ -18,7 +18,7 @@ NUM_OPTIONS = 3  # objects that an undecided detection may name
 
 
 class Outcome(enum.IntEnum):
-    """What became of a detection (association.md section 19)."""
+    """What became of a detection (method.md#outcomes)."""
 
     EMPTY = 0  # padding slot, no detection
     MATCH = 1  # a known object
@@ -36,7 +36,7 @@ class Outcome(enum.IntEnum):
 
 
 class Status(enum.IntEnum):
-    """How clear the visual evidence is (association.md section 9.1)."""
+    """How clear the visual evidence is (method.md#status)."""
 
     NONE = 0
     STRONG = 1
@@ -45,7 +45,7 @@ class Status(enum.IntEnum):
 
 
 class Reason(enum.IntEnum):
-    """Why a detection became what it became (association.md section 19)."""
+    """Why a detection became what it became (method.md#outcomes)."""
 
     NONE = 0
     ASSIGNED = 1
@@ -70,7 +70,7 @@ class Reason(enum.IntEnum):
 
 
 class Lock(enum.IntEnum):
-    """Whether a clear win settled the pair before the joint assignment (section 12)."""
+    """Whether a clear win settled the pair before the joint assignment (method.md#locks)."""
 
     NONE = 0
     OBJECT = 1
@@ -78,7 +78,7 @@ class Lock(enum.IntEnum):
 
 
 class Source(enum.IntEnum):
-    """What gave a match its object (association notes 18.1)."""
+    """What gave a match its object (method.md#settlement-rounds)."""
 
     NONE = 0
     ASSOCIATION = 1

@@ -88,7 +88,7 @@ class RingPatches:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Descriptors:
-    """What each detection of a frame looks like (perception notes 7).
+    """What each detection of a frame looks like (method.md#described-frame).
 
     Letters: `A` appearance channels (global, trimmed), `C` part channels (clusters, attention),
     `K` parts, `R` rings (inner, outer). Vectors have unit length where valid, else are zero.

@@ -1,6 +1,6 @@
 """The key layouts of published weight files, brought to one vocabulary.
 
-Sources: key tables of the notes, section 9. Keys are matched as a whole, never replaced in part.
+Rule: backbones.md#weight-files. Keys are matched as a whole, never replaced in part.
 
 Vocabulary: `cls_token registers positions periods patch_embed.* norm.* cls_norm.*`, and for every
 block `i`: `blocks.i.` + `norm1.* norm2.* qkv.* q.* k.* v.* proj.* scale1 scale2 up.* down.* gate.*

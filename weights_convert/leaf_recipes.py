@@ -1,6 +1,7 @@
 """How every leaf of our weight files is made from published tensors.
 
-Linear weights are published as `[out, in]`, convolutions as `[out, in, y, x]` (notes 9).
+Linear weights are published as `[out, in]`, convolutions as `[out, in, y, x]`
+(backbones.md#weight-files).
 """
 
 from __future__ import annotations

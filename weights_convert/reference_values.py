@@ -1,7 +1,7 @@
 """First output values that publishers and ports have printed, to check converted weights against.
 
 Image: COCO val2017 000000039769 (two cats), scaled to [0, 1], resized to 224x224 by bilinear
-interpolation with antialiasing, ImageNet statistics (notes 13).
+interpolation with antialiasing, ImageNet statistics (backbones.md#reference-values).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which network a set of named tensors is; nothing is guessed (notes 10)."""
+"""Which network a set of named tensors is; nothing is guessed (backbones.md#recognized-files)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """DINOv3, DINOv2 and DINO v1 vision transformers in Flax, one module for all of them.
 
-Written from a description of the networks (vision transformer notes 2 to 7). Float32 mode follows
+Written from a description of the networks (backbones.md#vit-forward). Float32 mode follows
 the published models operation by operation: exact GELU, two-pass variance, rotations and softmax in
 float32. Bfloat16 mode rounds what enters matrix products, with three exceptions: queries and keys,
 the patch embedding, and the first quarter of the blocks. Every block changes a short stream more

@@ -34,7 +34,7 @@ def rotary_tables(
     """Sine and cosine that rotate the patches of a grid, in raster order.
 
     Angles are `2 pi coordinate / period` of the patch centre; both axes run inside (-1, 1). A row
-    holds vertical angles, then horizontal ones, then both again (notes 3).
+    holds vertical angles, then horizontal ones, then both again (backbones.md#rotary-positions).
     """
     y = 2 * ((np.arange(rows, dtype=np.float32) + 0.5) / rows) - 1
     x = 2 * ((np.arange(columns, dtype=np.float32) + 0.5) / columns) - 1
@@ -75,7 +75,7 @@ def resample_table(
 
 @functools.lru_cache(maxsize=64)
 def resampling_matrix(num_out: int, num_in: int, rule: Resampling) -> Float[np.ndarray, "O I"]:
-    """Weights of every sample of one axis at every new position (notes 4.1).
+    """Weights of every sample of one axis at every new position (backbones.md#position-tables).
 
     Coordinates are rounded to float32 once, as the reference's fused operations do; all else is in
     float64.

@@ -1,6 +1,6 @@
 """The vision transformers that are known by name: DINOv3, DINOv2 and DINO v1.
 
-Sources: the published code of the three repositories, as facts (vision transformer notes 1, 5, 12).
+Sources: the published code of the three repositories, as facts (backbones.md#vit-variants).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Frame-to-frame association with momentum embeddings: the MASA setting of the paper.
 
-The association of MASA (Li et al. 2024) as the paper runs it (evaluation reference, section 11.1):
+The association of MASA (Li et al. 2024) as the paper runs it (benchmark.md#momentum-baseline):
 class-aware, no distance gate, memory over the whole scene, momentum 0.3. Its embeddings are
 replaced by the masked means that all methods get. Those have unit length, where MASA's have the
 length that its training gave them; `logit_scale` stands for it.

@@ -1,4 +1,4 @@
-"""The paper's numbers, to stand beside ours (arXiv 2607.09267; evaluation reference, section 12).
+"""The paper's numbers, to stand beside ours (arXiv 2607.09267; evaluation.md#published-numbers).
 
 They follow the paper's own definitions, which differ from method to method; ours are the standard
 metrics. "forced" is the paper's word for the scenes that every method was made to finish.

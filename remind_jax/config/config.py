@@ -24,7 +24,10 @@ from remind_jax.static import Static
 
 @dataclasses.dataclass(frozen=True)
 class Input:
-    """How frames and masks are prepared on the host (perception notes 1, 6.1)."""
+    """How frames and masks are prepared on the host.
+
+    Rules: method.md#frame-size, method.md#filled-mask.
+    """
 
     max_width_px: int = 1280  # wider frames are reduced to this width
     center_crop: bool = True  # crop to whole patches around the centre, else at the top left

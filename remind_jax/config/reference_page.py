@@ -240,8 +240,12 @@ def _read_section(path: str, values: Any, known: bool) -> Section:
 
 
 def _describe_class(kind: type) -> str:
-    """Its docstring, without references to notes that readers do not have."""
-    return re.sub(r"\s*\(([^()]*notes[^()]*|[\d., ]+)\)", "", inspect.getdoc(kind) or "")
+    """Its docstring; citations of rules become links."""
+    return re.sub(r"(\w+\.md)#([\w-]+)", _link, inspect.getdoc(kind) or "")
+
+
+def _link(rule: re.Match[str]) -> str:
+    return f"[{rule[2].replace('-', ' ')}]({rule[0]})"
 
 
 def _describe_kind(hint: Any) -> str:

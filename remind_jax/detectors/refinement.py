@@ -1,7 +1,7 @@
 """From a detector's instances to those that the tracker sees: wanted classes, eroded masks.
 
-Rules of the original: `reference/perception_memory_update.md` sections 1.3 and 1.4. Its masks can
-become empty by erosion and then stop the run; here they are dropped and counted.
+The original stops where erosion leaves a mask empty; here such masks are dropped and counted
+(method.md#detector-masks).
 """
 
 from __future__ import annotations

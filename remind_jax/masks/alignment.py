@@ -1,4 +1,4 @@
-"""Brings a frame and its masks to the size that the tracker works at (perception notes 1.1)."""
+"""Brings a frame and its masks to the size that the tracker works at (method.md#frame-size)."""
 
 from __future__ import annotations
 

@@ -46,14 +46,14 @@ def reduce_masks(
       num_slots: Slots of the result, at least the number of masks.
       patch_px: Side of a patch in pixels; pixels beyond the last whole patch do not count.
       sanitize: How concave masks are filled before the background around them is looked at
-        (perception notes 6.1).
+        (method.md#filled-mask).
       fill_holes: Fill the holes of masks in mode "morphology".
       close_px: Side of the closing square of mode "morphology".
       open_px: Side of the opening square of mode "morphology", 0 for none.
       keep_largest: Look at the background around the largest piece of a mask only; not in mode
         "none".
       erosion_px: Pixels that a mask loses on every side before anything is measured, none of them
-        where it reaches the box around it (perception notes 1.2).
+        where it reaches the box around it (method.md#mask-geometry).
       scale_min_px: Least length that gaps between masks are measured in.
       exact_gap_max: Gaps up to this many lengths are measured between the masks themselves.
 

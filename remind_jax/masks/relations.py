@@ -1,4 +1,4 @@
-"""Measures how far the pixel masks of a frame are apart (host, OpenCV; context notes 5.1).
+"""Measures how far the pixel masks of a frame are apart (host, OpenCV; method.md#mask-gap).
 
 Letters: `N` detections, `S` slots (at least N), `H W` pixels.
 """

@@ -1,7 +1,7 @@
 """CLEAR MOT: detection errors and identity switches with a matching that prefers continuity.
 
 Bernardin and Stiefelhagen, "Evaluating Multiple Object Tracking Performance: The CLEAR MOT
-Metrics", 2008; evaluation reference, section 10.2. Values equal TrackEval's.
+Metrics", 2008; evaluation.md#clear. Values equal TrackEval's.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Main numbers are the standard ones, equal to TrackEval's, with the id that an object got at birth.
 Recovery is always counted from firm answers: a set of candidates recovers nothing, and no collapse
-can change that (evaluation reference, section 6).
+can change that (evaluation.md#recovery).
 """
 
 from __future__ import annotations

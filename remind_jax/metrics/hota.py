@@ -1,7 +1,7 @@
 """HOTA: detection and association accuracy over 19 localisation thresholds.
 
 Luiten et al., "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking", IJCV 2021;
-evaluation reference, section 10.1. Values equal TrackEval's.
+evaluation.md#hota. Values equal TrackEval's.
 """
 
 from __future__ import annotations

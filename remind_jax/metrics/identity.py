@@ -1,7 +1,7 @@
 """IDF1, IDP, IDR: how much of the sequence carries the one right identity.
 
 Ristani et al., "Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking",
-ECCVW 2016; evaluation reference, section 10.3. Values equal TrackEval's.
+ECCVW 2016; evaluation.md#identity-scores. Values equal TrackEval's.
 """
 
 from __future__ import annotations

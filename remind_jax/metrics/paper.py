@@ -2,7 +2,7 @@
 
 They are not the standard ones of the same names. `paper_scores` says in which
 ways, for the two paths of the original: one for REMIND, one for every other tracker. Numbers of the
-two do not compare. Evaluation reference, sections 3 to 8.
+two do not compare. Rules: evaluation.md#paper-protocol.
 
 Letters: `N` detections, `C` candidates, `G` observations (a visible object in a frame).
 """
@@ -66,7 +66,7 @@ class Sightings:
 
 
 def count_remind(sightings: Sightings, collapse: Collapse = "hungarian") -> PaperCounts:
-    """Counts a run of REMIND as the original does (evaluation reference, section 4)."""
+    """Counts a run of REMIND as the original does (evaluation.md#paper-protocol)."""
     collapsed = collapse_scene(sightings, collapse)
     detection = sightings.detection
     seen = detection != NO_OBJECT
@@ -108,7 +108,7 @@ def count_remind(sightings: Sightings, collapse: Collapse = "hungarian") -> Pape
 
 
 def count_generic(sightings: Sightings) -> PaperCounts:
-    """Counts any tracker as the original does for its baselines (section 5); firm ids only."""
+    """Counts any tracker as the original does for its baselines; firm ids only."""
     answers = _firm_answers(sightings)
     label = answers.label
     is_right = _carries_reference(answers, label)

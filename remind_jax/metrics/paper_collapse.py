@@ -1,6 +1,6 @@
 """One id for every detection, as the original evaluator chooses it before it counts.
 
-Evaluation reference, section 4.2. One deviation: an ambiguous detection whose candidates are all
+Rule: evaluation.md#paper-collapse. One deviation: an ambiguous detection whose candidates are all
 taken stays without an id; the original's solver may then hand it any free id, out of its set.
 
 Letters: `N` detections of a frame, `C` candidates.

@@ -2,7 +2,7 @@
 
 An object's visible frames, counted in processed frames, are cut into intervals; every interval but
 the first is an opportunity. It is *recovered* if some frame of it carries the object's reference
-label, *hard recovered* if its first frame does. Evaluation reference, section 6.
+label, *hard recovered* if its first frame does. Rule: evaluation.md#recovery.
 """
 
 from __future__ import annotations

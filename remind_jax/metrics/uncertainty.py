@@ -2,7 +2,7 @@
 
 A tracker that may say "one of these" needs its sets judged (does the set hold the truth?) and,
 where a metric wants one id per detection, a collapse of all soft decisions of a frame at once.
-Evaluation reference, sections 4.2, 4.6 and 8.7.
+Rule: evaluation.md#uncertainty.
 
 Letters: `N` detections, `C` candidates.
 """

@@ -49,7 +49,7 @@ def keep_typical(
     share: Float[Array, ""],
     min_patches: Int[Array, ""],
 ) -> Bool[Array, "N P"]:
-    """Picks the patches of each object that are most like its mean (perception notes 3).
+    """Picks the patches of each object that are most like its mean (method.md#object-descriptors).
 
     Args:
       features: Patch features.

@@ -2,7 +2,7 @@
 
 Sets that are equally good by the rules differ in the last bit, by the order in which their terms
 were added, and that bit decides which of them comes first. Adding in the original's order and
-rounding where it rounds keeps such decisions.
+rounding where it rounds keeps such decisions (method.md#rounding).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The order in which CPython iterates a set of ids, by which the original breaks ties.
 
 The original keeps the surroundings of an object and the objects of a class as sets: the edges of
-one episode, and candidates without any evidence, come in the order of a hash table (context notes
-17.4). It is rising by id while every id is smaller than the table; a memory of some tens of
-objects is past that.
+one episode, and candidates without any evidence, come in the order of a hash table
+(method.md#set-order). It is rising by id while every id is smaller than the table; a memory of
+some tens of objects is past that.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""REMIND plus: tracklets, layout and place decide who is who (docs/plus.md)."""
+"""REMIND plus: tracklets, layout and place decide who is who (docs/method_plus.md)."""

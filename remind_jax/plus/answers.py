@@ -1,4 +1,6 @@
-"""What is told of each detection: firm answers, honest doubts, and how probable they are (5.6).
+"""What is told of each detection: firm answers, honest doubts, and how probable they are.
+
+Rule: method_plus.md#answers.
 
 Letters: `N` detections, `C` candidates, `K` objects that an undecided detection could be.
 """

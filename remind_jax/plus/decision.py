@@ -1,4 +1,4 @@
-"""Known or new, now or later: the joint decision of all open tracklets (5.6).
+"""Known or new, now or later: the joint decision of all open tracklets (method_plus.md#decision).
 
 Letters: `N` detections, `O` object slots, `C` candidates. Evidence is in log odds.
 """
@@ -88,6 +88,8 @@ def expect_new(
     odds: Float[Array, "N C"], young: Bool[Array, "N"], scene: Scene, t: th.Decision
 ) -> Float[Array, ""]:
     """Log odds of a new object: how often things were new lately, and how new those in view look.
+
+    Rule: method_plus.md#novelty.
 
     What comes into view together is mostly new or mostly known; the share is that at which the
     open tracklets agree with it.

@@ -1,4 +1,6 @@
-"""What looks, background and place say about an open tracklet and each object (5.4).
+"""What looks, background and place say about an open tracklet and each object.
+
+Rule: method_plus.md#evidence.
 
 Letters: `N` detections, `O` object slots, `C` candidates. Evidence is in log odds.
 """
@@ -49,7 +51,7 @@ class Shortlist:
 
 
 def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
-    """Open tracklets among those of this frame."""
+    """Open tracklets among those of this frame (method_plus.md#open-rows)."""
     decided = here.slot != NOWHERE
     late = valid & decided & here.fresh & (here.age <= t.late_frames)
     return Rows(young=valid & ~decided, late=late)
@@ -100,7 +102,10 @@ def best_cosine(white_look: Float[Array, "N E"], objects: Objects) -> Float[Arra
 
 
 def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
-    """Mean cosine of other objects and of the same one, and their common variance."""
+    """Mean cosine of other objects and of the same one, and their common variance.
+
+    Rule: method_plus.md#calibration.
+    """
     assumed = jnp.stack([t.other_mean, t.same_mean])
     prior = (
         jnp.stack([jnp.ones_like(assumed), assumed, t.variance + assumed**2], axis=1) * t.samples
@@ -143,7 +148,10 @@ def relation_error(
     border: Bool[Array, "*#pairs"],
     t: th.Layout,
 ) -> Float[Array, "*pairs"]:
-    """Standard deviation of how one object lies from another, in sizes (5.5)."""
+    """Standard deviation of how one object lies from another, in sizes.
+
+    Rule: method_plus.md#layout-evidence.
+    """
     error = t.near_error + t.rate_error * jnp.linalg.norm(relation, axis=-1)
     return error + spread + t.border_error * border
 

@@ -2,7 +2,7 @@
 
 Corners are followed by sparse optical flow and a similarity is fitted to them: the shift, the turn
 and the zoom of the image, with a score of trust. Remembered places move along with it
-(`remind_jax.plus`). Nothing here knows objects or masks.
+(method_plus.md#image-motion). Nothing here knows objects or masks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""What the others in view say: how they lie, and who is usually seen with whom (5.5).
+"""What the others in view say: how they lie, and who is usually seen with whom.
+
+Rules: method_plus.md#layout-evidence, method_plus.md#company-evidence,
+method_plus.md#joint-weighing.
 
 All open tracklets of a frame are weighed together by mean field: what one of them may be depends on
 what the others may be.

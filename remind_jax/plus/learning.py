@@ -1,4 +1,6 @@
-"""What decided detections teach about their objects (notes of REMIND plus, 5.7).
+"""What decided detections teach about their objects.
+
+Rules: method_plus.md#relation-learning, method_plus.md#look-learning.
 
 Letters: `N` detections, `O` object slots, `K` kept looks, `D` feature dimension. Lengths in frame
 units.
@@ -285,6 +287,8 @@ def learn_cosines(
     t: th.Calibration,
 ) -> Scene:
     """Learns what cosines of the same and of other objects look like.
+
+    Rule: method_plus.md#calibration.
 
     Args:
       scene: Statistics so far.

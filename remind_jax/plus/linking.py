@@ -1,4 +1,4 @@
-"""Which detection goes on with which tracklet (notes of REMIND plus, 5.2, 5.3).
+"""Which detection goes on with which tracklet (method_plus.md#linking, method_plus.md#tracklets).
 
 Letters: `N` detections, `T` tracklets, `D` feature dimension. Lengths in frame units.
 """

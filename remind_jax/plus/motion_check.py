@@ -1,4 +1,6 @@
-"""Does the image motion agree with what moved? An odometer that lies is found out (notes 8).
+"""Does the image motion agree with what moved? An odometer that lies is found out.
+
+Rule: method_plus.md#motion-check.
 
 The estimated motion can be wrong with a good score: a big moving object, a repeated texture. It is
 believed only as long as detections lie where it carries their tracklets. Otherwise the shift that

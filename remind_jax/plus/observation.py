@@ -61,7 +61,7 @@ def observe(
       unit_patches: Scale every patch feature to unit length first.
 
     Returns:
-      Detections (notes of REMIND plus, 3) and motion.
+      Detections (method_plus.md#sightings) and motion.
     """
     rows, columns, dim = frame_feats.patches.shape
     features = jnp.asarray(frame_feats.patches, jnp.float32).reshape(-1, dim)

@@ -1,4 +1,6 @@
-"""Where every object should be in the present frame, seen or not (notes of REMIND plus, 5.1, 5.7).
+"""Where every object should be in the present frame, seen or not.
+
+Rules: method_plus.md#map-motion, method_plus.md#place-correction.
 
 Positions move along with the image. Their errors are shared, for the same image motion moves all of
 them: one covariance per pair of objects, the same for x and y. Whoever is seen corrects the others.

@@ -2,8 +2,7 @@
 
 Lengths are in *frame units*: a frame of any size has the area `FRAME_AREA`, so that a unit is 100
 pixels of a frame of 640x480. Evidence is in log odds. A weight of 0 switches a part off; all parts
-are independent switches. Values began as those of the prototype (notes of REMIND plus, section 5);
-how they were chosen since: docs/plus.md.
+are independent switches. How values were chosen: docs/plus.md; what they do: docs/method_plus.md.
 """
 
 from __future__ import annotations
@@ -21,7 +20,10 @@ FRAME_AREA = 30.72  # units^2
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Linking:
-    """Detections to tracklets, frame to frame (5.2, 5.3)."""
+    """Detections to tracklets, frame to frame.
+
+    Rules: method_plus.md#linking, method_plus.md#tracklets.
+    """
 
     overlap: Real = 3.0  # gain per intersection over union
     distance: Real = 0.6  # loss per relative distance
@@ -37,7 +39,10 @@ class Linking:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Motion:
-    """Whether to believe the image motion, and how places move with it (5.1)."""
+    """Whether to believe the image motion, and how places move with it.
+
+    Rules: method_plus.md#motion-check, method_plus.md#map-motion.
+    """
 
     doubted_score: Real = 0.1  # at this score the motion is not believed at all
     trusted_score: Real = 0.4  # and from here on fully
@@ -60,7 +65,10 @@ class Motion:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """Evidence from where an object should be, and correction of the map (5.4, 5.7)."""
+    """Evidence from where an object should be, and correction of the map.
+
+    Rules: method_plus.md#evidence, method_plus.md#place-correction.
+    """
 
     weight: Real = 0.8
     lost: Real = 2.0  # spread at which half of the belief in a place is gone
@@ -76,7 +84,10 @@ class Place:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Looks:
-    """Evidence from appearance and background (5.3, 5.4)."""
+    """Evidence from appearance and background.
+
+    Rules: method_plus.md#whitening, method_plus.md#evidence.
+    """
 
     whitening: Gate = True  # compare along the scatter within tracklets
     prior_samples: Real = 30.0  # weight of the assumed scatter within tracklets
@@ -101,7 +112,10 @@ class Looks:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What cosines of the same and of other objects look like in this scene (5.4, 5.7)."""
+    """What cosines of the same and of other objects look like in this scene.
+
+    Rule: method_plus.md#calibration.
+    """
 
     enabled: Gate = True
     same_mean: Real = 0.6  # before anything was seen
@@ -122,7 +136,10 @@ class Calibration:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Layout:
-    """Evidence from what else is in view, and how it lies (5.5)."""
+    """Evidence from what else is in view, and how it lies.
+
+    Rules: method_plus.md#layout-evidence, method_plus.md#joint-weighing.
+    """
 
     weight: Real = 0.8  # of the relative layout
     best: Real = 6.0  # limit of the layout evidence to both sides before weighting
@@ -158,7 +175,7 @@ class Layout:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """Known or new, now or later (5.4, 5.6)."""
+    """Known or new, now or later (method_plus.md#novelty, method_plus.md#decision)."""
 
     new: Real = 1.0  # log odds of a new object
     familiarity: Real = 0.8  # weight of how much was new of what came last and is in view
@@ -201,7 +218,7 @@ class Confidence:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Memory:
-    """What is kept of an object (5.7)."""
+    """What is kept of an object (method_plus.md#look-learning)."""
 
     novel: Real = 0.8  # a look is added where no kept one is closer
     rate_samples: Real = 12.0  # kept looks average about this many

@@ -1,4 +1,4 @@
-"""REMIND plus on one page: the pure step from one frame to the next (notes of REMIND plus, 5).
+"""REMIND plus on one page: the pure step from one frame to the next (docs/method_plus.md).
 
 Frame to frame linking is nearly free of errors, so the tracklet gets an identity, not the
 detection. All open tracklets of a frame are decided together, from looks, place, and what lies

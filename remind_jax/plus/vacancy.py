@@ -1,5 +1,7 @@
 """Empty places: an object that is not where it should be in view was moved, or taken away.
 
+Rule: method_plus.md#empty-places.
+
 Letters: `N` detections, `O` object slots. Lengths are in frame units.
 """
 

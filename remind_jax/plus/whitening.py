@@ -1,4 +1,6 @@
-"""Which differences of looks matter: scatter within tracklets against scatter of all (5.3).
+"""Which differences of looks matter: scatter within tracklets against scatter of all.
+
+Rule: method_plus.md#whitening.
 
 What varies within a tracklet (light, view, blur) says little about identity. Looks are compared by
 cosine after whitening with the scatter within tracklets, in the main directions of all looks.

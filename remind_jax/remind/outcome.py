@@ -1,4 +1,4 @@
-"""What became of each detection? (association notes 17)."""
+"""What became of each detection? (method.md#outcome, method.md#outcomes)."""
 
 from __future__ import annotations
 

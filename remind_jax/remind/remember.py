@@ -1,6 +1,8 @@
 """What memory learns from a frame: banks of seen objects, births, absences (paper III-F).
 
-Order of operations: perception notes 16. Letters: `N` detections, `O` objects, `P` pending tracks.
+Order of operations: method.md#memory-order.
+
+Letters: `N` detections, `O` objects, `P` pending tracks.
 """
 
 from __future__ import annotations
@@ -193,7 +195,10 @@ def _undecided(
 def _committed_founders(
     settlement: Settlement, items: Items, next_id: Int[Array, ""]
 ) -> Bool[Array, "N"]:
-    """Detections that found an object although they stay ambiguous (15.4)."""
+    """Detections that found an object although they stay ambiguous.
+
+    Rule: method.md#provisional-commit.
+    """
     reserved = settlement.reserved_id
     named = jnp.any(items.known_id[:, :, None] == reserved, axis=1)
     named = jnp.any(named & (items.kind == Kind.AMBIGUOUS)[:, None], axis=0)
@@ -207,7 +212,10 @@ def _create_committed(
     reserved: Int[Array, "N"],
     next_id: Int[Array, ""],
 ) -> tuple[Objects, Int[Array, "N"], Int[Array, ""]]:
-    """Creates the objects with reserved ids, by rising id; ids between stay unused (14.3)."""
+    """Creates the objects with reserved ids, by rising id; ids between stay unused.
+
+    Rule: method.md#object-ids.
+    """
     order = jnp.argsort(jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max), stable=True)
     created, slot = create_objects(objects, class_id[order], founds[order], next_id)
     back = jnp.argsort(order)
@@ -218,7 +226,7 @@ def _create_committed(
 
 
 def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
-    """Objects that an undecided detection names: they count no miss (14.2)."""
+    """Objects that an undecided detection names: they count no miss (method.md#lifecycle)."""
     named = jnp.where((items.kind != Kind.FREE)[:, None], items.known_id, NO_ID)
     return objects.exists & jnp.any(objects.id[:, None, None] == named, axis=(1, 2))
 
@@ -245,7 +253,10 @@ def _clear_rows(state: TrackerState, rows: Bool[Array, "O+P"]) -> TrackerState:
 
 
 def gate_updates(decisions: Decisions, t: Thresholds) -> tuple[Bool[Array, "N"], Permit]:
-    """How freely each detection may change memory (notes 13); new objects always may."""
+    """How freely each detection may change memory; new objects always may.
+
+    Rule: method.md#update-permit.
+    """
     status = decisions.status_final
     gated = t.update.gated & (decisions.outcome == Outcome.MATCH)
     weak, ambiguous = status == Status.WEAK, status == Status.AMBIGUOUS

@@ -1,4 +1,4 @@
-"""Joint assignment of detections to objects, class by class (association notes 13).
+"""Joint assignment of detections to objects, class by class (method.md#joint-assignment).
 
 Letters: `N` rows (detections), `M` columns (objects by rising id).
 """
@@ -28,7 +28,7 @@ def assign(
 
     Rows of different groups never share a column. With `dummies`, a row may stay without a column
     for the score `dummy[row]`; without them, as many rows as possible get one. Ties fall as in
-    `scipy.optimize.linear_sum_assignment` on each group's own matrix (notes 13.4).
+    `scipy.optimize.linear_sum_assignment` on each group's own matrix (method.md#assignment-ties).
 
     Args:
       scores: Score of each pair.

@@ -1,4 +1,6 @@
-"""In-graph twin of the joint assignment: SciPy's procedure with fixed shapes (notes 13.4).
+"""In-graph twin of the joint assignment: SciPy's procedure with fixed shapes.
+
+Rule: method.md#assignment-ties.
 
 All groups are solved in one loop, one after the other, on *drivers* and *slots*. Drivers are what
 SciPy enters row by row: the detections of a group, or its objects where SciPy would transpose.

@@ -1,4 +1,4 @@
-"""k-means over the patches of each detection (perception notes 4).
+"""k-means over the patches of each detection (method.md#k-means).
 
 Letters: `N` point sets (detections), `P` points (patches), `D` dimensions, `K` clusters.
 """

@@ -1,4 +1,4 @@
-"""In-graph twin of k-means: all sets at once, by matrix products (perception notes 4).
+"""In-graph twin of k-means: all sets at once, by matrix products (method.md#k-means).
 
 No array is larger than sets x clusters x points, or than sets x share of the points x dimensions.
 

@@ -43,7 +43,7 @@ def iou(a: np.ndarray, b: np.ndarray) -> float:
 def momentum(
     sights: Iterable[Sight], match=0.5, birth=0.1, lowest=0.01, rate=0.3, scale=20.0
 ) -> list[list[int]]:
-    """Section 11.1 of the evaluation reference, line by line."""
+    """benchmark.md#momentum-baseline, line by line."""
     memory: list[np.ndarray] = []
     classes: list[int] = []
     answers = []

@@ -6,7 +6,7 @@ from remind_jax.config import Input
 from remind_jax.errors import SourceError
 from remind_jax.masks.alignment import Alignment
 
-# Frame, size after the width limit, left and top of the crop, patch grid (perception notes 22.1).
+# Frame, size after the width limit, left and top of the crop, patch grid (method.md#frame-size).
 EXAMPLES = [
     ((968, 1296), (956, 1280), (0, 6), (59, 80)),
     ((1168, 1752), (853, 1280), (0, 2), (53, 80)),
@@ -17,7 +17,7 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize(("frame", "scaled", "corner", "grid"), EXAMPLES)
-def test_examples_of_the_notes(frame, scaled, corner, grid):
+def test_examples_of_the_page(frame, scaled, corner, grid):
     alignment = Alignment.fit(frame, 16, Input())
     assert alignment.scaled_size == scaled
     assert (alignment.left, alignment.top) == corner

@@ -24,7 +24,7 @@ def blank(height=40, width=48):
 
 
 def l_shape():
-    """40 by 50 pixels with legs of 20: 1400 pixels, 1690 in the hull (perception notes 22.1)."""
+    """40 by 50 pixels with legs of 20: 1400 pixels, 1690 in the hull (method.md#filled-mask)."""
     mask = blank(64, 64)
     mask[5:55, 5:25] = mask[35:55, 5:45] = True
     return mask
@@ -60,7 +60,7 @@ def test_geometry_of_a_box():
     np.testing.assert_array_equal(found.coverage, found.filled_coverage)
 
 
-def test_solidity_of_the_notes():
+def test_solidity_of_the_page():
     found = reduce(l_shape())
     assert found.area[0] == 1400
     assert found.filled_coverage[0].sum() * PATCH**2 == 1690
@@ -186,7 +186,7 @@ def test_opening_takes_thin_things_away():
 
 @pytest.mark.parametrize("radius", [0, 1, 3])
 def test_erosion_spares_what_touches_the_box(radius):
-    """Perception notes 22.1: all 36 pixels of a full square survive."""
+    """method.md#mask-geometry: all 36 pixels of a full square survive."""
     mask = blank(16, 16)
     mask[4:10, 5:11] = True
     reduced = reduce(mask, erosion_px=radius)

@@ -35,8 +35,8 @@ def chamfer_gap(one, other):
     return (0.955 * (most - least) + 1.3693 * least).min()
 
 
-def test_gaps_of_the_notes():
-    a, b = rectangle(50, 50, 110, 100), rectangle(130, 60, 160, 90)  # context notes 19.2
+def test_gaps_of_the_page():
+    a, b = rectangle(50, 50, 110, 100), rectangle(130, 60, 160, 90)  # method.md#example-relations
     inside, diagonal = rectangle(60, 60, 80, 80), rectangle(112, 102, 130, 120)
     far = rectangle(280, 0, 300, 30)
     found = relate([a, b, inside, diagonal, far])

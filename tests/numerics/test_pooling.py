@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from remind_jax.numerics.pooling import dot, keep_typical, pool, to_unit
 
-# The worked example of perception notes 22.2: nine patches, two features.
+# The worked example of method.md#object-descriptors: nine patches, two features.
 FEATURES = np.array(
     [[1, 0], [1, 0.1], [1, 0.2], [1, 0.3], [1, 0.4], [0, 1], [-1, 0], [1, -0.1], [1, 1]], np.float32
 )
@@ -26,7 +26,7 @@ def typical(features, members, share=0.5, min_patches=8, weights=None):
     )  # fmt: skip
 
 
-def test_example_of_the_notes():
+def test_example_of_the_page():
     mean, present = pool(COVERAGE[None], jnp.asarray(FEATURES))
     np.testing.assert_allclose(mean[0], [0.857143, 0.278571], atol=ROUNDING)
     np.testing.assert_allclose(to_unit(mean)[0], [0.951034, 0.309086], atol=ROUNDING)

@@ -30,7 +30,7 @@ def python_order(ids):
     return list(grown), list(set(grown))
 
 
-def test_example_of_the_notes():
+def test_example_of_the_page():
     assert iterate([3, 35, 67, 40, 8, 100, 64, 1], 8) == [64, 1, 35, 67, 3, 100, 40, 8]
 
 

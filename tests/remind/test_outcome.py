@@ -1,4 +1,4 @@
-"""What is written down about each detection (association notes 17)."""
+"""What is written down about each detection (method.md#outcomes)."""
 
 from __future__ import annotations
 

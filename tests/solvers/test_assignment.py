@@ -111,7 +111,7 @@ def test_one_group_is_one_call_of_scipy(shape):
 
 
 def test_uncertain_row_gives_way():
-    """Example of the association notes 13.2."""
+    """Example of method.md#dummy-columns."""
     scores = np.array([[0.80], [0.79]], np.float32)
     dummy = np.array([0.249752, 0.203938], np.float32)
     rest = np.ones((2, 1), bool), np.zeros(2, np.int32), dummy, np.bool_(True)

@@ -1,6 +1,6 @@
 """What kept a detection undecided, and what settled it: look-alikes, layout, births in question.
 
-Sections of the rules are those of the association notes.
+Rules: docs/method.md.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def tell_doubt(case: Case, turn: int) -> Iterator[str]:
 
 
 def _tell_closeness(case: Case, reason: Reason, options: list[tuple[int, float]]) -> str:
-    """Candidates too close to tell apart (14.5)."""
+    """Candidates too close to tell apart (method.md#ambiguity)."""
     t, matched = case.thresholds.ambiguous, case.decision("guarded_id")
     told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
     lone = matched == options[0][0] and case.candidate(matched, "supported") is False
@@ -76,7 +76,7 @@ def _tell_closeness(case: Case, reason: Reason, options: list[tuple[int, float]]
 
 
 def tell_firmness(case: Case) -> Iterator[str]:
-    """Why a match with rivals was not left open (14.5)."""
+    """Why a match with rivals was not left open (method.md#ambiguity)."""
     own, t = case.decision("guarded_id"), case.thresholds.ambiguous
     asked = any(case.passes("undecided", turn) for turn in range(case.num_passes))
     rivals = [i for i in case.candidate_ids() if i != own and case.candidate(i, "plausible")]
@@ -109,7 +109,7 @@ def _is_close(top: float, other: float, gap: float, relative: float, slack: floa
 
 
 def _tell_gap(top: float, other: float, gap: float, relative: float, slack: float) -> str:
-    """How near two scores are, by whichever of the two tests holds (14.1)."""
+    """How near two scores are, by whichever of the two tests holds (method.md#plausible-score)."""
     top, other = max(top, other), min(top, other)
     lack = top - other
     if lack <= gap:
@@ -121,7 +121,7 @@ def _tell_gap(top: float, other: float, gap: float, relative: float, slack: floa
 
 
 def _tell_competition(case: Case, options: list[tuple[int, float]]) -> str:
-    """A new detection that claims an object already matched (14.4)."""
+    """A new detection that claims an object already matched (method.md#competition)."""
     t, record = case.thresholds.competition, case.record
     parent, founded = options[0][0], options[1][0]
     seed = int(np.flatnonzero(record.detections.reserved_id == founded)[0])
@@ -264,7 +264,7 @@ def _tell_new(case: Case) -> str:
 
 
 def _tell_miss(case: Case) -> str:
-    """Why the best look is no near miss of the match threshold (16 step 5)."""
+    """Why the best look is no near miss of the match threshold (method.md#near-miss)."""
     t, match = case.thresholds.provisional, case.thresholds.matching.match
     looks = [
         case.candidate(i, "visual") for i in case.candidate_ids() if case.candidate(i, "plausible")

@@ -1,7 +1,7 @@
 """Why a detection became what it became: a short chain of sentences with numbers and thresholds.
 
 One function per stage, in the order of the tracker; each says nothing where its stage did nothing.
-Sections of the rules are those of the association notes.
+Rules: docs/method.md.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def tell_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str,
 
 
 def _tell_looks(case: Case) -> Iterator[str]:
-    """Whom it looks like, and how clear that is (9.1)."""
+    """Whom it looks like, and how clear that is (method.md#status)."""
     num, label = case.trace("num_candidates"), case.label
     if num == 0:
         yield f"no {label} is known yet, so it can be none of those seen before"
@@ -91,7 +91,10 @@ def _tell_status(case: Case, alone: bool) -> str:
 
 
 def _tell_context(case: Case) -> Iterator[str]:
-    """What the surroundings add or take (10, 11.2)."""
+    """What the surroundings add or take.
+
+    Rules: method.md#cooccurrence-bonus, method.md#context-allowed.
+    """
     context, t = case.record.context, case.thresholds.influence
     ids = case.candidate_ids()
     if not ids:
@@ -121,7 +124,7 @@ def _tell_context(case: Case) -> Iterator[str]:
 
 
 def _tell_unasked(case: Case) -> str:
-    """Why the context was not heard though it had something to say (11.2)."""
+    """Why the context was not heard though it had something to say (method.md#context-allowed)."""
     status = case.decision("status")
     if status == Status.STRONG:
         return "the evidence is strong without it"
@@ -130,7 +133,7 @@ def _tell_unasked(case: Case) -> str:
 
 
 def _tell_poor_context(case: Case) -> str:
-    """The first test that the context failed (context notes 8.2)."""
+    """The first test that the context failed (method.md#context-quality)."""
     sets, t = case.record.sets, case.thresholds.influence
     if not len(sets.score):
         return "no set of known objects explains the frame"
@@ -147,7 +150,7 @@ def _tell_poor_context(case: Case) -> str:
 
 
 def _tell_vetoes(case: Case) -> Iterator[str]:
-    """Candidates that the surroundings rule out (11.3)."""
+    """Candidates that the surroundings rule out (method.md#veto)."""
     t = case.thresholds.veto
     ids = case.candidate_ids()
     outside = [i for i in ids if case.candidate(i, "veto") == Veto.OUTSIDE_CTX]
@@ -255,7 +258,10 @@ def _tell_unassigned(case: Case) -> str:
 
 
 def _tell_trade(case: Case, object_id: int, holder: int) -> str:
-    """The two sums behind a lost object, where nobody else was involved (13.2)."""
+    """The two sums behind a lost object, where nobody else was involved.
+
+    Rule: method.md#dummy-columns.
+    """
     mine, theirs = (case.candidate(object_id, "assign", row) for row in (case.row, holder))
     if mine is None or theirs is None:
         return ""
@@ -302,7 +308,7 @@ def _was_locked(case: Case, object_id: int) -> bool:
 
 
 def _tell_guard(case: Case) -> Iterator[str]:
-    """Look-alikes that could swap objects (14.2)."""
+    """Look-alikes that could swap objects (method.md#identity-stability)."""
     before, after = case.decision("assigned_id"), case.decision("guarded_id")
     if before == after:
         return
@@ -327,7 +333,7 @@ def _tell_guard(case: Case) -> Iterator[str]:
 
 
 def _tell_double(case: Case) -> Iterator[str]:
-    """An identity given twice, which no later rule repairs (22.3)."""
+    """An identity given twice, which no later rule repairs (method.md#one-detection-each)."""
     twin = case.holder(case.decision("object_id"), "object_id")
     if case.outcome == Outcome.MATCH and twin is not None:
         yield f"detection {twin} is matched with the same object: the frame holds it twice"

@@ -1,4 +1,7 @@
-"""Who is who, jointly: locks of clear wins, then one assignment (association notes 12, 13)."""
+"""Who is who, jointly: locks of clear wins, then one assignment.
+
+Rules: method.md#locks, method.md#joint-assignment.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +75,7 @@ def associate(
     final = jnp.take_along_axis(pairs.score_final, at[:, None], axis=1)[:, 0]
     visual = jnp.take_along_axis(score, at[:, None], axis=1)[:, 0]
     accepted = (column != UNASSIGNED) & (final >= t.match) & (visual >= t.min_visual)
-    solved = jnp.where(accepted, column, UNASSIGNED)
+    solved = jnp.where(accepted, column, UNASSIGNED)  # method.md#acceptance
     return Assignment(
         slot=jnp.where(free, solved, jnp.argmax(locked, axis=1).astype(jnp.int32)),
         score=jnp.where(free, jnp.where(accepted, final, 0.0), locked_score),
@@ -84,7 +87,7 @@ def associate(
 def lock_pairs(
     pairs: Pairs, score: Float[Array, "N O"], t: Matching
 ) -> tuple[Bool[Array, "N O"], Int[Array, "N"]]:
-    """Pairs that win so clearly that nothing else is asked (notes 12).
+    """Pairs that win so clearly that nothing else is asked (method.md#locks).
 
     Objects propose their best detection, then free detections propose their best free object.
     Where two proposals meet, the higher score wins, then the lower index.
@@ -116,7 +119,10 @@ def lock_pairs(
 
 
 def dummy_scores(evidence: Evidence, t: Matching) -> Float[Array, "N"]:
-    """Score of leaving a detection without an object; uncertain ones give way (notes 13.2)."""
+    """Score of leaving a detection without an object; uncertain ones give way.
+
+    Rule: method.md#dummy-columns.
+    """
     base = jnp.clip(t.dummy_score, 0.0, 1.0)
     doubt = 1.0 - jnp.clip(evidence.confidence, 0.0, 1.0)
     scaled = jnp.clip(base + t.dummy_confidence_gain * doubt, 0.0, t.dummy_cap)

@@ -1,4 +1,7 @@
-"""How clear is the evidence for each detection? (paper III-E; association notes 8, 9)."""
+"""How clear is the evidence for each detection? (paper III-E).
+
+Rules: method.md#reliable-anchors, method.md#status.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ def top_two(
 def find_anchors(
     scores: Float[Array, "N O"], candidate: Bool[Array, "N O"], t: Diagnosis
 ) -> Bool[Array, "N O"]:
-    """Pairs so clear that they may speak for their surroundings (notes 8).
+    """Pairs so clear that they may speak for their surroundings (method.md#reliable-anchors).
 
     At most one detection per object: the better one, the first among equals.
     """
@@ -114,7 +117,7 @@ def diagnose(
 
 
 def _margin(gap: Array, top: Array, kind: str, t: Diagnosis) -> Float[Array, "N"]:
-    """How far the best candidate leads, [0, 1] (notes 9.2)."""
+    """How far the best candidate leads, [0, 1] (method.md#confidence)."""
     small = jnp.maximum(t.small, _TINY)
     relative = jnp.where(top > 0, gap / jnp.maximum(top, small), 0.0)
     value = relative if kind.endswith("relative") else jnp.maximum(0.0, gap)

@@ -1,4 +1,4 @@
-"""Which pairs may be assigned, and with what score? (paper III-E; association notes 11)."""
+"""Which pairs may be assigned, and with what score? (paper III-E; method.md#gating)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TINY = 1e-12
 
 
 class Gate(enum.IntEnum):
-    """Why a pair is, or is not, open to assignment."""
+    """Why a pair is, or is not, open to assignment (method.md#gating)."""
 
     NONE = 0  # no candidate, or vetoed by context
     BLOCK_MIN_MATCH = 1
@@ -31,7 +31,7 @@ class Gate(enum.IntEnum):
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Pairs:
-    """Score table of the frame; rows are detections, columns objects."""
+    """Score table; rows are detections, columns objects (method.md#pair-scores)."""
 
     eligible: Bool[Array, "N O"]  # open to assignment
     gate: Int[Array, "N O"]  # Gate
@@ -65,7 +65,7 @@ def read_context(
     Args:
       reasoning: What the context says.
       influence: Thresholds of its influence.
-      ambiguous: Thresholds of support that counts (notes 14.1).
+      ambiguous: Thresholds of support that counts (method.md#context-support).
     """
     felt = reasoning.influence
     some = (felt.support > _TINY) | (felt.score_sets > _TINY)
@@ -110,7 +110,7 @@ def gate_pairs(
       candidate: Pairs of one class.
       score: Visual score.
       context: What context says.
-      open_to_context: Detections that context may influence, mostly those that are not clear.
+      open_to_context: Detections that context may influence (method.md#context-allowed).
       rows: Detections still to be assigned.
       used: Objects already taken; they open the whole class to context.
       t: Thresholds.

@@ -1,4 +1,4 @@
-"""How much can be told from each detection? (association notes 6)."""
+"""How much can be told from each detection? (method.md#observation-quality)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ def ramp(x: Array, low: Array, high: Array) -> Array:
 
 
 def assess(descriptors: Descriptors, t: Similarity) -> Quality:
-    """Rates object, background and parts of every detection (notes 6.1, 6.2)."""
+    """Rates object, background and parts of every detection.
+
+    Rules: method.md#observation-quality, method.md#term-weights.
+    """
     support = descriptors.patch_sum
     count = descriptors.num_patches.astype(support.dtype)
     density = jnp.where(count > 1e-12, jnp.clip(support / jnp.maximum(count, 1.0), 0, 1), 1.0)

@@ -1,4 +1,6 @@
-"""How similar is each detection to each object? (paper III-E; association notes 5 to 7).
+"""How similar is each detection to each object? (paper III-E).
+
+Rules: method.md#channel-scores, method.md#visual-score.
 
 Channels are compared with the prototype banks, collapsed to four terms, and the terms averaged by
 weights that carry the quality of the observation. An absent value is not zero: presence travels
@@ -99,6 +101,8 @@ def compare(
 ) -> Comparison:
     """Scores every detection against every object of its class, and against undecided tracks.
 
+    Rule: method.md#candidates.
+
     Args:
       state: Memory before the frame.
       descriptors: What the detections look like.
@@ -124,7 +128,8 @@ def compare(
         collapse(of_objects, (rule,) * num_terms, static, t) for rule in _FORCED_RULES
     )
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), auto, work, stable)
-    # One bank for all candidates of a detection where all have it, stable first (notes 7.3).
+    # One bank for all candidates of a detection where all have it, stable first
+    # (method.md#bank-source).
     everywhere = jnp.all(stacked.present | ~candidate, axis=-1)
     source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
     pick = source[None, :, :, None]
@@ -149,7 +154,10 @@ def compare(
 def comparable_score(
     comparison: Comparison, members: Bool[Array, "N O"], t: Similarity
 ) -> Float[Array, "N O"]:
-    """Score on the evidence that all members of a set have, so that it can be compared (7.5)."""
+    """Score on the evidence that all members of a set have, so that it can be compared.
+
+    Rule: method.md#comparable-score.
+    """
     neutral = comparison.neutral
     common = jnp.all(neutral.present | ~members, axis=-1, keepdims=True)
     score = weighted_mean(neutral.value, neutral.present & common, comparison.neutral_weights, t)
@@ -171,7 +179,7 @@ def compare_channels(
     background: Bool[Array, ""],
     promote_hits: Int[Array, ""],
 ) -> ChannelScores:
-    """Compares every channel with its two banks (notes 5)."""
+    """Compares every channel with its two banks (method.md#channel-scores)."""
     appearance = jnp.swapaxes(descriptors.appearance, 0, 1)
     seen = jnp.swapaxes(descriptors.appearance_valid, 0, 1)
     rings = jnp.swapaxes(descriptors.rings, 0, 1)
@@ -222,7 +230,10 @@ def _best_of_bank(
     seen: Bool[Array, "C N"],
     promote_hits: Int[Array, ""],
 ) -> tuple[Score, Float[Array, "C N O"]]:
-    """Best cosine per object, clamped at 0, and the authority of the winner (notes 5.1, 5.3)."""
+    """Best cosine per object, clamped at 0, and the authority of the winner.
+
+    Rule: method.md#channel-scores.
+    """
     best, winner = _find_nearest(bank, vectors)
     present = seen[..., None] & (best > -1.0)
     quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
@@ -234,7 +245,7 @@ def _best_of_bank(
 def _best_parts(
     bank: Bank, parts: Float[Array, "C N K D"], seen: Bool[Array, "C N K"], top: int
 ) -> Score:
-    """Mean over the `top` best matching parts of a detection (notes 5.1)."""
+    """Mean over the `top` best matching parts of a detection (method.md#channel-scores)."""
     channels, num, clusters, dim = parts.shape
     best, _ = _find_nearest(bank, parts.reshape(channels, num * clusters, dim))
     best = best.reshape(channels, num, clusters, -1)
@@ -291,7 +302,10 @@ def _sort_falling(values: list[Array]) -> list[Array]:
 def collapse(
     channels: ChannelScores, rules: Sequence[Rule], static: Static, t: Similarity
 ) -> Terms:
-    """Reduces work and stable bank, then the channels, to the three terms (notes 7.1, 7.2)."""
+    """Reduces work and stable bank, then the channels, to the three terms.
+
+    Rule: method.md#visual-score.
+    """
     c = channels
     for_object, for_background, for_parts = rules[:NUM_TERMS]
     score, takes_stable = _collapse_pair(c.object_work, c.object_stable, for_object)
@@ -338,7 +352,7 @@ def _collapse_pair(work: Score, stable: Score, rule: Rule) -> tuple[Score, Bool[
 
 
 def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
-    """Joins inner and outer ring; one alone counts in full (notes 5.1, 5.4)."""
+    """Joins inner and outer ring; one alone counts in full (method.md#channel-scores)."""
     if static.ring_channel == "inner":
         return jax.tree.map(lambda leaf: leaf[0], rings)
     if static.ring_channel == "outer":
@@ -362,9 +376,9 @@ def term_weights(
     t: Similarity,
     num_terms: int = NUM_TERMS,
 ) -> Float[Array, "T N #O"]:
-    """Weights of the terms after the quality of observation and prototype (notes 6.2).
+    """Weights of the terms after the quality of observation and prototype (method.md#term-weights).
 
-    Without authority the prototypes are not asked (notes 7.5).
+    Without authority the prototypes are not asked (method.md#comparable-score).
     """
     lift = lambda q, floor: floor + (1.0 - floor) * jnp.clip(q, 0.0, 1.0)  # noqa: E731
     seen = quality.object[:, None]
@@ -384,7 +398,7 @@ def weighted_mean(
     weights: Float[Array, "T N #O"],
     t: Similarity,
 ) -> Float[Array, "N O"]:
-    """One score from the present terms of positive nominal weight (notes 7.4)."""
+    """One score from the present terms of positive nominal weight (method.md#visual-score)."""
     nominal = [t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight]
     nominal = jnp.stack(nominal[: len(value)])
     counted = present & (nominal > 0)[:, None, None]

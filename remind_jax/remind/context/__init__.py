@@ -1,1 +1,1 @@
-"""Which objects belong together here? (paper III-D)."""
+"""Which objects belong together here? (paper III-D; method.md#context)."""

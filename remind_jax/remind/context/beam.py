@@ -1,4 +1,4 @@
-"""Partial hypotheses and how they take up one more class (context notes 7.5).
+"""Partial hypotheses and how they take up one more class (method.md#beam-search).
 
 Letters: `W` beam rows, `N` detections, `O` objects, `K` most detections per class.
 """

@@ -1,4 +1,7 @@
-"""What past episodes tell about who is seen with whom (paper III-D; context notes 4.5, 7.6)."""
+"""What past episodes tell about who is seen with whom (paper III-D).
+
+Rules: method.md#conditional-probability, method.md#maturity.
+"""
 
 from __future__ import annotations
 
@@ -55,14 +58,14 @@ class Links:
 
 
 def maturity(episodes: Int[Array, "O"], t: Sets) -> Float[Array, "O"]:
-    """How much an object has been seen in company (notes 7.2)."""
+    """How much an object has been seen in company (method.md#maturity)."""
     return 1.0 - jnp.exp(-t.maturity_rate * episodes.astype(t.maturity_rate.dtype))
 
 
 def join_links(
     evidence: NeighbourEvidence, num_in_question: Int[Array, ""], static: Static, t: Sets
 ) -> Links:
-    """Joins what two objects remember of each other into one tie (notes 7.6).
+    """Joins what two objects remember of each other into one tie (method.md#member-sets).
 
     Args:
       evidence: Both accounts.

@@ -1,4 +1,6 @@
-"""The classes in view with the detections and objects that stand for them (context notes 7.1, 7.2).
+"""The classes in view with the detections and objects that stand for them.
+
+Rule: method.md#frame-classes.
 
 Letters: `N` detections, `O` objects, `C` classes in view (at most `N`), `K` detections per class,
 `L` objects per class and one empty place.
@@ -97,7 +99,7 @@ def _first_in_order(
 def _rank_objects(
     evidence: NeighbourEvidence, exists: Bool[Array, "O"], anchors: Bool[Array, "O"], t: Sets
 ) -> Int[Array, "O"]:
-    """Order in which objects enter the pool of their class (notes 7.2).
+    """Order in which objects enter the pool of their class (method.md#frame-classes).
 
     Anchors come first, then what anchors lead one to expect, the likeliest first (ties: by the
     anchor that named it first), then the rest, mature and late objects first.

@@ -1,4 +1,6 @@
-"""Every choice of objects that the sets of a beam can make (context notes 7.5, 7.6).
+"""Every choice of objects that the sets of a beam can make.
+
+Rules: method.md#beam-search, method.md#member-sets.
 
 Letters: `W` sets, `K` most detections per class, `O` objects, `M` most members of a set. A choice
 is a count of objects, 0 to `K`, and a variant.
@@ -76,7 +78,7 @@ def grow_trees(
 
 
 def count_links(sets: MemberSet, ranked: Int[Array, "W K+1"], links: Links, t: Sets) -> LinkCounts:
-    """Links within every set after every choice `[W, K+1, 2]` (notes 7.6)."""
+    """Links within every set after every choice `[W, K+1, 2]` (method.md#member-sets)."""
     # Counts are small whole numbers: exact in every precision that a product may take.
     present = links.present.astype(jnp.float32)
     degree = jnp.matmul(sets.members.astype(jnp.float32), present)

@@ -1,4 +1,4 @@
-"""Which sets of remembered objects may be in view? (paper III-D; context notes 7).
+"""Which sets of remembered objects may be in view? (paper III-D; method.md#hypotheses).
 
 A beam search walks the classes in view, those of few objects first, and lets every partial set
 explain some detections of the class by some of its objects. Letters: `H` hypotheses,
@@ -96,7 +96,10 @@ def find_hypotheses(
 def _best_of_beam(
     beam: Beam, total: Int[Array, ""], searched: Bool[Array, ""], static: Static, t: Sets
 ) -> Hypotheses:
-    """The best complete sets (notes 7.7); no two rows agree in members and detections."""
+    """The best complete sets; no two rows agree in members and detections.
+
+    Rule: method.md#kept-hypotheses.
+    """
     score, size = beam.rating.score[beam.set_of], beam.sets.size[beam.set_of]
     valid = beam.valid & searched & (score >= t.min_set_score) & ((total <= 1) | (size >= 2))
     count = min(static.num_hypotheses, static.beam_width)

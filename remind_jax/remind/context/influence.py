@@ -1,4 +1,7 @@
-"""What the context adds to or takes from every object as a candidate (context notes 9)."""
+"""What the context adds to or takes from every object as a candidate.
+
+Rule: method.md#cooccurrence-bonus.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ _SLACK = 1e-9
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Influence:
-    """Context per object, whatever detection it is a candidate of (association notes 10).
+    """Context per object, whatever detection it is a candidate of (method.md#cooccurrence-bonus).
 
     Without a usable context all values from `bonus_raw` to `kernel_raw` are zero; without any
     context everything is.

@@ -1,4 +1,4 @@
-"""Sets of objects that grow one member at a time (paper III-D; context notes 7.6).
+"""Sets of objects that grow one member at a time (paper III-D; method.md#member-sets).
 
 The density of a set is the mean link of its maximum spanning tree. Instead of a tree, a set carries
 the strength of the best path between any two members, where a path is as strong as its weakest
@@ -115,7 +115,7 @@ def weigh_tree(path: Float[Array, "M M"]) -> Float[Array, ""]:
 def rate_cohesion(
     size: Int[Array, "*B"], tree: Float[Array, "*B"], counts: LinkCounts, t: Sets
 ) -> Cohesion:
-    """Density and connection of sets from their trees and links (notes 7.6)."""
+    """Density and connection of sets from their trees and links (method.md#member-sets)."""
     number, several = size.astype(tree.dtype), size >= 2
     pair_share = counts.pairs / jnp.maximum(number * (number - 1.0) / 2.0, 1.0)
     linked_share = counts.linked / jnp.maximum(number, 1.0)
@@ -133,7 +133,7 @@ def rate_cohesion(
 def rate_trust(
     members: Bool[Array, "O *B"], size: Int[Array, "*B"], maturity: Float[Array, "O"], t: Sets
 ) -> Trust:
-    """Mean maturity of sets and how reliable their members are (notes 7.6).
+    """Mean maturity of sets and how reliable their members are (method.md#member-sets).
 
     Reliability is a power of a power mean that leans towards the least mature member.
     """

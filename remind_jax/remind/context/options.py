@@ -1,4 +1,4 @@
-"""Which objects of one class may be in view? (context notes 7.3, 7.4).
+"""Which objects of one class may be in view? (method.md#kernel-support, method.md#class-options).
 
 A hypothesis takes `k` detections of the class and explains them by `k` of its objects: by the best
 supported ones, or with the last of them replaced by the next. Likewise it takes the surest `k`
@@ -86,7 +86,9 @@ def support_by_kernel(
     static: Static,
     t: Sets,
 ) -> tuple[Float[Array, "W L"], Bool[Array, "W"]]:
-    """Mean conditional probability of each object of a class, given the kernel of a set (7.3).
+    """Mean conditional probability of each object of a class, given the kernel of a set.
+
+    Rule: method.md#kernel-support.
 
     The kernel is the anchors and, while there is room, the members of the set. Members of the
     kernel that do not speak for an object are left out of its mean.
@@ -118,7 +120,7 @@ def list_options(
     menu: Menu,
     t: Sets,
 ) -> Options:
-    """Ranks the objects of a class and rates every choice among them (notes 7.4).
+    """Ranks the objects of a class and rates every choice among them (method.md#class-options).
 
     Args:
       support: Support of each object of the class.

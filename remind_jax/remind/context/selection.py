@@ -1,4 +1,4 @@
-"""Which children of a beam live on? (context notes 7.5).
+"""Which children of a beam live on? (method.md#beam-search).
 
 Letters: `W` beam rows, `S` sets of the beam, `K` most detections per class.
 """

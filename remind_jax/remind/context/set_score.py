@@ -1,4 +1,4 @@
-"""How believable is a set of objects as the content of the frame? (context notes 7.6)."""
+"""How believable is a set of objects as the content of the frame? (method.md#set-score)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from remind_jax.remind.thresholds.context import Sets
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Tally:
-    """What the choices that led to a set have summed up, any leading shape (notes 7.5)."""
+    """What the choices that led to a set have summed up, any leading shape.
+
+    Rule: method.md#beam-search.
+    """
 
     info: Float[Array, "..."]  # product over the classes
     support_sum: Float[Array, "..."]  # weighted by the objects to be expected
@@ -50,7 +53,10 @@ def empty_tally(scalar: jnp.dtype) -> Tally:
 
 
 def tally_choices(tally: Tally, options: Options, menu: Menu) -> Tally:
-    """The tally of every set after every choice of objects `[W, K+1, 2]` (notes 7.5)."""
+    """The tally of every set after every choice of objects `[W, K+1, 2]`.
+
+    Rule: method.md#beam-search.
+    """
     row = lambda leaf: leaf[:, None, None]  # noqa: E731
     count = jnp.arange(menu.info.shape[0])
     some = (count > 0)[:, None]
@@ -131,7 +137,7 @@ def rate_coverage(
 
 
 def _decline(count: Float[Array, "..."], term: str, t: Sets) -> Float[Array, "..."]:
-    """Factor of a weight that declines with the size of the set (notes 7.6)."""
+    """Factor of a weight that declines with the size of the set (method.md#set-score)."""
     reference, power, low, high = (
         getattr(t, f"{term}_{part}") for part in ("reference", "power", "weight_min", "weight_max")
     )

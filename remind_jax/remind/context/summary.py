@@ -1,4 +1,6 @@
-"""What the hypotheses say about every class and about the frame (context notes 7.8, 8).
+"""What the hypotheses say about every class and about the frame.
+
+Rules: method.md#hypothesis-summary, method.md#class-summary.
 
 A class summary is kept per object: every object carries the values of its class, so that classes
 need no numbering. Letters: `O` objects, `H` hypotheses.
@@ -153,7 +155,7 @@ def find_kernels(
     anchors: Bool[Array, "O"],
     static: Static,
 ) -> Bool[Array, "O O"]:
-    """Objects that speak for the class of each row object (notes 8.1).
+    """Objects that speak for the class of each row object (method.md#class-summary).
 
     All anchors, then members of the best hypotheses that are of another class, until the kernel
     is full. At least one member enters, however many anchors there are.
@@ -179,7 +181,7 @@ def _rate_quality(
     exists: Bool[Array, "O"],
     t: Influence,
 ) -> Float[Array, ""]:
-    """How far the context can be trusted, [0, 1] (notes 8.2)."""
+    """How far the context can be trusted, [0, 1] (method.md#context-quality)."""
     slot = jnp.arange(exists.shape[0])
     first = exists & ~jnp.any(same & (slot[None] < slot[:, None]), axis=1)
     decided = first & (classes.kept_count > 0)

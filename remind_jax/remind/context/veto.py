@@ -1,4 +1,7 @@
-"""Which pairs does the context rule out? (paper III-D; association notes 10.1, 11.1, 11.3)."""
+"""Which pairs does the context rule out? (paper III-D).
+
+Rules: method.md#expected-neighbors, method.md#plausible-elsewhere, method.md#veto.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +68,7 @@ def veto_pairs(
 def expect_neighbours(
     evidence: NeighbourEvidence, min_link: Float[Array, ""], static: Static, t: Rules
 ) -> Bool[Array, "O O"]:
-    """Neighbours that one expects to see with each row object (association notes 10.1).
+    """Neighbours that one expects to see with each row object (method.md#expected-neighbors).
 
     The closest and latest first, until the list is full, or long enough and likely to contain
     something that is in view.
@@ -89,7 +92,7 @@ def expect_neighbours(
 def plausibly_in_view(
     candidate: Bool[Array, "N O"], score: Float[Array, "N O"], visual_gate: Float[Array, ""]
 ) -> Bool[Array, "N O"]:
-    """Best candidates of all other detections of the frame (association notes 11.1).
+    """Best candidates of all other detections of the frame (method.md#plausible-elsewhere).
 
     Looks alone count, late objects win ties.
     """
@@ -112,7 +115,10 @@ def _contradicts_neighbours(
     episodes: Int[Array, "O"],
     t: Rules,
 ) -> Bool[Array, "N O"]:
-    """Pairs whose object expects neighbours of which (nearly) none is in view (notes 11.3)."""
+    """Pairs whose object expects neighbours of which (nearly) none is in view.
+
+    Rule: method.md#veto.
+    """
     scalar = quality.dtype
     num_expected = jnp.sum(expected, axis=1, dtype=jnp.int32)
     num_seen = jnp.sum(seen, axis=1, dtype=jnp.int32)

@@ -1,1 +1,1 @@
-"""Can the layout decide what looks could not? (paper III-E; context notes 11)."""
+"""Can the layout decide what looks could not? (paper III-E; method.md#layout)."""

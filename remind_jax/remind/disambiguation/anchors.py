@@ -1,4 +1,6 @@
-"""Which surrounding objects tell the candidates of a group apart? (notes 11.1, 11.4, 11.5).
+"""Which surrounding objects tell the candidates of a group apart?.
+
+Rules: method.md#known-set-voters, method.md#voter-usefulness, method.md#voter-selection.
 
 Letters: `N` detections, `O` object slots, `V` possible anchors, `A` anchors of a group, `G`
 detections and `U` candidates of a group.
@@ -25,10 +27,11 @@ from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
 # Shares of span, pair orders and mean separation in the history, and what a single remembered
-# distance is worth (context notes 11.4).
+# distance is worth (method.md#voter-usefulness).
 SPAN_SHARE, ORDER_SHARE, SEPARATION_SHARE = 0.58, 0.17, 0.25
 SINGLE_EDGE = 0.50
-FEWEST_ANCHORS = 2  # the limits of pairs and of group anchors never go below (context notes 11.5)
+# The limits of pairs and of group anchors never go below (method.md#voter-selection).
+FEWEST_ANCHORS = 2
 
 
 @jax.tree_util.register_dataclass
@@ -139,7 +142,10 @@ def choose_anchors(
     static: Static,
     t: KnownSets,
 ) -> Anchors:
-    """The voters that separate the candidates of a group most clearly (context notes 11.5)."""
+    """The voters that separate the candidates of a group most clearly.
+
+    Rule: method.md#voter-selection.
+    """
     inside = group.is_candidate & (group.candidate == voters.slot[:, None])
     valid = voters.valid & ~jnp.any(inside, axis=1)
     score = jnp.where(valid, quality * voters.factor, -jnp.inf)
@@ -171,7 +177,9 @@ def rate_anchors(
     relations: FrameRelations,
     t: KnownSets,
 ) -> Float[Array, "V"]:
-    """How well each voter separates the group, by history and in this frame (notes 11.4).
+    """How well each voter separates the group, by history and in this frame.
+
+    Rule: method.md#voter-usefulness.
 
     Args:
       group: Detections and candidates.

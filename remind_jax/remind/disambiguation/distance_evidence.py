@@ -15,10 +15,10 @@ from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 
-FULL_RELIABILITY_EPISODES = 6  # context notes 6.3
-INFORMATIVENESS_SUPPORT = 0.80  # hard-coded in the original (context notes 6.3)
+FULL_RELIABILITY_EPISODES = 6  # method.md#distance-evidence
+INFORMATIVENESS_SUPPORT = 0.80  # hard-coded in the original (method.md#distance-evidence)
 INFORMATIVENESS_FLOOR = 0.10
-AGREEMENT_BASE, AGREEMENT_CONTACT, AGREEMENT_SUPPORT = 0.5, 0.25, 0.25  # context notes 11.2
+AGREEMENT_BASE, AGREEMENT_CONTACT, AGREEMENT_SUPPORT = 0.5, 0.25, 0.25  # method.md#undecided-groups
 TINY = 1e-12
 _TINY_REF = 1e-6
 
@@ -26,7 +26,9 @@ _TINY_REF = 1e-6
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class DistanceEvidence:
-    """Remembered distances (context notes 3, 6); the edge from `o` to `a` is row o, column a.
+    """Remembered distances; the edge from `o` to `a` is row o, column a.
+
+    Rules: method.md#episodes, method.md#distance-episodes.
 
     What an anchor knows of two others is laid out as in `memory.distances`: `[anchor, x, y]`.
     """
@@ -44,7 +46,7 @@ class DistanceEvidence:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class FrameRelations:
-    """Relations between the detections of this frame (context notes 5); symmetric."""
+    """Relations between the detections of this frame (method.md#relations); symmetric."""
 
     gap: Float[Array, "N N"]  # gap of the masks, object sizes; negative where they overlap
     gap_valid: Bool[Array, "N N"]
@@ -117,14 +119,17 @@ class PairOrders:
 
 
 def rate_reliability(count: Int[Array, "..."], scalar: jnp.dtype) -> Float[Array, "..."]:
-    """Trust in a statistic of `count` episodes, [0, 1] (context notes 6.3)."""
+    """Trust in a statistic of `count` episodes, [0, 1] (method.md#distance-evidence)."""
     return jnp.minimum(1.0, jnp.sqrt(count.astype(scalar) / FULL_RELIABILITY_EPISODES))
 
 
 def rate_difference(
     value: Float[Array, "..."], reference: Array | float, t: KnownSets
 ) -> Float[Array, "..."]:
-    """How clearly two distances differ that are `value` apart, [0, 1) (context notes 11.4)."""
+    """How clearly two distances differ that are `value` apart, [0, 1).
+
+    Rule: method.md#voter-usefulness.
+    """
     scaled = jnp.maximum(0.0, value) / jnp.maximum(_TINY_REF, reference * t.strength_scale)
     return (1.0 - jnp.exp(-scaled)) ** t.strength_power
 

@@ -1,4 +1,6 @@
-"""Which undecided detections belong together, and which groups are closed? (notes 11.2, 11.3).
+"""Which undecided detections belong together, and which groups are closed?.
+
+Rules: method.md#undecided-groups, method.md#closed-groups.
 
 Letters: `N` detections, `C` candidates of an entry, `O` object slots. A candidate is an object
 slot; numbers from `O` on are virtual: objects that this frame may yet create.
@@ -118,7 +120,7 @@ def measure_affinity(
 ) -> Float[Array, "N N"]:
     """How well two detections stand to each other as any two of their candidates used to stand.
 
-    Zero for detections far apart; symmetric (context notes 11.2).
+    Zero for detections far apart; symmetric (method.md#undecided-groups).
     """
     source, target = slot[:, :, None, None], slot[None, None]
     known = stored[:, :, None, None] & stored[None, None]

@@ -1,4 +1,6 @@
-"""Which candidate is which detection, judged by the order of distances (notes 11.6, 11.7).
+"""Which candidate is which detection, judged by the order of distances.
+
+Rules: method.md#known-set-distances, method.md#known-set-verdict.
 
 Letters: `G` detections and `U` candidates of a group, `R` joint assignments, `P` pairs
 of detections, `A` anchors.
@@ -27,7 +29,7 @@ from remind_jax.remind.disambiguation.distance_evidence import (
 )
 from remind_jax.remind.thresholds.known_sets import KnownSets
 
-ROBUSTNESS_FLOOR = 0.10  # weight of an order that was never robust (context notes 11.6)
+ROBUSTNESS_FLOOR = 0.10  # weight of an order that was never robust (method.md#known-set-distances)
 MAX_ASSIGNMENTS = 10_000  # of one group; all of them are scored at once
 _TINY_REF = 1e-6
 
@@ -37,7 +39,7 @@ NUMBERS = ("score", "second", "gap", "core", "core_gap", "evidence")
 
 
 class GroupStatus(enum.IntEnum):
-    """What became of a group (context notes 11.3, 11.7)."""
+    """What became of a group (method.md#closed-groups, method.md#known-set-verdict)."""
 
     NONE = 0  # no group
     TOO_LARGE_OR_SMALL = 1  # not solvable: sizes out of bounds

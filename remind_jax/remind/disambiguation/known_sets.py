@@ -1,4 +1,4 @@
-"""Settles closed groups of look-alikes by their distances to other objects (notes 11).
+"""Settles closed groups of look-alikes by their distances to other objects (method.md#known-sets).
 
 Letters: `N` detections, `O` object slots, `G` detections and `U` candidates of a group.
 """

@@ -1,1 +1,4 @@
-"""What is remembered of every object: prototype banks and lifecycle (paper III-C, III-F)."""
+"""What is remembered of every object: prototype banks and lifecycle.
+
+Rules: method.md#memory (paper III-C, III-F).
+"""

@@ -1,4 +1,4 @@
-"""What an observation does to an appearance bank (paper III-F; perception notes 10).
+"""What an observation does to an appearance bank (paper III-F; method.md#appearance-learning).
 
 A stable duplicate refreshes the stable bank and hides the work bank; else a work duplicate is
 refreshed and, once proven, moves to the stable bank; else the observation founds a prototype.
@@ -102,7 +102,8 @@ def observe_appearance(
     )
     work = refresh(banks.work, work_at, work_cosine, t.duplicate, t.work_quality, again)
 
-    # A proven work prototype moves into the stable bank, or into its duplicate there.
+    # A proven work prototype moves into the stable bank, or into its duplicate there
+    # (method.md#bank-promotion).
     moved = entry(work, work_at)
     proven = (moved.hits >= t.promote_hits) & (mean_quality(moved) >= t.promote_quality)
     leaves = again & permit.insert & (t.promote_hits > 0) & proven

@@ -1,4 +1,4 @@
-"""What an observation does to a background ring bank (paper III-F; perception notes 11).
+"""What an observation does to a background ring bank (paper III-F; method.md#background-learning).
 
 As for appearance, but prototypes move only by similarity, and a full stable bank takes nothing.
 """
@@ -33,7 +33,7 @@ from remind_jax.remind.thresholds.thresholds import Background
 def ring_quality(
     ring_patches: Int[Array, "N 2"], mask_quality: Float[Array, "N"], t: Background
 ) -> Float[Array, "N 2"]:
-    """Quality of the inner and of the outer ring observation, [0, 1] (notes 11.1)."""
+    """Quality of the inner and of the outer ring observation, [0, 1] (method.md#ring-quality)."""
     low = jnp.stack([t.inner_min_patches, t.outer_min_patches])
     high = jnp.stack([t.inner_full_patches, t.outer_full_patches])
     count = ring_patches.astype(mask_quality.dtype)

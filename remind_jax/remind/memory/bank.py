@@ -49,7 +49,7 @@ class DualBank:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Permit:
-    """What an update may do to a bank (perception notes 13)."""
+    """What an update may do to a bank (method.md#update-permit)."""
 
     insert: Bool[Array, ""]  # also merge and promote
     rate: Float[Array, ""]  # share of the step, [0, 1]
@@ -75,19 +75,19 @@ def live(bank: Bank) -> Bool[Array, "... S"]:
 
 
 def mean_quality(bank: Bank) -> Float[Array, "... S"]:
-    """Mean observation quality of each prototype, [0, 1] (notes 9.4)."""
+    """Mean observation quality of each prototype, [0, 1] (method.md#prototype-quality)."""
     return jnp.clip(bank.quality_sum / jnp.maximum(1, bank.num_qualities), 0.0, 1.0)
 
 
 def confidence(bank: Bank, promote_hits: Int[Array, ""]) -> Float[Array, "... S"]:
-    """How far each prototype has proved itself, [0, 1] (notes 9.5)."""
+    """How far each prototype has proved itself, [0, 1] (method.md#prototype-quality)."""
     needed = jnp.where(promote_hits > 0, promote_hits, 4)
     share = jnp.minimum(1.0, bank.hits / needed.astype(bank.quality_sum.dtype))
     return jnp.clip(share * jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
 
 
 def nearest(bank: Bank, vector: Float[Array, "D"]) -> tuple[Int[Array, ""], Float[Array, ""]]:
-    """The most similar prototype and its cosine, -inf for an empty bank (notes 9.1)."""
+    """The most similar prototype and its cosine, -inf for an empty bank (method.md#banks)."""
     similarity = similarities(bank, vector)
     index = jnp.argmax(similarity)
     return index, similarity[index]
@@ -145,7 +145,7 @@ def _blend(chosen: Bool[Array, "S"], new: Bank, old: Bank) -> Bank:
 
 
 def count_quality(value: Bank, quality: Float[Array, ""]) -> Bank:
-    """Adds one observation quality to a prototype's record (notes 9.4)."""
+    """Adds one observation quality to a prototype's record (method.md#prototype-quality)."""
     num = value.num_qualities + 1
     rate = jnp.clip(1.0 / num.astype(quality.dtype), _QUALITY_RATE_MIN, _QUALITY_RATE_MAX)
     return dataclasses.replace(
@@ -173,7 +173,10 @@ def similarity_rate(
     high: Float[Array, ""],
     scale: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Step of a similarity-gated update: none in the margin, then from `low` to `high` (9.7)."""
+    """Step of a similarity-gated update: none in the margin, then from `low` to `high`.
+
+    Rule: method.md#similarity-step.
+    """
     low, high = jnp.clip(low, 0.0, 1.0), jnp.clip(high, 0.0, 1.0)
     low, high = jnp.minimum(low, high), jnp.maximum(low, high)
     gate = duplicate + margin
@@ -187,7 +190,7 @@ def closest_pair(
 ) -> tuple[Float[Array, ""], Int[Array, ""], Int[Array, ""], Float[Array, "S S"]]:
     """Cosine and indices `i < j` of the closest pair, the first among equals; and all cosines.
 
-    The cosine is -1 for fewer than two prototypes (notes 9.2).
+    The cosine is -1 for fewer than two prototypes (method.md#bank-room).
     """
     cosine = dot(bank.embedding, bank.embedding).astype(bank.quality_sum.dtype)
     slots = bank.hits.shape[-1]
@@ -201,7 +204,7 @@ def closest_pair(
 def weakest(bank: Bank, cosine: Float[Array, "S S"], redundant: Bool[Array, ""]) -> Int[Array, ""]:
     """The prototype to give up: the least recently seen of all, or of the most redundant ones.
 
-    Notes 9.3; the first among equals.
+    method.md#bank-room; the first among equals.
     """
     alive = live(bank)
     others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)
@@ -213,7 +216,10 @@ def weakest(bank: Bank, cosine: Float[Array, "S S"], redundant: Bool[Array, ""])
 
 
 def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, ""] | None) -> Bank:
-    """Joins two prototypes; weights are equal, or the hits up to `cap` (notes 9.6)."""
+    """Joins two prototypes; weights are equal, or the hits up to `cap`.
+
+    Rule: method.md#prototype-merge.
+    """
     weights = [1.0, 1.0]
     if cap is not None:
         weights = [

@@ -1,7 +1,9 @@
-"""Who is seen with whom: every object counts the others around it (paper III-D; notes 4).
+"""Who is seen with whom: every object counts the others around it (paper III-D).
+
+Rule: method.md#episodes.
 
 Objects count episodes, not frames: an episode is a sighting in new surroundings, or after some
-time in the same ones. The notes are the context notes. Letters: `N` detections, `O` object slots;
+time in the same ones. Letters: `N` detections, `O` object slots;
 the first object axis is the one that remembers, the second the one remembered.
 """
 
@@ -30,7 +32,7 @@ _TINY = 1e-12
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class CooccurrenceGraph:
-    """Episodes of every object and its edges to others (notes 3)."""
+    """Episodes of every object and its edges to others (method.md#episodes)."""
 
     episodes: Int[Array, "O"]  # accepted episodes
     last_episode: Int[Array, "O"]  # frame of the last one, -1 before the first
@@ -63,7 +65,7 @@ def gather_sightings(
     Args:
       slot: Object slot of every matched or created detection, out of range for others.
       order: Rises in the order in which the detections were decided.
-      allowed: Detections that may make an episode (notes 4.1).
+      allowed: Detections that may make an episode (method.md#episodes).
       num_objects: Object slots.
     """
     num = slot.shape[0]
@@ -107,12 +109,14 @@ def update_cooccurrence(
     static: Static,
     t: Rules,
 ) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
-    """Lets every visible object decide whether this frame is an episode (notes 4.1 to 4.4).
+    """Lets every visible object decide whether this frame is an episode.
+
+    Rules: method.md#episodes, method.md#neighbor-order.
 
     Args:
       graph: Graph before the frame.
       sightings: Objects of the frame.
-      ids: Ids of the objects, which break ties (notes 17.4).
+      ids: Ids of the objects, which break ties (method.md#set-order).
       frame: Number of the frame.
       static: How many neighbours are kept.
       t: Thresholds.
@@ -141,7 +145,10 @@ def _decide_episodes(
     frame: Int[Array, ""],
     t: Rules,
 ) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
-    """Episode logic of the visible objects (notes 4.2); a forced episode keeps what is pending."""
+    """Episode logic of the visible objects; a forced episode keeps what is pending.
+
+    Rule: method.md#episodes.
+    """
     first = rows.episodes == 0
     forced = (t.force_frames > 0) & ~first & (frame - rows.last_episode >= t.force_frames)
     common = jnp.sum(around & rows.context, axis=1, dtype=rows.weight.dtype)
@@ -172,7 +179,10 @@ def _entry_order(
     sightings: Sightings,
     ids: Int[Array, "O"],
 ) -> Int[Array, "N O"]:
-    """Rises in the order in which the edges of an episode are made, that of a set (notes 17.4)."""
+    """Rises in the order in which the edges of an episode are made, that of a set.
+
+    Rule: method.md#set-order.
+    """
     num, slots = hit.shape
     others = jnp.sum(sightings.visible, dtype=jnp.int32) - 1
     several = jnp.sum(hit & (rows.count == 0), axis=1) > 1
@@ -204,7 +214,10 @@ def _count_neighbours(
     static: Static,
     t: Rules,
 ) -> CooccurrenceGraph:
-    """Strengthens the edges to the neighbours of an episode (notes 4.3, 4.4)."""
+    """Strengthens the edges to the neighbours of an episode.
+
+    Rules: method.md#episodes, method.md#neighbor-order.
+    """
     slots = rows.count.shape[1]
     hit, known = accepted[:, None] & around, rows.count > 0
     weight = jnp.where(accepted[:, None], rows.weight * t.decay, rows.weight)
@@ -235,7 +248,7 @@ def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> 
 
 
 def rank_edges(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:
-    """Position of every neighbour by the rule that trims the lists (notes 4.6)."""
+    """Position of every neighbour by the rule that trims the lists (method.md#neighbor-order)."""
     keys = {"weight": (graph.weight, graph.edge_time), "recent": (graph.edge_time,)}
     return neighbour_rank(graph.count > 0, keys[static.neighbour_trim], graph.edge_order)
 
@@ -245,7 +258,9 @@ def neighbour_rank(
     falling: Sequence[Num[Array, "R O"]],
     order: Int[Array, "R O"],
 ) -> Int[Array, "R O"]:
-    """Position of every neighbour, the strongest first; O where there is no edge (notes 4.6).
+    """Position of every neighbour, the strongest first; O where there is no edge.
+
+    Rule: method.md#neighbor-order.
 
     Counting the edges before each edge is quicker than sorting the rows.
 
@@ -279,7 +294,9 @@ def ranked_neighbours(
 def conditional(
     graph: CooccurrenceGraph, num_objects: Int[Array, ""], t: Rules
 ) -> Float[Array, "O O"]:
-    """Smoothed probability P[i, j] of seeing j in an episode of i, [0, 1] (notes 4.5).
+    """Smoothed probability P[i, j] of seeing j in an episode of i, [0, 1].
+
+    Rule: method.md#conditional-probability.
 
     Pairs never seen together have a share, too, and so has an object with itself.
 

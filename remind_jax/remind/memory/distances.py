@@ -1,7 +1,9 @@
-"""How far apart objects are: running means per pair and per three (paper III-D; notes 6).
+"""How far apart objects are: running means per pair and per three (paper III-D).
+
+Rule: method.md#distance-episodes.
 
 Between two episodes an object collects its relations to the others in view; an episode condenses
-them to one value each, by medians in float32. The notes are the context notes. Letters: `N`
+them to one value each, by medians in float32. Letters: `N`
 detections, `O` object slots, `K` pending relations; the first object axis is the one that
 remembers.
 """
@@ -21,7 +23,7 @@ from remind_jax.remind.memory.cooccurrence import Sightings
 from remind_jax.remind.perception.relations import Contact, Relations
 from remind_jax.remind.thresholds.relations import Relations as Rules
 
-PENDING_SLOTS = 3  # a forced episode comes before a fourth relation (notes 16)
+PENDING_SLOTS = 3  # a forced episode comes before a fourth relation (method.md#pending-relations)
 
 
 @jax.tree_util.register_dataclass
@@ -40,7 +42,7 @@ class PendingRelations:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Edges:
-    """What objects know of single others; means run over episodes (notes 6.3)."""
+    """What objects know of single others; means run over episodes (method.md#distance-evidence)."""
 
     contact_count: Int[Array, "... 4"]  # episodes per Contact
     gap_count: Int[Array, "..."]  # episodes with a gap
@@ -57,7 +59,10 @@ class Edges:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PairOrder:
-    """What an object knows of the distances to two others, a and b (notes 6.3)."""
+    """What an object knows of the distances to two others, a and b.
+
+    Rule: method.md#distance-evidence.
+    """
 
     count: Int[Array, "..."]  # episodes with both
     first_share: Float[Array, "..."]  # share of them in which a was nearer than b
@@ -68,7 +73,7 @@ class PairOrder:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class DistanceGraph:
-    """Distances around every object (notes 3).
+    """Distances around every object (method.md#distance-episodes).
 
     `nearer` and `margin` tell what an object knows of two others, `[self, a, b]`. Each pair is
     one entry above and one below the diagonal.
@@ -160,7 +165,7 @@ def update_distances(
 def _collect(
     pending: PendingRelations, relations: Relations, sightings: Sightings
 ) -> PendingRelations:
-    """Adds the relations to the other visible objects (notes 6.1).
+    """Adds the relations to the other visible objects (method.md#pending-relations).
 
     Objects that may not make an episode in this frame are left out by those that may, unless
     fewer than two may.
@@ -201,7 +206,10 @@ class _Episode:
 
 
 def _condense(pending: PendingRelations) -> _Episode:
-    """Medians, mean and most frequent contact of the pending relations (notes 6.2)."""
+    """Medians, mean and most frequent contact of the pending relations.
+
+    Rule: method.md#distance-episodes.
+    """
     slots = pending.gap.shape[-1]
     live = jnp.arange(slots) < pending.count[..., None]
     size = jnp.clip(pending.count, 1, slots).astype(jnp.float32)
@@ -236,7 +244,7 @@ def _median(values: Float[Array, "... K"], live: Bool[Array, "... K"]) -> Float[
 
 
 def _learn_edges(edges: Edges, episode: _Episode, takes_part: Bool[Array, "N O"]) -> Edges:
-    """Moves the running means by one episode (notes 6.2)."""
+    """Moves the running means by one episode (method.md#distance-episodes)."""
     scalar = edges.gap_mean.dtype
     with_gap = takes_part & episode.has_gap
     gap_count = edges.gap_count + with_gap
@@ -264,7 +272,7 @@ def _learn_order(
     distance: Float[Array, "N O"],
     takes_part: Bool[Array, "N O"],
 ) -> tuple[Int[Array, "N O O"], Float[Array, "N O O"]]:
-    """Counts which of two others was nearer, and by how much (notes 6.2)."""
+    """Counts which of two others was nearer, and by how much (method.md#distance-episodes)."""
     slot = jnp.arange(nearer.shape[-1])
     upper = slot[:, None] < slot
     both = takes_part[:, :, None] & takes_part[:, None, :] & (slot[:, None] != slot)

@@ -26,7 +26,7 @@ def decided_rank(
     """Position of every detection in the order in which it got its object.
 
     Matches come before births; among the matches those of the assignment, class by class as
-    the classes appear, locks first (association notes 12, 17).
+    the classes appear, locks first (method.md#locks, method.md#outcomes).
 
     Args:
       decisions: Outcomes and locks.
@@ -58,7 +58,7 @@ def update_graphs(
     static: Static,
     t: Thresholds,
 ) -> tuple[CooccurrenceGraph, DistanceGraph]:
-    """Notes who was seen with whom (context notes 4, 6).
+    """Notes who was seen with whom (method.md#episodes, method.md#distance-episodes).
 
     Args:
       cooccurrence: Graph of episodes before the frame.

@@ -1,4 +1,4 @@
-"""Birth, confirmation, absence and removal of objects (paper III-F; perception notes 14)."""
+"""Birth, confirmation, absence and removal of objects (paper III-F; method.md#lifecycle)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from remind_jax.remind.thresholds.thresholds import Lifecycle as Rules
 
 
 class Lifecycle(enum.IntEnum):
-    """Standing of an object (perception notes 14)."""
+    """Standing of an object (method.md#lifecycle)."""
 
     NEW = 0
     TENTATIVE = 1
@@ -74,7 +74,7 @@ def create_objects(
 def mark_seen(
     objects: Objects, sights: Int[Array, "O"], now: Int[Array, ""], rules: Rules
 ) -> Objects:
-    """Counts the detections that show an object; two in all confirm it (notes 14.1).
+    """Counts the detections that show an object; two in all confirm it (method.md#lifecycle).
 
     Where one frame gives an object to two detections, each is a hit and a frame of its age.
     """
@@ -96,7 +96,7 @@ def mark_seen(
 def mark_missed(
     objects: Objects, missed: Bool[Array, "O"], rules: Rules
 ) -> tuple[Objects, Bool[Array, "O"]]:
-    """Counts a frame of absence (notes 14.2).
+    """Counts a frame of absence (method.md#lifecycle).
 
     Returns:
       The objects, and which of them stayed away so long that they may be forgotten.

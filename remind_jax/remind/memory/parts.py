@@ -1,4 +1,4 @@
-"""What the parts of a detection do to a part bank (paper III-F; perception notes 12).
+"""What the parts of a detection do to a part bank (paper III-F; method.md#part-learning).
 
 Parts arrive one after another. A proven work prototype stays and keeps feeding the stable bank.
 """
@@ -98,7 +98,7 @@ def _refresh(
     t: Parts,
     when: Bool[Array, ""],
 ) -> Bank:
-    """Counts a hit and steps towards the vector by similarity (notes 9.7)."""
+    """Counts a hit and steps towards the vector by similarity (method.md#similarity-step)."""
     old = entry(bank, at)
     rate = similarity_rate(
         cosine, duplicate, t.update_margin, t.update_rate_min, t.update_rate_max, permit.rate

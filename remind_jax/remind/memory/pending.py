@@ -1,4 +1,4 @@
-"""Tracks of detections that stay undecided (perception notes 15).
+"""Tracks of detections that stay undecided (method.md#pending-tracks).
 
 They give undecided detections of successive frames one id and a memory of their own; they never
 decide an identity. Tracks never expire. Letters: `N` detections, `P` pending slots, `K = 3`.
@@ -86,7 +86,10 @@ def join_tracks(
     *,
     solver: str,
 ) -> Int[Array, "N"]:
-    """Finds the track that each undecided detection continues, -1 for none (15.3)."""
+    """Finds the track that each undecided detection continues, -1 for none.
+
+    Rule: method.md#pending-joins.
+    """
     affinity, valid, same = _affinity(tracks, items, visual, rules)
     # Non-items form a group of their own that has no allowed pair.
     waiting = items.kind != Kind.FREE
@@ -161,7 +164,7 @@ def _dice(
 
 
 def _score_overlap(items: Items, tracks: PendingTracks) -> Float[Array, "N P"]:
-    """Weighted overlap of two score maps over the union of their ids (15.3)."""
+    """Weighted overlap of two score maps over the union of their ids (method.md#pending-joins)."""
     mine = jnp.where(items.known_id >= 0, jnp.maximum(items.known_score, 0.0), 0.0)
     theirs = jnp.where(tracks.known_id >= 0, jnp.maximum(tracks.known_score, 0.0), 0.0)
     same = items.known_id[:, None, :, None] == tracks.known_id[None, :, None, :]
@@ -173,7 +176,7 @@ def _score_overlap(items: Items, tracks: PendingTracks) -> Float[Array, "N P"]:
 
 
 def _place(items: Items, tracks: PendingTracks) -> Float[Array, "N P"]:
-    """Nearness and likeness in size, [0, 1] (15.3)."""
+    """Nearness and likeness in size, [0, 1] (method.md#pending-joins)."""
     mine, theirs = items.area[:, None], tracks.area[None]
     scale = jnp.maximum(1.0, jnp.sqrt(0.5 * (mine + theirs)))
     offset = items.center[:, None] - tracks.center[None]
@@ -242,7 +245,7 @@ def claim_origins(
     support_id: Int[Array, "N K"],
     rules: Rules,
 ) -> Bool[Array, "P"]:
-    """Provisional tracks that end because a new object grows out of them (15.5).
+    """Provisional tracks that end because a new object grows out of them (method.md#birth-origins).
 
     Args:
       tracks: Tracks before the frame.

@@ -1,4 +1,6 @@
-"""What typical background patches do to their banks (paper III-F; perception notes 11.2).
+"""What typical background patches do to their banks (paper III-F).
+
+Rule: method.md#ring-prototype-learning.
 
 As for parts, prototypes of one observation arrive one after another and a proven work prototype
 stays and keeps feeding the stable bank; a full stable bank gives up its first entry.

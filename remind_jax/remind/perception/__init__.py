@@ -1,1 +1,4 @@
-"""What does each detection look like: pooling, parts, rings (paper III-B)."""
+"""What does each detection look like: pooling, parts, rings.
+
+Rules: method.md#perception (paper III-B).
+"""

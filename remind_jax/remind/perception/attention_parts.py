@@ -1,4 +1,4 @@
-"""Parts of an object by what its patches attend to (perception notes 5.2).
+"""Parts of an object by what its patches attend to (method.md#attention-parts).
 
 Letters: `N` detections, `P` patches, `Q` object patches of the frame whose attention is known,
 `S` seeds, `D` dimensions.

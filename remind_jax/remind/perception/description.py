@@ -22,9 +22,11 @@ def describe(
 ) -> Descriptors:
     """Describes every detection by its appearance, its parts and its background.
 
+    Rules: method.md#patch-coverage, method.md#object-descriptors.
+
     Patches with a feature that is not finite are left out everywhere; a detection that loses all
     its patches is not valid. One that never covered a patch is, without any descriptor
-    (perception notes 7).
+    (method.md#described-frame).
     """
     t = thresholds.perception
     num = masks.valid.shape[0]

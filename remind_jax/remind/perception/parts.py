@@ -1,4 +1,4 @@
-"""Parts of an object: clusters of its patches, pooled and merged (perception notes 5.1).
+"""Parts of an object: clusters of its patches, pooled and merged (method.md#k-means-parts).
 
 Letters: `N` detections, `P` patches, `K` clusters, `D` dimensions.
 """

@@ -1,4 +1,4 @@
-"""How the detections of one frame lie to each other (paper III-D; context notes 5).
+"""How the detections of one frame lie to each other (paper III-D; method.md#relations).
 
 Lengths are normalised by the mean side of the two masks. Letters: `N` detections.
 """

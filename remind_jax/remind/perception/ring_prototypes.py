@@ -1,4 +1,6 @@
-"""Typical patches of each background ring: clusters, joined where alike (perception notes 6.4).
+"""Typical patches of each background ring: clusters, joined where alike.
+
+Rule: method.md#ring-prototypes.
 
 Letters: `N` detections, `R = 2` rings (inner, outer), `P` patches, `K` clusters, `M` prototypes
 kept, `D` dimensions.

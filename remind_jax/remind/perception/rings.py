@@ -1,4 +1,4 @@
-"""Background rings around an object (perception notes 6).
+"""Background rings around an object (method.md#rings).
 
 Letters: `N` detections, `Hp Wp` patch grid, `P = Hp * Wp`, `R = 2` rings (inner, outer).
 """

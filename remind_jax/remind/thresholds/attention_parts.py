@@ -13,7 +13,7 @@ from remind_jax.numerics.kinds import Real, Whole
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class AttentionParts:
-    """Regions around the patches that others attend to (perception notes 5.2).
+    """Regions around the patches that others attend to (method.md#attention-parts).
 
     Only with `static.part_source` "attention" or "both".
     """

@@ -13,7 +13,7 @@ from remind_jax.numerics.kinds import Gate, Real, Whole
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Sets:
-    """How sets of objects that may be in view are built and scored (context notes 7)."""
+    """How sets of objects that may be in view are built and scored (method.md#hypotheses)."""
 
     min_set_score: Real = 0.0  # hypotheses below are dropped
     min_link: Real = 0.05  # conditional probability from which an object speaks for another
@@ -64,7 +64,10 @@ class Sets:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Influence:
-    """What the context adds to or takes from a candidate (context notes 8 and 9)."""
+    """What the context adds to or takes from a candidate.
+
+    Rules: method.md#class-summary, method.md#cooccurrence-bonus.
+    """
 
     enabled: Gate = True  # context at all; off also stops rescue and vetoes
     on_strong: Gate = False  # change scores of detections whose evidence is strong
@@ -117,7 +120,7 @@ class Influence:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Veto:
-    """When the context rules a pair out (context notes 10; association notes 11.3)."""
+    """When the context rules a pair out (method.md#veto)."""
 
     enabled: Gate = True  # pairs may be ruled out
     max_supported: Whole = 3  # most supported objects of a class that rules others out

@@ -1,4 +1,7 @@
-"""Numbers of the known-set disambiguation and the original's keys for them (context notes 13)."""
+"""Numbers of the known-set disambiguation and the original's keys for them.
+
+Rule: method.md#known-sets.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from remind_jax.numerics.kinds import Gate, Real, Whole
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class KnownSets:
-    """When closed groups of look-alikes are told apart by distances (context notes 11).
+    """When closed groups of look-alikes are told apart by distances (method.md#known-sets).
 
     Distances are in units of object size: pixels divided by the mean size of the two objects.
     """

@@ -12,7 +12,7 @@ from remind_jax.numerics.kinds import Gate, Real, Whole
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Stability:
-    """When an assignment among look-alikes is too close to call (association notes 14.2)."""
+    """When an assignment among look-alikes is too close to call (method.md#identity-stability)."""
 
     enabled: Gate = True  # look for assignments that are too close to call
     assignment_gap: Real = 0.05  # two best joint assignments closer than this are ambiguous
@@ -26,7 +26,7 @@ class Stability:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Competition:
-    """When a new detection and a match claim one object (association notes 14.4)."""
+    """When a new detection and a match claim one object (method.md#competition)."""
 
     enabled: Gate = True  # new detections may take a match into doubt
     young_only: Gate = True  # unconfirmed parents must be young
@@ -42,7 +42,10 @@ class Competition:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Ambiguous:
-    """When a detection could be one of several known objects (association notes 14.1, 14.5)."""
+    """When a detection could be one of several known objects.
+
+    Rules: method.md#plausible-score, method.md#ambiguity.
+    """
 
     enabled: Gate = True  # detections may stay undecided between known objects
     max_candidates: Whole = 3  # most candidates that are named, three at most
@@ -73,7 +76,10 @@ class Ambiguous:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Provisional:
-    """When an unmatched detection may still be a known object (association notes 14.1, 16)."""
+    """When an unmatched detection may still be a known object.
+
+    Rules: method.md#plausible-score, method.md#provisional.
+    """
 
     enabled: Gate = True  # unmatched detections may stay provisional
     min_top: Real = 0.60  # least score of the best supported object
@@ -98,7 +104,10 @@ class Provisional:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Pending:
-    """How undecided detections of successive frames are joined to tracks (perception notes 15)."""
+    """How undecided detections of successive frames are joined to tracks.
+
+    Rule: method.md#pending-tracks.
+    """
 
     ambiguous_enabled: Gate = True  # remember ambiguous detections
     ambiguous_matching: Gate = True  # and join them over time

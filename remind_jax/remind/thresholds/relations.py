@@ -13,7 +13,7 @@ from remind_jax.numerics.kinds import Gate, Real, Whole
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Cooccurrence:
-    """Who is seen with whom (context notes 4)."""
+    """Who is seen with whom (method.md#episodes)."""
 
     enabled: Gate = True  # remember neighbours at all; off also stops the distances
     smoothing: Real = 0.5  # added to every count of a conditional probability
@@ -26,7 +26,7 @@ class Cooccurrence:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Relations:
-    """How two things in one frame lie to each other (context notes 5)."""
+    """How two things in one frame lie to each other (method.md#relations)."""
 
     enabled: Gate = True  # remember distances
     scale_min_px: Real = 40.0  # least length that distances are measured in

@@ -13,7 +13,9 @@ from remind_jax.numerics.kinds import Real, Whole
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class RingPrototypes:
-    """How rings are split, remembered and compared (perception notes 6.4, 11.2).
+    """How rings are split, remembered and compared.
+
+    Rules: method.md#ring-prototypes, method.md#ring-prototype-learning.
 
     Only with `static.ring_prototypes`; what is not here follows `background` and `similarity`.
     """

@@ -31,7 +31,11 @@ from remind_jax.remind.thresholds.ring_prototypes import RingPrototypes
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Perception:
-    """What each detection looks like (perception notes 2, 3, 5, 6)."""
+    """What each detection looks like.
+
+    Rules: method.md#patch-coverage, method.md#object-descriptors, method.md#k-means-parts,
+    method.md#rings.
+    """
 
     patch_coverage: Real = 0.0  # a patch belongs to an object if its coverage exceeds this
     global_enabled: Gate = True  # describe and remember the object as a whole
@@ -63,7 +67,7 @@ class Perception:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Appearance:
-    """Appearance banks (perception notes 9, 10)."""
+    """Appearance banks (method.md#banks, method.md#appearance-learning)."""
 
     duplicate: Real = 0.92  # work prototype refreshed from this similarity on [tau_dup]
     stable_duplicate: Real = 0.95  # stable prototype refreshed from this similarity on
@@ -89,7 +93,7 @@ class Appearance:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Background:
-    """Background ring banks (perception notes 9, 11)."""
+    """Background ring banks (method.md#banks, method.md#background-learning)."""
 
     enabled: Gate = True  # remember and compare the background
     duplicate: Real = 0.93  # work prototype refreshed from this similarity on [tau_dup]
@@ -118,7 +122,7 @@ class Background:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Parts:
-    """Part banks (perception notes 9, 12)."""
+    """Part banks (method.md#banks, method.md#part-learning)."""
 
     duplicate: Real = 0.93  # work prototype refreshed from this similarity on [tau_dup]
     stable_duplicate: Real = 0.95  # stable prototype refreshed from this similarity on
@@ -136,7 +140,7 @@ class Parts:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Lifecycle:
-    """When objects are confirmed, put aside and forgotten (perception notes 14)."""
+    """When objects are confirmed, put aside and forgotten (method.md#lifecycle)."""
 
     confirm_hits: Whole = 2  # sightings that confirm an object [h_confirm]
     max_misses_confirmed: Whole = 10  # frames unseen that make it inactive [m_max]; 0: never
@@ -147,7 +151,7 @@ class Lifecycle:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Similarity:
-    """One visual score from the channels (association notes 5 to 7)."""
+    """One visual score from the channels (method.md#channel-scores, method.md#visual-score)."""
 
     object_weight: Real = 0.60  # weight of the appearance [w_obj]
     background_weight: Real = 0.25  # weight of the background rings [w_bg]
@@ -184,7 +188,7 @@ class Similarity:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """How clear the evidence of one detection is (association notes 8, 9)."""
+    """How clear the evidence of one detection is (method.md#reliable-anchors, method.md#status)."""
 
     anchor_score: Real = 0.75  # least best score of a reliable anchor
     anchor_margin: Real = 0.08  # least lead of a reliable anchor [delta_confirm]
@@ -206,7 +210,7 @@ class Diagnosis:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Matching:
-    """Gates, locks and the joint assignment (association notes 11 to 13)."""
+    """Gates, locks and the joint assignment (method.md#gating, method.md#joint-assignment)."""
 
     match: Real = 0.75  # least final score of a match [tau_match]
     min_visual: Real = 0.60  # least visual score of a match
@@ -229,7 +233,7 @@ class Matching:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Update:
-    """How much of a matched observation reaches memory (perception notes 13)."""
+    """How much of a matched observation reaches memory (method.md#update-permit)."""
 
     gated: Gate = False  # only clear matches change memory freely
     ambiguous_rate: Real = 0.2  # share of the step after an ambiguous match

@@ -1,1 +1,4 @@
-"""Who stays undecided: stability, competition, ambiguous and provisional tracks."""
+"""Who stays undecided: stability, competition, ambiguous and provisional tracks.
+
+Rules: method.md#undecided.
+"""

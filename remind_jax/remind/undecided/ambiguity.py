@@ -1,4 +1,4 @@
-"""Which detections could be one of several known objects? (association notes 14.5)."""
+"""Which detections could be one of several known objects? (method.md#ambiguity)."""
 
 from __future__ import annotations
 
@@ -138,7 +138,10 @@ def _conflict_entries(
     score: Float[Array, "N O"],
     t: Ambiguous,
 ) -> Entries:
-    """An unsupported match whose supported rivals score as well: ambiguous at once (step 9)."""
+    """An unsupported match whose supported rivals score as well: ambiguous at once.
+
+    Rule: method.md#ambiguity.
+    """
     assign = account.pairs.score_assign
     own = jnp.sum(jnp.where(mine, assign, 0.0), axis=1, keepdims=True)
     gap = jnp.maximum(t.gap, t.clear_margin)

@@ -1,4 +1,7 @@
-"""A new detection that looks like an object already matched: both stay open (notes 14.4)."""
+"""A new detection that looks like an object already matched: both stay open.
+
+Rule: method.md#competition.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from remind_jax.remind.undecided.temporal import NO_SLOT, Account, Entries, temp
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Rivalry:
-    """Competitions of a frame."""
+    """Competitions of a frame, and what they found (method.md#provisional-commit)."""
 
     entries: Entries
     reserved_id: Int[Array, "N"]  # id of the object that a detection founds, -1 none

@@ -1,4 +1,4 @@
-"""Is an unmatched detection really new? (association notes 16)."""
+"""Is an unmatched detection really new? (method.md#provisional)."""
 
 from __future__ import annotations
 
@@ -151,10 +151,12 @@ def support_births(
     class_id: Int[Array, "N"],
     is_new: Bool[Array, "N"],
 ) -> Int[Array, "N K"]:
-    """Slots of the known objects that speak for each new detection, the best first (15.5).
+    """Slots of the known objects that speak for each new detection, the best first.
 
-    Which of equals are named follows the order of the original's set of a class (context notes
-    17.4); without any evidence all are equal.
+    Rule: method.md#birth-origins.
+
+    Which of equals are named follows the order of the original's set of a class
+    (method.md#set-order); without any evidence all are equal.
 
     Args:
       score: Known score of each pair.
@@ -191,7 +193,7 @@ def _is_near_miss(
     matching: Matching,
     diagnosis: Diagnosis,
 ) -> Bool[Array, "N"]:
-    """A clear visual winner that just missed the match threshold (step 5)."""
+    """A clear visual winner that just missed the match threshold (method.md#near-miss)."""
     _, plain_top, _ = top_two(visual, plausible)
     among = jnp.where((plain_top > 0)[:, None], plausible, candidate)
     _, top, second = top_two(visual, among)
@@ -226,7 +228,7 @@ def _promote(
     t: Provisional,
     min_visual: Float[Array, ""],
 ) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
-    """Beside a lone support that is taken, names further supported objects (step 14)."""
+    """Beside a lone support that is taken, names further supported objects (method.md#provisional)."""
     count = jnp.sum(known != NO_SLOT, axis=1)
     taken = jnp.any((known != NO_SLOT) & held[jnp.maximum(known, 0)], axis=1)
     lone = (count == 1) & taken

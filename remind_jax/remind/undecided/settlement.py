@@ -1,4 +1,7 @@
-"""Who stays undecided? Guards after the assignment and their reconciliation (notes 14 to 17)."""
+"""Who stays undecided? Guards after the assignment and their reconciliation.
+
+Rules: method.md#settlement-rounds, method.md#entry-priority.
+"""
 
 from __future__ import annotations
 
@@ -148,7 +151,10 @@ def _reconcile(
     static: Static,
     t: Thresholds,
 ) -> tuple[_Open, tuple[GroupAccount, Round]]:
-    """One pass: layout settles closed groups, then births are questioned (notes 15)."""
+    """One pass: layout settles closed groups, then births are questioned.
+
+    Rule: method.md#settlement-rounds.
+    """
     entries = open_.entries
     settled = settle_known_sets(
         Undecided(entries.present, entries.slot, descriptors.class_id),

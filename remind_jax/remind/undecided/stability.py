@@ -1,4 +1,6 @@
-"""Assignments among look-alikes that are too close to call (association notes 14.2, 14.3).
+"""Assignments among look-alikes that are too close to call.
+
+Rules: method.md#identity-stability, method.md#stability-entries.
 
 Matched detections of a class and their objects form components of rivals. In a small component the
 two best complete assignments are compared; a component that leans on rescued pairs is solved again
@@ -97,7 +99,10 @@ def doubt_entries(
     min_visual: Float[Array, ""],
     max_candidates: Int[Array, ""],
 ) -> Entries:
-    """Turns doubtful detections into ambiguous ones, if two plausible rivals remain (14.3)."""
+    """Turns doubtful detections into ambiguous ones, if two plausible rivals remain.
+
+    Rule: method.md#stability-entries.
+    """
     members = stabilised.rivals & account.plausible & stabilised.doubtful[:, None]
     score = temporal_score(account, members)
     members = members & (score >= min_visual)
@@ -204,7 +209,7 @@ def _pad_columns(index: Int[Array, "N X"], width: int) -> Int[Array, "N W"]:
 def _is_fragile(
     account: Account, parts: _Components, slot: Int[Array, "N"], t: Stability
 ) -> Bool[Array, "N"]:
-    """Components with a fragile match that a rival pair clearly beats (14.2 step 4)."""
+    """Components with a fragile match that a rival pair clearly beats (method.md#gating-fragile)."""
     known, width = account.pairs.score_known, parts.edge.shape[1]
     current = slot[:, None] == jnp.arange(width)
     gate = account.pairs.gate
@@ -224,7 +229,10 @@ def _is_fragile(
 def _solve_greedily(
     account: Account, parts: _Components, fragile: Bool[Array, "N"], t: Stability
 ) -> Bool[Array, "N O"]:
-    """Takes pairs by falling score; rescued ones must lead their rivals (14.2 step 5)."""
+    """Takes pairs by falling score; rescued ones must lead their rivals.
+
+    Rule: method.md#gating-fragile.
+    """
     known, num = account.pairs.score_known, len(fragile)
     edge = parts.edge & fragile[:, None]
     order = jnp.lexsort(

@@ -1,4 +1,4 @@
-"""Scores and tests shared by the rules about undecided detections (association notes 14.1).
+"""Scores and tests shared by the rules about undecided detections (method.md#plausible-score).
 
 Letters: `N` detections, `O` objects, `K = 3` named candidates.
 """

@@ -1,7 +1,7 @@
 """One identity, one detection: an object that two detections claim stays with the better one.
 
 The published tracker lets layout give a detection an object that another one holds already
-(docs/parity.md). Nothing can be in two places, and scorers refuse such output.
+(method.md#one-detection-each). Nothing can be in two places, and scorers refuse such output.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The chain of reasons on the worked examples of association notes 23 and on a drawn world."""
+"""The chain of reasons on the worked examples of method.md#example-frames and on a drawn world."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.explanation.scenes import backed, case_of, chain, decide_frame
 HOLDS = {">=": operator.ge, ">": operator.gt, "<=": operator.le, "<": operator.lt}
 TWO_BACKED = {0: backed(0.05), 1: backed(0.05)}
 
-# Number in the notes: scores per detection, surroundings, detection, what its chain must say.
+# Number there: scores per detection, surroundings, detection, what its chain must say.
 EXAMPLES = {
     "2, a lock": (
         [{0: 0.91}],

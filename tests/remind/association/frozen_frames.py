@@ -1,6 +1,6 @@
 """Frames whose decisions were worked out elsewhere.
 
-`frames.npz`: by an independent plain implementation of the notes that agrees with the original.
+`frames.npz`: by an independent plain implementation of the rules that agrees with the original.
 Half of the frames have the published thresholds, half have some of their own.
 
 `switches.npz`: by the original itself, each with one switch set as it is not shipped, and some

@@ -1,4 +1,4 @@
-"""Locks of clear wins and the joint assignment (association notes 12, 13)."""
+"""Locks of clear wins and the joint assignment (method.md#locks, method.md#joint-assignment)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def lock(score: np.ndarray, eligible: np.ndarray, t: Matching) -> tuple[np.ndarr
 def lock_plainly(
     score: np.ndarray, eligible: np.ndarray, t: Matching
 ) -> dict[int, tuple[int, Lock]]:
-    """Notes 12.2 to 12.4, pair by pair."""
+    """method.md#locks, pair by pair."""
 
     def clear(values: list[float]) -> bool:
         first, second = [*sorted(values, reverse=True), 0.0][:2]
@@ -95,7 +95,7 @@ def test_locks_can_be_switched_off(x64):
 
 
 def test_uncertain_detections_give_way(x64):
-    """The example of notes 13.2."""
+    """The example of method.md#dummy-columns."""
 
     def price(confidence: float, status: int = 2, **changed: float) -> float:
         one = jnp.ones(1)

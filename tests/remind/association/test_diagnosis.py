@@ -1,4 +1,4 @@
-"""Status, confidence and anchors (association notes 8, 9)."""
+"""Status, confidence and anchors (method.md#reliable-anchors, method.md#status)."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_margin_kinds(x64):
 
 
 def test_divisors_too_small_are_replaced(x64):
-    """Notes 9.2: what does not exceed `small` gives way."""
+    """method.md#confidence: what does not exceed `small` gives way."""
 
     def confidence(**changed: float) -> float:
         return look(0.8, 0.7, num_terms=3, **changed).confidence  # pyright: ignore[reportReturnType]

@@ -1,4 +1,4 @@
-"""Which pairs are open to assignment, and with what score (association notes 11)."""
+"""Which pairs are open to assignment, and with what score (method.md#gating)."""
 
 from __future__ import annotations
 
@@ -109,7 +109,10 @@ def test_known_score_feels_context_that_may_not_influence(x64):
 
 
 def test_a_lock_opens_its_class_to_context(x64):
-    """Any used candidate lets context influence even a clear detection (11.2)."""
+    """Any used candidate lets context influence even a clear detection.
+
+    Rule: method.md#context-allowed.
+    """
     closed = build([[0.85, 0.70]], bonus=[0.0, 0.08], open_to_context=False)
     assert Gate(closed.gate[0, 1]) is Gate.BLOCK_MATCH_THR
     opened = build([[0.85, 0.70]], bonus=[0.0, 0.08], open_to_context=False, used=[True, False])

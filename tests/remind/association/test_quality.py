@@ -1,4 +1,7 @@
-"""How much can be told from each detection (association notes 6, 7.6)."""
+"""How much can be told from each detection.
+
+Rules: method.md#observation-quality, method.md#visual-score.
+"""
 
 from __future__ import annotations
 

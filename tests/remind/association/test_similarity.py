@@ -1,4 +1,4 @@
-"""From channels to one score (association notes 5 to 7)."""
+"""From channels to one score (method.md#channel-scores, method.md#visual-score)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def authority(*values: float) -> Any:
     return np.array(values)[:, None, None]
 
 
-# The example of notes 7.6.
+# The example of method.md#visual-score.
 EXAMPLE = {
     "object_work": score(0.86, 0.80), "object_stable": score(0.82, None),
     "authority_work": authority(0.9, 0.5), "authority_stable": authority(0.6, 0.0),
@@ -190,7 +190,7 @@ def best_of(made: Bank, vector: np.ndarray, seen: bool = True) -> tuple[float, b
      ("kmeans", "kmeans", 0.6), ("kmeans", "attention", None)],
 )  # fmt: skip
 def test_a_chosen_part_channel_stands_alone(x64, source, channel, value):
-    """Notes 7.2; a channel that there is not leaves the term absent."""
+    """method.md#visual-score; a channel that there is not leaves the term absent."""
     static = dataclasses.replace(STATIC, part_source=source, part_channel=channel)
     parts = score(0.6, 0.9) if source == "both" else score(0.6)
     known = {**EXAMPLE, "parts_work": parts, "parts_stable": jax.tree.map(np.zeros_like, parts)}
@@ -250,7 +250,10 @@ def in_bank(name: str, *values: float | None) -> Score:
 
 
 def test_one_bank_for_all_candidates(x64):
-    """Stable if all have it, else work if all have it, else each its own (7.3)."""
+    """Stable if all have it, else work if all have it, else each its own.
+
+    Rule: method.md#bank-source.
+    """
 
     def source(work: tuple, stable: tuple) -> tuple[int, list[float]]:
         frame = empty_frame(1, 2)

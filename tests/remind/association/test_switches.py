@@ -1,4 +1,7 @@
-"""Switches that are not as shipped, against the original (association notes 11.2, 14.2, 14.5, 16).
+"""Switches that are not as shipped, against the original.
+
+Rules: method.md#context-allowed, method.md#identity-stability, method.md#ambiguity,
+method.md#provisional.
 
 Settings are read as the original writes them, so that the import is tested as well.
 """

@@ -5,7 +5,7 @@ The scenes were drawn at random (Python's `random.Random(seed)`, seeds below 400
 frames of walking between the places; up to 12 detections in one of them, some of unknown classes;
 no anchor to nearly all of them. Kept were the first 12 and those that bring an effect of which
 there were not enough yet. The answers are those of an independent plain implementation of the
-context notes that agrees with the original. Real inputs are stored in 1/1024.
+rules that agrees with the original. Real inputs are stored in 1/1024.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ def think_on(scene: Scene, static: Static = STATIC, **changed: dict[str, Any]) -
 
 
 def example() -> Scene:
-    """The worked example of the context notes, 19.3."""
+    """The worked example of method.md#example-company."""
     count = np.zeros((SLOTS, SLOTS), np.int32)
     for group, episodes in (((0, 1, 3), 6), ((2, 4), 4)):
         for one in group:

@@ -34,7 +34,7 @@ _expand = jax.jit(expand_by_class, static_argnames="static")
 
 
 def small_example(**changed) -> Scene:
-    """The worked example of the context notes in few slots."""
+    """method.md#example-company in few slots."""
     scene = example()
     fields = {name: getattr(scene, name) for name in scene.__dataclass_fields__}
     for name, value in fields.items():
@@ -77,7 +77,7 @@ def test_nothing_is_chosen_at_first():
 
 
 def test_beam_of_the_worked_example():
-    """Context notes 19.3: classes c0 and c2 have one object each, c1 has two.
+    """method.md#example-company: classes c0 and c2 have one object each, c1 has two.
 
     The twelve children of the last class are more than the beam holds.
     """

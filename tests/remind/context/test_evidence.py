@@ -16,15 +16,15 @@ def join(evidence, num_in_question=10, static=STATIC, **changed):
     return jax.device_get(_join(evidence, np.int32(num_in_question), static=static, t=rules))
 
 
-def test_maturity_of_the_notes():
-    """Context notes 19.1; they round to six places."""
+def test_maturity_of_the_page():
+    """method.md#maturity; rounded to six places."""
     told = maturity(np.arange(7), thresholds().sets)
     expected = [0, 0.221199, 0.393469, 0.527633, 0.632121, 0.713495, 0.776870]
     np.testing.assert_allclose(told, expected, atol=1e-6)
 
 
-def test_conditional_of_the_notes():
-    """Context notes 19.3: six and four episodes, five objects, an unseen pair has a share."""
+def test_conditional_of_the_page():
+    """method.md#example-company: six and four episodes, five objects; an unseen pair counts."""
     evidence = read_evidence(example(), thresholds(), STATIC)
     rows = np.asarray(evidence.conditional)
     np.testing.assert_allclose(rows[0, :5], np.array([0.5, 6.5, 0.5, 6.5, 0.5]) / 8.5, rtol=1e-15)
@@ -53,7 +53,7 @@ def test_both_accounts_are_joined(mutual, joint):
 
 
 def test_weak_ties_are_none():
-    """A tie as strong as the threshold counts, one just below does not (notes 7.6)."""
+    """A tie as strong as the threshold counts, one just below does not (method.md#member-sets)."""
     conditional = np.full((3, 3), 0.0625)
     conditional[0, 1] = conditional[1, 0] = np.nextafter(0.0625, 0)
     evidence = evidence_of(conditional, count=np.full((3, 3), 2, np.int32))

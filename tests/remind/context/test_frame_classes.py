@@ -33,7 +33,7 @@ def _rules():
 
 
 def rank_plainly(objects, conditional, episodes, anchors):
-    """Context notes 7.2: objects of a class in the order in which they enter its pool."""
+    """method.md#frame-classes: objects of a class in the order in which they enter its pool."""
     said = {}
     for anchor in np.flatnonzero(anchors):
         for one in objects:
@@ -47,7 +47,7 @@ def rank_plainly(objects, conditional, episodes, anchors):
 
 
 def group_plainly(memory, detections, static):
-    """Pairs (class, detections, pool) in the order of the search (context notes 7.1, 7.2)."""
+    """Pairs (class, detections, pool) in the order of the search (method.md#frame-classes)."""
     conditional, episodes, exists, object_class, anchors = memory
     det_class, det_score, det_valid = detections
     classes = []
@@ -122,7 +122,10 @@ def one_detection(label: int = 0, valid: bool = True):
 
 
 def test_large_class_keeps_25_objects():
-    """The mature and late ones without anchors, the expected ones with them (notes 7.2)."""
+    """The mature and late ones without anchors, the expected ones with them.
+
+    Rule: method.md#frame-classes.
+    """
     mature = np.zeros(30, np.int32)
     mature[[2, 11]] = 4
     found = group(memory_of(30, episodes=mature), one_detection(), Static())

@@ -1,4 +1,4 @@
-"""What is left of the beam in the end (context notes 7.7)."""
+"""What is left of the beam in the end (method.md#kept-hypotheses)."""
 
 import dataclasses
 import functools

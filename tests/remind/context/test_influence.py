@@ -1,4 +1,4 @@
-"""Support, contradiction and bonus, against the rules of the context notes 9 in plain Python."""
+"""Support, contradiction and bonus, against method.md#cooccurrence-bonus in plain Python."""
 
 import dataclasses
 import functools
@@ -107,7 +107,7 @@ def weigh_plainly(s: Any, c: Any, quality: float, t: Rules) -> tuple[float, ...]
         {"min_kernel": 0.0, "contradiction_max_support": 0.2, "local_min_kernel": 0.3},
     ],
 )
-def test_objects_are_weighed_as_written_in_the_notes(quality, changed):
+def test_objects_are_weighed_by_the_rules(quality, changed):
     context, exists = draw_context(quality), np.arange(OBJECTS) < OBJECTS - 20
     found = weigh(context, exists, **changed)
     rules = dataclasses.replace(Rules(), **changed)
@@ -130,7 +130,7 @@ def test_objects_are_weighed_as_written_in_the_notes(quality, changed):
 
 @pytest.mark.parametrize(("quality", "global_ok"), [(np.nextafter(0.35, 0), True), (0.9, False)])
 def test_poor_context_neither_rewards_nor_punishes(quality, global_ok):
-    """What protects from vetoes is said all the same (context notes 18, 14)."""
+    """What protects from vetoes is said all the same (method.md#veto)."""
     context, exists = draw_context(quality, global_ok), np.ones(OBJECTS, bool)
     found = weigh(context, exists)
     for name in (*SAID, "compat_band"):
@@ -142,7 +142,10 @@ def test_poor_context_neither_rewards_nor_punishes(quality, global_ok):
 
 
 def test_bounds():
-    """The largest change is a cap times the quality (notes 9); insiders are not contradicted."""
+    """The largest change is a cap times the quality; insiders are not contradicted.
+
+    Rule: method.md#cooccurrence-bonus.
+    """
     found = weigh(draw_context(0.8), np.ones(OBJECTS, bool))
     assert not np.any((found.contradiction > 0) & found.compat_band)
     assert np.all((found.bonus_raw <= 0.2 * 0.8) & (found.bonus_raw >= -0.1 * 0.8))

@@ -108,13 +108,13 @@ def cohesion(size, tree, pairs, linked, isolated, **changed):
     ],
 )
 def test_cohesion(given_, changed, density, connection):
-    """Context notes 7.6."""
+    """method.md#member-sets."""
     found = cohesion(*given_, **changed)
     np.testing.assert_allclose(found, (density, connection), rtol=0, atol=ROUNDING)
 
 
 def trust_plainly(maturity, t: Any):
-    """Context notes 7.6, over the maturities of the members."""
+    """method.md#member-sets, over the maturities of the members."""
     mean = sum(maturity) / len(maturity) if maturity else 0.0
     floored = [max(1e-12, one) for one in maturity]
     if not maturity:

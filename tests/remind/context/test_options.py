@@ -1,4 +1,7 @@
-"""Choices within a class, against the rules of the context notes 7.3 and 7.4 in plain Python."""
+"""Choices within a class, against the rules in plain Python.
+
+Rules: method.md#kernel-support, method.md#class-options.
+"""
 
 import functools
 import math
@@ -56,7 +59,7 @@ def choices(support, has_kernel, pool, num_detections, most=MOST, static=SMALL):
 
 
 def list_plainly(support, has_kernel, pool, num_detections):
-    """What the notes say of every choice, by count and object variant."""
+    """What the rules say of every choice, by count and object variant."""
     ranked = sorted(zip(support, pool, strict=True), reverse=True)
     value = [share for share, _ in ranked]
     plausible = 0
@@ -88,7 +91,7 @@ def list_plainly(support, has_kernel, pool, num_detections):
     st.booleans(),
     st.integers(1, MOST),
 )
-def test_choices_are_rated_as_written_in_the_notes(support, has_kernel, num_detections):
+def test_choices_are_rated_by_the_rules(support, has_kernel, num_detections):
     pool = list(range(len(support) + 3, 3, -1))
     options, menu, largest = choices(support, has_kernel, pool, num_detections)
     ranked, target, stability, rated, exclusivity = list_plainly(
@@ -115,14 +118,14 @@ def test_choices_are_rated_as_written_in_the_notes(support, has_kernel, num_dete
     assert {tuple(choice) for choice in np.argwhere(menu.allowed).tolist()} == exist
 
 
-def test_choices_of_the_notes():
-    """Context notes 19.3, class c1: objects 1 and 2, one detection."""
+def test_choices_of_the_page():
+    """method.md#example-company, class c1: objects 1 and 2, one detection."""
     support = np.array([0.5 / 8.5, 6.5 / 8.5])
     options, menu, largest = choices(support, True, [2, 1], 1)
     assert options.ranked[:2].tolist() == [1, 2]
     assert (options.target, largest) == (1, 1)
     np.testing.assert_allclose(options.support[1], support[::-1], atol=1e-15)
-    # The notes round to six places.
+    # Rounded to six places there.
     np.testing.assert_allclose(options.stability, 0.628768, atol=1e-6)
     np.testing.assert_allclose(options.exclusivity[1], 0.923077, atol=1e-6)
     np.testing.assert_allclose(menu.info[1], 0.804763, atol=1e-6)
@@ -149,7 +152,7 @@ def _support(members, anchors, pool, conditional, maturity, t, static):
 
 
 def support_plainly(members, anchors, one, conditional, maturity, kernel_size):
-    """Context notes 7.3: anchors first, then members by rising id; silent ones do not count."""
+    """method.md#kernel-support: anchors, then members by rising id; silent ones do not count."""
     kernel = np.flatnonzero(anchors).tolist()
     kernel += [member for member in np.flatnonzero(members).tolist() if member not in kernel]
     kernel = kernel[:kernel_size]

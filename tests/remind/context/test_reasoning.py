@@ -1,4 +1,4 @@
-"""The whole package against an independent plain implementation of the notes, and at its edges."""
+"""The whole package against an independent plain implementation of the rules, and at its edges."""
 
 import dataclasses
 import functools
@@ -138,7 +138,7 @@ def test_padding_and_batches_change_nothing():
 
 
 def test_worked_example():
-    """Context notes 19.3; the notes round to six places."""
+    """method.md#example-company; rounded to six places."""
     found = think_on(example())
     hypotheses, influence = found.hypotheses, found.influence
     assert hypotheses.valid.sum() == 7

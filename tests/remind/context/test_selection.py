@@ -10,7 +10,7 @@ _rank, _select, _number = jax.jit(rank_choices), jax.jit(select_children), jax.j
 
 
 def allow(num_detections: int, pool_size: int, considered: int = 8) -> np.ndarray:
-    """Choices that exist (context notes 7.4), by count, detection and object variant."""
+    """Choices that exist (method.md#class-options), by count, detection and object variant."""
     allowed = np.zeros((MOST + 1, 2, 2), bool)
     allowed[0, 0, 0] = True
     for count in range(1, min(num_detections, pool_size) + 1):

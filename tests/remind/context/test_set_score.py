@@ -1,4 +1,4 @@
-"""Scores of sets, against the formulas of the context notes 7.6 written out plainly."""
+"""Scores of sets, against the formulas of method.md#set-score written out plainly."""
 
 import dataclasses
 import functools
@@ -115,8 +115,8 @@ def test_coverage(number, changed):
     assert found[0] == 0
 
 
-def test_score_of_the_notes():
-    """Context notes 19.3, the set of objects 0, 1 and 3; the notes round to six places."""
+def test_score_of_the_page():
+    """method.md#example-company, the set of objects 0, 1 and 3; rounded to six places."""
     maturity = 1 - math.exp(-1.5)
     tally = Tally(
         info=np.float64(0.804763),

@@ -1,4 +1,7 @@
-"""What follows from hypotheses, against an independent plain implementation (notes 7.8, 8)."""
+"""What follows from hypotheses, against an independent plain implementation.
+
+Rules: method.md#hypothesis-summary, method.md#class-summary.
+"""
 
 import dataclasses
 import functools
@@ -76,8 +79,8 @@ def test_frozen_scenes_are_summed_up_as_by_the_plain_rules():
         assert found.global_ok == expected["global_ok"]
 
 
-def hypotheses_of_the_notes() -> Hypotheses:
-    """Context notes 19.3; scores as given there, to six places."""
+def hypotheses_of_the_page() -> Hypotheses:
+    """method.md#example-company; scores as given there, to six places."""
     count = STATIC.num_hypotheses
     sets = [{0, 1, 3}, {0, 3}, {0, 1}, {1, 3}, {0, 2, 3}, {0, 2}, {2, 3}]
     members = np.zeros((count, SLOTS), bool)
@@ -97,10 +100,10 @@ def hypotheses_of_the_notes() -> Hypotheses:
     )
 
 
-def test_summary_of_the_notes():
-    """Context notes 19.3, which round to six places."""
+def test_summary_of_the_page():
+    """method.md#example-company, which round to six places."""
     near = functools.partial(np.testing.assert_allclose, rtol=0, atol=2e-6)
-    found = summarize_on(hypotheses_of_the_notes(), example())
+    found = summarize_on(hypotheses_of_the_page(), example())
     near(found.standing.kernel[:3], [0.416290, 0.764706, 0.058824])
     np.testing.assert_array_equal(found.standing.hits[:3], [4, 2, 2])
     near(found.standing.kernel_relative[1:3], [1, 0.146064])
@@ -118,7 +121,7 @@ def test_summary_of_the_notes():
     [{"min_best_score": 0.6322}, {"min_coverage": 1.01}, {"min_size": 4}, {"min_quality": 0.643}],
 )
 def test_poor_context_does_not_count(changed):
-    found = summarize_on(hypotheses_of_the_notes(), example(), influence=changed)
+    found = summarize_on(hypotheses_of_the_page(), example(), influence=changed)
     assert not found.global_ok
 
 
@@ -133,11 +136,11 @@ def test_quality_of_one_term_alone():
     }  # fmt: skip
     for name, value in terms.items():
         changed = {**off, f"{name}_weight": 0.3}
-        found = summarize_on(hypotheses_of_the_notes(), example(), influence=changed)
+        found = summarize_on(hypotheses_of_the_page(), example(), influence=changed)
         assert_close(found.quality, value, err_msg=name)
     negative = {**off, "best_weight": -1.0}
     for weights in (off, negative):
-        found = summarize_on(hypotheses_of_the_notes(), example(), influence=weights)
+        found = summarize_on(hypotheses_of_the_page(), example(), influence=weights)
         assert found.quality == 0
 
 
@@ -149,7 +152,7 @@ def test_no_hypotheses():
 
 
 def kernel_plainly(members, object_class, anchors, label, static):
-    """Context notes 8.1, in the order in which the kernel of a class fills up."""
+    """method.md#class-summary, in the order in which the kernel of a class fills up."""
     kernel = np.flatnonzero(anchors).tolist()
     for row in members[: static.context_hypotheses]:
         for one in np.flatnonzero(row).tolist():

@@ -1,4 +1,6 @@
-"""How sets are built with switches that are not as shipped, against the original (notes 7, 10.1).
+"""How sets are built with switches that are not as shipped, against the original.
+
+Rules: method.md#hypotheses, method.md#context-allowed.
 
 Settings are read as the original writes them, so that the import is tested as well. Kept were
 scenes that the switches change, drawn as those of `scenes.npz` but with other seeds.

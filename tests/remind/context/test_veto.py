@@ -1,4 +1,4 @@
-"""Which pairs are ruled out, against the association notes 10.1 and 11 in plain Python."""
+"""Which pairs are ruled out, against method.md#veto in plain Python."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ _veto = jax.jit(veto_pairs, static_argnames="static")
 
 
 def expect_plainly(told, keys, count, static, mass):
-    """Association notes 10.1, for one object; `keys` are weight, time and order of its edges."""
+    """method.md#expected-neighbors of one object; `keys`: weight, time and order of its edges."""
     listed = sorted(
         np.flatnonzero(count), key=lambda one: (-keys[0][one], -keys[1][one], keys[2][one])
     )
@@ -220,7 +220,7 @@ CONTRADICTED = Veto.LOCAL_CTX_CONTRADICTION
     ],
 )
 def test_neighbours_that_are_not_in_view(met, expected):
-    """Association notes 11.3, row 3; the context need not be good enough for a bonus."""
+    """method.md#veto, row 3; the context need not be good enough for a bonus."""
     assert meet(**met) == expected
 
 

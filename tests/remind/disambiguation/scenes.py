@@ -1,7 +1,7 @@
 """Frozen scenes with look-alikes, and what the reference rules make of them.
 
 The scenes were drawn at random (look-alikes, histories, virtual objects, second matches of an
-object); the answers are those of an independent plain implementation of the context notes that
+object); the answers are those of an independent plain implementation of the rules that
 agrees with the original. Real inputs are stored in 1/1024. `expected.*` is by detection or by the
 root of a group; `expected.numbers` is score, gap, core, core gap and evidence.
 """

@@ -40,8 +40,8 @@ def voters(slots, factor=1.0):
     )
 
 
-def test_usefulness_of_the_lamp_of_the_notes():
-    """Context notes 19.4, from the distances in millionths that are given there."""
+def test_usefulness_of_the_lamp_of_the_page():
+    """method.md#example-lamp, from the distances in millionths that are given there."""
     edges = Edges(
         reliability=jnp.full((2, 1), 0.5**0.5),
         has_gap=jnp.ones((2, 1), bool),

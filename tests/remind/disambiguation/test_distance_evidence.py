@@ -13,7 +13,7 @@ from remind_jax.remind.disambiguation.distance_evidence import (
 from .scenes import thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
-DIGITS = 1e-6  # the notes give six decimals
+DIGITS = 1e-6  # the page gives six decimals
 
 
 def empty(num=3):
@@ -30,20 +30,23 @@ def empty(num=3):
     )
 
 
-def test_reliability_of_the_notes():
+def test_reliability_of_the_page():
     values = rate_reliability(np.arange(8), np.dtype("float64"))
     expected = [0, 0.408248, 0.577350, 0.707107, 0.816497, 0.912871, 1, 1]
     np.testing.assert_allclose(values, expected, atol=DIGITS)
 
 
-def test_strength_of_the_notes():
+def test_strength_of_the_page():
     values = rate_difference(np.array([-1, 0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6]), 0.2, thresholds())
     expected = [0, 0, 0.011555, 0.059607, 0.236021, 0.609001, 0.927963, 0.998057]
     np.testing.assert_allclose(values, expected, atol=DIGITS)
 
 
-def test_robustness_of_the_notes():
-    """Margins 0.3, 0.5, 0.1, 0.4; the third time the other object was nearer (notes 19.2)."""
+def test_robustness_of_the_page():
+    """Margins 0.3, 0.5, 0.1, 0.4; the third time the other object was nearer.
+
+    Rule: method.md#example-relations.
+    """
     evidence = empty()
     margins = np.array([0.3, 0.5, 0.1, 0.4])
     evidence.nearer[2, 0, 1], evidence.nearer[2, 1, 0] = 3, 1

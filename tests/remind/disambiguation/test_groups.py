@@ -128,7 +128,7 @@ def test_repeated_and_missing_candidates():
     ],
 )
 def test_affinity_weighs_what_was_seen(change, factor):
-    """Context notes 11.2, for one edge in one direction: half of its similarity times weight."""
+    """method.md#undecided-groups, one edge in one direction: half its similarity times weight."""
     relations = relations_at(np.full((2, 2), 0.6))
     for name, value in change.items():
         old = getattr(relations, name)

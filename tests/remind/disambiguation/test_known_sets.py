@@ -195,7 +195,7 @@ def test_a_sweep_of_thresholds_equals_single_runs():
 
 
 def chairs_and_lamp(chair_scores):
-    """Two chairs and the lamp beside them (context notes 19.4): objects 0, 1 and 2."""
+    """Two chairs and the lamp beside them (method.md#example-lamp): objects 0, 1 and 2."""
     num_detections, num_objects = 4, 4
     square, cube = (num_objects,) * 2, (num_objects,) * 3
 
@@ -256,7 +256,7 @@ def settle_one(scene, t, **limits):
 @pytest.mark.usefixtures("x64")
 def test_chairs_beside_a_lamp_change_places():
     settled = settle_one(chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]]), thresholds())
-    digits = 2e-6  # the notes give six decimals
+    digits = 2e-6  # the page gives six decimals
     groups = settled.groups
     np.testing.assert_array_equal(settled.resolved_slot, [1, 0, -1, -1])
     np.testing.assert_allclose(settled.resolved_score, [0.79, 0.81, 0, 0])

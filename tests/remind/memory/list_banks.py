@@ -1,4 +1,4 @@
-"""Prototype banks as plain lists: perception notes 9 to 12 word for word, one object at a time."""
+"""Prototype banks as plain lists: method.md#banks word for word, one object at a time."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def insert(banks, bank, value, capacity, merge, policy, cap, now, name) -> None:
 def update_appearance(
     banks: Banks, vector, quality, now, static: Static, t: Appearance, may_insert=True, rate=1.0
 ) -> None:
-    """Notes 10."""
+    """method.md#appearance-learning."""
     cap = t.merge_cap if static.appearance_merge == "capped" else None
 
     def refresh(prototype, cosine, duplicate, least) -> None:
@@ -176,7 +176,7 @@ def update_appearance(
 def update_background(
     banks: Banks, vector, quality, now, slots, policy, t: Background, may_insert=True, rate=1.0
 ) -> None:
-    """Notes 11.1."""
+    """method.md#background-learning."""
     i, cosine = nearest(banks.stable, vector)
     if cosine >= t.stable_duplicate:
         prototype = banks.stable[i]
@@ -225,7 +225,7 @@ def update_background(
 def update_parts(
     banks: Banks, vectors, now, static: Static, t: Parts, may_insert=True, rate=1.0
 ) -> None:
-    """Notes 12: the parts of one detection, in order."""
+    """method.md#part-learning: the parts of one detection, in order."""
     cap = t.merge_cap if static.part_merge == "capped" else None
     used: set[int] = set()
 
@@ -279,7 +279,7 @@ def update_ring_prototypes(
     banks: Banks, vectors, now, slots, policy, t: Background, r: RingPrototypes, may_insert=True,
     rate=1.0,
 ) -> None:  # fmt: skip
-    """Notes 11.2: the prototypes of one ring of one detection, in order."""
+    """method.md#ring-prototype-learning: the prototypes of one ring of one detection, in order."""
     for vector in vectors:
         i, cosine = nearest(banks.work, vector)
         if cosine >= t.duplicate:

@@ -1,4 +1,7 @@
-"""The relational memories again in plain Python, straight from context notes 4 and 6."""
+"""The relational memories again in plain Python.
+
+Rules: method.md#episodes, method.md#distance-episodes.
+"""
 
 import dataclasses
 

@@ -117,8 +117,8 @@ def test_banks_equal_lists(setting):
     assert occurred >= MUST_OCCUR[setting], occurred
 
 
-def test_example_of_the_notes():
-    """Perception notes 22.6: 16 effective patches, one view, then five of another."""
+def test_example_of_the_page():
+    """method.md#appearance-learning: 16 effective patches, one view, then five of another."""
     static = Static(precision="float64")
     views = np.zeros((6, 1, 2, 2), np.float32)
     views[0, ..., 0] = 1

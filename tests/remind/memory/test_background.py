@@ -120,8 +120,8 @@ def direction(degrees):
     return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], np.float32)
 
 
-def test_merge_example_of_the_notes():
-    """Perception notes 22.8: a full inner bank joins its closest pair, then takes the new one."""
+def test_merge_example_of_the_page():
+    """method.md#bank-room: a full inner bank joins its closest pair, then takes the new one."""
     static = Static(inner_ring_slots=(2, 1), outer_ring_slots=(2, 1), precision="float64")
     banks = new_banks(static, 1, 2)
     work = Bank(
@@ -161,6 +161,6 @@ def test_merge_example_of_the_notes():
     ],
 )
 def test_quality_of_rings(inner, outer, solidity, expected):
-    """Perception notes 11.1: seven parts size, three parts solidity."""
+    """method.md#ring-quality: seven parts size, three parts solidity."""
     found = ring_quality(np.array([[inner, outer]]), np.array([solidity]), rules().background)[0]
     np.testing.assert_allclose(found, expected, atol=1e-12)

@@ -92,7 +92,8 @@ def test_writing_and_adding_only_when_told():
     assert append(bank, value, YES).size == 3
 
 
-# Cosine, duplicate threshold, rates, scale, then the expected step and prototype (notes 22.5).
+# Cosine, duplicate threshold, rates, scale, then the expected step and prototype
+# (method.md#similarity-step).
 UPDATES = [
     (0.94, 0.93, (0.03, 0.15), 1.0, 0.0, (1, 0)),
     (0.97, 0.93, (0.03, 0.15), 1.0, 0.078, (0.999819, 0.019003)),
@@ -105,7 +106,7 @@ UPDATES = [
 
 @pytest.mark.usefixtures("x64")
 @pytest.mark.parametrize(("cosine", "duplicate", "rates", "scale", "step", "moved"), UPDATES)
-def test_similarity_gated_steps_of_the_notes(cosine, duplicate, rates, scale, step, moved):
+def test_similarity_gated_steps_of_the_page(cosine, duplicate, rates, scale, step, moved):
     real = jnp.float64
     rate = similarity_rate(
         real(cosine), real(duplicate), real(0.02), real(rates[0]), real(rates[1]), real(scale)
@@ -123,7 +124,7 @@ def test_a_full_step_replaces_the_prototype():
 
 
 def test_quality_is_a_mean_and_a_slower_mean():
-    """Notes 9.4: the rate is 1/n between 0.08 and 0.30."""
+    """method.md#prototype-quality: the rate is 1/n between 0.08 and 0.30."""
     value = new_entry(unit(0), jnp.float32(0.2), NOW)
     recent, qualities = 0.2, [0.2]
     for num in range(2, 16):
@@ -140,7 +141,7 @@ def test_quality_is_a_mean_and_a_slower_mean():
     ("hits", "promote_hits", "expected"), [(1, 5, 0.12), (5, 5, 0.6), (9, 5, 0.6), (2, 0, 0.3)]
 )
 def test_confidence_grows_with_hits(hits, promote_hits, expected):
-    """Notes 9.5: the better of both qualities counts; without promotion four hits are enough."""
+    """method.md#prototype-quality: the better quality counts; four hits without promotion."""
     value = dataclasses.replace(
         new_entry(unit(0), jnp.float32(0.4), NOW),
         hits=jnp.int32(hits),
@@ -149,12 +150,12 @@ def test_confidence_grows_with_hits(hits, promote_hits, expected):
     np.testing.assert_allclose(confidence(value, jnp.int32(promote_hits)), expected, rtol=1e-6)
 
 
-# Notes 22.7.
+# method.md#bank-room.
 CROWDED = ([1, 0, 0], [0.9, 0.43589, 0], [0, 0, 1])
 
 
 @pytest.mark.parametrize(("redundant", "index"), [(True, 1), (False, 2)])
-def test_eviction_example_of_the_notes(redundant, index):
+def test_eviction_example_of_the_page(redundant, index):
     bank = bank_of(*CROWDED, last_seen=(5, 3, 1))
     cosine, i, j, everything = closest_pair(bank)
     assert (int(i), int(j)) == (0, 1)

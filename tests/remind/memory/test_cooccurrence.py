@@ -59,9 +59,9 @@ def edges(graph, owner=0):
     return {int(j): int(graph.count[owner, j]) for j in np.flatnonzero(graph.count[owner])}
 
 
-def test_episodes_of_the_notes():
+def test_episodes_of_the_page():
     graph = empty_cooccurrence(6, jnp.float32)
-    frames = [  # context notes 19.1: frame, others, episodes and counts after it
+    frames = [  # method.md#episodes: frame, others, episodes and counts after it
         (0, [1, 2], 1, {1: 1, 2: 1}),
         (1, [1, 2], 1, {1: 1, 2: 1}),
         (2, [1, 2], 1, {1: 1, 2: 1}),
@@ -93,7 +93,7 @@ def test_full_list_keeps_the_lowest_ids_of_equal_edges():
     assert list(np.asarray(slot[0])[valid[0]]) == list(range(1, 21))
 
 
-def test_conditional_of_the_notes():
+def test_conditional_of_the_page():
     graph = dataclasses.replace(
         empty_cooccurrence(4, jnp.float32),
         episodes=jnp.array([3, 3, 0, 0]),
@@ -108,7 +108,7 @@ def test_conditional_of_the_notes():
     }
     for num_objects, (seen, unseen) in expected.items():
         p = conditional(graph, jnp.int32(num_objects), rules)
-        # the notes print six decimals
+        # six decimals are given
         np.testing.assert_allclose([p[0, 1], p[0, 2], p[0, 0]], [seen, unseen, unseen], atol=6e-7)
     nothing = dataclasses.replace(rules, smoothing=jnp.float32(0.0))
     assert not conditional(graph, jnp.int32(4), nothing)[2].any()

@@ -85,8 +85,8 @@ def symmetric(*pairs, num=3):
     return matrix
 
 
-def test_chairs_and_lamp_of_the_notes(x64):
-    """Context notes 19.4, from masks to the edges after seven frames."""
+def test_chairs_and_lamp_of_the_page(x64):
+    """method.md#example-lamp, from masks to the edges after seven frames."""
     rules = arrays(Rules(), jnp.float64)
     neighbours, graph = empty_cooccurrence(4, jnp.float64), empty_distances(4, jnp.float64)
 
@@ -130,9 +130,9 @@ def test_chairs_and_lamp_of_the_notes(x64):
     np.testing.assert_allclose(order.margin_deviation, 0.002598, atol=2e-6)
 
 
-def test_order_statistics_of_the_notes():
+def test_order_statistics_of_the_page():
     graph = empty_distances(3, jnp.float32)
-    for first, second in [(0.2, 0.5), (0.2, 0.7), (0.3, 0.2), (0.1, 0.5)]:  # context notes 19.2
+    for first, second in [(0.2, 0.5), (0.2, 0.7), (0.3, 0.2), (0.1, 0.5)]:
         near = relate(symmetric((0, 2, first), (1, 2, second)))
         graph = update(graph, near, [0, 1, 2], [False, False, True])
     order = read_pair_order(graph, jnp.int32(2), jnp.array([0, 1]), jnp.array([1, 0]))

@@ -55,8 +55,8 @@ def test_creation_takes_slots_and_ids_in_detection_order():
     assert standing(objects, 1) == ("NEW", 0, 0, 0)
 
 
-def test_example_of_the_notes():
-    """Perception notes 22.10."""
+def test_example_of_the_page():
+    """method.md#lifecycle."""
     t = rules()
     objects, _ = born(0)
     objects = mark_seen(objects, once(), jnp.int32(0), t)

@@ -109,8 +109,8 @@ def test_banks_equal_lists(setting):
         assert "redirected" not in occurred
 
 
-def test_example_of_the_notes():
-    """Perception notes 22.9: two parts never refresh the same prototype in one frame."""
+def test_example_of_the_page():
+    """method.md#part-learning: two parts never refresh the same prototype in one frame."""
     static = Static(precision="float64")
     degrees = [[0, 30], [5, 12], *[[5, 0]] * 5]
     parts = np.array(

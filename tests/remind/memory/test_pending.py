@@ -1,4 +1,7 @@
-"""Tracks of undecided detections, against perception notes 15.3 and 15.5 as plain lists."""
+"""Tracks of undecided detections, against plain lists.
+
+Rules: method.md#pending-joins, method.md#birth-origins.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ IMPOSSIBLE = 1e6
 
 @dataclasses.dataclass(eq=False)
 class Track:
-    """A track as the notes have it; `known` maps ids to scores."""
+    """A track as a plain record; `known` maps ids to scores."""
 
     kind: int
     id: int

@@ -1,4 +1,4 @@
-"""Births, absences and removals over many frames, against perception notes 14 as plain lists."""
+"""Births, absences and removals over many frames, against method.md#lifecycle as plain lists."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ STATIC = Static(
 
 @dataclasses.dataclass
 class Object:
-    """What the notes count of an object."""
+    """What is counted of an object."""
 
     id: int
     class_id: int

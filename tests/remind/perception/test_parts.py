@@ -43,7 +43,7 @@ def of_directions(*groups):
         (3, [1, 1, 2, 2, 0], [[10, 0], [0, 0.5], [4, 0.5]]),
     ],
 )
-def test_clustering_example_of_the_notes(clusters, labels, centres):
+def test_clustering_example_of_the_page(clusters, labels, centres):
     points = np.array([[0, 0], [0, 1], [4, 0], [4, 1], [10, 0]], np.float32)
     found, reached = cluster_points(points, clusters, iterations=5, restarts=2, seed=0)
     assert found.tolist() == labels
@@ -124,7 +124,7 @@ def test_a_part_like_a_stronger_one_is_dropped(merge, count):
 
 
 def parts_by_loops(features, coverage, rules: Perception):
-    """Perception notes 5.1 word for word, for one detection."""
+    """method.md#k-means-parts word for word, for one detection."""
     at = np.flatnonzero(coverage > 0)
     if not len(at):
         return []

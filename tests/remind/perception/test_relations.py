@@ -54,8 +54,9 @@ GAPS = np.array([
 ])  # fmt: skip
 
 
-def test_relations_of_the_notes():
-    found = observe([A, B, C, F, G], GAPS, border=[False] * 4 + [True])  # context notes 19.2
+def test_relations_of_the_page():
+    # method.md#example-relations
+    found = observe([A, B, C, F, G], GAPS, border=[False] * 4 + [True])
     gap = [0.473150, -0.5, 0.102698, 4.279311]
     np.testing.assert_allclose(found.gap[0, 1:], gap, atol=FLOAT32)
     np.testing.assert_allclose(found.center_distance[0, 1:3], [1.533521, 0.279508], atol=FLOAT32)
@@ -68,7 +69,7 @@ def test_relations_of_the_notes():
 
 def test_boxes_stand_in_for_gaps_that_were_not_measured():
     found = observe([A, B, G], border=[True, False, False])
-    assert found.gap[0, 1] == pytest.approx(0.471852, abs=FLOAT32)  # context notes 19.2
+    assert found.gap[0, 1] == pytest.approx(0.471852, abs=FLOAT32)  # method.md#example-relations
     # cut by the edge, the box of A may end anywhere
     np.testing.assert_array_equal(found.gap_quality[0], [0, 0, 1])
     np.testing.assert_array_equal(found.gap_quality[1], [0, 0.5, 1])

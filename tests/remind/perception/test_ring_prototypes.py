@@ -60,7 +60,7 @@ def test_prototypes_equal_the_original(recorded, described):
 
 
 def plain_prototypes(features, members, weights, seed, static: Static, t: RingPrototypes):
-    """Notes 6.4 for one ring, with lists: for each prototype all vectors that are as good."""
+    """method.md#ring-prototypes for one ring: for each prototype all vectors as good as it."""
     inside = np.flatnonzero(members)
     if not len(inside):
         return []

@@ -29,7 +29,7 @@ def everything(stop, start=0):
     return slice(start, stop)
 
 
-# Grid, object, then inner and outer count and edges of perception notes 22.4.
+# Grid, object, then inner and outer count and edges of method.md#rings.
 EXAMPLES = [
     ((20, 20), 10, 10, (40, 120, 3, 6)),
     ((20, 20), 0, 0, (12, 33, 3, 6)),
@@ -42,7 +42,7 @@ EXAMPLES = [
 
 
 @pytest.mark.parametrize(("shape", "rows", "columns", "expected"), EXAMPLES)
-def test_examples_of_the_notes(shape, rows, columns, expected):
+def test_examples_of_the_page(shape, rows, columns, expected):
     patches = grid(shape, rows, columns)
     rings = np.asarray(find_rings(patches[None], MAX_RADIUS, thresholds()))[0]
     num_inner, num_outer, inner_edge, outer_edge = expected
@@ -66,7 +66,7 @@ def chebyshev(patches):
 
 
 def rings_by_loops(patches, t: Perception):
-    """Perception notes 6.2 word for word."""
+    """method.md#rings word for word."""
     distance = chebyshev(patches)
     border = t.ring_border
     inner_edge, limit = max(t.ring_inner, border), max(t.ring_outer, t.ring_limit)

@@ -1,4 +1,4 @@
-"""Detections that could be one of several known objects (association notes 14.5)."""
+"""Detections that could be one of several known objects (method.md#ambiguity)."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_unmatched_detections_need_support(x64):
 
 @pytest.mark.parametrize("most", [2, 3])
 def test_at_most_so_many_rivals_of_an_unsupported_match(x64, most):
-    """The match itself, then its supported rivals (step 9)."""
+    """The match itself, then its supported rivals (method.md#ambiguity)."""
     row = {0: 0.84, 1: 0.80, 2: 0.79}
     found, _ = options(row, (1, 2), max_candidates=most)
     assert found == [0, 1, 2][:most]

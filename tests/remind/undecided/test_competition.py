@@ -1,4 +1,4 @@
-"""A new detection that looks like an object already matched (association notes 14.4)."""
+"""A new detection that looks like an object already matched (method.md#competition)."""
 
 from __future__ import annotations
 

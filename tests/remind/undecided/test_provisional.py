@@ -1,4 +1,4 @@
-"""Unmatched detections that may be known after all (association notes 16)."""
+"""Unmatched detections that may be known after all (method.md#provisional)."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def test_two_supported_objects_make_it_ambiguous(x64):
 
 @pytest.mark.parametrize(("most", "named"), [(1, [0, 1]), (2, [0, 1]), (3, [0, 1, 2])])
 def test_beside_a_taken_support_further_ones_are_named(x64, most, named):
-    """Promotion (step 14): at least one more, up to the limit."""
+    """More objects are named: at least one more, up to the limit."""
     rows = [{0: 0.97, 1: 0.1, 2: 0.1}, {0: 0.80, 1: 0.64, 2: 0.63}]
     outcome, found, _ = last(rows, dict.fromkeys(range(3), 0.02), max_support=most)
     assert outcome is AMBIGUOUS

@@ -1,4 +1,4 @@
-"""Whole frames: the worked examples of the notes, frozen frames of the original's rules, and what
+"""Whole frames: the examples of docs/method.md, frozen frames of the original's rules, and what
 holds for any frame."""
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Known = dict[int, float]
 
 
 def backed(bonus: float) -> dict[str, Any]:
-    """Context that clearly speaks for an object (association notes 23)."""
+    """Context that clearly speaks for an object (method.md#example-frames)."""
     return {
         "bonus_raw": bonus,
         "support": 0.5,
@@ -56,7 +56,7 @@ def match(slot: int, score: float | None = None, **more: Any) -> dict[str, Any]:
 INACTIVE: dict[str, Any] = {"lifecycle": Lifecycle.INACTIVE}
 VISUAL = Reason.KNOWN_BUT_AMBIGUOUS_VISUAL_MATCH
 
-# Number in association notes 23: visual scores per detection, surroundings, what is expected.
+# Number in method.md#example-frames: visual scores per detection, surroundings, what is expected.
 EXAMPLES: dict[str, tuple[list[Known], dict[str, Any], list[dict[str, Any]]]] = {
     "1": ([{0: 0.78}], {}, [match(0, 0.78, status=Status.AMBIGUOUS, confidence=0.253500)]),
     "2": ([{0: 0.91}], {}, [match(0, 0.91, status=Status.STRONG, confidence=0.345042)]),
@@ -190,7 +190,7 @@ def check(verdict: Verdict, row: int, n: int, expected: Mapping[str, Any]) -> No
     ):
         if field in expected:
             assert values[row, n] == expected[field], field
-    # Scores pass through one weighted mean: off by an ulp; the notes give six decimals.
+    # Scores pass through one weighted mean: off by an ulp; six decimals are given.
     for field, values in (("score", d.score), ("confidence", d.confidence)):
         if field in expected:
             assert values[row, n] == pytest.approx(expected[field], abs=5e-7), field

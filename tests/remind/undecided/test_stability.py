@@ -1,4 +1,7 @@
-"""Assignments among look-alikes that are too close to call (association notes 14.2, 14.3)."""
+"""Assignments among look-alikes that are too close to call.
+
+Rules: method.md#identity-stability, method.md#stability-entries.
+"""
 
 from __future__ import annotations
 
@@ -82,7 +85,7 @@ def test_five_look_alikes_are_too_many_to_enumerate(x64):
 
 @pytest.mark.parametrize(("margin", "kept"), [(0.05, [1, -1]), (0.10, [0, 1])])
 def test_a_rescued_match_that_a_rival_beats_is_solved_again(x64, margin, kept):
-    """Detection 1 was rescued onto object 1, which detection 0 fits better (14.2 steps 4, 5)."""
+    """Detection 0 fits better what 1 was rescued onto (method.md#gating-fragile)."""
     said = {
         "support": 0.5, "score_sets": 0.5, "compat_band": True, "compat_rel": 0.9,
         "kernel_raw": 0.2, "bonus_raw": 0.05,

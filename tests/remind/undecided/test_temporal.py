@@ -1,4 +1,4 @@
-"""Closeness, rankings and the temporal diagnosis (association notes 1, 14.1)."""
+"""Closeness, rankings and the temporal diagnosis (method.md#plausible-score)."""
 
 from __future__ import annotations
 

@@ -1,0 +1,186 @@
+"""Rules are found from code and code from rules: every address that is cited is there."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from remind_jax.config.config import Input
+from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.remind.thresholds import Thresholds
+from remind_jax.static import Static
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+# What ships, and what it is tested and measured by. Left out: generated notebooks and data.
+SHIPPED = ("remind_jax", "weights_convert", "configs", "tests", "benchmarks", "docs", "notebooks")
+SUFFIXES = {".py", ".md", ".yaml", ".yml", ".toml", ".js", ".html"}
+METHODS = {"method.md": Thresholds(), "method_plus.md": PlusThresholds()}
+RULE_PAGES = (*METHODS, "backbones.md", "evaluation.md")
+
+CITATION = re.compile(r"\b(\w+\.md)#([\w-]+)")
+RULE = re.compile(r'<a id="([\w-]+)"></a>\n(#+) (.*)')
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+MODULE = re.compile(r"`((?:remind_jax|weights_convert)/[\w/]+\.py)`")
+# References to documents that no reader has.
+LOST = re.compile(
+    r"\b[Nn]otes?,? \d|[Nn]otes of REMIND|\b(?:association|context|perception|transformer) notes\b"
+    r"|[Ee]valuation reference|\bsections? \d|\breference/\w+\.md|\.\./shared"
+    r"|[\w`\]] \((?:[1-9]\d?\.\d\d? )?steps? \d"
+)
+BARE = re.compile(  # the same without a name, in sentences of docstrings and comments
+    r"[a-z`\]] \([1-9]\d?\.\d\d?(?:, [1-9]\d?\.\d\d?)*\)[.:]"
+)
+
+
+def texts(*folders: str) -> dict[str, str]:
+    """What was written by hand, by path from the root."""
+    paths = [path for folder in folders for path in (ROOT / folder).rglob("*")]
+    paths += [ROOT / name for name in ("README.md", "CHANGELOG.md", "Makefile", "pyproject.toml")]
+    return {
+        path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+        for path in sorted(paths)
+        if path.is_file() and (path.suffix in SUFFIXES or path.name == "Makefile")
+    }
+
+
+def address_of(heading: str) -> str:
+    """As GitHub and the site make it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
+def addresses(page: str) -> set[str]:
+    """What can be cited of a page."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    made = {address_of(heading) for heading in HEADING.findall(text)}
+    return made | {name for name, _, _ in RULE.findall(text)}
+
+
+def rules(page: str) -> dict[str, str]:
+    """The text of every rule of a page, by its address."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    found = list(RULE.finditer(text))
+    ends = [match.start() for match in found[1:]] + [len(text)]
+    return {match[1]: text[match.start() : end] for match, end in zip(found, ends, strict=True)}
+
+
+ALL_TEXTS = texts(*SHIPPED)
+PYTHON = {name: text for name, text in ALL_TEXTS.items() if name.endswith(".py")}
+CITED: dict[tuple[str, str], set[str]] = {}  # modules by page and address
+for _name, _text in PYTHON.items():
+    for _found in CITATION.findall(_text):
+        CITED.setdefault(_found, set()).add(_name)
+RULES = [(page, address) for page in RULE_PAGES for address in rules(page)]
+
+
+@pytest.mark.parametrize("page", sorted({page for page, _ in CITED}))
+def test_what_code_cites_is_there(page):
+    assert (DOCS / page).is_file(), CITED
+    wanted = {address for cited, address in CITED if cited == page}
+    assert wanted <= addresses(page), sorted(wanted - addresses(page))
+
+
+@pytest.mark.parametrize("page", RULE_PAGES)
+def test_addresses_are_given_once(page):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    given = [name for name, _, _ in RULE.findall(text)]
+    assert sorted(given) == sorted(set(given))
+    assert len(given) == text.count("<a id="), "an address stands right above its heading"
+
+
+@pytest.mark.parametrize(("page", "address"), RULES)
+def test_every_rule_is_cited_where_it_lives(page, address):
+    cited = CITED.get((page, address), set())
+    assert cited, f"no code cites {page}#{address}"
+    named = MODULE.findall(rules(page)[address])
+    assert not named or set(named) & cited, f"{named} do not cite it; {cited} do"
+
+
+@pytest.mark.parametrize("page", METHODS)
+def test_every_rule_names_its_modules(page):
+    homeless = {
+        address
+        for address, text in rules(page).items()
+        if "\nCode: " not in text and not _is_chapter(text)
+    }
+    assert not homeless
+
+
+def _is_chapter(text: str) -> bool:
+    """A numbered chapter of several rules, or a worked example."""
+    return bool(re.search(r'"></a>\n(## \d|### Example )', text))
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in DOCS.glob("*.md")))
+def test_modules_that_pages_name_exist(page):
+    named = set(MODULE.findall((DOCS / page).read_text(encoding="utf-8")))
+    assert not {name for name in named if not (ROOT / name).is_file()}
+
+
+def test_nobody_is_sent_to_documents_that_do_not_ship():
+    lost = {
+        f"{name}: {match[0]}"
+        for name, text in ALL_TEXTS.items()
+        for match in [*LOST.finditer(text), *(BARE.finditer(text) if name in PYTHON else ())]
+        if name != "tests/test_citations.py"
+    }
+    assert not lost
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "as told (notes 9.4).",
+        "association notes 11",
+        "Evaluation reference, section 6",
+        "`reference/association.md`",
+        "python tests/parity.py ../shared/golden",
+        "who it could be (15.3).",
+    ],
+)
+def test_a_lost_reference_is_found(text):
+    assert LOST.search(text) or BARE.search(text)
+
+
+def settings(page: str) -> dict[str, Any]:
+    """Published values of all settings that a page may name."""
+    values = {f"static.{field.name}": field.default for field in dataclasses.fields(Static)}
+    values |= {f"input.{field.name}": field.default for field in dataclasses.fields(Input)}
+    for group in dataclasses.fields(METHODS[page]):
+        of_group = getattr(METHODS[page], group.name)
+        for field in dataclasses.fields(of_group):
+            values[f"{group.name}.{field.name}"] = getattr(of_group, field.name)
+    return values
+
+
+@pytest.mark.parametrize("page", METHODS)
+def test_rules_name_every_threshold_by_its_key(page):
+    text = MODULE.sub("", (DOCS / page).read_text(encoding="utf-8"))
+    known = settings(page)
+    groups = "|".join({key.partition(".")[0] for key in known})
+    named = set(re.findall(rf"(?<![\w/.])(?:{groups})\.[a-z]\w*", text))
+    assert named <= set(known), sorted(named - set(known))
+    thresholds = {key for key in known if not key.startswith(("static.", "input."))}
+    assert thresholds <= named, sorted(thresholds - named)
+
+
+@pytest.mark.parametrize("page", METHODS)
+def test_rules_tell_the_published_values(page):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    known = settings(page)
+    told = re.findall(r"`(\w+\.\w+)`\s+=\s+(true|false|-?[\d.]+(?:e-?\d+)?(?:, \d+)*)", text)
+    assert len(told) > 100
+    wrong = {key: (value, known[key]) for key, value in told if not _is(known[key], value)}
+    assert not wrong
+
+
+def _is(value: Any, told: str) -> bool:
+    if isinstance(value, bool):
+        return told == str(value).lower()
+    if isinstance(value, tuple):
+        return told == ", ".join(map(str, value))
+    return float(told.rstrip(".").partition(",")[0]) == float(value)
