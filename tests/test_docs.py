@@ -15,12 +15,12 @@ from remind_jax import method as methods
 from remind_jax.backbone import registry
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats
+from tests.test_citations import addresses
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 FENCE = re.compile(r"^( *)```python\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
-HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
 
 def code_of(page: str, section: str = "") -> list[str]:
@@ -92,13 +92,7 @@ def test_links_lead_somewhere(name):
         linked = DOCS / (path or name)
         assert linked.is_file(), f"{name} links to {target}"
         if anchor:
-            headings = HEADING.findall(linked.read_text(encoding="utf-8"))
-            assert anchor in {address_of(heading) for heading in headings}, target
-
-
-def address_of(heading: str) -> str:
-    """As GitHub and the site make it."""
-    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+            assert anchor in addresses(linked.name), target
 
 
 def test_the_site_names_pages_that_are_there():

@@ -228,7 +228,10 @@ def _promote(
     t: Provisional,
     min_visual: Float[Array, ""],
 ) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
-    """Beside a lone support that is taken, names further supported objects (method.md#provisional)."""
+    """Beside a lone support that is taken, names further supported objects.
+
+    Rule: method.md#provisional.
+    """
     count = jnp.sum(known != NO_SLOT, axis=1)
     taken = jnp.any((known != NO_SLOT) & held[jnp.maximum(known, 0)], axis=1)
     lone = (count == 1) & taken

@@ -209,7 +209,7 @@ def _pad_columns(index: Int[Array, "N X"], width: int) -> Int[Array, "N W"]:
 def _is_fragile(
     account: Account, parts: _Components, slot: Int[Array, "N"], t: Stability
 ) -> Bool[Array, "N"]:
-    """Components with a fragile match that a rival pair clearly beats (method.md#gating-fragile)."""
+    """Components with a fragile match that a rival pair beats (method.md#gating-fragile)."""
     known, width = account.pairs.score_known, parts.edge.shape[1]
     current = slot[:, None] == jnp.arange(width)
     gate = account.pairs.gate
