@@ -44,7 +44,7 @@ SCORES = (
     Column("IDs", "count", label="Identities"),
     "GT_IDs",
     Column("Recovery", "percent", "higher", label="Returns recovered"),
-    Column("HardRecovery", "percent", "higher", label="at first sight"),
+    Column("HardRecovery", "percent", "higher", label="in the first frame"),
     Column("undecided", "percent", "lower", label="Undecided"),
 )
 STARTS = (
