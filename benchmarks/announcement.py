@@ -33,7 +33,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks.rows import show_rows
 from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
-from remind_jax.frame import NO_INSTANCE, Detections, Frame, Tracks
+from remind_jax.frame import NO_INSTANCE, Detections, Frame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import TrackingSequence, evaluate_sequence
 from remind_jax.metrics.recovery import collect_answers, count_recovery, find_reference
@@ -43,6 +43,7 @@ from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
 from remind_jax.synthetic import DetectorNoise, add_detector_noise, demo_options, make_scene, render
 from remind_jax.synthetic.shapes import CLASSES
+from remind_jax.tracks import Tracks
 
 AFTER = (1, 2, 3, 4, 5, 6, 8)
 OFTEN = 5  # detections of an object that should be announced

@@ -61,11 +61,11 @@ print(", ".join(f"{len(frames)} frames" for frames in scenes))
 # is less probable stays undecided.
 
 # %%
-bench = rj.sweep.SceneBench(scenes, config="default", batch=8)
+bench = rj.sweeps.SceneBench(scenes, config="default", batch=8)
 
 new = [-0.5, 0.25, 1.0, 1.75, 2.5]
 firm = [0.5, 0.6, 0.7, 0.8]
-settings = rj.sweep.grid({"decision.new": new, "decision.firm": firm})
+settings = rj.sweeps.grid({"decision.new": new, "decision.firm": firm})
 
 found = bench.run([{}, *settings])  # {}: the configuration as it stands
 frames = len(found.settings) * sum(len(scene) for scene in scenes)
@@ -135,8 +135,8 @@ for standing in front:
 # ## Which thresholds matter?
 #
 # Each one moves through its range while all others stay. Most hardly matter; knowing which do saves a
-# search. (`rj.sweep.PLUS_SPACE` holds sensible ranges of more of them, `PAPER_SPACE` those of the paper's tracker;
-# `rj.sweep.estimate_sobol` also finds interactions, with many more settings.)
+# search. (`rj.sweeps.PLUS_SPACE` holds sensible ranges of more of them, `PAPER_SPACE` those of the paper's tracker;
+# `rj.sweeps.estimate_sobol` also finds interactions, with many more settings.)
 
 # %%
 space = {
@@ -146,7 +146,7 @@ space = {
     "layout.weight": (0.0, 1.6),
     "place.weight": (0.0, 1.6),
 }
-curves, _ = rj.sweep.move_one_at_a_time(bench, space, number=3)
+curves, _ = rj.sweeps.move_one_at_a_time(bench, space, number=3)
 
 figure, axis = plt.subplots(figsize=(8, 3))
 for place, curve in enumerate(curves):
@@ -173,7 +173,7 @@ plt.show()
 # objectives it looks for the front itself. Rows that are known are not computed again.
 
 # %%
-tuned = rj.sweep.search(
+tuned = rj.sweeps.search(
     bench,
     {
         name: space[name]
@@ -202,7 +202,7 @@ plt.show()
 # chosen on all scenes but one, and reported on that one.
 
 # %%
-checked = rj.sweep.cross_validate(found, "IDF1")
+checked = rj.sweeps.cross_validate(found, "IDF1")
 Markdown(checked.to_markdown())
 
 # %%

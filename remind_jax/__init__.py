@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 if TYPE_CHECKING:
+    from remind_jax import sweeps as sweeps
     from remind_jax.config import Config as Config
     from remind_jax.config import load_config as load_config
     from remind_jax.decision import Decisions as Decisions
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from remind_jax.errors import RemindError as RemindError
     from remind_jax.frame import Detections as Detections
     from remind_jax.frame import Frame as Frame
-    from remind_jax.frame import Tracks as Tracks
     from remind_jax.metrics import compare as compare
     from remind_jax.metrics import evaluate as evaluate
     from remind_jax.observation import FrameFeats as FrameFeats
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from remind_jax.sources import open_source as open_source
     from remind_jax.static import Static as Static
     from remind_jax.sweeps import sweep as sweep
+    from remind_jax.tracks import Tracks as Tracks
 
 __version__ = "0.1.0"
 
@@ -60,7 +61,7 @@ _HOMES = {
     "Thresholds": "remind.thresholds",
     "Tracker": "session.live",
     "TrackerState": "remind.state",
-    "Tracks": "frame",
+    "Tracks": "tracks",
     "compare": "metrics",
     "evaluate": "metrics",
     "init": "remind.tracker",
@@ -75,6 +76,8 @@ __all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> Any:
+    if name == "sweeps":
+        return importlib.import_module("remind_jax.sweeps")
     if name not in _HOMES:
         raise AttributeError(f"module 'remind_jax' has no attribute {name!r}")
     home = importlib.import_module(f"remind_jax.{_HOMES[name]}")

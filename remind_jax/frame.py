@@ -10,19 +10,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pycocotools.mask
 from jaxtyping import Bool, Float, Int, UInt8
 
-from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError
-from remind_jax.printing.small_table import Printable, SmallTable
-from remind_jax.printing.words import number
-
-# Its stubs know neither bytes in `counts` nor lists of masks.
-_coco: Any = pycocotools.mask
 
 NO_INSTANCE = -1
-Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,99 +122,3 @@ class SkippedFrame:
     name: str
     reason: str
     count: int = 1  # frames, where one cause took several
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class Tracks(Printable):
-    """Identities of the detections of one frame, in detection order.
-
-    Masks are kept run-length encoded, so that thousands of frames fit in memory.
-    """
-
-    frame_index: int  # processed frame, 0, 1, 2, ...
-    source_index: int  # number in the source
-    time_s: float
-    name: str
-    frame_size: tuple[int, int]  # height, width in pixels
-    outcome: Int[np.ndarray, "N"]  # decision.Outcome
-    reason: Int[np.ndarray, "N"]  # decision.Reason
-    object_id: Int[np.ndarray, "N"]  # -1 without a firm identity
-    pending_id: Int[np.ndarray, "N"]  # ambiguous or provisional track, -1 none
-    status: Int[np.ndarray, "N"]  # decision.Status
-    score: Float[np.ndarray, "N"]
-    confidence: Float[np.ndarray, "N"]
-    candidate_id: Int[np.ndarray, "N C"]  # what an undecided detection could be; -1 padding
-    candidate_score: Float[np.ndarray, "N C"]
-    labels: tuple[str, ...]  # class names
-    boxes: Float[np.ndarray, "N 4"]  # left, top, right, bottom in pixels; right and bottom excluded
-    areas: Int[np.ndarray, "N"]  # pixels
-    detector_scores: Float[np.ndarray, "N"]
-    instance_ids: Int[np.ndarray, "N"]  # ground truth where known, else -1
-    rles: tuple[Rle, ...]
-
-    def __len__(self) -> int:
-        return len(self.labels)
-
-    @property
-    def masks(self) -> Bool[np.ndarray, "N H W"]:
-        """Pixel masks, decoded anew at every call."""
-        if not self.rles:
-            return np.zeros((0, *self.frame_size), bool)
-        return np.moveaxis(_coco.decode(list(self.rles)), -1, 0).astype(bool)
-
-    @property
-    def is_firm(self) -> Bool[np.ndarray, "N"]:
-        """Detections that have one identity now (matched or new)."""
-        return np.isin(self.outcome, [Outcome.MATCH, Outcome.NEW])
-
-    def is_rated(self, row: int) -> bool:
-        """Whether a detection has a score and a confidence.
-
-        What was left out has neither, nor have new objects of trackers that rate only what they
-        recognize, announced or not: their score is 0.
-        """
-        outcome = self.outcome[row]
-        left_out = outcome in (Outcome.EMPTY, Outcome.UNASSIGNED, Outcome.DROPPED)
-        may_be_new = outcome == Outcome.NEW or self.reason[row] == Reason.SEEN_TOO_FEW_TIMES
-        return not left_out and (not may_be_new or float(self.score[row]) != 0)
-
-    def shown_score(self, row: int) -> float | None:
-        """The score to show; None where there is none or it is the confidence itself."""
-        score = float(self.score[row])
-        return score if self.is_rated(row) and score != float(self.confidence[row]) else None
-
-    def shown_confidence(self, row: int) -> float | None:
-        """The confidence to show; None where there is none."""
-        return float(self.confidence[row]) if self.is_rated(row) else None
-
-    def display_name(self, row: int) -> str:
-        """What to write beside a detection: `cup 3`, `cup 3 or 5?`, `cup new?`."""
-        label, object_id = self.labels[row], int(self.object_id[row])
-        if object_id != NO_ID:
-            return f"{label} {object_id}"
-        shown = [str(i) for i in self.candidate_id[row] if i != NO_ID]
-        if self.outcome[row] == Outcome.AMBIGUOUS and shown:
-            return f"{label} {' or '.join(shown)}?"
-        if self.outcome[row] == Outcome.PROVISIONAL_PARENT and shown:
-            return f"{label} {shown[0]}?"
-        return f"{label} new?"
-
-    def _summarize(self) -> SmallTable:
-        height, width = self.frame_size
-        num = len(self)
-        return SmallTable(
-            f"frame {self.frame_index} ({self.time_s:.2f} s, {self.name}), {width} x {height}: "
-            f"{num} detection{'' if num == 1 else 's'}",
-            heads=("row", "name", "outcome", "confidence", "left", "top", "right", "bottom"),
-            rows=[
-                (
-                    str(row),
-                    self.display_name(row),
-                    Outcome(int(self.outcome[row])).name.lower().replace("_", " "),
-                    "" if (sure := self.shown_confidence(row)) is None else number(sure),
-                    *(f"{side:.0f}" for side in self.boxes[row]),
-                )
-                for row in range(num)
-            ],
-            is_text=(1, 2),
-        )

@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import Rle
 from remind_jax.metrics.decimal_text import parse_decimal_table
 from remind_jax.metrics.run_lengths import find_malformed
+from remind_jax.tracks import Rle
 
 FileFormat = Literal["mot", "mots", "kitti-mots"]
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.frame import Tracks
 from remind_jax.metrics.columns import column_of, format_cell
 from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
 from remind_jax.metrics.comparison import ComparisonTable, Row
@@ -36,6 +35,7 @@ from remind_jax.metrics.paper_scores import (
 from remind_jax.metrics.scene_stream import SceneStream, open_stream
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.tracks import Tracks
 
 COLUMNS = ("IDF1", "Recovery", "HardRecovery", "IDSWRate", "DetA", "AssA", "IDP", "IDR")
 _UNCERTAIN = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate", "CollapseAccuracy")

@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.frame import Tracks
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.federated import NO_COMMON_CLASS, evaluate_federated, name_categories
 from remind_jax.metrics.formats.rows import TrackRows
@@ -29,6 +28,7 @@ from remind_jax.metrics.uncertainty import (
     count_uncertainty,
     keep_unique_labels,
 )
+from remind_jax.tracks import Tracks
 
 _MATCH_THRESHOLD = 0.5
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Int
 from pycocotools import mask as coco_mask
 
-from remind_jax.frame import Rle
+from remind_jax.tracks import Rle
 
 # More characters to a number overflow 64 bits; no picture is that large.
 _MAX_CHARACTERS = 8

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID
 from remind_jax.errors import RemindError, SourceError, nearest_names
-from remind_jax.frame import NO_INSTANCE, Tracks
+from remind_jax.frame import NO_INSTANCE
 from remind_jax.metrics.breakdowns import count_breakdowns
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.sequence import TrackingSequence
@@ -31,6 +31,7 @@ from remind_jax.metrics.uncertainty import (
     count_uncertainty,
     keep_unique_labels,
 )
+from remind_jax.tracks import Tracks
 
 Undecided = Literal["strict", "collapse"]
 

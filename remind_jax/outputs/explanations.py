@@ -15,8 +15,8 @@ from typing import Any
 from remind_jax.explanation.plus.account import PlusExplainer, PlusExplanation
 from remind_jax.explanation.remind.account import Explanation, ObjectSet
 from remind_jax.explanation.remind.explain import Explainer
-from remind_jax.frame import Tracks
 from remind_jax.outputs.result import Result
+from remind_jax.tracks import Tracks
 
 FRAMES_PER_BLOCK = 32
 # Later frames are left to `remind explain`: browsers get slow with bigger pages.

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax.frame import Tracks
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.outputs.lettering import put_text, shorten
 from remind_jax.outputs.overlay import NO_IMAGE_GREY, fit_image
@@ -17,6 +16,7 @@ from remind_jax.outputs.palette import identity_colour
 from remind_jax.outputs.result import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.tables import firm_rows
 from remind_jax.outputs.view_quality import view_quality
+from remind_jax.tracks import Tracks
 
 CROP_PX = 144
 MAX_SIGHTINGS = 8  # visits shown per identity, the first ones

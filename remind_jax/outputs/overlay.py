@@ -16,7 +16,6 @@ from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.files import writing
-from remind_jax.frame import Rle, Tracks
 from remind_jax.masks.run_length import decode_mask, mask_box
 from remind_jax.outputs.lettering import put_text, text_width
 from remind_jax.outputs.palette import (
@@ -27,6 +26,7 @@ from remind_jax.outputs.palette import (
     identity_colour,
     ink_on,
 )
+from remind_jax.tracks import Rle, Tracks
 
 NO_IMAGE_GREY = 72
 

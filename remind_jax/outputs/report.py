@@ -21,13 +21,13 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.frame import Tracks
 from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.palette import identity_colour, to_hex
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.ticks import frame_steps, time_steps
 from remind_jax.outputs.timeline import build_timeline
+from remind_jax.tracks import Tracks
 
 REPORT_NAME = "report.html"
 # Larger videos stay beside the page: browsers get slow with bigger pages.

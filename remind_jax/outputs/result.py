@@ -18,10 +18,11 @@ import numpy as np
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
-from remind_jax.frame import SkippedFrame, Tracks
+from remind_jax.frame import SkippedFrame
 from remind_jax.method import PAPER_METHOD
 from remind_jax.outputs import store
 from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.tracks import Tracks
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -20,8 +20,8 @@ from jaxtyping import Bool, Int
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
-from remind_jax.frame import Rle, Tracks
 from remind_jax.masks.run_length import decode_mask, encode_masks, mask_areas, union_area
+from remind_jax.tracks import Rle, Tracks
 
 CSV_COLUMNS: tuple[str, ...] = (
     "frame",

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax.frame import Tracks
+from remind_jax.tracks import Tracks
 
 # Masks of detectors end up to a few pixels before the frame does.
 _BORDER_SHARE = 0.005

@@ -15,9 +15,10 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.errors import OutputError
-from remind_jax.frame import Frame, Tracks
+from remind_jax.frame import Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
 from remind_jax.outputs.result import Result, RunInfo
+from remind_jax.tracks import Tracks
 
 CSV_NAME = "tracks.csv"
 OVERLAY_NAME = "overlay.mp4"

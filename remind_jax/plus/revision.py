@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.frame import Tracks
 from remind_jax.plus.state import Verdicts
+from remind_jax.tracks import Tracks
 
 
 class _Latest(NamedTuple):

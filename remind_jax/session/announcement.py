@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OptionError
-from remind_jax.frame import Tracks
+from remind_jax.tracks import Tracks
 
 # Detections from which on an object of a detector is announced (`benchmarks/announcement.py`).
 DETECTOR_DEFAULT = 5

@@ -24,7 +24,7 @@ from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, load_config
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import ConfigError, SourceError
-from remind_jax.frame import Detections, Frame, Tracks
+from remind_jax.frame import Detections, Frame
 from remind_jax.masks.alignment import Alignment
 from remind_jax.masks.reduction import pad_masks, reduce_masks
 from remind_jax.method import get_method
@@ -42,6 +42,7 @@ from remind_jax.session.memory_file import (
 )
 from remind_jax.session.readout import Outlines, outline, read_tracks
 from remind_jax.static import Static
+from remind_jax.tracks import Tracks
 
 _ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
 _CAPACITIES = {

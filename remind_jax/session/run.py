@@ -25,7 +25,7 @@ from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError, nearest_names
-from remind_jax.frame import Detections, Frame, Tracks
+from remind_jax.frame import Detections, Frame
 from remind_jax.outputs.result import UNDECIDED, Event, Result, RunInfo
 from remind_jax.outputs.writer import RunWriter, check_folder
 from remind_jax.printing.words import plural
@@ -33,6 +33,7 @@ from remind_jax.session.announcement import choose_after, tell
 from remind_jax.session.live import FEATURES_GIVEN, Prepared, Tracker
 from remind_jax.session.progress import Progress, follow_run
 from remind_jax.sources import Sampling, Source, open_source, prefetch
+from remind_jax.tracks import Tracks
 
 MEMORY_NAME = "memory.safetensors"
 CAPACITY = "capacity"  # kind of a tracker's notice about its own room

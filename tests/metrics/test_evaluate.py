@@ -8,8 +8,8 @@ import pytest
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import RemindError, SourceError
-from remind_jax.frame import Tracks
 from remind_jax.metrics import evaluate_files, evaluate_tracks, pool_evaluations
+from remind_jax.tracks import Tracks
 from tests.metrics.golden import ROOT, read_json
 
 MATCH, NEW, SOFT = Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS

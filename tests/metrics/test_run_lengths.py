@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pycocotools import mask as coco_mask
 
-from remind_jax.frame import Rle
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics.run_lengths import encode_label_map, find_malformed
 from remind_jax.sources.coco_masks import decode_segmentation
 from remind_jax.sources.source import UnreadableFrame
+from remind_jax.tracks import Rle
 
 LABELS = arrays(
     np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.integers(0, 3)

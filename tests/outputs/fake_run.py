@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from remind_jax.decision import Outcome, Reason, Status
-from remind_jax.frame import Detections, Frame, SkippedFrame, Tracks
+from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.result import Event, Result, RunInfo
+from remind_jax.tracks import Tracks
 
 LABELS = ("cup", "cup", "book", "potted plant", "teddy bear", "chair")
 

@@ -4,9 +4,9 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
-from remind_jax.frame import Tracks
 from remind_jax.outputs.overlay import NO_IMAGE_GREY, OverlayVideo, draw_overlay, is_playable
 from remind_jax.outputs.palette import identity_colour
+from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
 
 

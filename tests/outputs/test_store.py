@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.frame import Tracks
 from remind_jax.outputs import store
+from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 

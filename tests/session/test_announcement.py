@@ -20,7 +20,6 @@ import remind_jax as rj
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import ConfigError
-from remind_jax.frame import Tracks
 from remind_jax.outputs.result import Result
 from remind_jax.session import run as session
 from remind_jax.session.announcement import (
@@ -30,6 +29,7 @@ from remind_jax.session.announcement import (
     hear,
     tell,
 )
+from remind_jax.tracks import Tracks
 from tests.cli import scenes
 from tests.outputs.fake_run import make_tracks
 

@@ -17,9 +17,9 @@ from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.explanation.plus.archive import PlusArchive, PlusRecord
 from remind_jax.explanation.remind.account import to_jsonable
 from remind_jax.explanation.remind.explain import find_detection, fit_record, tell_silence
-from remind_jax.frame import Tracks
 from remind_jax.plus.state import PARTS, Stage
 from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.tracks import Tracks
 
 FORMAT, VERSION = "remind-jax explanation of plus", 1
 

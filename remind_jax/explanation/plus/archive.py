@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 
 from remind_jax.decision import Decisions
 from remind_jax.explanation.frame_archive import Columns, FrameArchive
-from remind_jax.frame import Tracks
 from remind_jax.plus.state import Verdicts
+from remind_jax.tracks import Tracks
 
 if TYPE_CHECKING:
     from remind_jax.explanation.plus.account import PlusExplainer

@@ -28,7 +28,7 @@ from remind_jax.remind.trace import (
 
 if TYPE_CHECKING:
     from remind_jax.explanation.remind.explain import Explainer
-    from remind_jax.frame import Tracks
+    from remind_jax.tracks import Tracks
 
 TRACE_NAME = "trace.npz"
 

@@ -18,7 +18,7 @@ from remind_jax.explanation.remind.account import (
 from remind_jax.explanation.remind.archive import TraceArchive
 from remind_jax.explanation.remind.case import Case
 from remind_jax.explanation.remind.reasons import tell_reasons
-from remind_jax.frame import Tracks
+from remind_jax.tracks import Tracks
 
 Record = TypeVar("Record", bound=Sized)
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from remind_jax.decision import Outcome
 from remind_jax.explanation.remind.account import Candidate, Explanation, KnownSet, Term
-from remind_jax.frame import Tracks
 from remind_jax.printing.terminal import split_columns
 from remind_jax.printing.words import change, listing, number, plural
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.tracks import Tracks
 
 if TYPE_CHECKING:
     from remind_jax.explanation.plus.account import PlusExplanation

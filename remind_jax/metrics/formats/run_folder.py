@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Int
 
 from remind_jax.decision import NO_ID
-from remind_jax.frame import Tracks
 from remind_jax.metrics.formats.rows import RowCollector, TrackRows
 from remind_jax.metrics.uncertainty import keep_unique_labels
+from remind_jax.tracks import Tracks
 
 
 def rows_of_tracks(

@@ -24,7 +24,7 @@ from remind_jax.config import Config
 from remind_jax.remind.thresholds import Thresholds
 from tests.remind.association.tables import Frame, empty_frame
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "association"
+GOLDEN = Path(__file__).parents[2] / "golden" / "association"
 UNIT = 1024
 
 

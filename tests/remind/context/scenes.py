@@ -25,7 +25,7 @@ from remind_jax.remind.memory.cooccurrence import empty_cooccurrence
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "context" / "scenes.npz"
+GOLDEN = Path(__file__).parents[2] / "golden" / "context" / "scenes.npz"
 UNIT = 1024
 NUM, SLOTS = 12, 32  # detections and object slots of a scene
 STATIC = Static(num_detections=NUM, num_objects=SLOTS, precision="float64")

@@ -22,7 +22,7 @@ from remind_jax.remind.disambiguation.known_sets import settle_known_sets
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
-GOLDEN = Path(__file__).parents[1] / "golden" / "disambiguation" / "known_sets.npz"
+GOLDEN = Path(__file__).parents[2] / "golden" / "disambiguation" / "known_sets.npz"
 UNIT = 1024
 NUM_OBJECTS = 8
 

@@ -28,7 +28,7 @@ from remind_jax.static import Static
 
 from .plain_graphs import PlainDistances
 
-GOLDEN = Path(__file__).resolve().parent.parent / "golden" / "graphs" / "layout_graph_alt.npz"
+GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "graphs" / "layout_graph_alt.npz"
 WELFORD = 1e-5  # float32 running means of up to some dozen values of order ten
 
 
