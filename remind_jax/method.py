@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import jax
@@ -19,6 +19,17 @@ from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.static import Static
 
 PAPER_METHOD = "remind"  # the published one; that of a `Config()` that names none
+# Fields of `Static` that mean something for every method.
+SHARED_STATIC = (
+    "num_detections",
+    "num_objects",
+    "num_pending",
+    "feature_dim",
+    "num_candidates",
+    "first_object_id",
+    "precision",
+    "solver",
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +45,7 @@ class StepHalves:
     # `decide(state, seen, *, static, thresholds) -> state`; nothing may overflow for `seen` of
     # zeros only, which fills up the frames of a scene.
     decide: Callable[..., Any]
-    # As `decide`, giving `(state, trace)`; left out, an account takes the whole `step_traced`.
+    # As `decide`, giving `(state, trace)`; left out, a trace takes the whole `step_traced`.
     decide_traced: Callable[..., tuple[Any, Any]] | None = None
     # Thresholds that `describe` reads; settings that agree on them share what it returns.
     described_by: tuple[str, ...] = ()
@@ -69,14 +80,22 @@ class Method:
     # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
     # more will be needed; left out, objects are counted.
     occupied: Callable[[Any], tuple[Any, Any]] | None = None
-    # As `step`, giving `(state, trace)`; left out, the method keeps no account.
+    # As `step`, giving `(state, trace)`, the trace a pytree of arrays; left out, there is none.
     step_traced: Callable[..., tuple[Any, Any]] | None = None
-    # "module:class" that keeps these traces on the host and explains them, imported when needed.
-    archive_name: str = "remind_jax.explanation.remind.archive:TraceArchive"
+    # "module:class" of the `explanation.explainer.Explainer` of these traces, imported when needed.
+    explainer_name: str | None = None
     # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
     # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
     # previous one is None in the first frame, both are None where frames come as features.
     observe: Callable[[Any, Any], Any] | None = None
+    # Whether parts come from attention between the patches of a frame: `wants_attention(static)`;
+    # left out, they do not.
+    wants_attention: Callable[[Static], bool] | None = None
+    # How gaps between masks are measured, as options of `masks.reduction.reduce_masks`:
+    # `gap_options(thresholds)`; left out, no gap is.
+    gap_options: Callable[[Any], dict[str, float]] | None = None
+    # Switches of `Static` that it reads beside `SHARED_STATIC`; choosing another one is refused.
+    static_fields: tuple[str, ...] = ()
     # Objects that turned out to be others in the last frame: `merges(state)` gives pairs of ids,
     # the one that is gone and the one that it is.
     merges: Callable[[Any], list[tuple[int, int]]] | None = None
@@ -87,9 +106,22 @@ class Method:
     halves: StepHalves | None = None
 
     @property
-    def archive(self) -> Any:
-        """The class that keeps the traces of a run."""
-        return _import_attribute(self.archive_name)
+    def explainer(self) -> Any:
+        """The class that explains the traces of a run; None if there is none."""
+        return None if self.explainer_name is None else _import_attribute(self.explainer_name)
+
+    def check_static(self, names: Iterable[str]) -> None:
+        """Makes sure that switches that somebody chose are read.
+
+        Raises:
+          ConfigError: If this method reads one of them nowhere.
+        """
+        for name in names:
+            if name not in (*SHARED_STATIC, *self.static_fields):
+                raise ConfigError(
+                    f"static.{name} is chosen, but tracker '{self.name}' does not read it; leave "
+                    "it out or choose another tracker"
+                )
 
     def enlarge(self, state: Any, static: Static) -> Any:
         """The memory with the larger capacities of `static`; results do not change."""
@@ -107,6 +139,12 @@ class Method:
 def extend(state: Any, empty: Any) -> Any:
     """A memory in the first slots of an empty one, on the host; nothing overflows there."""
     return dataclasses.replace(jax.tree.map(widen, state, empty), overflow=empty.overflow)
+
+
+def named_leaves(tree: Any) -> list[tuple[str, Any]]:
+    """The leaves of a memory or of a trace, by dotted path."""
+    paths, _ = jax.tree_util.tree_flatten_with_path(tree)
+    return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in paths]
 
 
 def widen(small: Array, large: Array) -> np.ndarray:

@@ -133,7 +133,7 @@ def test_choosing_a_tracker_chooses_its_thresholds(counter):
 
 
 def test_a_method_without_account_cannot_be_traced(counter):
-    with pytest.raises(ConfigError, match="'counter' keeps no account"):
+    with pytest.raises(ConfigError, match="'counter' does not explain"):
         live.Tracker(tracker="counter", trace=True)
 
 

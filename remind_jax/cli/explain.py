@@ -64,8 +64,8 @@ class Explain:
 
     def _list(self, result: Result) -> None:
         """Prints the detections of the frame."""
-        from remind_jax.explanation.remind.explain import find_frame
-        from remind_jax.explanation.remind.text import render_frame
+        from remind_jax.explanation.explainer import find_frame
+        from remind_jax.explanation.text import render_frame
         from remind_jax.outputs.store import tracks_to_json
 
         tracks = find_frame(result.tracks, self.frame)

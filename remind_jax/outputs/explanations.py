@@ -1,20 +1,16 @@
 """The explanations of a run as the report page holds them: packed by blocks of frames.
 
 A block is a JSON list of frames, compressed and base64-encoded; the page unpacks the block that it
-needs. A frame holds `detections`, and what they share once: of REMIND `anchors`, `context`, `sets`.
+needs. A frame holds `detections`, and once what they have in common (`Explanation.OF_FRAME`).
 """
 
 from __future__ import annotations
 
 import base64
-import dataclasses
 import gzip
 import json
 from typing import Any
 
-from remind_jax.explanation.plus.account import PlusExplainer, PlusExplanation
-from remind_jax.explanation.remind.account import Explanation, ObjectSet
-from remind_jax.explanation.remind.explain import Explainer
 from remind_jax.outputs.result import Result
 from remind_jax.tracks import Tracks
 
@@ -22,14 +18,13 @@ FRAMES_PER_BLOCK = 32
 # Later frames are left to `remind explain`: browsers get slow with bigger pages.
 MAX_EMBEDDED_BYTES = 10_000_000
 
-_SHOWN_SETS = 5
-_OF_FRAME = ("anchors", "context", "sets")
-_TOLD_ELSEWHERE = ("format", "version", "frame", "time_s", "frame_name", *_OF_FRAME)
+# What the page has elsewhere.
+_LEFT_OUT = ("format", "version", "frame", "time_s", "frame_name")
 
 
 def pack_explanations(result: Result) -> dict[str, Any] | None:
-    """Blocks for the page, as many as fit; None if the run holds no trace that it can show."""
-    if not isinstance(result.explainer, (Explainer, PlusExplainer)):
+    """Blocks for the page, as many as fit; None if the run holds no trace."""
+    if result.explainer is None:
         return None
     blocks, num_bytes = [], 0
     for start in range(0, len(result.tracks), FRAMES_PER_BLOCK):
@@ -43,34 +38,15 @@ def pack_explanations(result: Result) -> dict[str, Any] | None:
 
 
 def _explain_frame(result: Result, tracks: Tracks) -> dict[str, Any] | None:
-    """What the page tells about the detections of a frame; None without any."""
-    told = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
-    if not told:
-        return None
-    return {**_share(told[0]), "detections": [_tell_own(one) for one in told]}
-
-
-def _share(told: Explanation | PlusExplanation) -> dict[str, Any]:
-    """What all detections of the frame have in common."""
-    if isinstance(told, PlusExplanation):
-        return {}
-    whole = dataclasses.replace(told, sets=_distinct(told.sets)).to_json()
-    return {name: whole[name] for name in _OF_FRAME}
-
-
-def _tell_own(told: Explanation | PlusExplanation) -> dict[str, Any]:
-    if isinstance(told, Explanation):
-        told = dataclasses.replace(told, anchors=(), sets=())
-    whole = told.to_json()
-    return {name: whole[name] for name in whole if name not in _TOLD_ELSEWHERE}
-
-
-def _distinct(sets: tuple[ObjectSet, ...]) -> tuple[ObjectSet, ...]:
-    """The best sets of different objects."""
-    best: dict[tuple[int, ...], ObjectSet] = {}
-    for found in sets:
-        best.setdefault(found.object_ids, found)
-    return tuple(best.values())[:_SHOWN_SETS]
+    """What the page says about the detections of a frame; None without any."""
+    shared: dict[str, Any] = {}
+    own = []
+    for row in range(len(tracks)):
+        explanation = result.explain(tracks.frame_index, row).shortened()
+        whole = explanation.to_json()
+        shared = {name: whole[name] for name in explanation.OF_FRAME}
+        own.append({k: v for k, v in whole.items() if k not in (*_LEFT_OUT, *shared)})
+    return {**shared, "detections": own} if own else None
 
 
 def _pack(content: Any) -> str:

@@ -19,7 +19,7 @@ from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
 from remind_jax.frame import SkippedFrame
-from remind_jax.method import PAPER_METHOD
+from remind_jax.method import PAPER_METHOD, get_method
 from remind_jax.outputs import store
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
@@ -28,11 +28,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import supervision as sv
 
-    from remind_jax.explanation.plus.account import PlusExplainer, PlusExplanation
-    from remind_jax.explanation.plus.archive import PlusArchive
-    from remind_jax.explanation.remind.account import Explanation
-    from remind_jax.explanation.remind.archive import TraceArchive
-    from remind_jax.explanation.remind.explain import Explainer
+    from remind_jax.explanation.archive import TraceArchive
+    from remind_jax.explanation.explainer import Explainer
+    from remind_jax.explanation.explanation import Explanation
 
 # Shorter gaps are flicker of detector or decision, not an absence worth a mark.
 MIN_ABSENCE_FRAMES = 5
@@ -128,7 +126,7 @@ class Result(Printable):
     grown_at: tuple[int, ...] = ()  # frames at which the memory got more room; not kept in files
     complete: bool = True  # False if the run was interrupted
     # What the decisions were made of, if that was kept.
-    trace: TraceArchive | PlusArchive | None = None
+    trace: TraceArchive | None = None
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -262,7 +260,7 @@ class Result(Printable):
             },
         )
 
-    def explain(self, frame: int, detection: int) -> Explanation | PlusExplanation:
+    def explain(self, frame: int, detection: int) -> Explanation:
         """Why a detection became what it became; the run must have been made with `trace=True`.
 
         Args:
@@ -277,9 +275,12 @@ class Result(Printable):
         return self.explainer.explain(frame, detection)
 
     @functools.cached_property
-    def explainer(self) -> Explainer | PlusExplainer | None:
+    def explainer(self) -> Explainer | None:
         """Explains any number of decisions; None if the run holds no trace."""
-        return None if self.trace is None else self.trace.explainer(self.tracks, self.info.config)
+        if self.trace is None:
+            return None
+        method = get_method(self.info.config.get("tracker", PAPER_METHOD))
+        return method.explainer(self.trace, self.tracks, self.info.config)
 
     def save(self, run_dir: str | Path) -> None:
         """Writes what `load` reads: `detections.jsonl`, `run.json` and, with a trace, `trace.npz`.
@@ -298,7 +299,7 @@ class Result(Printable):
     def save_trace(self, run_dir: str | Path) -> None:
         """Writes `trace.npz`, if there is a trace."""
         if self.trace is not None:
-            from remind_jax.explanation.remind.archive import TRACE_NAME
+            from remind_jax.explanation.archive import TRACE_NAME
 
             self.trace.save(Path(run_dir) / TRACE_NAME)
 
@@ -328,7 +329,7 @@ class Result(Printable):
         Raises:
           OutputError: If the folder holds no run or the run is damaged.
         """
-        from remind_jax.explanation.remind.archive import open_archive
+        from remind_jax.explanation.explainer import open_archive
 
         run_dir = Path(run_dir)
         info, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)

@@ -74,7 +74,7 @@ METHOD = Method(
     merges=find_merges,
     delayed=DelayedAnswers,
     step_traced=step_traced,
-    archive_name="remind_jax.explanation.plus.archive:PlusArchive",
+    explainer_name="remind_jax.explanation.plus.explainer:PlusExplainer",
     halves=StepHalves(
         describe_frame,
         decide_seen,

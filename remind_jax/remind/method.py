@@ -54,6 +54,15 @@ def decide_described_traced(
     )
 
 
+def gap_options(thresholds: Thresholds) -> dict[str, float]:
+    """How exactly gaps between masks are measured."""
+    relations = thresholds.relations
+    return {
+        "scale_min_px": float(relations.scale_min_px),
+        "exact_gap_max": float(relations.exact_gap_max),
+    }
+
+
 METHOD = Method(
     PAPER_METHOD,
     Thresholds,
@@ -62,6 +71,10 @@ METHOD = Method(
     grow,
     count_occupied,
     step_traced,
+    wants_attention=lambda static: "attention" in static.part_channels,
+    gap_options=gap_options,
+    static_fields=tuple(field.name for field in dataclasses.fields(Static)),
+    explainer_name="remind_jax.explanation.remind.explainer:RemindExplainer",
     halves=StepHalves(
         describe_frame,
         decide_described,

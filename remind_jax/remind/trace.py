@@ -1,7 +1,7 @@
 """What a step knew when it decided: the numbers behind every decision of one frame.
 
 `tracker.step_traced` gathers them; the plain step carries nothing of this. On the host the same
-classes hold NumPy arrays without padding (`explanation.archive`).
+classes hold NumPy arrays without padding (`explanation.remind`).
 
 Letters: `N` detections, `C` candidates shown, `T` terms (object, background, parts; with them on,
 ring prototypes), `R` passes of the reconciliation, `K = 3` objects that an undecided detection may
@@ -58,7 +58,7 @@ class CandidateTrace:
     comparable: Float[Array, "N C"]  # on the evidence that all plausible ones have, with context
     bonus_raw: Float[Array, "N C"]  # what context would add
     bonus: Float[Array, "N C"]  # what it was allowed to add
-    assign: Float[Array, "N C"]  # what the joint assignment maximised
+    assign: Float[Array, "N C"]  # what the joint assignment maximized
     final: Float[Array, "N C"]  # what was tested for acceptance
     known: Float[Array, "N C"]  # the same with context even where it may not influence
     eligible: Bool[Array, "N C"]  # open to assignment
@@ -69,7 +69,6 @@ class CandidateTrace:
     support: Float[Array, "N C"]  # by context, [0, 1]
     contradiction: Float[Array, "N C"]  # by context, [0, 1]
     relative_support: Float[Array, "N C"]  # against the best of the class, [0, 1]
-    episodes: Int[Array, "N C"]  # in which it was seen in company
     num_expected: Int[Array, "N C"]  # neighbours that it leads one to expect
     num_expected_seen: Int[Array, "N C"]  # of these, plausibly in view elsewhere in the frame
 
@@ -85,12 +84,10 @@ class PassTrace:
     option_score: Float[Array, "N R K"]
     root: Int[Array, "N R"]  # first detection of its closed group, -1 outside groups
     status: Int[Array, "N R"]  # disambiguation.joint_assignments.GroupStatus
-    num_detections: Int[Array, "N R"]  # of the group
     num_objects: Int[Array, "N R"]  # that the group names, those not yet founded included
     proposed_id: Int[Array, "N R"]  # object in the best assignment of the group, -1 if not scored
     score: Float[Array, "N R"]  # of that assignment
     second: Float[Array, "N R"]  # of the runner-up, -1 without any
-    gap: Float[Array, "N R"]
     core: Float[Array, "N R"]  # score without appearance
     core_gap: Float[Array, "N R"]
     evidence: Float[Array, "N R"]  # summed weight of the anchors
@@ -123,9 +120,6 @@ class DetectionTrace:
     group_gap: Float[Array, "N"]  # lead of the best joint assignment of the group; -1: only one
     reserved_id: Int[Array, "N"]  # object that it founds although undecided, -1 none
     kept_count: Int[Array, "N"]  # objects of its class that context supports
-    pruning: Float[Array, "N"]  # share of its class that context does not support, [0, 1]
-    strength: Float[Array, "N"]  # how strongly context supports its class, [0, 1]
-    num_in_view: Int[Array, "N"]  # objects plausibly in view elsewhere in the frame
     candidates: CandidateTrace
     passes: PassTrace
 
@@ -157,13 +151,11 @@ class ContextTrace:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Trace:
-    """The account of one frame."""
+    """What the decisions of one frame were made of."""
 
     detections: DetectionTrace
     sets: SetTrace
     context: ContextTrace
-    object_id: Int[Array, "O"]  # objects known before the frame, -1 in free slots
-    object_class: Int[Array, "O"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -192,20 +184,17 @@ def collect_trace(deliberation: Deliberation, static: Static, t: Thresholds) -> 
       static: Number of candidates shown.
       t: Thresholds as arrays.
     """
-    d, objects = deliberation, deliberation.state.objects
-    felt = d.reasoning.influence
+    d, influence = deliberation, deliberation.reasoning.influence
     return Trace(
         detections=_trace_detections(d, static, t),
-        sets=_trace_sets(d.reasoning.hypotheses, objects.id),
-        context=ContextTrace(felt.enabled, felt.quality, felt.global_ok),
-        object_id=objects.id,
-        object_class=objects.class_id,
+        sets=_trace_sets(d.reasoning.hypotheses, d.state.objects.id),
+        context=ContextTrace(influence.enabled, influence.quality, influence.global_ok),
     )
 
 
 def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> DetectionTrace:
     comparison, objects = d.account.comparison, d.state.objects
-    felt, q = d.reasoning.influence, d.quality
+    influence, q = d.reasoning.influence, d.quality
     num = comparison.candidate.shape[0]
     seen = plausibly_in_view(comparison.candidate, comparison.score, d.visual_gate)
     rows = _choose_candidates(d, static)
@@ -215,7 +204,6 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
     stable = d.settlement.stabilised
     member = jnp.argmax(comparison.candidate, axis=1)  # any object of the class
     some = jnp.any(comparison.candidate, axis=1)
-    in_class = lambda leaf: jnp.where(some, leaf[member], 0)  # noqa: E731
     comparable = temporal_score(d.account, d.account.plausible)
     backed = d.account.plausible & d.account.context.supported[None]
     num_backed = jnp.sum(backed, axis=1, dtype=jnp.int32)
@@ -236,10 +224,7 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
         group=jnp.where(stable.root < num, stable.root, -1),
         group_gap=jnp.where(jnp.isfinite(stable.gap), stable.gap, -1.0),
         reserved_id=d.settlement.reserved_id,
-        kept_count=in_class(felt.kept_count),
-        pruning=in_class(felt.pruning),
-        strength=in_class(felt.strength),
-        num_in_view=jnp.sum(seen, axis=1, dtype=jnp.int32),
+        kept_count=jnp.where(some, influence.kept_count[member], 0),
         candidates=_trace_candidates(d, rows, seen, comparable, static, t),
         passes=_trace_passes(d, t),
     )
@@ -274,7 +259,7 @@ def _trace_candidates(
     static: Static,
     t: Thresholds,
 ) -> CandidateTrace:
-    comparison, pairs, felt = d.account.comparison, d.assignment.pairs, d.reasoning.influence
+    comparison, pairs, influence = d.account.comparison, d.assignment.pairs, d.reasoning.influence
     shape, at = comparison.candidate.shape, jnp.maximum(rows, 0)
     expected = expect_neighbours(d.neighbours, t.sets.min_link, static, t.veto)
     common = seen.astype(jnp.float32) @ expected.T.astype(jnp.float32)
@@ -303,7 +288,7 @@ def _trace_candidates(
         authority=take(terms.authority),
         visual=take(comparison.score),
         comparable=take(comparable),
-        bonus_raw=take(felt.bonus_raw),
+        bonus_raw=take(influence.bonus_raw),
         bonus=take(pairs.bonus),
         assign=take(pairs.score_assign),
         final=take(pairs.score_final),
@@ -313,10 +298,9 @@ def _trace_candidates(
         gate=take(pairs.gate),
         veto=take(d.reasoning.veto),
         supported=take(d.account.context.supported),
-        support=take(felt.support),
-        contradiction=take(felt.contradiction),
-        relative_support=take(felt.compat_rel),
-        episodes=take(d.neighbours.episodes),
+        support=take(influence.support),
+        contradiction=take(influence.contradiction),
+        relative_support=take(influence.compat_rel),
         num_expected=take(jnp.sum(expected, axis=1, dtype=jnp.int32)),
         num_expected_seen=take(common.astype(jnp.int32)),
     )
@@ -372,12 +356,10 @@ def _trace_passes(d: Deliberation, t: Thresholds) -> PassTrace:
         option_score=jnp.where(option >= 0, rounds.entries.score, 0.0),
         root=rounds.root,
         status=of_group(groups.status),
-        num_detections=of_group(groups.num_detections),
         num_objects=of_group(groups.num_candidates),
         proposed_id=name(rounds.proposed),
         score=of_group(groups.score),
         second=of_group(groups.second),
-        gap=of_group(groups.gap),
         core=of_group(groups.core),
         core_gap=of_group(groups.core_gap),
         evidence=of_group(groups.evidence),

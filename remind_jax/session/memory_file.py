@@ -17,7 +17,7 @@ from safetensors.numpy import load_file, save_file
 from remind_jax.config import Config
 from remind_jax.config.keys import how_to_choose
 from remind_jax.errors import OutputError, RemindError
-from remind_jax.method import PAPER_METHOD, get_method
+from remind_jax.method import PAPER_METHOD, get_method, named_leaves
 from remind_jax.session.announcement import Announcements
 from remind_jax.static import Static
 
@@ -47,7 +47,7 @@ def save_memory(path: str | Path, memory: SavedMemory) -> None:
       OutputError: If the file cannot be written.
     """
     path = Path(path)
-    leaves = {name: np.asarray(leaf) for name, leaf in _named_leaves(memory.state)}
+    leaves = {name: np.asarray(leaf) for name, leaf in named_leaves(memory.state)}
     header = {
         "format": _FORMAT,
         "schema": str(SCHEMA_VERSION),
@@ -97,7 +97,7 @@ def load_memory(path: str | Path) -> SavedMemory:
     tracker = header.get("tracker", PAPER_METHOD)
     empty = get_method(tracker).init(static)
     leaves = []
-    for name, leaf in _named_leaves(empty):
+    for name, leaf in named_leaves(empty):
         if name not in tensors or tensors[name].shape != leaf.shape:
             raise OutputError(f"{path} is damaged: '{name}' is missing or of another shape")
         leaves.append(jax.numpy.asarray(tensors[name], leaf.dtype))
@@ -118,6 +118,16 @@ def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
         )
 
 
+def chosen_switches(config: Config) -> dict[str, Any]:
+    """What somebody chose of `static` beside capacities that follow the frames."""
+    return {
+        name: value
+        for name, value in dataclasses.asdict(config.static).items()
+        if name not in _GROWN
+        and (f"static.{name}" in config.chosen or value != getattr(_PUBLISHED, name))
+    }
+
+
 def static_of(memory: SavedMemory, config: Config, path: str | Path) -> Static:
     """Capacities and structural switches to go on with: those of the memory.
 
@@ -126,12 +136,7 @@ def static_of(memory: SavedMemory, config: Config, path: str | Path) -> Static:
     Raises:
       RemindError: If one of them asks for a memory of another shape.
     """
-    asked = {
-        name: value
-        for name, value in dataclasses.asdict(config.static).items()
-        if name not in _GROWN
-        and (f"static.{name}" in config.chosen or value != getattr(_PUBLISHED, name))
-    }
+    asked = chosen_switches(config)
     for name, value in asked.items():
         made_with = getattr(memory.static, name)
         other = dataclasses.replace(memory.static, **{name: value})
@@ -190,8 +195,3 @@ def _read_description(
             "environment variable JAX_ENABLE_X64=1"
         )
     return static, names, backbone, announced
-
-
-def _named_leaves(state: Any) -> list[tuple[str, jax.Array]]:
-    paths, _ = jax.tree_util.tree_flatten_with_path(state)
-    return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in paths]

@@ -7,7 +7,6 @@ import dataclasses
 import datetime
 import importlib.metadata
 import inspect
-import logging
 import platform
 import time
 from collections import deque
@@ -25,21 +24,21 @@ from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError, nearest_names
+from remind_jax.explanation.archive import TraceArchive
+from remind_jax.explanation.explainer import new_archive
 from remind_jax.frame import Detections, Frame
 from remind_jax.outputs.result import UNDECIDED, Event, Result, RunInfo
 from remind_jax.outputs.writer import RunWriter, check_folder
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import choose_after, tell
-from remind_jax.session.live import FEATURES_GIVEN, Prepared, Tracker
+from remind_jax.session.live import FEATURES_GIVEN, Tracker
+from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress, follow_run
 from remind_jax.sources import Sampling, Source, open_source, prefetch
 from remind_jax.tracks import Tracks
 
 MEMORY_NAME = "memory.safetensors"
-CAPACITY = "capacity"  # kind of a tracker's notice about its own room
 _AHEAD = 4  # frames that are decoded and reduced before the tracker asks for them
-
-_log = logging.getLogger("remind_jax")
 
 
 def run(
@@ -200,7 +199,7 @@ class _Session:
         self._grown_at: list[int] = []
         self._timings: dict[str, list[float]] = {}
         self._first_frame_ms: float | None = None
-        self._archive: Any = None  # made with the first trace
+        self._archive: TraceArchive | None = None  # made with the first trace
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
@@ -267,13 +266,11 @@ class _Session:
         self._report(tracks)
 
     def _note(self, frame_index: int) -> None:
-        """Keeps what the tracker says of a frame; of its own room, only who debugs is told."""
+        """Keeps what the tracker says of a frame."""
+        if self._tracker.has_grown:
+            self._grown_at.append(frame_index)
         for notice in self._tracker.notices:
-            if notice.kind == CAPACITY:
-                _log.debug("frame %d: %s", frame_index, notice.message)
-                self._grown_at.append(frame_index)
-            else:
-                self._events.append(Event(frame_index, notice.kind, notice.message))
+            self._events.append(Event(frame_index, notice.kind, notice.message))
 
     def _keep(self, num_waiting: int, writer: RunWriter | None) -> None:
         """Writes and collects all frames but the last ones."""
@@ -284,16 +281,19 @@ class _Session:
             self._decided.append(decided)
 
     def _record(self, tracks: Tracks) -> None:
-        """Keeps the account of the frame, if the tracker gives one."""
+        """Keeps what the decisions of the frame were made of, if the tracker gives that."""
         tracker = self._tracker
-        if tracker.trace is None or tracker.state is None:
+        if tracker.trace is None:
             return
-        if self._archive is None:
-            self._archive = tracker.method.archive()
-        decisions = jax.device_get(tracker.state.decisions)
-        self._archive.add(
-            tracks.frame_index, len(tracks), decisions, tracker.trace, tracker.class_names
-        )
+        self._archive = self._archive or new_archive(tracker.method)
+        decisions, objects = jax.device_get((tracker.state.decisions, tracker.state.objects))
+        record = tracker.method.explainer.record(len(tracks), decisions, tracker.trace)
+        labels = {
+            int(i): tracker.class_names[number]
+            for i, number in zip(objects.id, objects.class_id, strict=True)
+            if i != NO_ID
+        }
+        self._archive.add(tracks.frame_index, record, labels)
 
     def _report(self, tracks: Tracks) -> None:
         self._identities.update(int(i) for i in tracks.object_id if i != NO_ID)

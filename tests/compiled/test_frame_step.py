@@ -68,7 +68,9 @@ def test_it_gives_what_the_step_gives(name):
 
 def _input_of(tracker: Tracker, index: int) -> FrameInput:
     """What the tracker gives to its step in a frame."""
-    with mock.patch.object(tracker, "_frame_step", wraps=tracker._frame_step) as watched:
+    with mock.patch.object(
+        tracker._memory, "frame_step", wraps=tracker._memory.frame_step
+    ) as watched:
         tracker.update(*scenes.picture(index))
     return watched.call_args.args[1]
 
@@ -80,7 +82,7 @@ def test_another_frame_size_compiles_the_description_only(compiled):
     image, labels = scenes.picture(3)
     tracker.update(image[:-32], labels[:-32])
     assert compiled == ["describe", "decide"] * 2  # the second "decide" is the one at hand
-    first, second = tracker._frame_step._prepared.values()
+    first, second = tracker._memory.frame_step._prepared.values()
     assert first.decide is second.decide
     assert first.describe is not second.describe
 
@@ -89,9 +91,9 @@ def test_more_objects_compile_the_decision_only(compiled):
     tracker = make("plus")
     image, labels = scenes.picture(0, (1, 2))
     tracker.update(image, labels)
-    tracker._make_room(num_objects=7)
+    tracker._memory.make_room(num_objects=7)
     tracker.update(image, labels)
-    first, second = tracker._frame_step._prepared.values()
+    first, second = tracker._memory.frame_step._prepared.values()
     assert first.describe is second.describe
     assert first.decide is not second.decide
 
@@ -122,7 +124,7 @@ def test_a_method_that_calls_the_host_is_not_kept():
 def test_told_is_packed_in_the_order_of_the_layout():
     tracker = make("plus")
     follow(tracker, 1)
-    (programs,) = tracker._frame_step._prepared.values()
+    (programs,) = tracker._memory.frame_step._prepared.values()
     shapes = Packed.of(jax.device_get(tracker.state.decisions)).layout.shapes
     assert programs.told.shapes[: len(shapes)] == shapes
 
@@ -141,7 +143,7 @@ def test_a_method_that_is_defined_anew_is_compiled_anew():
                 after, decisions=dataclasses.replace(after.decisions, object_id=ids)
             )
 
-        tracker._frame_step = FrameStep(dataclasses.replace(method, step=step))
+        tracker._memory.frame_step = FrameStep(dataclasses.replace(method, step=step))
         return tracker
 
     first, second = (follow(shifted(by), 1)[0].object_id for by in (100, 200))

@@ -17,9 +17,9 @@ import numpy as np
 
 from remind_jax.config import Config
 from remind_jax.decision import Outcome
-from remind_jax.explanation.remind.archive import FrameRecord, TraceArchive
-from remind_jax.explanation.remind.case import Case
-from remind_jax.explanation.remind.reasons import tell_reasons
+from remind_jax.explanation.remind.case import Case, FrameRecord
+from remind_jax.explanation.remind.explainer import RemindExplainer
+from remind_jax.explanation.remind.reasons import give_reasons
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.gating import read_context
@@ -43,7 +43,6 @@ NUM, SLOTS = 3, 4
 STATIC = Static(num_detections=NUM, num_objects=SLOTS, num_pending=1, feature_dim=2)
 CONTEXT = ("bonus_raw", "support", "score_sets", "compat_rel", "kernel_raw", "compat_band")
 OTHER = 0.30  # score of pairs that are not given
-FRAME = 7
 
 Known = Mapping[int, float]
 
@@ -76,11 +75,7 @@ def decide_frame(
         veto[pair] = code
     numbers = len(rows), num_objects, int(lifecycle), context is not None
     decisions, trace = jax.device_get(_decide(score, said, veto, *map(jnp.int32, numbers)))
-    archive = TraceArchive()
-    archive.add(FRAME, len(rows), decisions, trace, ("mug",))
-    record = archive.frame(FRAME)
-    assert record is not None
-    return record
+    return RemindExplainer.record(len(rows), decisions, trace)
 
 
 def case_of(record: FrameRecord, row: int, config: Config | None = None) -> Case:
@@ -90,7 +85,7 @@ def case_of(record: FrameRecord, row: int, config: Config | None = None) -> Case
 
 def chain(record: FrameRecord, row: int) -> list[str]:
     """The reasons of a detection; new objects and tracks have no number without a memory."""
-    return list(tell_reasons(case_of(record, row)))
+    return list(give_reasons(case_of(record, row)))
 
 
 @functools.partial(jax.jit)

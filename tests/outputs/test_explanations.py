@@ -8,7 +8,7 @@ import gzip
 import json
 from typing import Any
 
-from remind_jax.explanation.remind.account import Explanation
+from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.outputs import explanations, report
 from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.result import Result
@@ -41,7 +41,7 @@ def test_every_detection_is_explained_as_in_python():
         assert [one["why"] for one in frame["detections"]] == [list(one.why) for one in told]
         assert [one["name"] for one in frame["detections"]] == [one.name for one in told]
         first = told[0]
-        assert isinstance(first, Explanation)
+        assert isinstance(first, RemindExplanation)
         assert len(frame["anchors"]) == len(first.anchors)
         best = first.candidates[0]
         shown = frame["detections"][0]["candidates"][0]

@@ -9,8 +9,9 @@ import numpy as np
 
 from remind_jax.config import Config, load_config
 from remind_jax.decision import Outcome
-from remind_jax.explanation.plus.archive import PlusArchive, PlusRecord
-from remind_jax.explanation.remind.archive import FrameRecord, TraceArchive
+from remind_jax.explanation.archive import TraceArchive
+from remind_jax.explanation.plus.explainer import PlusRecord
+from remind_jax.explanation.remind.case import FrameRecord
 from remind_jax.frame import Frame
 from remind_jax.outputs.result import Result
 from remind_jax.plus.state import PARTS, Stage, Verdicts, no_verdicts
@@ -39,12 +40,11 @@ def _record(kind: str) -> FrameRecord:
 def make_traced_run(num_frames: int = 40) -> tuple[list[Frame], Result]:
     """Two mugs in every frame but for the two named ones."""
     rng = np.random.default_rng(1)
-    archive, frames, tracks = TraceArchive(), [], []
-    archive._labels = {0: "mug", 1: "mug"}
+    archive, frames, tracks = TraceArchive("remind", FrameRecord), [], []
     for index in range(num_frames):
         kind = {UNDECIDED: "undecided", EMPTY: "empty"}.get(index, "clear")
-        record = dataclasses.replace(_record(kind), frame_index=index)
-        archive._frames[index] = record
+        record = _record(kind)
+        archive.add(index, record, {0: "mug", 1: "mug"})
         d, masks = record.decisions, np.zeros((len(record), *SIZE), bool)
         rows = []
         for row in range(len(record)):
@@ -70,7 +70,7 @@ def make_traced_run(num_frames: int = 40) -> tuple[list[Frame], Result]:
 
 def make_plus_run(num_frames: int = 8) -> Result:
     """Mug 0 as REMIND plus recognises it: settled, but for frame 3, where mug 1 is likely, too."""
-    archive, tracks = PlusArchive(), []
+    archive, tracks = TraceArchive("plus", PlusRecord), []
     masks = np.zeros((1, *SIZE), bool)
     masks[:, 20:60, 10:50] = True
     for index in range(num_frames):
@@ -92,11 +92,10 @@ def make_plus_run(num_frames: int = 8) -> Result:
         else:
             shown |= {"stage": np.array([Stage.SETTLED]), "is_decided": np.array([True])}
         row = {"label": "mug", "outcome": Outcome.MATCH, "object_id": 0}
-        row |= {"score": 0.75, "confidence": 0.75}  # plus tells one number
+        row |= {"score": 0.75, "confidence": 0.75}  # plus has one number
         tracks.append(make_tracks(index, masks, [row]))
-        told = tracks[-1]
-        archive._frames[index] = PlusRecord(
-            Verdicts(**shown), told.outcome, told.reason, told.object_id, told.confidence
+        archive.add(
+            index, PlusRecord(Verdicts(**shown), tracks[-1].object_id), {0: "mug", 1: "mug"}
         )
     info = dataclasses.replace(make_info("mugs", SIZE), config=load_config("plus").to_dict())
     return Result(tuple(tracks), info, trace=archive)

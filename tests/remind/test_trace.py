@@ -72,14 +72,15 @@ def test_candidates_are_those_of_the_decisions_by_falling_score(steps):
 
 
 def test_named_objects_are_among_the_candidates(steps):
+    known: set[int] = set()  # before the frame
     for state, trace in steps:
-        known = set(trace.object_id[trace.object_id != NO_ID].tolist())
         for row in rows_of(state):
             shown = set(trace.detections.candidates.id[row].tolist())
             d = state.decisions
             named = {*d.option_id[row].tolist(), int(d.assigned_id[row]), int(d.guarded_id[row])}
             named |= set(trace.detections.passes.option_id[row].ravel().tolist())
             assert (named & known) <= shown
+        known = set(state.objects.id.tolist()) - {NO_ID}
 
 
 def test_anchors_are_those_of_the_decisions(steps):

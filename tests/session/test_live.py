@@ -7,9 +7,9 @@ import pytest
 
 from remind_jax.compiled.ahead import Forecast
 from remind_jax.compiled.programs import clear_programs
-from remind_jax.errors import SourceError
+from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Frame
-from remind_jax.session import live
+from remind_jax.session import growing_memory
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
 
@@ -26,14 +26,14 @@ def test_one_compilation_whatever_the_counts():
     tracker = Tracker({"static": {**CONFIG["static"], "num_objects": 13}})
     for index, ids in enumerate([(1, 2, 3), (1, 2, 3), (1,), (), (1, 2, 3, 4)]):
         tracker.update(*scenes.picture(index, ids))
-    assert len(tracker._frame_step._prepared) == 1
+    assert len(tracker._memory.frame_step._prepared) == 1
 
 
 def test_after_a_warm_up_no_frame_waits():
     tracker = Tracker(CONFIG)
     assert tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=12) > 0.0
     assert tracker.state is None
-    assert [step.num_objects for *_, step in tracker._frame_step._prepared] == [6, 12]
+    assert [step.num_objects for *_, step in tracker._memory.frame_step._prepared] == [6, 12]
     for image, labels in frames(2):
         tracker.update(image, labels)
     assert tracker.compile_s == 0.0
@@ -82,7 +82,7 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
         answers = []
         for index in range(28):
             answers.append(tracker.update(*squares(index)))
-            tracker._preparation.finish()
+            tracker._memory.preparation.finish()
         return tracker, answers
 
     ahead, prepared = follow(8)
@@ -108,7 +108,7 @@ def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monke
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(live.jax, "device_get", interrupt)
+        patched.setattr(growing_memory.jax, "device_get", interrupt)
         with pytest.raises(KeyboardInterrupt):
             tracker.update(*second)
     tracker.save(tmp_path / "memory.safetensors")
@@ -128,3 +128,11 @@ def test_features_of_another_width_are_refused():
     frame = Frame(1, 1, 1.0, "1", image, features=np.zeros((*grid, 7), np.float32))
     with pytest.raises(SourceError, match=r"features of 7 numbers.*the memory knows"):
         tracker.update(frame, labels)
+
+
+def test_a_switch_that_the_method_does_not_read_is_refused():
+    config = {"tracker": "plus", "static": {"part_clusters": 6}}
+    with pytest.raises(ConfigError, match=r"static\.part_clusters is chosen, but tracker 'plus'"):
+        Tracker(config)
+    assert Tracker(config, tracker="remind").static.part_clusters == 6
+    assert Tracker({"tracker": "plus", "static": {"num_candidates": 3}}).static.num_candidates == 3

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from remind_jax.decision import Outcome
+from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
 from remind_jax.plus.state import Stage
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.printing.words import change, compare, listing, number, plural
 
-if TYPE_CHECKING:
-    from remind_jax.explanation.plus.account import PlusCandidate, PlusExplanation
-
 _NOTABLE = 0.25  # log odds; less is not worth a word
 
 
-def tell_reasons(e: PlusExplanation, t: PlusThresholds) -> tuple[str, ...]:
+def give_reasons(e: PlusExplanation, t: PlusThresholds) -> tuple[str, ...]:
     """The sentences, without capital and full stop."""
     if e.stage == Stage.NONE:
         return ("it shows too little of anything to be described and is left out",)
@@ -24,19 +21,19 @@ def tell_reasons(e: PlusExplanation, t: PlusThresholds) -> tuple[str, ...]:
         return (
             f"it goes on with a tracklet of {plural(e.age, 'detection')} that was decided before: "
             f"{_answer(e)}",
-            *_tell_revision(e),
+            *_explain_revision(e),
         )
     return (
-        _tell_stage(e, t),
-        *_tell_candidates(e, t),
-        *_tell_new(e, t),
-        *_tell_taken(e),
-        _tell_verdict(e, t),
-        *_tell_revision(e),
+        _explain_stage(e, t),
+        *_explain_candidates(e, t),
+        *_explain_new(e, t),
+        *_explain_taken(e),
+        _explain_verdict(e, t),
+        *_explain_revision(e),
     )
 
 
-def _tell_stage(e: PlusExplanation, t: PlusThresholds) -> str:
+def _explain_stage(e: PlusExplanation, t: PlusThresholds) -> str:
     if e.stage == Stage.FRESH:
         return (
             f"its tracklet was decided as new, {e.label} {e.tracklet_id}, and may turn out to be a "
@@ -47,7 +44,7 @@ def _tell_stage(e: PlusExplanation, t: PlusThresholds) -> str:
     return f"it is detection {e.age} of a tracklet that is not decided yet"
 
 
-def _tell_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
+def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     """What speaks for and against the two best."""
     if not e.candidates:
         yield f"no known {e.label} is free to be it"
@@ -73,12 +70,12 @@ def _weigh(candidate: PlusCandidate) -> str:
     parts.sort(key=lambda part: -abs(part[1]))
     pro = listing([f"{kind} {change(value)}" for kind, value in parts if value > 0])
     con = listing([f"{kind} {change(value)}" for kind, value in parts if value < 0])
-    told = [f"{pro} for it"] if pro else []
-    told += [f"{con} against it"] if con else []
-    return ", ".join(told) or "nothing tells much"
+    sides = [f"{pro} for it"] if pro else []
+    sides += [f"{con} against it"] if con else []
+    return ", ".join(sides) or "nothing says much"
 
 
-def _tell_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
+def _explain_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     if e.new_log_odds is None:
         return
     if e.stage == Stage.FRESH:
@@ -99,7 +96,7 @@ def _tell_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
     yield f"a new object has log odds {change(e.new_log_odds)}{why}"
 
 
-def _tell_taken(e: PlusExplanation) -> Iterator[str]:
+def _explain_taken(e: PlusExplanation) -> Iterator[str]:
     """A better candidate that another detection got."""
     for candidate in e.candidates:
         if candidate.object_id == e.answer_id:
@@ -112,14 +109,14 @@ def _tell_taken(e: PlusExplanation) -> Iterator[str]:
             )
 
 
-def _tell_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
+def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     d = t.decision
     if e.merged_id is not None:
         return f"{e.label} {e.merged_id} turned out to be {_answer(e)}; the two are one from now on"
     if e.stage == Stage.FRESH:
         return f"it stays {_answer(e)}"
-    # Two numbers for one answer need to be told apart: what the evidence says, and how often
-    # answers of which it says so are right.
+    # There are two numbers for one answer: what the evidence says, and how often answers of which
+    # it says so are right.
     sure = f"probability {number(e.probability)}"
     if e.confidence is not None:
         sure = f"confidence {number(e.confidence)}, calibrated from {sure}"
@@ -128,7 +125,7 @@ def _tell_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     if e.is_decided:
         margin = "" if e.margin is None else f" ({compare(e.margin, '>', d.early_margin)} log odds)"
         return f"the lead is clear{margin}, so it is decided: {_answer(e)}; {sure}"
-    if e.told_at_once is not None:
+    if e.id_without_delay is not None:
         return f"not decided yet, and more likely than not {_answer(e)}; {sure}"
     options = [f"{c.name} ({number(c.probability)})" for c in e.candidates if _could_be(c, t)]
     new = f"new ({number(e.new_probability or 0.0)})"
@@ -142,11 +139,13 @@ def _could_be(candidate: PlusCandidate, t: PlusThresholds) -> bool:
     return candidate.probability >= t.decision.possible
 
 
-def _tell_revision(e: PlusExplanation) -> Iterator[str]:
+def _explain_revision(e: PlusExplanation) -> Iterator[str]:
     """What a delay changed."""
-    if e.object_id is not None and e.object_id != e.told_at_once:
-        before = "no firm answer" if e.told_at_once is None else f"{e.label} {e.told_at_once}"
-        yield f"later frames told more: {e.label} {e.object_id} instead of {before}"
+    if e.object_id is not None and e.object_id != e.id_without_delay:
+        before = (
+            "no firm answer" if e.id_without_delay is None else f"{e.label} {e.id_without_delay}"
+        )
+        yield f"later frames changed the answer: {e.label} {e.object_id} instead of {before}"
 
 
 def _answer(e: PlusExplanation) -> str:

@@ -1,17 +1,49 @@
-"""One decision of a recorded run, and the names of the objects around it."""
+"""What is kept of a frame of the paper's tracker, and one decision of it with what it rests on."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 
 from remind_jax.config import Config
-from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.explanation.remind.archive import FrameRecord
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.trace import ContextTrace, DetectionTrace, SetTrace
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class FrameRecord:
+    """Everything known about the decisions of one frame; NumPy arrays without padding rows."""
+
+    decisions: Decisions
+    detections: DetectionTrace
+    sets: SetTrace
+    context: ContextTrace
+
+    def __len__(self) -> int:
+        return len(self.decisions.outcome)
+
+    @functools.cached_property
+    def candidate_places(self) -> list[dict[int, int]]:
+        """Column of each candidate shown, per detection, in the order shown."""
+        return [
+            {object_id: place for place, object_id in enumerate(row) if object_id != NO_ID}
+            for row in np.asarray(self.detections.candidates.id).tolist()
+        ]
+
+    @functools.cached_property
+    def set_members(self) -> list[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """Objects of each set and the detections that they explain."""
+        explained = [tuple(np.flatnonzero(row).tolist()) for row in self.sets.detections]
+        members = np.asarray(self.sets.member_id).tolist()
+        ids = [tuple(i for i in row if i != NO_ID) for row in members]
+        return list(zip(ids, explained, strict=True))
 
 
 @dataclasses.dataclass(frozen=True)

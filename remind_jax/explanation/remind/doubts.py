@@ -1,4 +1,4 @@
-"""What kept a detection undecided, and what settled it: look-alikes, layout, births in question.
+"""What kept a detection undecided, and what settled it: look-alikes, layout, doubtful new objects.
 
 Rules: docs/method.md.
 """
@@ -27,55 +27,58 @@ _FALLBACKS = (
 )
 
 
-def tell_doubt(case: Case, turn: int) -> Iterator[str]:
+def explain_doubt(case: Case, turn: int) -> Iterator[str]:
     """Why a detection was undecided when a pass began (14.3 to 14.5, 16a)."""
     reason = case.undecided_reason(turn)
     options = case.options(turn if turn < case.num_passes else None)
     if reason is None:
         return
-    told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
     if reason == Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION:
-        yield _tell_competition(case, options)
+        yield _explain_competition(case, options)
     elif reason == Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH:
-        yield _tell_second_claim(case, *options[0])
+        yield _explain_second_claim(case, *options[0])
     elif reason in _BY_POLICY:
-        yield _tell_closeness(case, reason, options)
+        yield _explain_closeness(case, reason, options)
     elif reason in _FALLBACKS:
-        yield _tell_fallback(case, options)
+        yield _explain_fallback(case, options)
     else:
-        yield f"on common evidence it could still be {told}"
+        yield f"on common evidence it could still be {_list_options(case, options)}"
 
 
-def _tell_closeness(case: Case, reason: Reason, options: list[tuple[int, float]]) -> str:
-    """Candidates too close to tell apart (method.md#ambiguity)."""
+def _list_options(case: Case, options: list[tuple[int, float]]) -> str:
+    return listing([f"{case.name(i)} ({number(score)})" for i, score in options])
+
+
+def _explain_closeness(case: Case, reason: Reason, options: list[tuple[int, float]]) -> str:
+    """Candidates too close to distinguish (method.md#ambiguity)."""
     t, matched = case.thresholds.ambiguous, case.decision("guarded_id")
-    told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
-    lone = matched == options[0][0] and case.candidate(matched, "supported") is False
+    names = _list_options(case, options)
+    is_unbacked = matched == options[0][0] and case.candidate(matched, "supported") is False
     rivals = [i for i, _ in options[1:] if case.candidate(i, "supported")]
-    if lone and rivals and len(rivals) == len(options) - 1:
+    if is_unbacked and rivals and len(rivals) == len(options) - 1:
         own, theirs = (case.candidate(i, "assign") for i in (matched, rivals[0]))
         gap = max(t.gap, t.clear_margin)
         if _is_close(own, theirs, gap, t.relative_gap, t.gap_slack):
-            near = _tell_gap(own, theirs, gap, t.relative_gap, t.gap_slack)
-            names = listing([case.name(i) for i in rivals])
+            near = _explain_gap(own, theirs, gap, t.relative_gap, t.gap_slack)
+            backed = listing([case.name(i) for i in rivals])
             return (
-                f"context does not back {case.name(matched)} but {names}, which "
+                f"context does not back {case.name(matched)} but {backed}, which "
                 f"{'scores' if len(rivals) == 1 else 'score'} nearly the same: {near}"
             )
     scores = [score for _, score in options]
-    near = _tell_gap(max(scores), min(scores), t.gap, t.relative_gap, t.gap_slack)
+    near = _explain_gap(max(scores), min(scores), t.gap, t.relative_gap, t.gap_slack)
     if reason not in _BY_LOOKS:
-        return f"context backs several, and they are too close on common evidence: {told}, {near}"
+        return f"context backs several, and they are too close on common evidence: {names}, {near}"
     visual = [case.candidate(i, "visual") for i, _ in options]
     if all(score is not None for score in visual) and max(visual) >= t.visual_min_top:
-        looks = _tell_gap(max(visual), min(visual), t.visual_gap, t.relative_gap, t.visual_slack)
+        looks = _explain_gap(max(visual), min(visual), t.visual_gap, t.relative_gap, t.visual_slack)
         return (
-            f"they look too alike ({looks}) and common evidence does not part them: {told}, {near}"
+            f"they look too alike ({looks}) and common evidence does not part them: {names}, {near}"
         )
-    return f"common evidence does not part them: {told}, {near}"
+    return f"common evidence does not part them: {names}, {near}"
 
 
-def tell_firmness(case: Case) -> Iterator[str]:
+def explain_firmness(case: Case) -> Iterator[str]:
     """Why a match with rivals was not left open (method.md#ambiguity)."""
     own, t = case.decision("guarded_id"), case.thresholds.ambiguous
     asked = any(case.passes("undecided", turn) for turn in range(case.num_passes))
@@ -108,7 +111,7 @@ def _is_close(top: float, other: float, gap: float, relative: float, slack: floa
     return lack <= gap + slack or lack / max(abs(top), abs(other), 1e-12) <= relative + slack
 
 
-def _tell_gap(top: float, other: float, gap: float, relative: float, slack: float) -> str:
+def _explain_gap(top: float, other: float, gap: float, relative: float, slack: float) -> str:
     """How near two scores are, by whichever of the two tests holds (method.md#plausible-score)."""
     top, other = max(top, other), min(top, other)
     lack = top - other
@@ -120,20 +123,20 @@ def _tell_gap(top: float, other: float, gap: float, relative: float, slack: floa
     return f"{number(lack)} or {percent(share)} apart, within {percent(relative)}"
 
 
-def _tell_competition(case: Case, options: list[tuple[int, float]]) -> str:
+def _explain_competition(case: Case, options: list[tuple[int, float]]) -> str:
     """A new detection that claims an object already matched (method.md#competition)."""
     t, record = case.thresholds.competition, case.record
     parent, founded = options[0][0], options[1][0]
     seed = int(np.flatnonzero(record.detections.reserved_id == founded)[0])
     holder = int(np.flatnonzero(record.decisions.guarded_id == parent)[0])
-    told = (
+    claim = (
         f"detection {holder} holds {case.name(parent)}, and detection {seed}, which would be new, "
         "claims it too"
     )
     mine = case.candidate(parent, "known", seed)
     theirs = case.candidate(parent, "known", holder)
     if mine is None or theirs is None:
-        return told
+        return claim
     is_confirmed = case.candidate(parent, "lifecycle", seed) == Lifecycle.CONFIRMED
     least = t.confirmed_min_score if is_confirmed else t.min_score
     widest = t.confirmed_max_gap if is_confirmed else t.max_gap
@@ -141,30 +144,32 @@ def _tell_competition(case: Case, options: list[tuple[int, float]]) -> str:
     if plausible and not case.candidate(parent, "eligible", seed):
         least, widest = min(least, t.min_score), max(widest, t.max_gap)
     return (
-        f"{told}: {number(theirs)} and {number(mine)}, both at least {threshold(least)} and "
+        f"{claim}: {number(theirs)} and {number(mine)}, both at least {threshold(least)} and "
         f"{compare(abs(theirs - mine), '<=', widest)} apart"
     )
 
 
-def _tell_second_claim(case: Case, object_id: int, score: float) -> str:
+def _explain_second_claim(case: Case, object_id: int, score: float) -> str:
     """A match given up, as nothing can be in two places (uniqueness.py)."""
     keeper = case.holder(object_id, "object_id")
-    told = f"it was matched with {case.name(object_id)} ({number(score)})"
+    claim = f"it was matched with {case.name(object_id)} ({number(score)})"
     if keeper is None:
-        return f"{told}, but another detection claims it with a better score"
+        return f"{claim}, but another detection claims it with a better score"
     better = number(float(case.record.decisions.score[keeper]))
-    return f"{told}, but detection {keeper} keeps it with the better score ({better})"
+    return f"{claim}, but detection {keeper} keeps it with the better score ({better})"
 
 
-def _tell_fallback(case: Case, options: list[tuple[int, float]]) -> str:
-    """A birth in question that context explains by several known objects (16a)."""
+def _explain_fallback(case: Case, options: list[tuple[int, float]]) -> str:
+    """A new object in doubt that context explains by several known objects (16a)."""
     t = case.thresholds.provisional
-    told = listing([f"{case.name(i)} ({number(score)})" for i, score in options])
     best = compare(max(score for _, score in options), ">=", t.min_top)
-    return f"it found no object, but context backs known ones well enough ({best}): {told}"
+    return (
+        f"it found no object, but context backs known ones well enough ({best}): "
+        f"{_list_options(case, options)}"
+    )
 
 
-def tell_layout(case: Case, turn: int) -> Iterator[str]:
+def explain_layout(case: Case, turn: int) -> Iterator[str]:
     """What the distances to other objects said about a closed group (15)."""
     root, status = case.passes("root", turn), GroupStatus(case.passes("status", turn))
     if not case.passes("undecided", turn) or root < 0 or status == GroupStatus.NONE:
@@ -183,24 +188,24 @@ def tell_layout(case: Case, turn: int) -> Iterator[str]:
     elif status == GroupStatus.NO_ASSIGNMENT:
         yield f"{group} allow no joint assignment"
     else:
-        yield _tell_solution(case, turn, status, group)
-        yield from _tell_anchors(case, turn)
+        yield _explain_solution(case, turn, status, group)
+        yield from _explain_anchors(case, turn)
 
 
-def _tell_solution(case: Case, turn: int, status: GroupStatus, group: str) -> str:
+def _explain_solution(case: Case, turn: int, status: GroupStatus, group: str) -> str:
     t = case.thresholds.known_sets
     score, core = case.passes("score", turn), case.passes("core", turn)
     core_gap, evidence = case.passes("core_gap", turn), case.passes("evidence", turn)
     proposed = case.name(case.passes("proposed_id", turn))
     voters = [case.name(int(i)) for i in case.passes("anchor_id", turn) if i != NO_ID]
     if status == GroupStatus.LOW_EVIDENCE:
-        whom = f"to {listing(voters)} say" if voters else "say"
+        voting = f"to {listing(voters)} say" if voters else "say"
         weight = compare(evidence, "<", t.min_evidence)
-        return f"distances {whom} too little about {group} (evidence {weight})"
-    favour = f"distances to {listing(voters)} favour {proposed}"
+        return f"distances {voting} too little about {group} (evidence {weight})"
+    favors = f"distances to {listing(voters)} favor {proposed}"
     if status in (GroupStatus.RESOLVED, GroupStatus.PARTIAL_RESOLVED):
         return (
-            f"{favour} for this one (joint score {compare(score, '>=', t.min_score)}, ahead by "
+            f"{favors} for this one (joint score {compare(score, '>=', t.min_score)}, ahead by "
             f"{compare(core_gap, '>=', t.min_core_gap)})"
         )
     why = {
@@ -209,10 +214,10 @@ def _tell_solution(case: Case, turn: int, status: GroupStatus, group: str) -> st
         GroupStatus.LOW_CORE_SCORE: lambda: f"score {compare(core, '<', t.min_core)}",
         GroupStatus.LOW_CORE_GAP: lambda: f"ahead by only {compare(core_gap, '<', t.min_core_gap)}",
     }[status]()
-    return f"{favour} for this one, but not clearly: {why}"
+    return f"{favors} for this one, but not clearly: {why}"
 
 
-def _tell_anchors(case: Case, turn: int) -> Iterator[str]:
+def _explain_anchors(case: Case, turn: int) -> Iterator[str]:
     """How far the anchors are from the members of the group, and used to be from the objects."""
     passes, root = case.record.detections.passes, case.passes("root", turn)
     members = np.flatnonzero(passes.root[:, turn] == root)
@@ -235,22 +240,22 @@ def _tell_anchors(case: Case, turn: int) -> Iterator[str]:
         yield f"{case.name(int(anchor))} is {listing([here, *now])}; it used to be {listing(usual)}"
 
 
-def tell_birth(case: Case) -> Iterator[str]:
+def explain_birth(case: Case) -> Iterator[str]:
     """Why a detection without an object is new, or only provisionally so (16)."""
     if case.outcome == Outcome.NEW and case.trace("num_candidates"):
-        yield _tell_new(case)
+        yield _explain_new(case)
     elif case.outcome in (Outcome.PROVISIONAL_NEW, Outcome.PROVISIONAL_PARENT):
-        yield _tell_provisional(case)
+        yield _explain_provisional(case)
     elif case.outcome == Outcome.UNASSIGNED:
-        yield "distances favour an object that does not exist yet"
+        yield "distances favor an object that does not exist yet"
 
 
-def _tell_new(case: Case) -> str:
+def _explain_new(case: Case) -> str:
     t = case.thresholds.provisional
     if not t.enabled:
         return "births are not questioned (provisional tracks are switched off)"
     if not case.trace("num_backed"):
-        return f"nothing speaks for a known object: context backs none, and {_tell_miss(case)}"
+        return f"nothing speaks for a known object: context backs none, and {_explain_miss(case)}"
     backed, score = case.trace("backed_id"), case.trace("backed_score")
     if score < t.min_top:
         return (
@@ -263,7 +268,7 @@ def _tell_new(case: Case) -> str:
     )
 
 
-def _tell_miss(case: Case) -> str:
+def _explain_miss(case: Case) -> str:
     """Why the best look is no near miss of the match threshold (method.md#near-miss)."""
     t, match = case.thresholds.provisional, case.thresholds.matching.match
     looks = [
@@ -284,7 +289,7 @@ def _tell_miss(case: Case) -> str:
     return "its best look is not alone"
 
 
-def _tell_provisional(case: Case) -> str:
+def _explain_provisional(case: Case) -> str:
     t, options = case.thresholds.provisional, case.options()
     if not options:
         return f"nothing excludes a known object ({number(case.decision('score'))})"

@@ -12,15 +12,20 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Lock, Outcome, Reason, Source, Status
 from remind_jax.explanation.remind.case import Case
-from remind_jax.explanation.remind.doubts import tell_birth, tell_doubt, tell_firmness, tell_layout
+from remind_jax.explanation.remind.doubts import (
+    explain_birth,
+    explain_doubt,
+    explain_firmness,
+    explain_layout,
+)
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence, threshold
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
 
-_FELT = 0.005  # a change of score that shows in two decimals
+_VISIBLE = 0.005  # a change of score that shows in two decimals
 
 
-def tell_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str, ...]:
+def give_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str, ...]:
     """The chain of a decision.
 
     Args:
@@ -29,24 +34,32 @@ def tell_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str,
     """
     if case.reason == Reason.INVALID_INPUT:
         return ("Its mask is empty or has no finite feature, so it was left out.",)
-    stages = (_tell_looks, _tell_context, _tell_vetoes, _tell_assignment, _tell_guard)
-    told = [text for stage in stages for text in stage(case)]
+    stages = (
+        _explain_looks,
+        _explain_context,
+        _explain_vetoes,
+        _explain_assignment,
+        _explain_guard,
+    )
+    sentences = [text for stage in stages for text in stage(case)]
     before = None
     for turn in range(case.num_passes + 1):
         reason = case.undecided_reason(turn)
         if reason != before:
-            told += tell_doubt(case, turn)
+            sentences += explain_doubt(case, turn)
         if turn < case.num_passes:
-            told += tell_layout(case, turn)
+            sentences += explain_layout(case, turn)
         before = reason
-    told += tell_firmness(case)
-    told += tell_birth(case)
-    told += _tell_double(case)
-    return tuple(sentence(text) for text in (*dict.fromkeys(told), _tell_verdict(case, since)))
+    sentences += explain_firmness(case)
+    sentences += explain_birth(case)
+    sentences += _explain_double(case)
+    return tuple(
+        sentence(text) for text in (*dict.fromkeys(sentences), _explain_verdict(case, since))
+    )
 
 
-def _tell_looks(case: Case) -> Iterator[str]:
-    """Whom it looks like, and how clear that is (method.md#status)."""
+def _explain_looks(case: Case) -> Iterator[str]:
+    """Which object it looks like, and how clear that is (method.md#status)."""
     num, label = case.trace("num_candidates"), case.label
     if num == 0:
         yield f"no {label} is known yet, so it can be none of those seen before"
@@ -58,9 +71,8 @@ def _tell_looks(case: Case) -> Iterator[str]:
     else:
         second = f", then {case.name(others[0])} ({number(case.decision('second_score'))})"
         yield f"of {plural(num, 'object')} of class {label} it looks most like {best}{second}"
-    told = _tell_status(case, alone=num == 1)
-    if told:
-        yield told
+    if status := _explain_status(case, alone=num == 1):
+        yield status
     if case.trace("anchor_id") != NO_ID:
         yield (
             f"clear enough to be an anchor of the frame, it speaks for {case.name(first)} being "
@@ -68,7 +80,7 @@ def _tell_looks(case: Case) -> Iterator[str]:
         )
 
 
-def _tell_status(case: Case, alone: bool) -> str:
+def _explain_status(case: Case, alone: bool) -> str:
     t, status = case.thresholds.diagnosis, Status(case.decision("status"))
     best, second = case.decision("best_score"), case.decision("second_score")
     lead, num_close = best - second, case.decision("num_close")
@@ -90,7 +102,7 @@ def _tell_status(case: Case, alone: bool) -> str:
     return ""
 
 
-def _tell_context(case: Case) -> Iterator[str]:
+def _explain_context(case: Case) -> Iterator[str]:
     """What the surroundings add or take.
 
     Rules: method.md#cooccurrence-bonus, method.md#context-allowed.
@@ -103,28 +115,28 @@ def _tell_context(case: Case) -> Iterator[str]:
         yield "context is switched off, so looks alone count"
         return
     if not context.usable:
-        yield f"context changes no score: {_tell_poor_context(case)}"
+        yield f"context changes no score: {_explain_poor_context(case)}"
         return
-    felt = [(i, case.candidate(i, "bonus_raw"), case.candidate(i, "bonus")) for i in ids]
-    felt = [row for row in felt if abs(row[1]) >= _FELT]
+    changes = [(i, case.candidate(i, "bonus_raw"), case.candidate(i, "bonus")) for i in ids]
+    changes = [row for row in changes if abs(row[1]) >= _VISIBLE]
     quality = f"context (quality {compare(float(context.quality), '>=', t.min_quality)})"
-    if not felt:
+    if not changes:
         yield f"{quality} neither backs nor contradicts a candidate"
         return
-    backs = [f"{case.name(i)} ({change(raw)})" for i, raw, _ in felt if raw > 0]
-    against = [f"{case.name(i)} ({change(raw)})" for i, raw, _ in felt if raw < 0]
+    backs = [f"{case.name(i)} ({change(raw)})" for i, raw, _ in changes if raw > 0]
+    against = [f"{case.name(i)} ({change(raw)})" for i, raw, _ in changes if raw < 0]
     parts = [
         f"{verb} {listing(names)}"
         for verb, names in (("backs", backs), ("contradicts", against))
         if names
     ]
-    silent = all(applied == 0 for _, _, applied in felt)
-    hushed = f", but {_tell_unasked(case)}, so the scores stay" if silent else ""
-    yield f"{quality} {' and '.join(parts)}{hushed}"
+    is_unused = all(applied == 0 for _, _, applied in changes)
+    unused = f", but {_explain_unused(case)}, so the scores stay" if is_unused else ""
+    yield f"{quality} {' and '.join(parts)}{unused}"
 
 
-def _tell_unasked(case: Case) -> str:
-    """Why the context was not heard though it had something to say (method.md#context-allowed)."""
+def _explain_unused(case: Case) -> str:
+    """Why the context changed no score (method.md#context-allowed)."""
     status = case.decision("status")
     if status == Status.STRONG:
         return "the evidence is strong without it"
@@ -132,7 +144,7 @@ def _tell_unasked(case: Case) -> str:
     return f"this configuration asks no context where the evidence is {kind}"
 
 
-def _tell_poor_context(case: Case) -> str:
+def _explain_poor_context(case: Case) -> str:
     """The first test that the context failed (method.md#context-quality)."""
     sets, t = case.record.sets, case.thresholds.influence
     if not len(sets.score):
@@ -149,7 +161,7 @@ def _tell_poor_context(case: Case) -> str:
     return f"its quality is {compare(quality, '<', t.min_quality)}"
 
 
-def _tell_vetoes(case: Case) -> Iterator[str]:
+def _explain_vetoes(case: Case) -> Iterator[str]:
     """Candidates that the surroundings rule out (method.md#veto)."""
     t = case.thresholds.veto
     ids = case.candidate_ids()
@@ -173,22 +185,22 @@ def _tell_vetoes(case: Case) -> Iterator[str]:
             )
 
 
-def _tell_assignment(case: Case) -> Iterator[str]:
-    """Who got whom: locks, then the joint assignment (11.4, 12, 13)."""
+def _explain_assignment(case: Case) -> Iterator[str]:
+    """Which object it got: locks, then the joint assignment (11.4, 12, 13)."""
     if not case.candidate_ids():
         return
     assigned = case.decision("assigned_id")
     if assigned == NO_ID:
-        yield _tell_unassigned(case)
+        yield _explain_unassigned(case)
         return
     lock = Lock(case.decision("lock"))
-    yield _tell_lock(case, assigned, lock) if lock else _tell_joint(case, assigned)
+    yield _explain_lock(case, assigned, lock) if lock else _explain_joint(case, assigned)
     best = case.candidate_ids()[0]
     if best != assigned:
-        yield f"{case.name(best)}, which it looks most like, {_tell_closed(case, best)}"
+        yield f"{case.name(best)}, which it looks most like, {_explain_closed(case, best)}"
 
 
-def _tell_lock(case: Case, assigned: int, lock: Lock) -> str:
+def _explain_lock(case: Case, assigned: int, lock: Lock) -> str:
     t, name = case.thresholds.matching, case.name(assigned)
     visual = case.candidate(assigned, "visual")
     rival, score = case.trace("rival"), case.trace("rival_score")
@@ -204,22 +216,22 @@ def _tell_lock(case: Case, assigned: int, lock: Lock) -> str:
                 f"it is locked to {name} before the assignment: "
                 f"{compare(visual, '>=', t.lock_score)} and no other candidate is open and free"
             )
-        score, whom = case.candidate(free[0], "visual"), f"{case.name(free[0])}, its next one"
+        score, beaten = case.candidate(free[0], "visual"), f"{case.name(free[0])}, its next one"
     elif rival == NO_ID:
         return (
             f"it is locked to {name} before the assignment: "
             f"{compare(visual, '>=', t.lock_score)} and no other detection competes for it"
         )
     else:
-        whom = f"detection {rival}, the next one for it"
+        beaten = f"detection {rival}, the next one for it"
     lead = compare(visual - score, ">=", t.lock_gap)
     return (
         f"it is locked to {name} before the assignment: "
-        f"{compare(visual, '>=', t.lock_score)}, ahead of {whom}, by {lead}"
+        f"{compare(visual, '>=', t.lock_score)}, ahead of {beaten}, by {lead}"
     )
 
 
-def _tell_joint(case: Case, assigned: int) -> str:
+def _explain_joint(case: Case, assigned: int) -> str:
     t, name = case.thresholds.matching, case.name(assigned)
     visual, final = case.candidate(assigned, "visual"), case.candidate(assigned, "final")
     given = f"the {case.assignment} assignment of the frame gives it to this detection"
@@ -234,7 +246,7 @@ def _tell_joint(case: Case, assigned: int) -> str:
     return f"{name} is open for assignment ({shown}{after}) and {given}"
 
 
-def _tell_unassigned(case: Case) -> str:
+def _explain_unassigned(case: Case) -> str:
     """Why neither lock nor assignment found an object."""
     t = case.thresholds.matching
     opened = [i for i in case.candidate_ids() if case.candidate(i, "eligible")]
@@ -243,7 +255,7 @@ def _tell_unassigned(case: Case) -> str:
         if holder is not None:
             return (
                 f"the {case.assignment} assignment gives {case.name(i)} to detection {holder} and "
-                f"leaves this one without an object{_tell_trade(case, i, holder)}"
+                f"leaves this one without an object{_explain_trade(case, i, holder)}"
             )
     for i in opened:
         final = case.candidate(i, "final")
@@ -254,10 +266,10 @@ def _tell_unassigned(case: Case) -> str:
                 f"{compare(final, '<', t.match)}"
             )
     best = case.candidate_ids()[0]
-    return f"no candidate is open for assignment: {case.name(best)} {_tell_closed(case, best)}"
+    return f"no candidate is open for assignment: {case.name(best)} {_explain_closed(case, best)}"
 
 
-def _tell_trade(case: Case, object_id: int, holder: int) -> str:
+def _explain_trade(case: Case, object_id: int, holder: int) -> str:
     """The two sums behind a lost object, where nobody else was involved.
 
     Rule: method.md#dummy-columns.
@@ -278,7 +290,7 @@ def _tell_trade(case: Case, object_id: int, holder: int) -> str:
     )
 
 
-def _tell_closed(case: Case, object_id: int) -> str:
+def _explain_closed(case: Case, object_id: int) -> str:
     """Why a candidate was not assigned, to follow its name."""
     t = case.thresholds.matching
     gate, visual = Gate(case.candidate(object_id, "gate")), case.candidate(object_id, "visual")
@@ -307,7 +319,7 @@ def _was_locked(case: Case, object_id: int) -> bool:
     return holder is not None and int(case.record.decisions.lock[holder]) == Lock.OBJECT
 
 
-def _tell_guard(case: Case) -> Iterator[str]:
+def _explain_guard(case: Case) -> Iterator[str]:
     """Look-alikes that could swap objects (method.md#identity-stability)."""
     before, after = case.decision("assigned_id"), case.decision("guarded_id")
     if before == after:
@@ -332,14 +344,14 @@ def _tell_guard(case: Case) -> Iterator[str]:
         yield f"{together}; solved again by falling score, it gets {case.name(after)}"
 
 
-def _tell_double(case: Case) -> Iterator[str]:
+def _explain_double(case: Case) -> Iterator[str]:
     """An identity given twice, which no later rule repairs (method.md#one-detection-each)."""
     twin = case.holder(case.decision("object_id"), "object_id")
     if case.outcome == Outcome.MATCH and twin is not None:
         yield f"detection {twin} is matched with the same object: the frame holds it twice"
 
 
-def _tell_verdict(case: Case, since: tuple[int, int] | None) -> str:
+def _explain_verdict(case: Case, since: tuple[int, int] | None) -> str:
     """What it is."""
     outcome, object_id = case.outcome, case.decision("object_id")
     if outcome == Outcome.MATCH:

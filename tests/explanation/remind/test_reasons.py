@@ -12,7 +12,7 @@ import pytest
 
 from remind_jax.config import Config
 from remind_jax.decision import Outcome, Reason, Status
-from remind_jax.explanation.remind.reasons import tell_reasons
+from remind_jax.explanation.remind.reasons import give_reasons
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.memory.objects import Lifecycle
 from tests.explanation.scenes import backed, case_of, chain, decide_frame
@@ -202,7 +202,7 @@ def test_an_identity_given_twice_is_pointed_out():
 def test_greedy_assignment_is_called_so():
     record = decide_frame([{0: 0.89}, {0: 0.85}])
     config = Config().updated({"static": {"assignment": "greedy"}})
-    told = " ".join(tell_reasons(case_of(record, 1, config)))
+    told = " ".join(give_reasons(case_of(record, 1, config)))
     assert "the better score goes first: 0.89 there, 0.85 here" in told
     assert "joint" not in told
 

@@ -1,25 +1,29 @@
-"""An explanation as a page of plain text for a terminal."""
+"""Why the paper's tracker took a detection for what it did: everything the decision was made of."""
 
 from __future__ import annotations
 
-import textwrap
+import dataclasses
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
 
-from remind_jax.decision import Outcome
-from remind_jax.explanation.remind.account import Candidate, Explanation, KnownSet, Term
-from remind_jax.printing.terminal import split_columns
+from remind_jax.decision import Lock, Source, Status
+from remind_jax.explanation.explanation import Explanation
+from remind_jax.explanation.remind.evidence import (
+    Anchor,
+    Candidate,
+    Context,
+    KnownSet,
+    ObjectSet,
+    PendingTrack,
+    Quality,
+    Term,
+)
+from remind_jax.explanation.text import align, say_code, wrap
 from remind_jax.printing.words import change, listing, number, plural
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.memory.objects import Lifecycle
-from remind_jax.tracks import Tracks
 
-if TYPE_CHECKING:
-    from remind_jax.explanation.plus.account import PlusExplanation
-
-_MOST_WIDTH = 100  # columns of running text
 SHOWN_SETS = 5
 
 GATES = {
@@ -33,63 +37,57 @@ GATES = {
 VETOES = {
     Veto.NONE: "",
     Veto.OUTSIDE_CTX: "no: ruled out, class",
-    Veto.LOCAL_CTX_CONTRADICTION: "no: ruled out, neighbours",
+    Veto.LOCAL_CTX_CONTRADICTION: "no: ruled out, neighbors",
 }
 
 _COLUMNS = ("visual", "context", "assign", "final", "common", "open to assignment")
 
 
-def render_text(explanation: Explanation, width: int | None = None) -> str:
-    """The whole page; without a line end at its end.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RemindExplanation(Explanation):
+    """Why one detection became what it became."""
 
-    Args:
-      explanation: What to tell.
-      width: Characters per line; tables are as wide as they need to be if left out.
-    """
-    e = explanation
-    sections = (
-        headline(e, {"score with context": e.score, "confidence": e.confidence}, width),
-        ["", "why", *number_lines(e.why, width)],
-        ["", *wrap(_candidates_title(e), width), *_candidates(e, width)] if e.candidates else [],
-        ["", *_surroundings(e, width)],
-        *(
-            ["", *_known_set(e, known, width)]
-            for known in e.known_sets
-            if known.proposed_id is not None
-        ),
-        ["", *wrap(_pending(e), width)] if e.pending else [],
-    )
-    return "\n".join(line for section in sections for line in section)
+    FORMAT = "remind-jax explanation"
+    OF_FRAME = ("anchors", "context", "sets")
 
+    score: float | None  # with what context added, can exceed 1; None: there is none
+    status: Status  # of the visual scores
+    status_final: Status  # of the final scores of open candidates
+    best_score: float
+    second_score: float
+    num_close: int
+    lock: Lock
+    source: Source
+    assigned_id: int | None  # after locks and joint assignment
+    guarded_id: int | None  # after the guard of look-alikes
+    quality: Quality
+    num_candidates: int  # in all
+    candidates: tuple[Candidate, ...]  # the best of them, by falling visual score
+    context: Context
+    anchors: tuple[Anchor, ...]  # of the frame
+    sets: tuple[ObjectSet, ...]  # of the frame, the most believable first
+    known_sets: tuple[KnownSet, ...]
+    pending: PendingTrack | None
 
-def headline(
-    e: Explanation | PlusExplanation, numbers: Mapping[str, float | None], width: int | None
-) -> list[str]:
-    """What is explained and what it became, with those of the numbers that there are."""
-    outcome = e.outcome.name.lower().replace("_", " ")
-    reason = e.reason.name.lower().replace("_", " ")
-    told = [f"{name} {number(value)}" for name, value in numbers.items() if value is not None]
-    place = f"frame {e.frame} ({e.time_s:.2f} s, {e.frame_name}), detection {e.detection}"
-    became = ", ".join([f"{outcome} ({reason})", *told])
-    return [*wrap(f"{place}: {e.name}", width), *wrap(became, width)]
+    def shortened(self) -> RemindExplanation:
+        """The same with the best sets only, each of other objects."""
+        return dataclasses.replace(self, sets=distinct_sets(self.sets)[:SHOWN_SETS])
 
+    def _numbers(self) -> dict[str, float | None]:
+        return {"score with context": self.score, "confidence": self.confidence}
 
-def number_lines(sentences: Sequence[str], width: int | None) -> list[str]:
-    """Numbered sentences."""
-    return [
-        line
-        for place, text in enumerate(sentences, start=1)
-        for line in wrap(text, width, head=f"{place:3d}. ", indent=5)
-    ]
-
-
-def wrap(text: str, width: int | None, *, head: str = "", indent: int = 2) -> list[str]:
-    """The lines of a paragraph; all but the first are indented."""
-    most = min(width or _MOST_WIDTH, _MOST_WIDTH)
-    return textwrap.wrap(text, most, initial_indent=head, subsequent_indent=" " * indent)
+    def _render_details(self, width: int | None) -> Iterator[list[str]]:
+        if self.candidates:
+            yield [*wrap(_candidates_title(self), width), *_candidates(self, width)]
+        yield _surroundings(self, width)
+        for known in self.known_sets:
+            if known.proposed_id is not None:
+                yield _known_set(self, known, width)
+        if self.pending is not None:
+            yield wrap(_pending(self.pending), width)
 
 
-def _candidates_title(e: Explanation) -> str:
+def _candidates_title(e: RemindExplanation) -> str:
     q = e.quality
     shown = f"{len(e.candidates)} of {e.num_candidates}" if e.num_candidates else "none"
     return (
@@ -99,7 +97,7 @@ def _candidates_title(e: Explanation) -> str:
     )
 
 
-def _candidates(e: Explanation, width: int | None) -> list[str]:
+def _candidates(e: RemindExplanation, width: int | None) -> list[str]:
     terms = [f"{term.replace('_', ' ')} x w" for term in e.candidates[0].terms]
     heads = ("candidate", "state", *terms, *_COLUMNS)
     rows = [
@@ -137,11 +135,11 @@ def _context(c: Candidate) -> str:
 
 
 def _openness(c: Candidate) -> str:
-    told = VETOES[c.veto] or GATES[c.gate]
-    return told if c.held_by is None else f"{told}; detection {c.held_by} got it"
+    openness = VETOES[c.veto] or GATES[c.gate]
+    return openness if c.held_by is None else f"{openness}; detection {c.held_by} got it"
 
 
-def _surroundings(e: Explanation, width: int | None) -> list[str]:
+def _surroundings(e: RemindExplanation, width: int | None) -> list[str]:
     """Anchors and sets of objects of the frame."""
     state = "off" if not e.context.enabled else "usable" if e.context.usable else "not usable"
     lines = [f"context of the frame: {state}, quality {number(e.context.quality)}"]
@@ -150,10 +148,10 @@ def _surroundings(e: Explanation, width: int | None) -> list[str]:
     return lines + (_sets(e, width) if e.sets else [])
 
 
-def _sets(e: Explanation, width: int | None) -> list[str]:
-    """The best sets; those of the same objects that explain other detections are one line."""
+def _sets(e: RemindExplanation, width: int | None) -> list[str]:
+    """The best sets, one line for those of the same objects."""
     times = Counter(found.object_ids for found in e.sets)
-    distinct = list({found.object_ids: found for found in reversed(e.sets)}.values())[::-1]
+    distinct = distinct_sets(e.sets)
     agree = sum(bool(found.agrees) for found in e.sets)
     voted = "" if e.sets[0].agrees is None else f"; {agree} of {len(e.sets)} agree"
     shown = min(len(distinct), SHOWN_SETS)
@@ -174,19 +172,27 @@ def _sets(e: Explanation, width: int | None) -> list[str]:
     return lines
 
 
-def _known_set(e: Explanation, known: KnownSet, width: int | None) -> list[str]:
+def distinct_sets(sets: Sequence[ObjectSet]) -> tuple[ObjectSet, ...]:
+    """The best of the sets of the same objects, which explain other detections by them."""
+    best: dict[tuple[int, ...], ObjectSet] = {}
+    for found in sets:
+        best.setdefault(found.object_ids, found)
+    return tuple(best.values())
+
+
+def _known_set(e: RemindExplanation, known: KnownSet, width: int | None) -> list[str]:
     names = {c.object_id: c.name for c in e.candidates}
 
     def name(object_id: int) -> str:
         return names.get(object_id, f"{e.label} {object_id}")
 
-    status = known.status.name.lower().replace("_", " ")
     lines = wrap(
-        f"layout, pass {known.turn + 1}: {status}; detections "
+        f"layout, pass {known.turn + 1}: {say_code(known.status)}; detections "
         f"{listing([str(row) for row in known.detections])}; in question "
         f"{listing([f'{name(i)} ({number(s)})' for i, s in known.options.items()], 'or')}",
         width,
     )
+
     if known.proposed_id is not None:
         second = "none" if known.second is None else number(known.second)
         lines += wrap(
@@ -214,9 +220,7 @@ def _known_set(e: Explanation, known: KnownSet, width: int | None) -> list[str]:
     return lines
 
 
-def _pending(e: Explanation) -> str:
-    assert e.pending is not None
-    p = e.pending
+def _pending(p: PendingTrack) -> str:
     options = [
         f"{option.name} ({number(option.score)}{', held by another' if option.blocked else ''})"
         for option in p.options
@@ -225,51 +229,3 @@ def _pending(e: Explanation) -> str:
         f"{p.kind} track {p.track_id}: {plural(p.num_detections, 'detection')} since frame "
         f"{p.first_frame}; could be {listing(options, 'or') or 'nothing known'}"
     )
-
-
-def render_frame(tracks: Tracks) -> str:
-    """The detections of a frame, to choose one from."""
-    rows = [
-        (
-            str(row),
-            tracks.display_name(row),
-            _outcome(tracks, row),
-            _number(tracks.shown_score(row)),
-            _number(tracks.shown_confidence(row)),
-        )
-        for row in range(len(tracks))
-    ]
-    title = f"frame {tracks.frame_index} ({tracks.time_s:.2f} s, {tracks.name})"
-    if not rows:
-        return f"{title}: nothing was detected"
-    table = [("detection", "name", "outcome", "score with context", "confidence"), *rows]
-    if not any(row[3] for row in rows):
-        table = [(*row[:3], row[4]) for row in table]
-    return "\n".join((title, *align(table, (1, 2))))
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None else number(value)
-
-
-def _outcome(tracks: Tracks, row: int) -> str:
-    return Outcome(int(tracks.outcome[row])).name.lower().replace("_", " ")
-
-
-def align(
-    rows: Sequence[Sequence[str]], left: Sequence[int], width: int | None = None
-) -> list[str]:
-    """Lines of a table; columns `left` are flush left, the others right.
-
-    Where the table is wider than `width`, the columns that do not fit follow below, with the first
-    column again.
-    """
-    sizes = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = []
-    for columns in split_columns(sizes, width or sum(sizes) + 2 * len(sizes), around_cell=2):
-        for row in rows:
-            cells = [
-                row[c].ljust(sizes[c]) if c in left else row[c].rjust(sizes[c]) for c in columns
-            ]
-            lines.append(("  " + "  ".join(cells)).rstrip())
-    return lines

@@ -9,8 +9,9 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
-from remind_jax.explanation.remind.account import FORMAT, TERMS, Candidate, Explanation
-from remind_jax.explanation.remind.text import align, render_frame
+from remind_jax.explanation.remind.evidence import TERMS, Candidate
+from remind_jax.explanation.remind.explanation import RemindExplanation
+from remind_jax.explanation.text import align, render_frame
 from remind_jax.outputs.result import Result
 from remind_jax.remind.association.gating import Gate
 from tests.outputs.fake_run import make_run
@@ -51,8 +52,8 @@ def test_an_undecided_one_by_its_options(result):
 
 def test_json_has_the_documented_keys(result):
     content = json.loads(json.dumps(result.explain(UNDECIDED, 0).to_json()))
-    assert content["format"] == FORMAT
-    fields = [field.name for field in dataclasses.fields(Explanation)]
+    assert content["format"] == RemindExplanation.FORMAT
+    fields = [field.name for field in dataclasses.fields(RemindExplanation)]
     assert list(content) == ["format", "version", *fields]
     candidate = content["candidates"][0]
     assert list(candidate) == [field.name for field in dataclasses.fields(Candidate)]

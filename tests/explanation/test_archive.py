@@ -9,37 +9,40 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import OutputError
-from remind_jax.explanation.plus.archive import PlusArchive
-from remind_jax.explanation.remind.archive import TRACE_NAME, TraceArchive, open_archive
-from tests.explanation.scenes import FRAME, decide_frame
+from remind_jax.explanation import archive as module
+from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
+from remind_jax.explanation.explainer import open_archive
+from remind_jax.explanation.plus.explainer import PlusRecord
+from remind_jax.explanation.remind.case import FrameRecord
+from tests.explanation.scenes import decide_frame
 
 ROWS = ([{0: 0.91, 1: 0.85}], [{}], [{0: 0.88, 1: 0.80}, {0: 0.87, 1: 0.76}])
 
 
-def leaves(record):
-    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
-    return jax.tree.leaves(fields)
+NAMES = {0: "mug", 1: "Teetasse ☕"}
+
+
+def new_archive(path=None):
+    return TraceArchive("remind", FrameRecord, path)
 
 
 @pytest.fixture(scope="module")
 def archive():
     """Three frames with detections and one without."""
-    filled = TraceArchive()
+    filled = new_archive()
     for number, rows in enumerate((*ROWS, [])):
-        record = decide_frame(rows)
-        filled._frames[number] = dataclasses.replace(record, frame_index=number)
-    filled._labels = {0: "mug", 1: "Teetasse ☕"}
+        filled.add(number, decide_frame(rows), NAMES)
     return filled
 
 
 def test_what_is_read_is_what_was_written(archive, tmp_path):
     archive.save(tmp_path / TRACE_NAME)
-    read = open_archive(tmp_path)
+    read = open_archive(tmp_path, "remind")
     assert read is not None
-    assert read.labels == archive.labels
+    assert read.labels == NAMES
     for number in range(4):
         before, after = archive.frame(number), read.frame(number)
-        for old, new in zip(leaves(before), leaves(after), strict=True):
+        for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):
             np.testing.assert_array_equal(old, new)
             assert np.asarray(old).dtype == np.asarray(new).dtype
     assert read.frame(4) is None
@@ -62,10 +65,11 @@ def test_frames_of_grown_capacities_fit_in_one_file(archive, tmp_path):
     one = dataclasses.replace(archive.frame(0), sets=dataclasses.replace(
         narrow, member_id=np.array([[5]], np.int32), detections=np.array([[True]])
     ))  # fmt: skip
-    mixed = TraceArchive()
-    mixed._frames = {0: one, 1: dataclasses.replace(wide, frame_index=1, sets=narrow)}
+    mixed = new_archive()
+    mixed.add(0, one, NAMES)
+    mixed.add(1, dataclasses.replace(wide, sets=narrow), NAMES)
     mixed.save(tmp_path / TRACE_NAME)
-    first, second = (TraceArchive.open(tmp_path / TRACE_NAME).frame(i) for i in (0, 1))
+    first, second = (new_archive(tmp_path / TRACE_NAME).frame(i) for i in (0, 1))
     assert first is not None
     assert second is not None
     assert first.set_members == [((5,), (0,))]
@@ -74,7 +78,7 @@ def test_frames_of_grown_capacities_fit_in_one_file(archive, tmp_path):
 
 def test_the_file_is_read_when_asked_for(tmp_path):
     (tmp_path / TRACE_NAME).write_bytes(b"no archive")
-    archive = open_archive(tmp_path)
+    archive = open_archive(tmp_path, "remind")
     assert archive is not None
     with pytest.raises(OutputError, match=r"trace\.npz' is damaged.*run the tracker again with"):
         archive.frame(0)
@@ -83,38 +87,47 @@ def test_the_file_is_read_when_asked_for(tmp_path):
 
 
 def test_a_later_version_is_refused(archive, tmp_path, monkeypatch):
-    monkeypatch.setattr(TraceArchive, "VERSION", 2)
+    monkeypatch.setattr(module, "VERSION", 2)
     archive.save(tmp_path / TRACE_NAME)
     monkeypatch.undo()
     with pytest.raises(OutputError, match=r"version 2.*up to 1; upgrade remind-jax"):
-        TraceArchive.open(tmp_path / TRACE_NAME).frame(0)
+        new_archive(tmp_path / TRACE_NAME).frame(0)
 
 
 def test_the_trace_of_another_tracker_is_refused(archive, tmp_path):
     archive.save(tmp_path / TRACE_NAME)
     with pytest.raises(OutputError, match="of tracker 'remind', not 'plus' as the run says"):
-        PlusArchive.open(tmp_path / TRACE_NAME).frame(0)
+        TraceArchive("plus", PlusRecord, tmp_path / TRACE_NAME).frame(0)
 
 
 def test_what_was_opened_can_be_saved_again(archive, tmp_path):
     archive.save(tmp_path / TRACE_NAME)
-    TraceArchive.open(tmp_path / TRACE_NAME).save(tmp_path / "again.npz")
-    again = TraceArchive.open(tmp_path / "again.npz")
+    new_archive(tmp_path / TRACE_NAME).save(tmp_path / "again.npz")
+    again = new_archive(tmp_path / "again.npz")
     for number in range(4):
-        for old, new in zip(
-            leaves(archive.frame(number)), leaves(again.frame(number)), strict=True
-        ):
-            np.testing.assert_array_equal(old, new)
+        before, after = archive.frame(number), again.frame(number)
+        jax.tree.map(np.testing.assert_array_equal, before, after)
 
 
 def test_an_empty_run_can_be_kept(tmp_path):
-    TraceArchive().save(tmp_path / TRACE_NAME)
-    assert TraceArchive.open(tmp_path / TRACE_NAME).frame(0) is None
+    new_archive().save(tmp_path / TRACE_NAME)
+    assert new_archive(tmp_path / TRACE_NAME).frame(0) is None
 
 
 def test_a_run_without_trace_has_none(tmp_path):
-    assert open_archive(tmp_path) is None
+    assert open_archive(tmp_path, "remind") is None
 
 
-def test_frames_keep_their_number():
-    assert decide_frame([{0: 0.9}]).frame_index == FRAME
+def test_other_ids_are_given_to_objects_and_not_to_tracks(archive):
+    """New ids change places, so that each has to be looked up, padding stays."""
+    new = {-1: -1, 0: 1, 1: 0}
+    renumbered = archive.renumbered(lambda ids: {i: new.get(i, i) for i in ids})
+    before, after = archive.frame(2), renumbered.frame(2)
+    swap = np.vectorize(lambda i: new.get(i, i))
+    for name in ("object_id", "assigned_id", "option_id"):
+        old, changed = getattr(before.decisions, name), getattr(after.decisions, name)
+        np.testing.assert_array_equal(swap(old), changed)
+    np.testing.assert_array_equal(before.decisions.pending_id, after.decisions.pending_id)
+    places = (before.detections.candidates.id, after.detections.candidates.id)
+    np.testing.assert_array_equal(swap(places[0]), places[1])
+    assert renumbered.labels == {1: "mug", 0: "Teetasse ☕"}

@@ -12,7 +12,7 @@ import remind_jax as rj
 from remind_jax.cli.main import main
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OutputError
-from remind_jax.explanation.plus.account import PlusExplanation
+from remind_jax.explanation.plus.explanation import PlusExplanation
 from remind_jax.plus.state import PARTS, Stage
 from tests.plus.test_method import pan_frames
 
@@ -103,7 +103,7 @@ def test_what_a_delay_revised_is_told(result):
     for row in range(len(first)):
         was, now = first.object_id[row], changed.object_id[row]
         why = late.explain(first.frame_index, row).why
-        assert why[-1] == f"later frames told more: square {now} instead of square {was}"
+        assert why[-1] == f"later frames changed the answer: square {now} instead of square {was}"
 
 
 def test_unknown_frames_and_damaged_traces_are_refused(result, tmp_path):

@@ -1,0 +1,216 @@
+"""What every decision of a run was made of: records by frame, in memory and in `trace.npz`.
+
+A record is what the explainer of a method keeps of a frame: nested dataclasses of arrays. In the
+file a column is named by the dotted path of its leaf and holds the rows of all frames one after
+another; `shape.PATH` has the shape that the leaf has in each frame, to which trailing dimensions
+were padded. `frame.index` numbers the frames and `frame.detections` counts their detections.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import typing
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from pathlib import Path
+from typing import Any, Generic, Self, TypeVar
+
+import jax
+import numpy as np
+
+from remind_jax import files
+from remind_jax.errors import OutputError
+from remind_jax.method import named_leaves
+
+TRACE_NAME = "trace.npz"
+VERSION = 1  # of the file
+
+Record = TypeVar("Record", bound=Sized)
+
+
+class TraceArchive(Generic[Record]):
+    """Records of a run by frame; those of a file are read when they are first asked for."""
+
+    def __init__(self, tracker: str, kind: type[Record], path: Path | None = None) -> None:
+        """Makes an empty archive, or opens a file without reading it yet.
+
+        Args:
+          tracker: Name of the method whose records these are.
+          kind: Their class.
+          path: The file.
+        """
+        self._tracker, self._kind, self._path = tracker, kind, path
+        self._frames: dict[int, Record] = {}
+        self._labels: dict[int, str] = {}
+
+    @property
+    def labels(self) -> Mapping[int, str]:
+        """Class name of every object that was known in some frame."""
+        self._read()
+        return self._labels
+
+    def add(self, frame_index: int, record: Record, labels: Mapping[int, str]) -> None:
+        """Keeps one frame.
+
+        Args:
+          frame_index: Number of the processed frame.
+          record: On the host, without padding.
+          labels: Class names of the objects in memory.
+        """
+        self._frames[frame_index] = record
+        self._labels = {**labels, **self._labels}
+
+    def frame(self, frame_index: int) -> Record | None:
+        """The record of a frame; None if the run has no such frame.
+
+        Raises:
+          OutputError: If the file is damaged.
+        """
+        self._read()
+        return self._frames.get(frame_index)
+
+    def renumbered(self, number: Callable[[Iterable[int]], Mapping[int, int]]) -> Self:
+        """The same records with other ids of objects.
+
+        Args:
+          number: Gives the new id of each of some ids.
+        """
+        self._read()
+        ids = [
+            np.ravel(leaf)
+            for record in self._frames.values()
+            for path, leaf in named_leaves(record)
+            if _holds_objects(path)
+        ]
+        known = np.unique(np.concatenate([*ids, np.array(list(self._labels), np.int32)]))
+        new = number(known.tolist())
+        table = np.array([new[int(i)] for i in known], np.int32)
+
+        def rename(path: Any, leaf: np.ndarray) -> np.ndarray:
+            is_id = _holds_objects(jax.tree_util.keystr(path, simple=True, separator="."))
+            return table[np.searchsorted(known, leaf)] if is_id else leaf
+
+        other = type(self)(self._tracker, self._kind)
+        other._frames = {
+            index: jax.tree_util.tree_map_with_path(rename, record)
+            for index, record in self._frames.items()
+        }
+        other._labels = {new[i]: label for i, label in self._labels.items()}
+        return other
+
+    def save(self, path: Path) -> None:
+        """Writes `trace.npz` at once or not at all.
+
+        Raises:
+          OutputError: If it cannot be written.
+        """
+        self._read()
+        index = sorted(self._frames)
+        records = [self._frames[i] for i in index]
+        columns = {
+            "tracker": np.array(self._tracker),
+            "version": np.array(VERSION),
+            "frame.index": np.array(index, np.int32),
+            "frame.detections": np.array([len(record) for record in records], np.int32),
+            "label.id": np.array(list(self._labels), np.int32),
+            "label.name": np.array(list(self._labels.values()), np.str_),
+        }
+        for leaves in zip(*map(named_leaves, records), strict=True):
+            name = leaves[0][0]
+            columns[name], columns[f"shape.{name}"] = _join([leaf for _, leaf in leaves])
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **columns)  # pyright: ignore[reportArgumentType]
+        files.replace_file(path, buffer.getvalue())
+
+    def _read(self) -> None:
+        """Reads the file, if there is one that was not read yet."""
+        if self._path is None:
+            return
+        path = self._path
+        try:
+            with np.load(path) as file:
+                tracker, version = str(file["tracker"]), int(file["version"])
+                if tracker != self._tracker:
+                    raise OutputError(
+                        f"'{path}' is the trace of tracker '{tracker}', not '{self._tracker}' as "
+                        "the run says; run the tracker again with --trace"
+                    )
+                if version > VERSION:
+                    raise OutputError(
+                        f"'{path}' has version {version}, this remind-jax reads up to {VERSION}; "
+                        "upgrade remind-jax"
+                    )
+                columns = {name: file[name] for name in file.files}
+            self._frames = _split(self._kind, columns)
+            names = columns["label.id"].tolist(), columns["label.name"].tolist()
+            self._labels = dict(zip(*names, strict=True))
+        except OutputError:
+            raise
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            raise OutputError(
+                f"'{path}' is damaged ({type(error).__name__}: {error}); run the tracker again "
+                "with --trace"
+            ) from error
+        self._path = None
+
+
+def first_rows(tree: Any, num: int) -> Any:
+    """Without the padding behind the first rows; leaves without rows stay."""
+    return jax.tree.map(lambda leaf: leaf[:num] if np.ndim(leaf) else leaf, tree)
+
+
+def _holds_objects(path: str) -> bool:
+    """Whether these are ids of objects; undecided tracks are numbered by themselves."""
+    name = path.rpartition(".")[2]
+    return (name == "id" or name.endswith("_id")) and name != "pending_id"
+
+
+def _join(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """A leaf of all frames as one column, and its shape in each of them."""
+    shapes = np.array([np.shape(part) for part in parts], np.int32)
+    if not shapes.shape[1]:
+        return np.stack(parts), shapes
+    lacking = shapes[:, 1:].max(axis=0) - shapes[:, 1:]
+    padded = [
+        np.pad(part, [(0, 0), *((0, n) for n in more)])
+        for part, more in zip(parts, lacking, strict=True)
+    ]
+    return np.concatenate(padded), shapes
+
+
+def _split(kind: type[Record], columns: Mapping[str, np.ndarray]) -> dict[int, Record]:
+    """The records by frame index."""
+    leaves = {
+        path: _cut(column, columns[f"shape.{path}"])
+        for path, column in columns.items()
+        if f"shape.{path}" in columns
+    }
+    return {
+        index: _rebuild(kind, {path: parts[place] for path, parts in leaves.items()})
+        for place, index in enumerate(columns["frame.index"].tolist())
+    }
+
+
+def _cut(column: np.ndarray, shapes: np.ndarray) -> list[np.ndarray]:
+    """A leaf in each frame."""
+    if not shapes.shape[1]:
+        return list(column)
+    parts = np.split(column, np.cumsum(shapes[:-1, 0]))
+    return [
+        part[(slice(None), *(slice(n) for n in shape[1:]))]
+        for part, shape in zip(parts, shapes, strict=True)
+    ]
+
+
+def _rebuild(kind: type, leaves: Mapping[str, np.ndarray], path: str = "") -> Any:
+    """Nested dataclasses from leaves by dotted path."""
+    fields = typing.get_type_hints(kind)
+    return kind(
+        **{
+            name: _rebuild(fields[name], leaves, f"{path}{name}.")
+            if dataclasses.is_dataclass(fields[name])
+            else leaves[path + name]
+            for name in (field.name for field in dataclasses.fields(kind))
+        }
+    )

@@ -1,0 +1,130 @@
+"""From a recorded run to the explanation of one of its decisions, whatever method made it."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Generic
+
+from remind_jax.config import Config
+from remind_jax.decision import Decisions, Outcome, Reason
+from remind_jax.errors import OutputError
+from remind_jax.explanation.archive import TRACE_NAME, Record, TraceArchive
+from remind_jax.explanation.explanation import Explanation
+from remind_jax.method import Method, get_method
+from remind_jax.tracks import Tracks
+
+
+class Explainer(abc.ABC, Generic[Record]):
+    """Explains decisions of one run; a method names its own as `Method.explainer_name`."""
+
+    RECORD: ClassVar[type]  # what is kept of a frame
+
+    def __init__(
+        self, archive: TraceArchive[Record], tracks: Sequence[Tracks], config: Mapping[str, Any]
+    ) -> None:
+        """Takes what a run left behind.
+
+        Args:
+          archive: Its trace.
+          tracks: Its frames.
+          config: Its configuration, nested.
+
+        Raises:
+          ConfigError: If this version does not know the configuration.
+        """
+        self._archive = archive
+        self._tracks = tracks
+        self._config = Config().updated(config)
+
+    @staticmethod
+    @abc.abstractmethod
+    def record(num: int, decisions: Decisions, trace: Any) -> Record:
+        """What is kept of a frame.
+
+        Args:
+          num: Its detections; further rows are padding.
+          decisions: Host arrays.
+          trace: What the traced step gave, as host arrays.
+        """
+
+    @abc.abstractmethod
+    def _explain(self, record: Record, tracks: Tracks, row: int) -> Explanation:
+        """Why the detection became what the tracker decided, announced or not."""
+
+    def explain(self, frame: int, detection: int) -> Explanation:
+        """Why a detection became what it became.
+
+        Args:
+          frame: Number of the processed frame (`Tracks.frame_index`).
+          detection: Row of the detection in its frame, from 0.
+
+        Raises:
+          OutputError: If the run has no such frame or detection, or its trace is damaged.
+        """
+        tracks = find_frame(self._tracks, frame)
+        if not 0 <= detection < len(tracks):
+            raise OutputError(
+                f"frame {frame} has no detection {detection}; {_say_detections(len(tracks))}"
+            )
+        record = self._archive.frame(frame)
+        if record is None or len(record) != len(tracks):
+            raise OutputError(
+                f"the trace does not fit frame {frame} of the run; run again with --trace"
+            )
+        explanation = self._explain(record, tracks, detection)
+        if tracks.reason[detection] != Reason.SEEN_TOO_FEW_TIMES:
+            return explanation
+        unannounced = (
+            "what it shows was detected too few times to be announced (input.announce_after "
+            f"{self._config.input.announce_after}), so it is reported as provisional"
+        )
+        return dataclasses.replace(
+            explanation,
+            name=tracks.display_name(detection),
+            outcome=Outcome(int(tracks.outcome[detection])),
+            reason=Reason.SEEN_TOO_FEW_TIMES,
+            object_id=None,
+            why=(*explanation.why, unannounced),
+        )
+
+
+def new_archive(method: Method) -> TraceArchive:
+    """An empty archive for a run of a method that has an explainer."""
+    return TraceArchive(method.name, method.explainer.RECORD)
+
+
+def open_archive(run_dir: Path, tracker: str) -> TraceArchive | None:
+    """The archive in the folder of a run of that tracker; None if it has none."""
+    path = run_dir / TRACE_NAME
+    if not path.exists():
+        return None
+    return TraceArchive(tracker, get_method(tracker).explainer.RECORD, path)
+
+
+def find_frame(tracks: Sequence[Tracks], frame: int) -> Tracks:
+    """The frame of that number.
+
+    Raises:
+      OutputError: If the run has no such frame.
+    """
+    for candidate in tracks:
+        if candidate.frame_index == frame:
+            return candidate
+    known = [candidate.frame_index for candidate in tracks]
+    raise OutputError(f"the run has no frame {frame}; {_say_frames(known)}")
+
+
+def _say_frames(known: list[int]) -> str:
+    if not known:
+        return "it has none"
+    gaps = "" if len(known) == known[-1] - known[0] + 1 else ", some of which were skipped"
+    return f"it has frames {known[0]} to {known[-1]}{gaps}"
+
+
+def _say_detections(num: int) -> str:
+    if num == 0:
+        return "nothing was detected in it"
+    return "it has detection 0 only" if num == 1 else f"it has detections 0 to {num - 1}"

@@ -1,0 +1,95 @@
+"""From the verdicts of REMIND plus to explanations."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
+from remind_jax.explanation.archive import first_rows
+from remind_jax.explanation.explainer import Explainer
+from remind_jax.explanation.explanation import id_or_none
+from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
+from remind_jax.explanation.plus.reasons import give_reasons
+from remind_jax.plus.state import PARTS, Stage, Verdicts
+from remind_jax.tracks import Tracks
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PlusRecord:
+    """What the decisions of one frame were made of; NumPy arrays without padding rows."""
+
+    verdicts: Verdicts
+    object_id: Int[np.ndarray, "N"]  # without delay; -1 without a firm identity
+
+    def __len__(self) -> int:
+        return len(self.object_id)
+
+
+class PlusExplainer(Explainer[PlusRecord]):
+    """Explains decisions of one run."""
+
+    RECORD = PlusRecord
+
+    @staticmethod
+    def record(num: int, decisions: Decisions, trace: Verdicts) -> PlusRecord:
+        """What is kept of a frame."""
+        return first_rows(PlusRecord(trace, decisions.object_id), num)
+
+    def _explain(self, record: PlusRecord, tracks: Tracks, row: int) -> PlusExplanation:
+        v, label = record.verdicts, tracks.labels[row]
+        stage = Stage(int(v.stage[row]))
+        is_open = stage in (Stage.OPEN, Stage.FRESH)
+        candidates = _candidates(v, row, label)
+        known = sum(candidate.probability for candidate in candidates)
+        explanation = PlusExplanation(
+            frame=tracks.frame_index,
+            time_s=float(tracks.time_s),
+            frame_name=tracks.name,
+            detection=row,
+            label=label,
+            name=tracks.display_name(row),
+            outcome=Outcome(int(tracks.outcome[row])),
+            reason=Reason(int(tracks.reason[row])),
+            object_id=id_or_none(tracks.object_id[row]),
+            confidence=tracks.shown_confidence(row),
+            id_without_delay=id_or_none(record.object_id[row]),
+            stage=stage,
+            tracklet_id=id_or_none(v.tracklet_id[row]),
+            age=int(v.age[row]),
+            is_decided=bool(v.is_decided[row]),
+            answer_id=id_or_none(v.answer_id[row]),
+            probability=float(v.probability[row]),
+            margin=float(v.margin[row]) if is_open and candidates else None,
+            merged_id=id_or_none(v.merged_id[row]),
+            new_log_odds=float(v.new_odds[row]) if is_open else None,
+            new_probability=max(0.0, 1.0 - known) if is_open else None,
+            candidates=candidates,
+            why=(),
+        )
+        why = give_reasons(explanation, self._config.thresholds)
+        return dataclasses.replace(explanation, why=why)
+
+
+def _candidates(v: Verdicts, row: int, label: str) -> tuple[PlusCandidate, ...]:
+    found = []
+    for place in np.argsort(-v.option_belief[row], kind="stable"):
+        object_id = int(v.option_id[row, place])
+        if object_id == NO_ID:
+            continue
+        others = [int(k) for k in np.flatnonzero(v.answer_id == object_id) if k != row]
+        found.append(
+            PlusCandidate(
+                object_id=object_id,
+                name=f"{label} {object_id}",
+                log_odds=float(v.option_odds[row, place]),
+                probability=float(v.option_belief[row, place]),
+                parts=dict(zip(PARTS, v.option_parts[row, place].tolist(), strict=True)),
+                held_by=others[0] if others else None,
+            )
+        )
+    return tuple(found)

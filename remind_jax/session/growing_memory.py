@@ -1,0 +1,157 @@
+"""The memory on the device, which grows with what it meets: a step is repeated until all fits."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import time
+from typing import Any
+
+import jax
+
+from remind_jax.compiled.ahead import Forecast, Preparation
+from remind_jax.compiled.frame_step import FrameInput, FrameStep, Told, pack_thresholds
+from remind_jax.compiled.packing import Packed
+from remind_jax.decision import Decisions
+from remind_jax.errors import SourceError
+from remind_jax.masks.reduction import pad_masks
+from remind_jax.method import Method
+from remind_jax.observation import FrameFeats
+from remind_jax.session.preparation import Prepared
+from remind_jax.session.readout import Outlines, outline
+from remind_jax.static import Static
+
+_log = logging.getLogger("remind_jax")
+
+
+class GrowingMemory:
+    """The memory of a method and its compiled step; results do not depend on capacities.
+
+    Programs for larger capacities are compiled in a thread of their own before they are needed.
+
+    Attributes:
+      state: A pytree of arrays; None before the first frame.
+      static: Capacities as grown so far.
+      trace: What the decisions of the last frame were made of, on the host.
+      has_grown: Whether it did so in the last frame.
+    """
+
+    def __init__(self, method: Method, static: Static, *, traced: bool) -> None:
+        self.state: Any = None
+        self.static = static
+        self.trace: Any = None
+        self.has_grown = False
+        self.frame_step = FrameStep(method, traced=traced)
+        self.preparation = Preparation()
+        self._method = method
+        self._forecast = Forecast()
+        self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
+
+    def forget(self) -> None:
+        """Empties it; compiled programs stay."""
+        self.state = self.trace = None
+        self._forecast = Forecast()
+
+    def prepare_programs(
+        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, num_objects: int
+    ) -> None:
+        """Compiles or loads what such frames need, for up to `num_objects` objects at least."""
+        static = self._with_feature_dim(frame_feats.patches.shape[-1])
+        while True:
+            frame_input = self._input(frame_feats, prepared, thresholds, static)
+            self.frame_step.prepare(frame_input, static)
+            if static.num_objects >= num_objects:
+                return
+            static = static.grow(num_objects=static.num_objects + 1)
+
+    def step(
+        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any
+    ) -> tuple[Decisions, Outlines]:
+        """Steps, growing capacities until the frame fits; outlines the masks meanwhile.
+
+        Raises:
+          SourceError: If the features are not as wide as those of earlier frames.
+        """
+        static = self._with_feature_dim(frame_feats.patches.shape[-1])
+        if self.state is None:
+            self.state, self.static = self._method.init(static), static
+        before = self.static
+        if (num := len(prepared.masks.valid)) > self.static.num_detections:
+            self.make_room(num_detections=num)
+        outlines: Outlines | None = None
+        while True:
+            frame_input = self._input(frame_feats, prepared, thresholds, self.static)
+            # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
+            # while its result is waited for.
+            self.state, packed, trace = self.frame_step(self.state, frame_input, self.static)
+            outlines = outlines or outline(prepared.detections.masks)
+            read: Told = jax.device_get(packed).unpack()
+            if not read.overflow.objects and not read.overflow.pending:
+                break
+            self.make_room(
+                num_objects=int(read.overflow.objects), num_pending=int(read.overflow.pending)
+            )
+        self.has_grown = self.static != before
+        self.trace = jax.device_get(trace)
+        self._look_ahead(frame_feats, prepared, thresholds, read.occupied)
+        return read.decisions, outlines
+
+    def make_room(self, **needed: int) -> None:
+        """Moves the memory into larger capacities; the programs are often ready by then."""
+        self.static = self.preparation.room_for(self.static.grow(**needed))
+        self.state = self._method.enlarge(self.state, self.static)
+        _log.debug(
+            "there is room for %d objects, %d undecided tracks and %d detections now",
+            *(self.static.num_objects, self.static.num_pending, self.static.num_detections),
+        )
+
+    def _with_feature_dim(self, dim: int) -> Static:
+        """The capacities with the width of the features, which the first frame brings."""
+        if self.static.feature_dim not in (0, dim):
+            raise SourceError(
+                f"the frame has features of {dim} numbers, the memory knows "
+                f"{self.static.feature_dim}; go on with the features that it was made with"
+            )
+        return dataclasses.replace(self.static, feature_dim=dim)
+
+    def _input(
+        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, static: Static
+    ) -> FrameInput:
+        masks = pad_masks(prepared.masks, static.num_detections)
+        given = Packed.of((masks, prepared.observed))
+        return FrameInput(frame_feats, given, self._place(thresholds))
+
+    def _place(self, thresholds: Any) -> Packed:
+        """The thresholds, brought to the device once: hundreds of numbers."""
+        known, placed = self._placed
+        if known is not thresholds or placed is None:
+            placed = jax.device_put(pack_thresholds(thresholds, self.static.scalar))
+            self._placed = (thresholds, placed)
+        return placed
+
+    def _look_ahead(
+        self,
+        frame_feats: FrameFeats,
+        prepared: Prepared,
+        thresholds: Any,
+        occupied: tuple[Any, Any],
+    ) -> None:
+        """Has the programs for the next capacities compiled once it is foreseen that they come."""
+        num_objects, num_pending = (int(count) for count in occupied)
+        self._forecast.add(
+            time.monotonic(),
+            {
+                "num_detections": len(prepared.masks.valid),
+                "num_objects": num_objects,
+                "num_pending": num_pending,
+            },
+        )
+        static = self._forecast.needed(self.static)
+        if static != self.static:
+            # The size of this frame is that of the next ones.
+            self.preparation.start(
+                static,
+                lambda static: self.frame_step.prepare(
+                    self._input(frame_feats, prepared, thresholds, static), static
+                ),
+            )

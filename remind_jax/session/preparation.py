@@ -1,0 +1,126 @@
+"""What a frame becomes on the host, before anything is decided: aligned, reduced, observed."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from remind_jax.config import Config
+from remind_jax.errors import SourceError
+from remind_jax.frame import Detections, Frame
+from remind_jax.masks.alignment import Alignment
+from remind_jax.masks.reduction import reduce_masks
+from remind_jax.method import Method
+from remind_jax.observation import Masks
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A frame as the device needs it, and what the result will repeat of it."""
+
+    frame: Frame
+    detections: Detections  # without ignored classes, in pixels of the frame
+    image: np.ndarray | None  # uint8 RGB at the tracker's size, or
+    features: np.ndarray | None  # patch features that came with the frame
+    masks: Masks  # one slot per detection
+    num_ignored: int  # detections of ignored classes
+    stage_ms: dict[str, float]
+    observed: Any = None  # what the method observed between the last frame and this one
+
+
+class FramePreparer:
+    """Prepares the frames of one stream, in order; knows their classes, but no memory.
+
+    Attributes:
+      class_ids: Number of each class met so far, by name.
+      last_image: Of the last frame prepared, if the method observes images.
+    """
+
+    def __init__(self, method: Method, patch_px: int) -> None:
+        """`patch_px`: side of a patch of frames that bring no features of their own."""
+        self._method, self._patch_px = method, patch_px
+        self.class_ids: dict[str, int] = {}
+        self.last_image: np.ndarray | None = None
+
+    def prepare(self, frame: Frame, config: Config) -> Prepared:
+        """Drops ignored classes, aligns frame and masks to whole patches, and reduces the masks.
+
+        Raises:
+          SourceError: If the frame has no detections, neither image nor features, is smaller than
+            a patch, or disagrees with its masks about the size.
+        """
+        start = time.perf_counter()
+        detections, num_ignored = _wanted_detections(frame, config)
+        patch_px = self._patch_px if frame.features is None else _patch_px_of_features(frame)
+        alignment = Alignment.fit(frame.size, patch_px, config.input)
+        options, gaps = config.input, {"exact_gap_max": -math.inf}  # of boxes only
+        if self._method.gap_options is not None:
+            gaps = self._method.gap_options(config.thresholds)
+        reduced = reduce_masks(
+            alignment.align_masks(detections.masks),
+            np.array([self._class_id(name) for name in detections.labels], np.int32),
+            detections.scores,
+            num_slots=len(detections),
+            patch_px=patch_px,
+            sanitize=options.sanitize,
+            fill_holes=options.fill_holes,
+            close_px=options.close_px,
+            open_px=options.open_px,
+            keep_largest=options.keep_largest,
+            erosion_px=options.erosion_px,
+            **gaps,
+        )
+        image = None if frame.image is None else alignment.align_image(frame.image)
+        reduced_at = time.perf_counter()
+        spent = {"masks": 1000 * (reduced_at - start)}
+        observed = None
+        if self._method.observe is not None:
+            observed = self._method.observe(self.last_image, image)
+            self.last_image = image
+            spent["observe"] = 1000 * (time.perf_counter() - reduced_at)
+        return Prepared(
+            frame=frame,
+            detections=detections,
+            image=image,
+            features=frame.features,
+            masks=reduced,
+            num_ignored=num_ignored,
+            stage_ms=spent,
+            observed=observed,
+        )
+
+    def _class_id(self, label: str) -> int:
+        return self.class_ids.setdefault(label, len(self.class_ids))
+
+
+def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
+    """The detections of the frame but for those of ignored classes, and how many these are."""
+    if frame.detections is None:
+        raise SourceError(f"frame '{frame.name}' comes without masks; give masks or a detector")
+    masks = frame.detections.masks
+    if frame.image is not None and frame.image.shape[:2] != masks.shape[1:]:
+        raise SourceError(
+            f"masks of frame '{frame.name}' are {masks.shape[2]}x{masks.shape[1]} pixels, the "
+            f"image is {frame.image.shape[1]}x{frame.image.shape[0]}"
+        )
+    ignored = {name.lower() for name in config.input.ignored_classes}
+    labels = frame.detections.labels
+    kept = [row for row, name in enumerate(labels) if name.lower() not in ignored]
+    return frame.detections.select(np.array(kept, int)), len(labels) - len(kept)
+
+
+def _patch_px_of_features(frame: Frame) -> int:
+    """Side of a patch in pixels of a frame that brings its own features."""
+    assert frame.features is not None
+    (height, width), (rows, columns) = frame.size, frame.features.shape[:2]
+    patch_px = height // rows
+    if patch_px < 1 or (height // patch_px, width // patch_px) != (rows, columns):
+        raise SourceError(
+            f"features of frame '{frame.name}' are {rows}x{columns} patches, which do not "
+            f"tile its {height}x{width} pixels with square patches"
+        )
+    return patch_px
