@@ -78,8 +78,8 @@ class Explainer(abc.ABC, Generic[Record]):
         if tracks.reason[detection] != Reason.SEEN_TOO_FEW_TIMES:
             return explanation
         unannounced = (
-            "what it shows was detected too few times to be announced (input.announce_after "
-            f"{self._config.input.announce_after}), so it is reported as provisional"
+            "What it shows was detected too few times to be announced (input.announce_after "
+            f"{self._config.input.announce_after}), so it is reported as provisional."
         )
         return dataclasses.replace(
             explanation,

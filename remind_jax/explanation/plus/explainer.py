@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import cast
 
 import jax
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Array, Int
 
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.explanation.archive import first_rows
@@ -15,6 +16,7 @@ from remind_jax.explanation.explanation import id_or_none
 from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
 from remind_jax.explanation.plus.reasons import give_reasons
 from remind_jax.plus.state import PARTS, Stage, Verdicts
+from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.tracks import Tracks
 
 
@@ -24,7 +26,7 @@ class PlusRecord:
     """What the decisions of one frame were made of; NumPy arrays without padding rows."""
 
     verdicts: Verdicts
-    object_id: Int[np.ndarray, "N"]  # without delay; -1 without a firm identity
+    object_id: Int[Array, "N"]  # without delay; -1 without a firm identity
 
     def __len__(self) -> int:
         return len(self.object_id)
@@ -71,7 +73,7 @@ class PlusExplainer(Explainer[PlusRecord]):
             candidates=candidates,
             why=(),
         )
-        why = give_reasons(explanation, self._config.thresholds)
+        why = give_reasons(explanation, cast(PlusThresholds, self._config.thresholds))
         return dataclasses.replace(explanation, why=why)
 
 

@@ -8,29 +8,33 @@ from remind_jax.decision import Outcome
 from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
 from remind_jax.plus.state import Stage
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.printing.words import change, compare, listing, number, plural
+from remind_jax.printing.words import change, compare, listing, number, plural, sentence
 
 _NOTABLE = 0.25  # log odds; less is not worth a word
 
 
 def give_reasons(e: PlusExplanation, t: PlusThresholds) -> tuple[str, ...]:
-    """The sentences, without capital and full stop."""
+    """The sentences of an explanation that has none yet."""
+    return tuple(sentence(text) for text in _explain(e, t))
+
+
+def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
+    """The same without capital and full stop."""
     if e.stage == Stage.NONE:
-        return ("it shows too little of anything to be described and is left out",)
+        yield "it shows too little of anything to be described and is left out"
+        return
     if e.stage == Stage.SETTLED:
-        return (
+        yield (
             f"it goes on with a tracklet of {plural(e.age, 'detection')} that was decided before: "
-            f"{_answer(e)}",
-            *_explain_revision(e),
+            f"{_answer(e)}"
         )
-    return (
-        _explain_stage(e, t),
-        *_explain_candidates(e, t),
-        *_explain_new(e, t),
-        *_explain_taken(e),
-        _explain_verdict(e, t),
-        *_explain_revision(e),
-    )
+    else:
+        yield _explain_stage(e, t)
+        yield from _explain_candidates(e, t)
+        yield from _explain_new(e, t)
+        yield from _explain_taken(e)
+        yield _explain_verdict(e, t)
+    yield from _explain_revision(e)
 
 
 def _explain_stage(e: PlusExplanation, t: PlusThresholds) -> str:

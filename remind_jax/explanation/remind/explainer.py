@@ -61,8 +61,8 @@ class RemindExplainer(Explainer[FrameRecord]):
         sets = dataclasses.replace(
             sets, detections=sets.detections[:, :num], member_id=sets.member_id[:, :num]
         )
-        rows = first_rows((decisions, trace.detections), num)
-        return FrameRecord(*rows, sets, trace.context)
+        decided, known = first_rows((decisions, trace.detections), num)
+        return FrameRecord(decided, known, sets, trace.context)
 
     def _explain(self, record: FrameRecord, tracks: Tracks, row: int) -> RemindExplanation:
         case = Case(record, row, tracks.labels[row], self._archive.labels, self._config)
