@@ -1,0 +1,133 @@
+"""What looks, background, place and rivals say about an open tracklet and each object."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.plus.evidence import (
+    Rows,
+    admit,
+    best_cosine,
+    calibrate,
+    find_ended,
+    find_rows,
+    mix,
+    shortlist,
+)
+from remind_jax.plus.state import NOWHERE, PARTS
+from remind_jax.plus.static import MISSED_FRAMES
+from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
+
+LOOKS = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
+YOUNG = Rows(young=jnp.ones(3, bool), late=jnp.zeros(3, bool))
+NOBODY = jnp.zeros(4, bool)
+
+
+def candidates(objects, seen, held=NOBODY, waiting=NOBODY):
+    state = empty_state()
+    here = tracklets_of(seen, 0, 3)
+    admitted = admit(here, YOUNG, held, objects, state.pairs, T.decision)
+    cosine = best_cosine(seen.look, objects)
+    return shortlist(here, seen, admitted, waiting, cosine, objects, state.pairs, state.scene, T)
+
+
+def test_the_object_that_looks_and_lies_alike_comes_first():
+    places = jnp.array([[1.0, 1], [3, 1], [5, 1], [0, 0]])
+    objects = objects_of(LOOKS, position=places)
+    seen = detections(places[:3], LOOKS)
+    found = candidates(objects, seen)
+    assert found.slot[:, 0].tolist() == [0, 1, 2]
+    best = found.parts[0, 0]
+    assert best[PARTS.index("looks")] > 0
+    assert best[PARTS.index("place")] > found.parts[0, 1, PARTS.index("place")]
+    np.testing.assert_allclose(found.base[0, 0], best.sum(), rtol=1e-5)
+
+
+def test_what_is_held_by_another_tracklet_is_no_candidate():
+    objects = objects_of(LOOKS)
+    found = candidates(objects, detections([[1, 1]] * 3, LOOKS), held=NOBODY.at[0].set(True))
+    assert not (np.asarray(found.valid) & (np.asarray(found.slot) == 0)).any()
+
+
+def test_one_whose_tracklet_may_resume_costs_something():
+    objects = objects_of(LOOKS)
+    seen = detections([[1, 1]] * 3, LOOKS)
+    free = candidates(objects, seen)
+    waits = candidates(objects, seen, waiting=NOBODY.at[0].set(True))
+    np.testing.assert_allclose(free.base[0, 0] - waits.base[0, 0], T.decision.held, rtol=1e-5)
+
+
+def test_small_masks_say_less_by_their_looks():
+    objects = objects_of(LOOKS)
+    large = candidates(objects, detections([[1, 1]] * 3, LOOKS))
+    small = candidates(objects, detections([[1, 1]] * 3, LOOKS, patches=jnp.full(3, 0.1)))
+    looks = PARTS.index("looks")
+    assert 0 < small.parts[0, 0, looks] < large.parts[0, 0, looks]
+
+
+def test_late_rows_take_only_objects_never_seen_beside_their_own():
+    state = empty_state()
+    objects = objects_of(LOOKS)
+    here = tracklets_of(detections([[1, 1]] * 3), 0, 3, slot=jnp.array([0, 1, 2]))
+    late = Rows(young=jnp.zeros(3, bool), late=jnp.ones(3, bool))
+    pairs = dataclasses.replace(
+        state.pairs, covisible=jnp.asarray(state.pairs.covisible).at[0, 1].set(5.0)
+    )
+    admitted = admit(here, late, NOBODY, objects, pairs, T.decision)
+    assert admitted[0].tolist() == [True, False, True, False]
+    hardly = dataclasses.replace(objects, seen=jnp.zeros(4, jnp.int32))
+    assert not admit(here, late, NOBODY, hardly, pairs, T.decision).any()
+
+
+def test_rows_are_open_until_decided_and_late_for_some_frames():
+    fresh = jnp.array([False, True, True])
+    here = tracklets_of(
+        detections([[1, 1]] * 3),
+        0,
+        3,
+        slot=jnp.array([NOWHERE, 0, 1]),
+        fresh=fresh,
+        age=jnp.array([1, int(T.decision.late_frames), int(T.decision.late_frames) + 1]),
+    )
+    rows = find_rows(here, jnp.ones(3, bool), T.decision)
+    assert rows.young.tolist() == [True, False, False]
+    assert rows.late.tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("age", "leans_new", "gap", "ends"),
+    [
+        (2, True, MISSED_FRAMES, True),
+        (1, True, MISSED_FRAMES, False),  # too brief
+        (2, False, MISSED_FRAMES, False),  # taken for a known object
+        (2, True, MISSED_FRAMES - 1, False),  # may resume
+    ],
+)
+def test_what_ends_undecided_as_new_is_remembered(age, leans_new, gap, ends):
+    tracklets = tracklets_of(
+        detections([[1, 1]] * 3), 0, 3, age=jnp.full(3, age), leans_new=jnp.full(3, leans_new)
+    )
+    assert bool(find_ended(tracklets, jnp.int32(gap), T.decision).all()) == ends
+
+
+def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():
+    scene = empty_state().scene
+    other, same, variance = calibrate(scene, T.calibration)
+    np.testing.assert_allclose(
+        [other, same, variance],
+        [T.calibration.other_mean, T.calibration.same_mean, T.calibration.variance],
+        rtol=1e-4,
+    )
+    much = jnp.array([[1e4, 1e4 * 0.5, 1e4 * 0.26], [1e4, 1e4 * 0.9, 1e4 * 0.82]])
+    other, same, _ = calibrate(dataclasses.replace(scene, cosines=much), T.calibration)
+    np.testing.assert_allclose([other, same], [0.5, 0.9], atol=0.01)
+
+
+def test_a_displacement_never_says_more_against_than_being_elsewhere():
+    at = mix(jnp.array([0.0, 1.0, 1e6]), 0.1, 2.0, 0.02, -0.25, 30.0)
+    assert at[0] > at[1] > at[2]
+    assert at[2] > np.log(0.02) - 0.25 - 0.1

@@ -1,0 +1,83 @@
+"""Which detection goes on with which tracklet, and what becomes of tracklets."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.plus.linking import advance_tracklets, carry, link, score_links
+from remind_jax.plus.observation import Motion
+from remind_jax.plus.state import NOWHERE
+from remind_jax.plus.static import MISSED_FRAMES
+from tests.plus.frames import T, detections, motion, tracklets_of
+
+ROOM = 8
+
+
+def join(seen, tracklets, frame=1, cosine=None):
+    if cosine is None:
+        cosine = jnp.ones((len(seen.valid), len(tracklets.alive)))
+    score, possible = score_links(tracklets, seen, cosine, jnp.int32(frame), T.linking)
+    return link(score, possible, seen.class_id, T.linking)
+
+
+def test_detections_go_on_with_the_tracklets_where_they_lie():
+    before = detections([[1, 1], [4, 1], [1, 4]])
+    now = detections([[4.1, 1], [1, 4.1], [1.1, 1]])
+    assert join(now, tracklets_of(before, 0, ROOM)).tolist() == [1, 2, 0]
+
+
+def test_nothing_goes_on_far_away_or_with_another_class():
+    tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
+    far = detections([[6, 4], [4, 1], [1, 4]])
+    assert join(far, tracklets, cosine=jnp.zeros((3, ROOM))).tolist() == [NOWHERE, 1, 2]
+    other = detections([[1, 1], [4, 1], [1, 4]], class_id=jnp.array([1, 0, 0]))
+    assert join(other, tracklets).tolist() == [NOWHERE, 1, 2]
+
+
+def test_looks_decide_where_two_lie_alike():
+    tracklets = tracklets_of(detections([[2, 2], [2.5, 2], [5, 4]]), 0, ROOM)
+    now = detections([[2.25, 2], [2.25, 2], [5, 4]])
+    alike = jnp.zeros((3, ROOM)).at[0, 1].set(1).at[1, 0].set(1)
+    assert join(now, tracklets, cosine=alike).tolist() == [1, 0, 2]
+
+
+def test_tracklets_are_carried_along_with_shift_and_zoom():
+    tracklets = tracklets_of(detections([[1, 1], [2, 2], [3, 3]]), 0, ROOM)
+    zoomed = Motion(jnp.array([[2.0, 0, 1], [0, 2.0, 0]]), jnp.float32(1), jnp.array([480, 640]))
+    carried = carry(tracklets, zoomed)
+    np.testing.assert_allclose(carried.center[0], [3, 2])
+    np.testing.assert_allclose(carried.box[0], [2, 1, 4, 3])  # twice as large around it
+    still = carry(tracklets, motion())
+    np.testing.assert_allclose(still.box, tracklets.box)
+
+
+def test_looks_are_smoothed_and_new_tracklets_are_numbered():
+    before = detections([[1, 1], [4, 1], [1, 4]])
+    tracklets = tracklets_of(before, 0, ROOM)
+    now = dataclasses.replace(before, look=before.look + 1.0)
+    origin = jnp.array([0, NOWHERE, 2])
+    after, next_id, step = advance_tracklets(
+        tracklets, now, origin, jnp.int32(1), jnp.int32(7), T.linking
+    )
+    assert after.age[:3].tolist() == [2, 1, 2]
+    assert after.id[:3].tolist() == [0, 7, 2]
+    assert next_id == 8
+    np.testing.assert_allclose(after.look[0], before.look[0] + 0.5)  # mean of both
+    np.testing.assert_allclose(after.look[1], now.look[1])
+    np.testing.assert_allclose(after.first_look[0], before.look[0])
+    np.testing.assert_allclose(step[0], 1.0)
+
+
+@pytest.mark.parametrize(("gap", "waits"), [(MISSED_FRAMES, True), (MISSED_FRAMES + 1, False)])
+def test_a_missed_tracklet_may_resume_for_some_frames(gap, waits):
+    tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
+    nothing = detections([[0, 0]] * 3, valid=jnp.zeros(3, bool))
+    after, _, _ = advance_tracklets(
+        tracklets, nothing, jnp.full(3, NOWHERE), jnp.int32(gap), jnp.int32(3), T.linking
+    )
+    assert bool(after.alive.any()) == waits
+    assert not after.alive[:3].any()  # the first rows are those of the frame

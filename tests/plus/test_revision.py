@@ -1,0 +1,113 @@
+"""Answers that wait for some frames, revised by what is known then."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.plus.revision import DelayedAnswers, find_merges
+from remind_jax.tracks import Tracks
+
+
+def answers(index: int, ids, outcomes) -> Tracks:
+    num = len(ids)
+    return Tracks(
+        frame_index=index,
+        source_index=index,
+        time_s=0.0,
+        name="",
+        frame_size=(4, 4),
+        outcome=np.array(outcomes),
+        reason=np.full(num, Reason.NONE),
+        object_id=np.array(ids),
+        pending_id=np.where(np.array(ids) == NO_ID, 5, NO_ID),
+        status=np.zeros(num, int),
+        score=np.full(num, 0.5),
+        confidence=np.full(num, 0.5),
+        candidate_id=np.full((num, 1), 9),
+        candidate_score=np.zeros((num, 1)),
+        labels=("mug",) * num,
+        boxes=np.zeros((num, 4)),
+        areas=np.ones(num, int),
+        detector_scores=np.ones(num),
+        instance_ids=np.full(num, -1),
+        rles=({},) * num,
+    )
+
+
+def state(tracklets, merged=None, answer=None):
+    num = len(tracklets)
+    verdicts = types.SimpleNamespace(
+        tracklet_id=np.array(tracklets),
+        merged_id=np.full(num, NO_ID) if merged is None else np.array(merged),
+        answer_id=np.full(num, NO_ID) if answer is None else np.array(answer),
+    )
+    return types.SimpleNamespace(verdicts=verdicts)
+
+
+def run(delay, frames):
+    """Object ids of all frames as they leave."""
+    held = DelayedAnswers(delay)
+    out = [pair for frame in frames for pair in held.push(None, *frame)]
+    return [tracks for _, tracks in out + held.flush()]
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_every_frame_leaves_once_and_in_order(delay):
+    frames = [(answers(i, [2], [Outcome.MATCH]), state([7])) for i in range(5)]
+    assert [tracks.frame_index for tracks in run(delay, frames)] == [0, 1, 2, 3, 4]
+
+
+def test_an_open_tracklet_gets_the_answer_that_it_has_later():
+    frames = [
+        (answers(0, [NO_ID], [Outcome.AMBIGUOUS]), state([7])),
+        (answers(1, [3], [Outcome.MATCH]), state([7])),
+    ]
+    first, _ = run(1, frames)
+    assert first.object_id.tolist() == [3]
+    assert first.outcome.tolist() == [Outcome.MATCH]
+    assert first.pending_id.tolist() == [NO_ID]
+    assert first.candidate_id.tolist() == [[NO_ID]]
+    at_once, _ = run(0, frames)
+    assert at_once.object_id.tolist() == [NO_ID]
+
+
+def test_a_new_object_that_turned_out_to_be_known_is_that_one_from_the_start():
+    frames = [
+        (answers(0, [7], [Outcome.NEW]), state([7])),
+        (answers(1, [3], [Outcome.MATCH]), state([7], merged=[7], answer=[3])),
+    ]
+    assert [tracks.object_id.tolist() for tracks in run(1, frames)] == [[3], [3]]
+    assert find_merges(frames[1][1]) == [(7, 3)]
+    assert find_merges(frames[0][1]) == []
+
+
+def test_no_id_is_given_twice_in_a_frame():
+    both = [Outcome.MATCH, Outcome.AMBIGUOUS]
+    frames = [
+        (answers(0, [3, NO_ID], both), state([7, 8])),
+        (answers(1, [NO_ID, 3], both[::-1]), state([7, 8])),
+    ]
+    first, _ = run(1, frames)
+    assert first.object_id.tolist() == [3, NO_ID]
+
+
+def test_two_that_trade_ids_both_get_their_own():
+    matched = [Outcome.MATCH, Outcome.MATCH]
+    frames = [
+        (answers(0, [3, 4], matched), state([7, 8])),
+        (answers(1, [4, 5], matched), state([7, 8])),
+    ]
+    first, _ = run(1, frames)
+    assert first.object_id.tolist() == [4, 5]
+
+
+def test_the_frames_that_were_given_are_not_changed():
+    frame = answers(0, [NO_ID], [Outcome.AMBIGUOUS])
+    before = dataclasses.replace(frame, object_id=frame.object_id.copy())
+    run(1, [(frame, state([7])), (answers(1, [3], [Outcome.MATCH]), state([7]))])
+    np.testing.assert_array_equal(frame.object_id, before.object_id)

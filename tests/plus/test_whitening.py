@@ -1,0 +1,63 @@
+"""Looks are compared along what does not vary within tracklets."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
+from tests.plus.frames import T, empty_state, objects_of
+
+LIGHT = np.array([1.0, 0.0, 0.0])  # what varies within tracklets
+KIND = np.array([0.0, 1.0, 0.0])  # what tells objects apart
+
+
+def learned(frames: int = 60):
+    """Statistics of three objects whose looks wander along `LIGHT`."""
+    rng = np.random.default_rng(0)
+    scene = empty_state().scene
+    for _ in range(frames):
+        wander = rng.normal(size=3)[:, None] * LIGHT
+        looks = np.array([[-1.0], [0.0], [1.0]]) * KIND + wander
+        scene = learn_scatter(
+            scene,
+            jnp.asarray(looks, jnp.float32),
+            jnp.ones(3, bool),
+            jnp.asarray(wander, jnp.float32),
+            jnp.ones(3, bool),
+            T.looks,
+        )
+    return scene
+
+
+def test_what_varies_within_tracklets_counts_less():
+    state = empty_state()
+    scene, _ = renew_whitening(learned(), state.objects, jnp.int32(0), T.looks)
+    base = whiten(scene, jnp.asarray(KIND, jnp.float32))
+    by_light = whiten(scene, jnp.asarray(KIND + 0.5 * LIGHT, jnp.float32))
+    by_kind = whiten(scene, jnp.asarray(0.5 * KIND + 0.5 * LIGHT, jnp.float32))
+    plain = np.dot(KIND, KIND + 0.5 * LIGHT) / np.linalg.norm(KIND + 0.5 * LIGHT)
+    assert base @ by_light > plain + 0.02
+    assert base @ by_light > base @ by_kind
+    np.testing.assert_allclose(jnp.linalg.norm(base), 1.0, rtol=1e-5)
+
+
+def test_what_is_remembered_is_whitened_anew_when_it_is_due():
+    objects = objects_of([KIND])
+    scene, renewed = renew_whitening(learned(), objects, jnp.int32(6), T.looks)
+    np.testing.assert_allclose(renewed.white_bank[0, 0], whiten(scene, objects.bank[0, 0]))
+    same, unchanged = renew_whitening(learned(), objects, jnp.int32(7), T.looks)
+    np.testing.assert_array_equal(unchanged.white_bank, objects.white_bank)
+    np.testing.assert_array_equal(same.whitener, learned().whitener)
+
+
+def test_empty_slots_teach_nothing():
+    scene = empty_state().scene
+    nan = jnp.full((3, 3), jnp.nan)
+    nobody = jnp.zeros(3, bool)
+    after = learn_scatter(scene, nan, nobody, nan, nobody, T.looks)
+    after = learn_rings(after, nan, nobody, T.looks)
+    for field in dataclasses.fields(scene):
+        np.testing.assert_array_equal(getattr(after, field.name), getattr(scene, field.name))
