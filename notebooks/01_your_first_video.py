@@ -18,7 +18,7 @@
 # * how to run the tracker on frames with instance masks, and what it leaves behind;
 # * to read overlay, timeline and gallery;
 # * how sure an answer is, and what *ambiguous* and *provisional* mean;
-# * how to save the memory and go on from it tomorrow.
+# * how to save the memory and continue from it later.
 #
 # Nothing is downloaded: the video is rendered here, with exact masks and known identities.
 
@@ -119,7 +119,7 @@ for outcome, share in summary["outcome_shares"].items():
 # %% [markdown]
 # ## Overlay
 #
-# Every identity has its color; what is undecided would be white and say what it could be.
+# Every identity has a color. An undecided detection would be white and labeled with its candidates.
 
 # %%
 show(tile([draw_overlay(tour.frames[i].image, result.tracks[i]) for i in SHOWN]), 1080)
@@ -129,7 +129,7 @@ show(tile([draw_overlay(tour.frames[i].image, result.tracks[i]) for i in SHOWN])
 #
 # ## Timeline
 #
-# One line per identity: bars where it was seen, thin lines where an undecided detection may have been
+# One line per identity: bars where it was seen, thin lines where an undecided detection may belong to
 # it, and a mark at each return after an absence.
 
 # %%
@@ -175,8 +175,8 @@ show(draw_overlay(tour.frames[frame].image, tracks))
 
 # %% [markdown]
 # The camera comes back, it is dark, and a box comes into view at the border. There are two boxes that
-# look the same, and it could be either of them, or a third one that nobody has seen yet. It was
-# told to be new, and it is not.
+# look the same, and it could be either of them, or a third one that was never in view. The answer was
+# *new*, which is wrong.
 #
 # Where no answer is more likely than not, none is given: the detection is undecided and names
 # its candidates. When the evidence suffices, it becomes one of them.
@@ -188,9 +188,10 @@ show(draw_overlay(tour.frames[frame].image, tracks))
 # | `provisional_parent` | probably this known object, not certainly | `mug 3?` |
 # | `provisional_new` | probably new, a known one cannot be excluded | `mug new?` |
 #
-# The paper's tracker (`config="remind"`) is undecided far more often: notebook 02 looks at one such
-# decision. What to do about doubt is yours to decide: a map may wait (`delay=15` tells every
-# answer 15 frames later, by all that is known then), a gripper may look again from elsewhere.
+# The paper's tracker (`config="remind"`) is undecided far more often: notebook 02 shows one such
+# decision. What to do about an undecided detection depends on your program: a map may wait (`delay=15`
+# reports every answer 15 frames later, from everything known by then), a gripper may look again from
+# another viewpoint.
 
 # %%
 outcomes = [Counter(rj.Outcome(code).name.lower() for code in t.outcome) for t in result.tracks]
@@ -203,9 +204,9 @@ shades = {
 }
 figure, axes = plt.subplots(figsize=(10, 2.4))
 bottom = np.zeros(len(outcomes))
-for outcome, colour in shades.items():
+for outcome, color in shades.items():
     counts = np.array([count[outcome] for count in outcomes])
-    axes.bar(np.arange(len(outcomes)), counts, 0.9, bottom, color=colour, label=outcome)
+    axes.bar(np.arange(len(outcomes)), counts, 0.9, bottom, color=color, label=outcome)
     bottom += counts
 axes.axvspan(left - 0.5, back - 0.5, color="0.9", zorder=0)
 axes.text((left + back) / 2, bottom.max() + 0.2, "in the other room", ha="center")
@@ -216,8 +217,8 @@ plt.show()
 # %% [markdown]
 # ## Was it right?
 #
-# The truth is known here, so it can be scored. The same function scores runs on your annotated masks;
-# `remind eval` does it for files of any tracker.
+# The truth is known here, so the run can be scored. The same function scores runs on your annotated
+# masks; `remind eval` does it for files of any tracker.
 
 # %%
 from remind_jax.metrics import evaluate_tracks
@@ -233,8 +234,8 @@ lines = [f"| {name} | {scores[name]:.3f} | {text} |" for name, text in meaning.i
 Markdown("\n".join(["| score | value | meaning |", "| --- | ---: | --- |", *lines]))
 
 # %% [markdown]
-# Two objects that came back, one of the boxes and one of the mugs, got a second identity. Both
-# were told with doubt until they were decided: that is what the confidence is good for.
+# Two objects that came back, one of the boxes and one of the mugs, got a second identity. The
+# confidence of both was low until they were decided.
 
 # %%
 right_id = {}  # the identity that an object had first
@@ -254,10 +255,10 @@ for low, high in ((0.0, 0.75), (0.75, 1.01)):
 # %% [markdown]
 # Notebook 03 shows how thresholds are chosen.
 #
-# ## Save the memory, go on tomorrow
+# ## Save the memory, continue later
 #
-# A run writes its memory, and another run goes on from it. Cut in the middle, the tour gets the same
-# identities as in one piece.
+# A run writes its memory, and another run can continue from it. Cut in the middle, the tour gets the
+# same identities as in one piece.
 
 # %%
 rj.run(tour.frames[:35], out=work / "morning", overlay=False)
@@ -273,7 +274,7 @@ print(
 )
 
 # %% [markdown]
-# In a robot's loop the same tracker takes one frame at a time, without files and threads:
+# In a live loop the same tracker takes one frame at a time, without files and threads:
 
 # %%
 tracker = rj.Tracker()
@@ -284,7 +285,7 @@ print([tracks.display_name(row) for row in range(len(tracks))])
 tracker.save(work / "tonight.safetensors")
 
 # %% [markdown]
-# ## What lies in the output folder
+# ## The output folder
 #
 # `report.html` is one page with everything: a video with a timeline that seeks it, the gallery, settings
 # and times.
@@ -303,6 +304,6 @@ for path in sorted((work / "tour").iterdir()):
 #
 # or `rj.run("rooms.mp4", detector="yolo11n-seg.onnx", out="runs/rooms")`.
 #
-# **Take-away.** One call gives every detection an identity and says how sure it is, or gives a short list
-# of what it could be. Act on what is certain enough for you; else wait, look again from elsewhere, or
-# settle it by a rule of your own.
+# **Take-away.** One call gives every detection an identity with its probability, or a short list of what
+# it could be. Use answers that are certain enough for you; otherwise wait, look again from another
+# viewpoint, or decide by a rule of your own.

@@ -13,16 +13,15 @@
 # %% [markdown]
 # # 02 Inside one decision
 #
-# Two boxes look exactly the same. In one frame the paper's tracker tells them apart all the same. You
-# learn
+# Two boxes look exactly the same. In one frame the paper's tracker still tells them apart. You learn
 #
-# * to ask any decision for its reasons, in words and numbers;
-# * how the visual channels add up, and when context may speak;
-# * what memory holds: banks of prototypes, who is seen with whom, and how far apart;
-# * how layout settles what looks cannot.
+# * to get the reasons of any decision, in words and numbers;
+# * how the visual channels add up, and when context is used;
+# * what the memory contains: banks of prototypes, which objects are seen together, and how far apart;
+# * how layout decides where appearance cannot.
 #
 # The video is the tour of notebook 01, rendered here. The tracker is that of the paper,
-# `config="remind"`; the default decides by other evidence, and explains itself by the same calls
+# `config="remind"`. The default decides by other evidence; the same calls explain it
 # ([Explain](../docs/explain.md)).
 
 # %%
@@ -41,7 +40,7 @@ from remind_jax.outputs.overlay import draw_overlay
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 
 plt.rcParams.update({"figure.dpi": 80, "axes.spines.top": False, "axes.spines.right": False})
-BLUE, ORANGE, GREEN, PINK, GREY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "0.6"
+BLUE, ORANGE, GREEN, PINK, GRAY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "0.6"
 work = Path(tempfile.mkdtemp())
 
 options = SceneOptions(
@@ -52,9 +51,9 @@ options = SceneOptions(
 tour = render_sequence(options)
 
 # %% [markdown]
-# ## Keep an account
+# ## Record a trace
 #
-# `trace=True` keeps what every decision was made of (about 3 kB per frame). On the command line:
+# `trace=True` records the evidence of every decision (about 3 kB per frame). On the command line:
 # `remind run ... --trace`, then `remind explain RUN --frame 46`.
 
 # %%
@@ -65,23 +64,23 @@ result = rj.run(tour.frames, config=config, trace=True)
 # %% [markdown]
 # ## Find an interesting decision
 #
-# Every detection can be asked. We look for a match that the layout of the scene decided, and take the
-# first one; failing that, the least confident match.
+# Every detection can be explained. We look for a match that the layout of the scene decided, and take
+# the first one; without one, the least confident match.
 
 # %%
-accounts = [
+explanations = [
     result.explain(tracks.frame_index, row)
     for tracks in result.tracks
     for row in np.flatnonzero(tracks.outcome == rj.Outcome.MATCH)
 ]
-by_layout = [told for told in accounts if told.source not in (Source.NONE, Source.ASSOCIATION)]
-told = by_layout[0] if by_layout else min(accounts, key=lambda told: told.confidence)
-print(len(accounts), "matches,", len(by_layout), "decided by layout")
-print(f"frame {told.frame}, detection {told.detection}: {told.name}")
+by_layout = [one for one in explanations if one.source not in (Source.NONE, Source.ASSOCIATION)]
+explanation = by_layout[0] if by_layout else min(explanations, key=lambda one: one.confidence)
+print(len(explanations), "matches,", len(by_layout), "decided by layout")
+print(f"frame {explanation.frame}, detection {explanation.detection}: {explanation.name}")
 
 # %%
-tracks = result.tracks[told.frame]
-rivals = [candidate for candidate in told.candidates if candidate.plausible][:2]
+tracks = result.tracks[explanation.frame]
+likeliest = [candidate for candidate in explanation.candidates if candidate.plausible][:2]
 
 
 def crop(frame, row, margin_px=12):
@@ -110,14 +109,14 @@ def photo(figure):
 
 
 figure, axes = plt.subplots(1, 4, figsize=(12, 3.4), width_ratios=(2.6, 1, 1, 1))
-axes[0].imshow(draw_overlay(tour.frames[told.frame].image, tracks))
-axes[0].set_title(f"frame {told.frame}")
-axes[1].imshow(crop(told.frame, told.detection))
-axes[1].set_title(f"detection {told.detection}")
-for axis, rival in zip(axes[2:], rivals):
-    frame, row = first_sight(rival.object_id)
+axes[0].imshow(draw_overlay(tour.frames[explanation.frame].image, tracks))
+axes[0].set_title(f"frame {explanation.frame}")
+axes[1].imshow(crop(explanation.frame, explanation.detection))
+axes[1].set_title(f"detection {explanation.detection}")
+for axis, candidate in zip(axes[2:], likeliest):
+    frame, row = first_sight(candidate.object_id)
     axis.imshow(crop(frame, row))
-    axis.set_title(f"{rival.name}\nin frame {frame}")
+    axis.set_title(f"{candidate.name}\nin frame {frame}")
 for axis in axes:
     axis.set_axis_off()
 figure.tight_layout()
@@ -126,15 +125,16 @@ photo(figure)
 # %% [markdown]
 # ## The reasons in words
 #
-# The sentences follow the tracker: whom it looks like, what context adds, who gets whom in the joint
-# assignment, what the guards say, and what it became. Thresholds stand beside the numbers.
+# The sentences follow the tracker: which objects the detection resembles, what context adds, the joint
+# assignment, the guards, and the outcome. Thresholds stand beside the numbers.
 
 # %%
-for number, sentence in enumerate(told.why, start=1):
+for number, sentence in enumerate(explanation.why, start=1):
     print(f"{number}. {sentence}")
 
 # %% [markdown]
-# `print(told)` adds the tables of candidates, sets and layout; `told.to_json()` is the same for programs.
+# `print(explanation)` adds the tables of candidates, sets and layout; `explanation.to_json()` is the same
+# for programs.
 #
 # ## How the scores come about
 #
@@ -144,9 +144,9 @@ for number, sentence in enumerate(told.why, start=1):
 
 # %%
 threshold = config.thresholds.matching.match
-figure, axis = plt.subplots(figsize=(9, 0.6 + 0.65 * len(told.candidates)))
+figure, axis = plt.subplots(figsize=(9, 0.6 + 0.65 * len(explanation.candidates)))
 channels = {"object": BLUE, "background": GREEN, "parts": ORANGE}
-for place, candidate in enumerate(told.candidates):
+for place, candidate in enumerate(explanation.candidates):
     terms = {
         name: candidate.terms[name] for name in channels if candidate.terms[name].score is not None
     }
@@ -163,29 +163,30 @@ for place, candidate in enumerate(told.candidates):
     axis.text(left + 0.01, place, f"{candidate.visual_score:.3f}", va="center")
 axis.axvline(threshold, color="black", linestyle="--", linewidth=1)
 axis.text(threshold, -0.75, f"match threshold {threshold:.2f}", ha="center", fontsize=9)
-axis.set_yticks(range(len(told.candidates)), [c.name for c in told.candidates])
+axis.set_yticks(range(len(explanation.candidates)), [c.name for c in explanation.candidates])
 axis.set(
     xlim=(0, 1.1),
-    ylim=(len(told.candidates) - 0.5, -0.9),
+    ylim=(len(explanation.candidates) - 0.5, -0.9),
     xlabel="visual score: cosine x share of the weight",
 )
-handles = [plt.Rectangle((0, 0), 1, 1, color=colour) for colour in channels.values()]
+handles = [plt.Rectangle((0, 0), 1, 1, color=color) for color in channels.values()]
 axis.legend(
     handles, list(channels), ncols=3, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.4)
 )
 plt.show()
 
 # %% [markdown]
-# Both boxes pass the threshold by far, and they are close to each other: by looks alone this detection
-# stays `AMBIGUOUS`.
+# Both boxes pass the threshold by far, and their scores are close to each other: by appearance alone
+# this detection stays `AMBIGUOUS`.
 #
-# ## What memory held before that frame
+# ## The memory before that frame
 #
 # A run writes its memory as a file; a tracker that loads it shows it as a tree of arrays
 # (`remind_jax.remind.state.TrackerState`). We stop a run right before the frame.
 
 # %%
-rj.run(tour.frames[: told.frame], config=config, trace=True, out=work / "before", overlay=False)
+earlier = tour.frames[: explanation.frame]
+rj.run(earlier, config=config, trace=True, out=work / "before", overlay=False)
 tracker = rj.Tracker("remind")
 tracker.load(work / "before" / "memory.safetensors")
 memory = jax.device_get(tracker.state)
@@ -193,14 +194,14 @@ memory = jax.device_get(tracker.state)
 ids = [int(i) for i in memory.objects.id if i >= 0]
 labels = {history.object_id: history.label for history in result.objects()}
 names = [f"{labels[i]} {i}" for i in ids]
-asked = [ids.index(rival.object_id) for rival in rivals]
+asked = [ids.index(candidate.object_id) for candidate in likeliest]
 print(len(ids), "objects:", ", ".join(names))
 
 # %% [markdown]
 # ### Two banks per channel
 #
-# New views enter the *work* bank; what was confirmed often enough, in good quality, is promoted to
-# the *stable* bank, which hardly moves. Scores read the stable bank first.
+# New views enter the *work* bank. Prototypes that were confirmed often enough, in good quality, are
+# promoted to the *stable* bank, which changes slowly. Scores read the stable bank first.
 
 # %%
 channels = {
@@ -221,7 +222,7 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# How alike are the two candidates? Cosines between all their appearance prototypes:
+# How similar are the two candidates? Cosines between all their appearance prototypes:
 
 # %%
 blocks, owners = [], []
@@ -230,13 +231,13 @@ for slot in asked:
         kept = bank.embedding[0, slot, : bank.size[0, slot]]
         blocks.append(kept)
         owners += [f"{names[slot]}, {kind} {n}" for n in range(len(kept))]
-looks = np.concatenate(blocks)
-cosine = looks @ looks.T
+prototypes = np.concatenate(blocks)
+cosine = prototypes @ prototypes.T
 
-figure, axis = plt.subplots(figsize=(1.6 + 0.42 * len(looks), 1.2 + 0.42 * len(looks)))
+figure, axis = plt.subplots(figsize=(1.6 + 0.42 * len(prototypes), 1.2 + 0.42 * len(prototypes)))
 picture = axis.imshow(cosine, vmin=0.3, vmax=1, cmap="Blues")
-axis.set_xticks(range(len(looks)), owners, rotation=90)
-axis.set_yticks(range(len(looks)), owners)
+axis.set_xticks(range(len(prototypes)), owners, rotation=90)
+axis.set_yticks(range(len(prototypes)), owners)
 for row, column in np.ndindex(cosine.shape):
     ink = "white" if cosine[row, column] > 0.7 else "black"
     axis.text(
@@ -248,11 +249,12 @@ axis.spines[:].set_visible(False)
 plt.show()
 
 # %% [markdown]
-# ### Two graphs of neighbours
+# ### Two graphs of neighbors
 #
-# The first graph counts *episodes*: who was seen with whom, in new company or after some frames.
-# The second keeps how far apart they were, in sizes of the objects. Objects of one room form a group;
-# two objects that were never in view together have no line.
+# The first graph counts *episodes* in which two objects were seen together; a new episode begins when
+# the objects in view change, or after some frames. The second keeps how far apart they were, in units of
+# object size. Objects of one room form a group; two objects that were never in view together have no
+# line.
 
 # %%
 num = len(ids)
@@ -261,7 +263,7 @@ apart = np.asarray(memory.distances.edges.gap_mean)[:num, :num]
 measured = np.asarray(memory.distances.edges.count)[:num, :num] > 0
 angle = 2 * np.pi * np.arange(num) / num
 x, y = np.sin(angle), np.cos(angle)
-colours = plt.get_cmap("viridis_r")
+colors = plt.get_cmap("viridis_r")
 furthest = apart[measured].max()
 
 figure, (left, right, beside) = plt.subplots(1, 3, figsize=(12, 4.6), width_ratios=(1, 1, 0.03))
@@ -270,10 +272,10 @@ for a, b in zip(*np.triu_indices(num, 1)):
     count = max(together[a, b], together[b, a])
     if count:
         asked_one = a in asked or b in asked
-        left.add_line(plt.Line2D(**ends, color=BLUE if asked_one else GREY, linewidth=0.9 * count))
+        left.add_line(plt.Line2D(**ends, color=BLUE if asked_one else GRAY, linewidth=0.9 * count))
     if measured[a, b] or measured[b, a]:
         distance = apart[a, b] if measured[a, b] else apart[b, a]
-        right.add_line(plt.Line2D(**ends, color=colours(distance / furthest), linewidth=2))
+        right.add_line(plt.Line2D(**ends, color=colors(distance / furthest), linewidth=2))
 for axis in (left, right):
     axis.scatter(
         x, y, s=60, color=[ORANGE if i in asked else "black" for i in range(num)], zorder=2
@@ -285,7 +287,7 @@ for axis in (left, right):
     axis.set_axis_off()
 left.set_title("seen together: width = episodes, blue: of the candidates")
 right.set_title("how far apart")
-scale = plt.cm.ScalarMappable(plt.Normalize(0, furthest), colours)
+scale = plt.cm.ScalarMappable(plt.Normalize(0, furthest), colors)
 figure.colorbar(scale, cax=beside, label="mean distance, object sizes")
 plt.show()
 
@@ -296,25 +298,25 @@ plt.show()
 # they are not mature enough to change a score:
 
 # %%
-print(f"context used: {told.context.usable}, quality {told.context.quality:.2f}")
-for found in told.sets[:4]:
+print(f"context used: {explanation.context.usable}, quality {explanation.context.quality:.2f}")
+for found in explanation.sets[:4]:
     print(f"{found.score:.2f}  {', '.join(found.names)}")
 
 # %% [markdown]
-# ### Layout: who is nearer
+# ### Layout: which one is nearer
 #
-# The second graph speaks only when a closed group of look-alikes stays undecided: as many detections as
-# known objects. Whoever used to tell them apart votes.
+# The second graph is used only when a closed group of look-alikes stays undecided: as many detections as
+# known objects. Objects whose distances told them apart before vote.
 
 # %%
-settled = [known for known in told.known_sets if known.voters]
+settled = [known for known in explanation.known_sets if known.voters]
 if settled:
     vote = settled[-1]
     voter = vote.voters[0]
-    others = [row for row in vote.detections if row != told.detection]
-    now = {told.detection: voter.distance}
+    others = [row for row in vote.detections if row != explanation.detection]
+    now = {explanation.detection: voter.distance}
     for row in others:
-        other = result.explain(told.frame, row).known_sets[-1]
+        other = result.explain(explanation.frame, row).known_sets[-1]
         now[row] = other.voters[0].distance
 
     figure, axis = plt.subplots(figsize=(9, 2.6))
@@ -343,10 +345,10 @@ if settled:
 #
 # ## Was it right?
 #
-# Instance ids of the renderer say so: whose first sight carries the same id?
+# The renderer knows the instance ids: does the first detection of the object have the same one?
 
 # %%
-for row in settled[-1].detections if settled else (told.detection,):
+for row in settled[-1].detections if settled else (explanation.detection,):
     object_id = int(tracks.object_id[row])
     frame, first_row = first_sight(object_id)
     truth, then = tracks.instance_ids[row], result.tracks[frame].instance_ids[first_row]
@@ -357,7 +359,7 @@ for row in settled[-1].detections if settled else (told.detection,):
     )
 
 # %% [markdown]
-# **Take-away.** Every decision can be taken apart: looks propose, the joint assignment arranges,
-# guards withdraw what could as well be swapped, layout settles what it can, and the rest stays openly
+# **Take-away.** Every decision can be taken apart: appearance scores the candidates, the joint assignment
+# chooses, guards withdraw what could as well be swapped, layout decides what it can, and the rest stays
 # undecided. `remind explain` gives the same for any run that was made with `--trace`, and in
 # `report.html` a click on a detection opens it.

@@ -17,13 +17,13 @@
 # device. You learn
 #
 # * to sweep a grid and to read it as a heat map;
-# * to choose between right answers and admitted doubt on a Pareto front;
+# * to choose between right answers and undecided ones on a Pareto front;
 # * which thresholds matter at all, and to let Optuna search;
 # * to find out, by cross-validation, whether a choice holds on scenes that it has not seen.
 #
 # The thresholds are those of the default tracker, REMIND plus; with `config="remind"` everything works
-# the same on the thresholds of the paper's. Scenes need masks whose objects are known. Here three small
-# tours with many look-alikes are rendered.
+# the same on the thresholds of the paper's tracker. Scenes need masks whose objects are known. Here
+# three small tours with many look-alikes are rendered.
 
 # %%
 import matplotlib.pyplot as plt
@@ -34,7 +34,7 @@ import remind_jax as rj
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 
 plt.rcParams.update({"figure.dpi": 80, "axes.spines.top": False, "axes.spines.right": False})
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#E69F00", "#009E73", "0.7"
+BLUE, ORANGE, GREEN, GRAY = "#0072B2", "#E69F00", "#009E73", "0.7"
 
 scenes = [
     render_sequence(
@@ -56,9 +56,9 @@ print(", ".join(f"{len(frames)} frames" for frames in scenes))
 # `rj.sweep(scenes, {"decision.new": [...], ...})` is all that is needed. Names and meaning of all
 # thresholds: [every setting](../docs/thresholds.md).
 #
-# Two thresholds here: `decision.new`, the log odds of a new object before anything is known of it, and
-# `decision.firm`, how probable an answer must be that is given before its tracklet is decided; what
-# is less probable stays undecided.
+# This grid has two thresholds: `decision.new`, the log odds of a new object before any evidence, and
+# `decision.firm`, the least probability of an answer that is given before its tracklet is decided. Less
+# probable answers stay undecided.
 
 # %%
 bench = rj.sweeps.SceneBench(scenes, config="default", batch=8)
@@ -72,8 +72,8 @@ frames = len(found.settings) * sum(len(scene) for scene in scenes)
 print(f"{len(found.settings)} settings x {len(found.scenes)} scenes, {frames} settings x frames")
 
 # %% [markdown]
-# Every row equals the single run with that setting; a test of the repository holds it. The best by mean
-# IDF1:
+# Every row equals the single run with that setting; a test of the repository checks it. The best by
+# mean IDF1:
 
 # %%
 Markdown(found.to_markdown(found.best("IDF1", 5)))
@@ -86,13 +86,13 @@ shape = (len(new), len(firm))
 
 figure, all_axes = plt.subplots(1, 3, figsize=(12, 3.6))
 shown = {"IDF1": "cividis", "Recovery": "cividis", "Ambiguous": "cividis_r"}
-for axis, (metric, colours) in zip(all_axes, shown.items()):
+for axis, (metric, colors) in zip(all_axes, shown.items()):
     values = 100 * scores[metric].reshape(shape)
-    axis.imshow(values, cmap=colours, aspect="auto", origin="lower")
+    axis.imshow(values, cmap=colors, aspect="auto", origin="lower")
     middle = (values.min() + values.max()) / 2
     for row in range(shape[0]):
         for column in range(shape[1]):
-            is_dark = (values[row, column] < middle) != colours.endswith("_r")
+            is_dark = (values[row, column] < middle) != colors.endswith("_r")
             axis.text(column, row, f"{values[row, column]:.1f}", ha="center", va="center",
                       color="white" if is_dark else "black")  # fmt: skip
     axis.set_xticks(range(len(firm)), firm)
@@ -103,18 +103,18 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# ## Answers against doubt
+# ## Right answers against undecided ones
 #
-# The share of ambiguous detections is not an error rate: it is the price of being careful. A setting on
-# the *Pareto front* is beaten by no other one in both, so the choice among these is yours.
-# Here the front is short: on these tours more doubt makes no better answers.
+# The share of ambiguous detections is not an error rate: it is the cost of being careful. No other
+# setting is better in both scores than one on the *Pareto front*; which of these is best depends on your
+# use. Here the front is short: on these tours more undecided detections do not make better answers.
 
 # %%
 front = found.pareto("IDF1", "Ambiguous")
 given = found.standings()[0].scores
 figure, axis = plt.subplots(figsize=(6.5, 4))
 axis.scatter(
-    100 * scores["Ambiguous"], 100 * scores["IDF1"], color=GREY, label="settings of the grid"
+    100 * scores["Ambiguous"], 100 * scores["IDF1"], color=GRAY, label="settings of the grid"
 )
 ends = [(100 * s.scores["Ambiguous"], 100 * s.scores["IDF1"]) for s in front]
 axis.plot(*zip(*sorted(ends)), color=BLUE, marker="o", label="Pareto front")
@@ -134,9 +134,9 @@ for standing in front:
 # %% [markdown]
 # ## Which thresholds matter?
 #
-# Each one moves through its range while all others stay. Most hardly matter; knowing which do saves a
-# search. (`rj.sweeps.PLUS_SPACE` holds sensible ranges of more of them, `PAPER_SPACE` those of the paper's tracker;
-# `rj.sweeps.estimate_sobol` also finds interactions, with many more settings.)
+# Each threshold moves through its range while all others stay. Most hardly matter; knowing which do
+# shortens a search. (`rj.sweeps.PLUS_SPACE` has sensible ranges of more of them, `PAPER_SPACE` those of the
+# paper's tracker; `rj.sweeps.estimate_sobol` also finds interactions, with many more settings.)
 
 # %%
 space = {
@@ -152,7 +152,7 @@ figure, axis = plt.subplots(figsize=(8, 3))
 for place, curve in enumerate(curves):
     values = 100 * np.array([*curve.scores, curve.given_score])
     axis.plot(
-        [values.min(), values.max()], [place, place], color=GREY, linewidth=6, solid_capstyle="butt"
+        [values.min(), values.max()], [place, place], color=GRAY, linewidth=6, solid_capstyle="butt"
     )
     for value, score in zip(curve.values, curve.scores):
         axis.scatter(100 * score, place, color=BLUE, zorder=2)
@@ -170,7 +170,7 @@ plt.show()
 # ## Search
 #
 # Optuna proposes settings in batches; each batch is one call of the compiled program. With two
-# objectives it looks for the front itself. Rows that are known are not computed again.
+# objectives it searches for the front itself. Known rows are not computed again.
 
 # %%
 tuned = rj.sweeps.search(
@@ -185,9 +185,9 @@ tuned = rj.sweeps.search(
     objectives=("IDF1", "Ambiguous"),
 )
 figure, axis = plt.subplots(figsize=(6.5, 4))
-for label, result, colour in (("grid", found, GREY), ("search", tuned, BLUE)):
+for label, result, color in (("grid", found, GRAY), ("search", tuned, BLUE)):
     points = [(100 * s.scores["Ambiguous"], 100 * s.scores["IDF1"]) for s in result.standings()[1:]]
-    axis.scatter(*zip(*points), color=colour, label=f"{label}, {len(points)} settings")
+    axis.scatter(*zip(*points), color=color, label=f"{label}, {len(points)} settings")
 axis.scatter(
     100 * given["Ambiguous"], 100 * given["IDF1"], color=ORANGE, marker="*", s=180, label="default"
 )
@@ -198,8 +198,8 @@ plt.show()
 # %% [markdown]
 # ## Does it hold elsewhere?
 #
-# The best of many settings on a few scenes is partly luck. Cross-validation says how much: a setting is
-# chosen on all scenes but one, and reported on that one.
+# The best of many settings on a few scenes is partly chance. Cross-validation shows how much: a setting
+# is chosen on all scenes but one, and scored on that one.
 
 # %%
 checked = rj.sweeps.cross_validate(found, "IDF1")
@@ -212,11 +212,11 @@ columns = {
     "default": ([fold.given_score for fold in checked.folds], ORANGE),
     "chosen on the other scenes": ([fold.score for fold in checked.folds], BLUE),
     "best for this scene, chosen on it": (
-        np.nanmax(found.table()[:, :, found.metrics.index("IDF1")], axis=0), GREY,
+        np.nanmax(found.table()[:, :, found.metrics.index("IDF1")], axis=0), GRAY,
     ),
 }  # fmt: skip
-for offset, (label, (values, colour)) in zip((-0.27, 0, 0.27), columns.items()):
-    bars = axis.bar(place + offset, 100 * np.asarray(values), 0.25, color=colour, label=label)
+for offset, (label, (values, color)) in zip((-0.27, 0, 0.27), columns.items()):
+    bars = axis.bar(place + offset, 100 * np.asarray(values), 0.25, color=color, label=label)
     axis.bar_label(bars, fmt="%.1f", padding=2, fontsize=8)
 axis.set_xticks(place, [f"scene {n}" for n in range(len(place))])
 axis.set(ylabel="IDF1, %", ylim=(0, 115))
@@ -228,10 +228,10 @@ print(
 )
 
 # %% [markdown]
-# The grey bars are what tuning on the test scene would claim; the blue ones are what to expect. Where
+# The gray bars are what tuning on the test scene would claim; the blue ones are what to expect. Where
 # the interval of the gain contains zero, the data do not show that tuning helps, and the default is
-# the better choice: three short tours tune nothing. For thresholds of your own take ten scenes or more
-# from your rooms and your camera, keep some of them aside, and vary few thresholds.
+# the better choice: three short tours are too few for tuning. To tune on your own data take ten scenes
+# or more from your rooms and your camera, keep some of them aside, and vary few thresholds.
 #
 # ## On the command line
 #
@@ -240,8 +240,8 @@ print(
 # remind sweep kitchen/ office/ --set decision.new=0,2 looks.gain=0.4,1.2 --search tpe
 # ```
 #
-# Rows are kept as they come, so that an interrupted sweep goes on where it stopped; `--workers` and
-# `--cluster` spread it over processes and machines.
+# Rows are stored as they are computed, so that an interrupted sweep continues where it stopped;
+# `--workers` and `--cluster` distribute it over processes and machines.
 #
-# **Take-away.** Sweeps are cheap, so look at the whole landscape; pick on the front of what you need, and
-# believe only what holds on scenes that were not used for picking.
+# **Take-away.** Sweeps are cheap, so look at the whole range of settings. Choose on the front of the
+# scores that you need, and believe only what holds on scenes that were not used for choosing.

@@ -13,7 +13,7 @@
 # %% [markdown]
 # # 04 Ablations and tables
 #
-# What is each part of the method worth, and what would something simpler do? You learn
+# What does each part of a method contribute, and how good are simpler trackers? You learn
 #
 # * to run the default, which is REMIND plus, the paper's tracker, ablations of both, and baselines on
 #   the same masks and features;
@@ -21,8 +21,8 @@
 # * why the paper's numbers and the standard definitions of the same names differ;
 # * to do the same on your own data in the DAVIS layout.
 #
-# Two short rendered scenes stand for your data. They are far too small to rank anything: mind the
-# intervals.
+# Two short rendered scenes are used in place of your data. They are far too small to rank anything: note
+# the intervals.
 
 # %%
 import shutil
@@ -62,9 +62,9 @@ for seed in (4, 7):
 print(sorted(str(path.relative_to(root)) for path in root.glob("*/*")))
 
 # %% [markdown]
-# ## Who takes part
+# ## Methods
 #
-# Configurations by name, and other trackers by name. All see the same masks and the same features.
+# Configurations by name, and other trackers by name. All use the same masks and the same features.
 
 # %%
 from remind_jax.benchmark.contenders import make_contenders
@@ -76,13 +76,13 @@ print(", ".join(contenders))
 # %% [markdown]
 # | name | what it is |
 # | --- | --- |
-# | `default` | REMIND plus, our method on the same inputs: identities for tracklets, place and layout as evidence |
+# | `default` | REMIND plus, our method on the same inputs: tracklets get identities; place and layout are evidence |
 # | `published` | the paper's tracker with every threshold as published, for DINOv3 features |
 # | `remind` | the same with thresholds that fit the weight-free features used here |
-# | `ablation_plus_*` | `default` with one part taken away |
-# | `ablation_*`, the others | `remind` with one thing taken away |
-# | `bank`, `running-mean`, `momentum` | trackers by looks alone |
-# | `iou` | overlap with the last frame, no looks |
+# | `ablation_plus_*` | `default` with one part removed |
+# | `ablation_*`, the others | `remind` with one part removed |
+# | `bank`, `running-mean`, `momentum` | trackers by appearance alone |
+# | `iou` | overlap with the last frame, no appearance |
 
 # %%
 for name, config in contenders.items():
@@ -94,7 +94,7 @@ print(len(contenders), "trackers on", len(scenes), "scenes")
 # ## One table
 #
 # Scores are the standard ones, equal to TrackEval's. Ranges are 95 % bootstrap intervals over scenes; with
-# two scenes they only say how different these two are.
+# two scenes they only show how different these two are.
 
 # %%
 predictions = {name: work / "runs" / name for name in contenders}
@@ -108,11 +108,11 @@ figure, all_axes = plt.subplots(1, 3, figsize=(12, 4.2), sharey=True)
 for axis, metric in zip(all_axes, ("IDF1", "Recovery", "AmbiguousShare")):
     for place, row in enumerate(table.rows):
         score = 100 * row.scores.get(metric, np.nan)
-        colour = "#0072B2" if row.name in list_configs() else "#E69F00"
+        color = "#0072B2" if row.name in list_configs() else "#E69F00"
         if metric in row.intervals:
             low, high = row.intervals[metric]
-            axis.plot([100 * low, 100 * high], [place, place], color=colour, linewidth=2)
-        axis.scatter(score, place, color=colour, zorder=2)
+            axis.plot([100 * low, 100 * high], [place, place], color=color, linewidth=2)
+        axis.scatter(score, place, color=color, zorder=2)
     axis.set(xlabel=f"{metric}, %", xlim=(-4, 104))
     axis.grid(axis="x", alpha=0.3)
 all_axes[0].set_yticks(range(len(names)), names)
@@ -122,17 +122,18 @@ figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# IDF1 counts every undecided detection as a miss, so a tracker that admits doubt, as the paper's does,
-# pays for it here; baselines, which always answer, do not. How often it is right when it does answer:
+# IDF1 counts every undecided detection as a miss. That lowers the score of a tracker that leaves
+# detections undecided, as the paper's does, and not of the baselines, which always answer. How often each
+# is right when it does answer:
 
 # %%
-doubt = replace(
+undecided = replace(
     table, columns=("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate"), legend=()
 )
-Markdown(doubt.to_markdown())
+Markdown(undecided.to_markdown())
 
 # %% [markdown]
-# The same tables go into a paper or a page of their own:
+# The same tables can be saved for a paper or as a page:
 
 # %%
 for ending in ("tex", "csv", "html"):
@@ -142,10 +143,10 @@ print((work / "comparison.tex").read_text()[:420], "...")
 # %% [markdown]
 # ## The paper's numbers
 #
-# The published numbers rest on definitions of their own: any overlap above zero is a match, undecided
-# detections are collapsed to one id before scoring, the frame of a birth counts as wrong, and false
-# positives are free for other trackers. `--protocol paper` computes them as the original evaluator
-# does. Beside the standard ones:
+# The published numbers use definitions of their own: any overlap above zero is a match, undecided
+# detections are collapsed to one id before scoring, the first frame of an object counts as wrong, and
+# false positives of other trackers are not counted. `--protocol paper` computes them as the original
+# evaluator does. Beside the standard ones:
 
 # %%
 from remind_jax.metrics.paper_evaluation import evaluate_paper
@@ -162,13 +163,13 @@ for row in table.rows:
 Markdown("\n".join(lines))
 
 # %% [markdown]
-# Never put a number of one column beside a number of another one: the same run has all of them. Every
+# Do not compare a number of one column with a number of another one: the same run has all of them. Every
 # deviation is listed under the table of `remind eval GT RUN --protocol paper`, and in
 # [Evaluation](../docs/evaluation.md).
 #
 # ## On your data
 #
-# One command does all of this for a data set, keeps what is done, and writes the tables:
+# One command does all of this for a data set, keeps finished results, and writes the tables:
 #
 # ```bash
 # remind benchmark DAVIS_ROOT                          # all contenders, true masks
@@ -177,7 +178,7 @@ Markdown("\n".join(lines))
 # remind eval DAVIS_ROOT ours sam masa --table comparison.html   # results of other programs
 # ```
 #
-# Measured results on twelve rendered tours stand in [Benchmark](../docs/benchmark.md).
+# Results on twelve rendered tours are in [Benchmark](../docs/benchmark.md).
 #
-# **Take-away.** Compare on the same masks, features and definitions; show intervals, and say how doubt was
-# counted. On scenes as few as here, differences of some points mean nothing.
+# **Take-away.** Compare on the same masks, features and definitions; show intervals, and say how undecided
+# detections were counted. On as few scenes as here, differences of some points mean nothing.

@@ -13,7 +13,7 @@
 # %% [markdown]
 # # 05 Your own backbone, detector or rule
 #
-# Features, detectors, trackers and rules are yours to replace; sources, outputs and evaluation stay.
+# You can replace features, detectors, trackers and rules; sources, outputs and evaluation stay the same.
 # You learn to plug in
 #
 # * a detector: any function from an image to masks;
@@ -21,7 +21,7 @@
 # * a tracker of your own, as two pure functions;
 # * a rule around any tracker, and a rule inside REMIND.
 #
-# The same with more words: [Extension points](../docs/extension_points.md).
+# In more detail: [Extension points](../docs/extension_points.md).
 
 # %%
 import dataclasses
@@ -42,14 +42,14 @@ plt.rcParams.update({"figure.dpi": 80, "axes.spines.top": False, "axes.spines.ri
 # A camera pans along a wall with four discs; then the video is cut, and the pan starts again.
 
 # %%
-COLOURS = np.array([(230, 70, 30), (50, 100, 225), (235, 225, 70), (30, 190, 130)])
+COLORS = np.array([(230, 70, 30), (50, 100, 225), (235, 225, 70), (30, 190, 130)])
 PLACES_PX = (60, 170, 280, 390)  # along the wall
 PAN_PX = [*range(0, 289, 24), *range(0, 193, 24)]  # left end of the view, frame by frame
 CUT = 13  # first frame after the cut
 
 wall = np.full((96, 480, 3), 90, np.uint8)
-for colour, place_px in zip(COLOURS.tolist(), PLACES_PX):
-    cv2.circle(wall, (place_px, 48), 24, colour, -1)
+for color, place_px in zip(COLORS.tolist(), PLACES_PX):
+    cv2.circle(wall, (place_px, 48), 24, color, -1)
 video = [np.ascontiguousarray(wall[:, left : left + 192]) for left in PAN_PX]
 
 figure, axes = plt.subplots(1, 5, figsize=(11, 1.6))
@@ -63,15 +63,15 @@ plt.show()
 # %% [markdown]
 # ## A detector
 #
-# Any function from an RGB frame to instances: `rj.Detections`, `supervision.Detections`, masks, or a
-# mapping. This one takes connected colourful regions. It finds nothing that is not there, so the runs
-# below give ids at once (`announce_after=1`), not to what was found five times.
+# A detector is any function from an RGB frame to instances: `rj.Detections`, `supervision.Detections`,
+# masks, or a mapping. This one takes connected colorful regions. It has no false detections, so the runs
+# below give ids at once (`announce_after=1`), and not only after five detections.
 
 
 # %%
 def find_discs(image):
-    colourful = np.ptp(image.astype(int), axis=-1) > 40
-    count, pieces = cv2.connectedComponents(colourful.astype(np.uint8))
+    colorful = np.ptp(image.astype(int), axis=-1) > 40
+    count, pieces = cv2.connectedComponents(colorful.astype(np.uint8))
     masks = pieces == np.arange(1, count)[:, None, None]
     return {"masks": masks, "labels": ["disc"] * len(masks)}
 
@@ -81,49 +81,50 @@ print(len(find_discs(video[0])["masks"]), "discs in the first frame")
 # %% [markdown]
 # ## A backbone
 #
-# A factory that makes a `Backbone`: a function from images (uint8 `[B, H, W, 3]`) to raw features
-# `[B, Hp, Wp, D]`, one vector per patch. `fingerprint` must change whenever features may, since cached
-# features are found by it.
+# A backbone is registered as a factory that makes a `Backbone`: a function from images (uint8
+# `[B, H, W, 3]`) to raw features `[B, Hp, Wp, D]`, one vector per patch. Cached features are found by
+# `fingerprint`; it must change whenever the features may change.
 
 # %%
 from remind_jax.backbone import Backbone, get_backbone, register
 
 
-@register("mean-colour")
-def mean_colour(patch_px: int = 16) -> Backbone:
-    """Mean and spread of the colour of every patch."""
+@register("mean-color")
+def mean_color(patch_px: int = 16) -> Backbone:
+    """Mean and spread of the color of every patch."""
 
     @jax.jit
     def describe(images):
         batch, height, width, _ = images.shape
         rows, columns = height // patch_px, width // patch_px
-        cells = jnp.asarray(images, jnp.float32) / 255 - 0.5  # grey says nothing
+        cells = jnp.asarray(images, jnp.float32) / 255 - 0.5  # gray is zero
         cells = cells.reshape(batch, rows, patch_px, columns, patch_px, 3)
         return jnp.concatenate([cells.mean((2, 4)), cells.std((2, 4))], axis=-1)
 
-    return Backbone("mean-colour", patch_px, 6, describe, fingerprint=f"1,{patch_px}")
+    return Backbone("mean-color", patch_px, 6, describe, fingerprint=f"1,{patch_px}")
 
 
-eyes = get_backbone("mean-colour", patch_px=8)
-features = np.asarray(eyes.extract(video[0][None])[0])
+backbone = get_backbone("mean-color", patch_px=8)
+features = np.asarray(backbone.extract(video[0][None])[0])
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 2.2))
 left.imshow(video[0])
 left.set_title("frame 0")
 right.imshow(np.clip(features[..., :3] + 0.5, 0, 1))
-right.set_title("its features 0 to 2, as colour")
+right.set_title("its features 0 to 2, as color")
 for axis in (left, right):
     axis.set_axis_off()
 figure.tight_layout()
 plt.show()
 
 # %% [markdown]
-# `rj.run` takes it by name or ready made. A network needs no code: `backbone="onnx:encoder.onnx"`, and
-# features of another program can come as a [file](../docs/file_formats.md). Here with the baseline
-# tracker `bank`, which keeps several looks of each object:
+# `rj.run` takes a backbone by name or as an object. A network needs no code:
+# `backbone="onnx:encoder.onnx"`. Features of another program can be given as a
+# [file](../docs/file_formats.md). Here with the baseline tracker `bank`, which keeps several prototypes of
+# each object:
 
 # %%
-result = rj.run(video, detector=find_discs, announce_after=1, backbone=eyes, tracker="bank")
+result = rj.run(video, detector=find_discs, announce_after=1, backbone=backbone, tracker="bank")
 
 
 def true_disc(tracks, row):
@@ -142,20 +143,20 @@ def draw_identities(results):
         for tracks in result.tracks:
             for row, object_id in enumerate(tracks.object_id):
                 disc, at = true_disc(tracks, row), tracks.frame_index
-                colour = tuple(COLOURS[disc] / 255) if object_id >= 0 else "white"
+                color = tuple(COLORS[disc] / 255) if object_id >= 0 else "white"
                 axis.add_patch(
-                    plt.Rectangle((at - 0.46, disc - 0.42), 0.92, 0.84, color=colour, ec="0.4")
+                    plt.Rectangle((at - 0.46, disc - 0.42), 0.92, 0.84, color=color, ec="0.4")
                 )
                 text = str(object_id) if object_id >= 0 else "-"
                 axis.text(at, disc, text, ha="center", va="center", fontsize=9)
         axis.axvline(CUT - 0.5, color="black", linestyle="--", linewidth=1)
         axis.set(
             xlim=(-0.6, len(PAN_PX) - 0.4),
-            ylim=(len(COLOURS) - 0.5, -0.5),
+            ylim=(len(COLORS) - 0.5, -0.5),
             ylabel="disc",
             title=title,
         )
-        axis.set_yticks(range(len(COLOURS)))
+        axis.set_yticks(range(len(COLORS)))
         axis.set_xticks(range(0, len(PAN_PX), 3))
     axes[-1, 0].set_xlabel("frame (dashed: the cut); numbers: the identity given, '-': none")
     figure.tight_layout()
@@ -170,9 +171,9 @@ draw_identities({"own features, own detector, tracker 'bank'": result})
 # %% [markdown]
 # ## A tracker
 #
-# A `Method` is two pure functions and a dataclass of numbers. `init` makes an empty memory of fixed
+# A `Method` is two pure functions and a dataclass of thresholds. `init` makes an empty memory of fixed
 # shapes, `step` takes it from one frame to the next; `remind_jax.baselines` has parts to build from.
-# This one knows places only: whoever is nearest is it.
+# This one knows only positions: each detection is matched to the nearest object.
 
 # %%
 from remind_jax.baselines.scene_memory import Matching, conclude, empty_memory, same_class
@@ -183,13 +184,13 @@ from remind_jax.solvers.greedy import assign_greedily
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class NearestThresholds:
-    """Numbers of the nearest neighbour."""
+    """Thresholds of the nearest neighbor."""
 
-    reach_px: float = 40.0  # an object is not looked for further away
+    reach_px: float = 40.0  # an object further away is not matched
 
 
 def init(static):
-    return empty_memory(static, jnp.zeros((static.num_objects, 2)))  # last centre of each object
+    return empty_memory(static, jnp.zeros((static.num_objects, 2)))  # last center of each object
 
 
 def step(state, frame_feats, masks, *, static, thresholds):
@@ -205,25 +206,25 @@ def step(state, frame_feats, masks, *, static, thresholds):
 
 
 register_method(Method("nearest", NearestThresholds, init, step))
-near = rj.run(video, detector=find_discs, announce_after=1, backbone=eyes, tracker="nearest")
+near = rj.run(video, detector=find_discs, announce_after=1, backbone=backbone, tracker="nearest")
 
 # %% [markdown]
-# Its numbers are settings like any other: in a dictionary, or in a YAML file for `--config`.
+# Its thresholds are settings like any other: in a dictionary, or in a YAML file for `--config`.
 
 # %%
 config = {"tracker": "nearest", "thresholds": {"reach_px": 10.0}}
-short = rj.run(video, detector=find_discs, announce_after=1, backbone=eyes, config=config)
+short = rj.run(video, detector=find_discs, announce_after=1, backbone=backbone, config=config)
 draw_identities({"'nearest', reach 40 px": near, "'nearest', reach 10 px": short})
 
 # %% [markdown]
-# It follows a disc until that comes to where another one was last seen, and takes its id; after the cut
-# nothing is right. A shorter reach than the motion of a frame only makes more identities. Places on
-# the screen do not survive a moving camera; looks do.
+# A disc keeps its id until it comes to where another one was last seen, and then takes that one's id;
+# after the cut nothing is right. A reach shorter than the motion of a frame only makes more identities.
+# With a moving camera, positions in the image do not identify objects; appearance does.
 #
 # ## A rule around any tracker
 #
-# Rules about what a tracker may see need nothing of its inside: change what goes into its step. Here
-# masks that touch the border of the image are left out.
+# A rule about the input of a tracker needs no change inside it: wrap its step. Here masks that touch the
+# border of the image are left out.
 
 
 # %%
@@ -240,7 +241,7 @@ def without_border(name):
 
 register_method(without_border("bank"))
 whole = rj.run(
-    video, detector=find_discs, announce_after=1, backbone=eyes, tracker="bank-without-border"
+    video, detector=find_discs, announce_after=1, backbone=backbone, tracker="bank-without-border"
 )
 draw_identities({"'bank', discs that touch the border left out": whole})
 
@@ -248,10 +249,10 @@ draw_identities({"'bank', discs that touch the border left out": whole})
 # ## A rule inside REMIND
 #
 # `remind_jax/remind/tracker.py` is the whole chain on one page, and each stage is a pure function in the
-# package named for it. Between perception and the rest there is a seam, `step_described`: here parts
-# of small objects are not trusted.
+# package named for it. The chain can be entered after perception, with `step_described`: here parts of
+# small objects are not used.
 #
-# A tracker by another name starts from the published thresholds of REMIND, made for other features.
+# A tracker under another name starts from the published thresholds of REMIND, made for other features.
 
 # %%
 from remind_jax.remind import tracker
@@ -260,10 +261,11 @@ from remind_jax.remind.perception.description import describe
 
 def careful_step(state, frame_feats, masks, *, static, thresholds):
     numbers = thresholds.as_arrays(static.scalar)
-    looks = describe(frame_feats, masks, static, numbers)
-    large = looks.patch_sum >= 16.0  # effective patches
-    looks = dataclasses.replace(looks, parts_valid=looks.parts_valid & large[:, None, None])
-    return tracker.step_described(state, looks, masks, static=static, thresholds=thresholds)
+    described = describe(frame_feats, masks, static, numbers)
+    large = described.patch_sum >= 16.0  # effective patches
+    valid = described.parts_valid & large[:, None, None]
+    described = dataclasses.replace(described, parts_valid=valid)
+    return tracker.step_described(state, described, masks, static=static, thresholds=thresholds)
 
 
 careful = dataclasses.replace(get_method("remind"), name="careful", step=careful_step)
@@ -273,7 +275,7 @@ inside = rj.run(
     video,
     detector=find_discs,
     announce_after=1,
-    backbone=eyes,
+    backbone=backbone,
     config={"tracker": "careful", "static": capacities},
 )
 draw_identities({"REMIND with the rule inside": inside})
@@ -281,8 +283,8 @@ draw_identities({"REMIND with the rule inside": inside})
 # %% [markdown]
 # ## From the command line
 #
-# Names registered in Python are known to that process. Put registrations into a file of yours that
-# ends with
+# Names registered in Python are known only in that process. Put your registrations into a file that ends
+# with
 #
 # ```python
 # from remind_jax.cli.main import main
@@ -293,4 +295,4 @@ draw_identities({"REMIND with the rule inside": inside})
 # and `python mine.py run rooms.mp4 --tracker nearest` works as `remind run` does.
 #
 # **Take-away.** A detector is a function, a backbone a function and a name, a tracker two functions and
-# its numbers. What you plug in is compiled, swept, drawn and scored like what ships.
+# its thresholds. Your own parts are compiled, swept, drawn and scored like the shipped ones.

@@ -13,11 +13,11 @@
 # %% [markdown]
 # # 06 From the reference implementation to this one
 #
-# You have settings, results or habits from
-# [remind-reid-tracker](https://github.com/cvar-vision-dl/remind-reid-tracker). Here you learn
+# You know or have used
+# [remind-reid-tracker](https://github.com/cvar-vision-dl/remind-reid-tracker). You learn
 #
-# * how to import a configuration file of the original, and what of it is translated, without effect,
-#   or refused;
+# * how to import a configuration file of the original, and which of its keys are translated, have no
+#   effect, or are refused;
 # * how to check that both trackers decide the same, on traces recorded from the original;
 # * where the paper and its code differ, and which setting gives the paper's rule.
 #
@@ -25,7 +25,7 @@
 # same inputs ([what it does](../docs/plus.md)): an imported file runs the paper's tracker, and
 # `rj.run(...)` without a configuration does not.
 #
-# The notebook needs a clone of the repository: the recorded traces lie in `tests/golden`.
+# The notebook needs a clone of the repository: the recorded traces are in `tests/golden`.
 
 # %%
 import collections
@@ -46,8 +46,8 @@ work = Path(tempfile.mkdtemp())
 # %% [markdown]
 # ## Import a configuration
 #
-# A file of the original names any of its keys; what it leaves out keeps the value that the original
-# ships.
+# A file of the original may contain any of its keys; keys that it leaves out keep the value that the
+# original ships.
 
 # %%
 theirs = """
@@ -71,15 +71,15 @@ lines = [f"| `{key}` | {old} | **{new}** |" for key, new, old in imported.differ
 Markdown("\n".join(["| setting here | published | imported |", "| --- | --- | --- |", *lines]))
 
 # %% [markdown]
-# Four keys became four settings with names of their own. `runtime.device` is accepted and does
-# nothing: JAX takes the device that it finds. On the command line the same is
+# Four keys became four settings with other names. `runtime.device` is accepted and has no effect: JAX
+# uses the device that it finds. On the command line the same is
 #
 # ```bash
 # remind config import-reference their_settings.yaml --out mine.yaml
 # remind run rooms.mp4 --masks masks/ --config mine.yaml
 # ```
 #
-# `imported` can be given to `rj.run(..., config=imported)` as it is.
+# `imported` can also be passed directly: `rj.run(..., config=imported)`.
 
 # %% [markdown]
 # ## What is refused
@@ -100,9 +100,9 @@ for what, settings in refused.items():
         print(f"{what}:\n    {error}\n")
 
 # %% [markdown]
-# Every key of the original stands in exactly one of these tables (`remind_jax.config.reference_keys`);
-# a test holds that none is missing. *Inert* keys choose folders, detectors, debug output and the
-# like: they never change an identity.
+# Every key of the original is in exactly one of these tables (`remind_jax.config.reference_keys`); a test
+# checks that none is missing. *Inert* keys choose folders, detectors, debug output and the like: they
+# never change an identity.
 
 # %%
 from remind_jax.config import reference_keys, reference_switches
@@ -167,14 +167,14 @@ Markdown("\n".join(["| compared | agree | of | share |", "| --- | ---: | ---: | 
 # %% [markdown]
 # The repository ships eight such traces: three sequences, each with more and more layers of rules
 # switched on. `python tests/parity.py tests/golden` runs all of them and names the first difference,
-# if there is one, by frame, detection and field. Record traces of your own runs in the same
+# if any, by frame, detection and field. Record traces of your own runs in the same
 # format (`tests/golden/README.md`) to check on your data.
 
 # %% [markdown]
 # ## Where the original differs from the paper
 #
-# `published` does what the original's code does. Some rules of the paper read otherwise; where a
-# setting gives the paper's rule, it is one line. A few of them:
+# `published` does what the original's code does. Some rules in the paper differ; where a setting gives
+# the paper's rule, it is one line. Some of them:
 
 # %%
 rules_of_the_paper = {
@@ -210,15 +210,15 @@ print(len(as_in_the_paper.difference(published)), "settings differ from `publish
 # Rules without a setting, ties, rounding, and what we do differently on purpose: see
 # [Parity](../docs/parity.md).
 #
-# ## Where things are now
+# ## Where to find things
 #
 # | in the original | here |
 # | --- | --- |
 # | the main script over a DAVIS folder | `remind run FOLDER --config published`, `rj.run(..., config="published")`; frame by frame: `rj.Tracker("published")` |
-# | the YAML of some hundred keys | `remind config import-reference FILE` |
+# | the YAML with some hundred keys | `remind config import-reference FILE` |
 # | its DINOv3 weights | `remind convert`, then `--backbone dinov3-vits16 --weights FILE` |
 # | the evaluator | `remind eval GT RUN --protocol paper`, beside the standard definitions |
 # | result folders, videos | [Files](../docs/file_formats.md) |
 #
-# **Take-away.** Import your file, run, and expect the same decisions; where you want the paper's rule
+# **Take-away.** Import your file and run: the decisions are the same. Where you want the paper's rule
 # instead of the code's, there often is a setting for it.
