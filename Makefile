@@ -35,7 +35,7 @@ notebooks: $(VENV)/.dev  ## execute the notebooks and write their pages anew
 	$(BIN)/python notebooks/execute.py
 
 docs: $(VENV)/.docs  ## the documentation as a site, in build/docs
-	$(BIN)/python -m remind_jax.config.reference_page docs/thresholds.md
+	$(BIN)/python docs/settings_page.py docs/thresholds.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "open build/docs/index.html"
 

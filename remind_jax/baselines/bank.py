@@ -22,9 +22,10 @@ from remind_jax.baselines.scene_memory import (
 )
 from remind_jax.method import Method
 from remind_jax.numerics.constant_arrays import zeros
-from remind_jax.numerics.kinds import Real
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.settings.kinds import Real
+from remind_jax.settings.record import setting
 from remind_jax.solvers.assignment import assign
 from remind_jax.static import Static
 
@@ -36,7 +37,7 @@ NUM_VIEWS = 12
 class BankThresholds:
     """Numbers of the bank."""
 
-    match: Real = 0.75  # least cosine of a match with the most similar view
+    match: Real = setting(0.75, "least cosine of a match with the most similar view", "cosine")
 
 
 @jax.tree_util.register_dataclass

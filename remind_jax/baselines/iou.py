@@ -26,8 +26,9 @@ from remind_jax.baselines.scene_memory import (
 from remind_jax.decision import NO_ID
 from remind_jax.method import Method
 from remind_jax.numerics.constant_arrays import zeros
-from remind_jax.numerics.kinds import Real, Whole
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.settings.kinds import Real, Whole
+from remind_jax.settings.record import setting
 from remind_jax.solvers.assignment import assign
 from remind_jax.static import Static
 
@@ -37,8 +38,10 @@ from remind_jax.static import Static
 class IouThresholds:
     """Numbers of the IoU tracker; those of SORT."""
 
-    min_iou: Real = 0.3  # least overlap of a match
-    patience: Whole = 1  # frames after which an object that is not seen again is forgotten
+    min_iou: Real = setting(0.3, "least overlap of a match", "share")
+    patience: Whole = setting(
+        1, "frames after which an object that is not seen again is forgotten", "frames"
+    )
 
 
 @jax.tree_util.register_dataclass

@@ -27,9 +27,10 @@ from remind_jax.baselines.scene_memory import (
 )
 from remind_jax.method import Method
 from remind_jax.numerics.constant_arrays import zeros
-from remind_jax.numerics.kinds import Real
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.settings.kinds import Real
+from remind_jax.settings.record import setting
 from remind_jax.static import Static
 
 
@@ -38,13 +39,17 @@ from remind_jax.static import Static
 class MomentumThresholds:
     """Numbers of the association; published values but for `logit_scale`."""
 
-    match: Real = 0.5  # a match scores more than this
-    match_detector_score: Real = 0.01  # least detector score of a match
-    birth_detector_score: Real = 0.1  # least detector score of a new object
-    momentum: Real = 0.3  # share of the new view in the embedding of a matched object
-    logit_scale: Real = 20.0  # cosines are multiplied by it before both softmaxes
-    distractor_score: Real = 0.5  # weaker detections are dropped
-    distractor_iou: Real = 0.3  # if they overlap a stronger one by more
+    match: Real = setting(0.5, "a match scores more than this", "score")
+    match_detector_score: Real = setting(0.01, "least detector score of a match", "score")
+    birth_detector_score: Real = setting(0.1, "least detector score of a new object", "score")
+    momentum: Real = setting(
+        0.3, "share of the new view in the embedding of a matched object", "share"
+    )
+    logit_scale: Real = setting(
+        20.0, "cosines are multiplied by it before both softmaxes", "factor"
+    )
+    distractor_score: Real = setting(0.5, "weaker detections are dropped", "score")
+    distractor_iou: Real = setting(0.3, "if they overlap a stronger one by more", "share")
 
 
 @jax.tree_util.register_dataclass

@@ -22,9 +22,10 @@ from remind_jax.baselines.scene_memory import (
 )
 from remind_jax.method import Method
 from remind_jax.numerics.constant_arrays import zeros
-from remind_jax.numerics.kinds import Real
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.settings.kinds import Real
+from remind_jax.settings.record import setting
 from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static
 
@@ -34,7 +35,7 @@ from remind_jax.static import Static
 class RunningMeanThresholds:
     """Numbers of the running mean."""
 
-    match: Real = 0.75  # least cosine of a match
+    match: Real = setting(0.75, "least cosine of a match", "cosine")
 
 
 @jax.tree_util.register_dataclass

@@ -8,57 +8,33 @@ the method whose thresholds these are. How keys may be written: `config/keys.py`
 from __future__ import annotations
 
 import dataclasses
-import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
+from remind_jax.config.input_options import Input
 from remind_jax.config.keys import THRESHOLDS, flat_keys
-from remind_jax.errors import ConfigError, check_fields
+from remind_jax.config.reference_keys import translate
+from remind_jax.errors import ConfigError
 from remind_jax.method import PAPER_METHOD, get_method
 from remind_jax.remind.thresholds import Thresholds
+from remind_jax.settings.checks import check_most
+from remind_jax.settings.record import Setting, setting
 from remind_jax.static import Static
-
-
-@dataclasses.dataclass(frozen=True)
-class Input:
-    """How frames and masks are prepared on the host.
-
-    Rules: method.md#frame-size, method.md#filled-mask.
-    """
-
-    max_width_px: int = 1280  # wider frames are reduced to this width
-    center_crop: bool = True  # crop to whole patches around the centre, else at the top left
-    # Detections of these classes are left out.
-    ignored_classes: tuple[str, ...] = ("wall", "floor", "ceiling", "object")
-    # How a mask is filled before its surroundings are described.
-    sanitize: typing.Literal["convex_hull", "morphology", "none"] = "convex_hull"
-    keep_largest: bool = False  # look at the background around the largest piece of a mask only
-    fill_holes: bool = True  # "morphology": fill holes
-    close_px: int = 3  # "morphology": side of the closing square
-    open_px: int = 0  # "morphology": side of the opening square, 0: none
-    erosion_px: int = 0  # masks lose so many pixels on every side first
-    # Detections after which an object gets its id. 0: 1 for given masks, 5 for a detector.
-    announce_after: int = 0
-
-    def __post_init__(self) -> None:
-        check_fields(
-            self, "input", may_be_zero=("close_px", "open_px", "erosion_px", "announce_after")
-        )
 
 
 @dataclasses.dataclass(frozen=True)
 class Config:
     """Everything that a run can be told, apart from its input and its backbone."""
 
-    tracker: str = PAPER_METHOD  # name of the method, see `remind_jax.method`
+    tracker: str = setting(PAPER_METHOD, "name of the method, see `remind_jax.method`")
     input: Input = dataclasses.field(default_factory=Input)
     static: Static = dataclasses.field(default_factory=Static)
     # Those of REMIND; other trackers have their own.
     thresholds: Thresholds | Any = dataclasses.field(default_factory=Thresholds)
-    backbone_profile: bool = False  # what nobody chose follows configs/backbones/NAME.yaml
+    backbone_profile: bool = setting(False, "what nobody chose follows configs/backbones/NAME.yaml")
     # Dotted keys that a file, values or `--set` gave, whatever the value: no profile changes them.
     chosen: frozenset[str] = dataclasses.field(default=frozenset(), compare=False, repr=False)
 
@@ -144,12 +120,9 @@ class Config:
         Raises:
           ConfigError: For a key that the original does not have, or a value that is not supported.
         """
-        from remind_jax.config.reference_keys import translate
-
         if not isinstance(settings, Mapping):
             settings = read_yaml(Path(settings))
-        changes = translate(settings, cls().to_dict())
-        return cls().updated(changes, "settings of the original")
+        return cls().updated(translate(settings, cls()), "settings of the original")
 
     def _with_values(self, flat: Mapping[str, Any], origin: str) -> Config:
         """The same with values by full key, checked."""
@@ -218,14 +191,17 @@ def _update(node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin
     updated = {}
     for key, value in changes.items():
         old, below = getattr(node, key), (*path, key)
+        record = type(node).__dataclass_fields__[key].metadata.get("setting", Setting(""))
         if dataclasses.is_dataclass(old):
             updated[key] = _update(old, value, below, origin)
         else:
-            updated[key] = _coerce(value, old, ".".join(below), origin)
+            name = f"{'.'.join(below)} in {origin}"
+            updated[key] = _coerce(value, old, name)
+            check_most(name, updated[key], record)
     return dataclasses.replace(node, **updated)
 
 
-def _coerce(value: Any, old: Any, dotted: str, origin: str) -> Any:
+def _coerce(value: Any, old: Any, name: str) -> Any:
     """The value in the kind of the one that it replaces; arrays pass, they are sweeps."""
     wanted = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
     if isinstance(old, bool):
@@ -242,5 +218,5 @@ def _coerce(value: Any, old: Any, dotted: str, origin: str) -> Any:
         fits = isinstance(value, type(old))
     if not fits and not hasattr(value, "dtype"):
         kind = wanted.get(type(old), "a list")
-        raise ConfigError(f"{dotted} in {origin} is {value!r}; it must be {kind}")
+        raise ConfigError(f"{name} is {value!r}; it must be {kind}")
     return value

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
+
+from remind_jax.settings.record import walk_settings
 
 
 def flatten(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
@@ -17,14 +18,9 @@ def flatten(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]
             yield dotted, value
 
 
-def flatten_fields(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def flatten_fields(node: Any) -> Iterator[tuple[str, Any]]:
     """Walks the fields of nested dataclasses as dotted keys."""
-    for field in dataclasses.fields(node):
-        dotted, value = f"{path}{field.name}", getattr(node, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from flatten_fields(value, f"{dotted}.")
-        else:
-            yield dotted, value
+    return ((key, value) for key, value, _ in walk_settings(node))
 
 
 def nest(flat: Mapping[str, Any]) -> dict[str, Any]:

@@ -66,14 +66,14 @@ def decide(given: Mapping[str, Any]) -> dict[str, Any]:
         and get("association.similarity.background_partials.enabled"),
         "thresholds.background.enabled": get("memory.background.enabled")
         and get("update.background_memory.enabled"),
-        **_neighbours(get),
+        **_neighbors(get),
         **_appearance(get),
         **_parts(get),
     }
 
 
-def _neighbours(get: Any) -> dict[str, Any]:
-    """The list of expected neighbours is some times as long as the list of hypotheses."""
+def _neighbors(get: Any) -> dict[str, Any]:
+    """The list of expected neighbors is some times as long as the list of hypotheses."""
     listed = max(1, get("association.scores.neighbor_sets.context.k"))
     scale = get("association.matching.neighbor_sets_context_veto.local.expected_topk_scale")
     return {

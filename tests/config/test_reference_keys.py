@@ -4,9 +4,22 @@ import pytest
 
 from remind_jax.config import Config, dotted_keys, reference_switches
 from remind_jax.config.dotted_keys import flatten
-from remind_jax.config.reference_keys import CHOICES, FIXED, INERT, RENAMED, SLOTS, SUBSETS
+from remind_jax.config.reference_keys import EMPTY_IS_ALL, FIXED, INERT, decided_settings
 from remind_jax.errors import ConfigError
-from remind_jax.remind.thresholds.outcome import EMPTY_IS_ALL, LIMITS
+from remind_jax.settings.record import walk_settings
+
+DECIDED = decided_settings(Config())
+RECORDS = {path: record for path, _, record in walk_settings(Config())}
+KEYED = {path: record for path, record in RECORDS.items() if record.key}
+CHOICES = {path: record for path, record in KEYED.items() if record.theirs is not None}
+PAIRS = {path: record for path, record in KEYED.items() if isinstance(record.key, tuple)}
+LISTS = {
+    key: {record.listed: path for path, record in settings.items()}
+    for key, settings in DECIDED.items()
+    if any(record.listed for record in settings.values())
+}
+RENAMED = [path for path in KEYED if path not in {*CHOICES, *PAIRS} and not KEYED[path].listed]
+LIMITED = [path for path in RENAMED if KEYED[path].most is not None]
 
 
 def nested(key, value):
@@ -23,56 +36,62 @@ def test_nothing_given_is_published():
     assert Config.from_reference({}) == Config()
 
 
-def test_every_name_here_exists_and_is_set_once():
-    fields = dict(flatten(Config().to_dict()))
-    targets = [*RENAMED.values(), *(name for name, _ in CHOICES.values())]
-    targets += [name for gates in SUBSETS.values() for name in gates.values()]
-    assert set(targets) <= set(fields)
-    assert len(targets) == len(set(targets))
-    assert {name for pairs in SLOTS.values() for name, _ in pairs} <= set(fields)
-
-
 def test_no_key_has_two_meanings():
-    tables = [RENAMED, CHOICES, SLOTS, SUBSETS, FIXED, reference_switches.SHIPPED]
-    tables = [key for table in tables for key in table]
+    for key, settings in DECIDED.items():
+        names = [record.listed for record in settings.values()]
+        assert len(settings) == 1 or (all(names) and len(set(names)) == len(names)), key
+    tables = [*DECIDED, *FIXED, *reference_switches.SHIPPED]
     assert len(tables) == len(set(tables))
     assert not set(tables) & set(INERT)
 
 
-@pytest.mark.parametrize("key", RENAMED)
-def test_every_renamed_key_reaches_its_field(key):
-    path, old = RENAMED[key], value_at(Config(), RENAMED[key])
-    step = -1 if key in LIMITS else 1
+def test_switches_decide_what_the_records_say():
+    decided = {path: record.decided_by for path, record in RECORDS.items() if record.decided_by}
+    assert set(decided) == set(reference_switches.decide({}))
+    assert {key for keys in decided.values() for key in keys} == set(reference_switches.SHIPPED)
+    assert not {path for path in decided if RECORDS[path].key}
+
+
+@pytest.mark.parametrize("path", RENAMED)
+def test_every_renamed_key_reaches_its_field(path):
+    old = value_at(Config(), path)
+    step = 1 if KEYED[path].most is None else -1
     new = {bool: lambda: not old, int: lambda: old + step, float: lambda: old + 0.125}.get(
         type(old), lambda: ["mirror"]
     )()
-    config = Config.from_reference(nested(key, new))
+    config = Config.from_reference(nested(KEYED[path].key, new))
     assert value_at(config, path) == new
     changed = {name for name, _, _ in config.difference(Config())}
     # Larger rings and deferred relations need room in the compiled program.
     assert changed - {path} <= {"static.ring_max_radius", "static.pending_relations"}
 
 
-@pytest.mark.parametrize("key", CHOICES)
-def test_every_choice_is_accepted(key):
-    path, values = CHOICES[key]
+@pytest.mark.parametrize("path", CHOICES)
+def test_every_choice_is_accepted(path):
+    key, values = KEYED[path].key, KEYED[path].theirs or {}
     for theirs, ours in values.items():
         assert value_at(Config.from_reference(nested(key, theirs)), path) == ours
     with pytest.raises(ConfigError, match="supported here"):
         Config.from_reference(nested(key, "nonsense"))
 
 
-@pytest.mark.parametrize("key", LIMITS)
-def test_values_above_a_limit_are_refused_with_the_reason(key):
-    most, why = LIMITS[key]
-    assert value_at(Config.from_reference(nested(key, most)), RENAMED[key]) == most
-    with pytest.raises(ConfigError, match=f"up to {most}, {why}"):
-        Config.from_reference(nested(key, most + 1))
+def test_what_has_a_largest_value():
+    assert len(LIMITED) == 4
 
 
-@pytest.mark.parametrize("key", SUBSETS)
+@pytest.mark.parametrize("path", LIMITED)
+def test_values_above_a_limit_are_refused_with_the_reason(path):
+    key, most, why = KEYED[path].key, KEYED[path].most or 0, KEYED[path].why
+    assert value_at(Config.from_reference(nested(key, most)), path) == most
+    for refused in (Config.from_reference, Config().updated):
+        name = key if refused == Config.from_reference else path
+        with pytest.raises(ConfigError, match=f"{name} .* up to {most}, {why}"):
+            refused(nested(name, most + 1))
+
+
+@pytest.mark.parametrize("key", LISTS)
 def test_lists_open_a_gate_for_every_name(key):
-    gates = SUBSETS[key]
+    gates = LISTS[key]
     for chosen in itertools.product([False, True], repeat=len(gates)):
         listed = [name for name, open_ in zip(gates, chosen, strict=True) if open_]
         config = Config.from_reference(nested(key, [name.lower() for name in reversed(listed)]))
@@ -83,7 +102,7 @@ def test_lists_open_a_gate_for_every_name(key):
         assert names <= set(gates.values())
 
 
-@pytest.mark.parametrize("key", SUBSETS)
+@pytest.mark.parametrize("key", LISTS)
 def test_names_that_cannot_be_listed_are_refused(key):
     with pytest.raises(ConfigError, match="supported here: S"):
         Config.from_reference(nested(key, ["nonsense"]))
@@ -93,7 +112,7 @@ def test_names_that_cannot_be_listed_are_refused(key):
 
 def test_published_lists():
     """As the original ships them; nothing at all is the empty list."""
-    for key in SUBSETS:
+    for key in LISTS:
         shipped = ["WEAK", "AMBIGUOUS"] if key.endswith("allow_status") else ["SETS_RESCUE"]
         assert Config.from_reference(nested(key, shipped)) == Config()
         empty = Config.from_reference(nested(key, []))

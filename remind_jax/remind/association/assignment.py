@@ -15,7 +15,7 @@ from remind_jax.decision import Lock
 from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, top_two
 from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
 from remind_jax.remind.association.similarity import Comparison
-from remind_jax.remind.thresholds.thresholds import Matching
+from remind_jax.remind.thresholds.association import Matching
 from remind_jax.solvers.assignment import UNASSIGNED, assign
 from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static

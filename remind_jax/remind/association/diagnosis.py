@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Status
-from remind_jax.remind.thresholds.thresholds import Diagnosis
+from remind_jax.remind.thresholds.association import Diagnosis
 
 NUM_CHANNELS = 4  # the original counts object, background, ring prototypes and parts
 _EPS = 1e-6

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.remind.context.reasoning import Reasoning
+from remind_jax.remind.thresholds.association import Matching
 from remind_jax.remind.thresholds.context import Influence as InfluenceRules
 from remind_jax.remind.thresholds.outcome import Ambiguous
-from remind_jax.remind.thresholds.thresholds import Matching
 
 _TINY = 1e-12
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from remind_jax.observation import Descriptors
-from remind_jax.remind.thresholds.thresholds import Similarity
+from remind_jax.remind.thresholds.association import Similarity
 
 
 @jax.tree_util.register_dataclass

@@ -23,7 +23,7 @@ from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.memory.bank import Bank, DualBank, confidence, mean_quality
 from remind_jax.remind.state import TrackerState
-from remind_jax.remind.thresholds.thresholds import Similarity
+from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static
 
 OBJECT, BACKGROUND, PARTS = 0, 1, 2

@@ -28,7 +28,7 @@ from remind_jax.remind.memory.bank import (
     similarity_rate,
     write,
 )
-from remind_jax.remind.thresholds.thresholds import Appearance
+from remind_jax.remind.thresholds.memory import Appearance
 from remind_jax.static import Static
 
 GLOBAL, TRIMMED = 0, 1

@@ -27,7 +27,7 @@ from remind_jax.remind.memory.bank import (
     similarity_rate,
     write,
 )
-from remind_jax.remind.thresholds.thresholds import Background
+from remind_jax.remind.thresholds.memory import Background
 
 
 def ring_quality(

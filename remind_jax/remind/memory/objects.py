@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import NO_ID
-from remind_jax.remind.thresholds.thresholds import Lifecycle as Rules
+from remind_jax.remind.thresholds.memory import Lifecycle as Rules
 
 
 class Lifecycle(enum.IntEnum):

@@ -23,7 +23,7 @@ from remind_jax.remind.memory.bank import (
     similarity_rate,
     write,
 )
-from remind_jax.remind.thresholds.thresholds import Parts
+from remind_jax.remind.thresholds.memory import Parts
 from remind_jax.static import Static
 
 

@@ -38,7 +38,7 @@ from remind_jax.remind.memory.bank import (
     write,
 )
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Background
+from remind_jax.remind.thresholds.memory import Background
 from remind_jax.static import Static
 
 _FIRST = 0  # entries stay in the order of their arrival

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.pooling import TINY, is_largest, to_unit
 from remind_jax.observation import PatchAttention
 from remind_jax.remind.perception.parts import pool_regions, weigh_patches
-from remind_jax.remind.thresholds.attention_parts import AttentionParts
+from remind_jax.remind.thresholds.perception import AttentionParts
 from remind_jax.static import Static
 
 

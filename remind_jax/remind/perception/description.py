@@ -13,7 +13,7 @@ from remind_jax.remind.perception.parts import cluster_parts
 from remind_jax.remind.perception.ring_prototypes import find_ring_prototypes
 from remind_jax.remind.perception.rings import find_rings, ring_weights
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.static import Static
 
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import TINY, dot, keep_typical, pool, to_unit
-from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.solvers.clustering import kmeans
 from remind_jax.static import Static
 

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import TINY, dot, to_unit
 from remind_jax.observation import RingPatches
-from remind_jax.remind.thresholds.ring_prototypes import RingPrototypes
+from remind_jax.remind.thresholds.perception import RingPrototypes
 from remind_jax.solvers.clustering import kmeans_with_centres
 from remind_jax.static import Static
 

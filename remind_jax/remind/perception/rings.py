@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.remind.thresholds.perception import Perception
 
 INNER, OUTER = 0, 1
 

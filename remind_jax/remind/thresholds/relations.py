@@ -1,13 +1,19 @@
-"""Numbers of the relational memories: which objects go together, and how far apart they are."""
+"""Thresholds of the relational memories: what is seen together, and how far apart."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 
-from remind_jax.numerics.kinds import Gate, Real, Whole
+from remind_jax.settings.kinds import Gate, Real, Whole
+from remind_jax.settings.record import setting
+
+# Where the original keeps these settings.
+_N = "memory.neighbors"
+_D = "memory.neighbors_distance"
+
+# fmt: off
 
 
 @jax.tree_util.register_dataclass
@@ -15,12 +21,19 @@ from remind_jax.numerics.kinds import Gate, Real, Whole
 class Cooccurrence:
     """Who is seen with whom (method.md#episodes)."""
 
-    enabled: Gate = True  # remember neighbours at all; off also stops the distances
-    smoothing: Real = 0.5  # added to every count of a conditional probability
-    same_context: Real = 0.85  # overlap of two sets of neighbours that are the same context
-    debounce_frames: Whole = 3  # sightings of a new context that make an episode
-    force_frames: Whole = 3  # frames after which the next sighting is an episode; 0: never
-    decay: Real = 1.0  # share of an edge weight that an episode leaves
+    enabled: Gate = setting(True, "remember neighbors at all; off also stops the distances",
+        key=f"{_N}.enabled")
+    smoothing: Real = setting(0.5, "added to every count of a conditional probability", "episodes",
+        more="few episodes prove less", key=f"{_N}.smoothing_alpha")
+    same_context: Real = setting(0.85,
+        "overlap of two sets of neighbors that are the same context", "share",
+        more="contexts are told apart sooner; more episodes", key=f"{_N}.jaccard_thr")
+    debounce_frames: Whole = setting(3, "sightings of a new context that make an episode",
+        "sightings", more="fewer episodes", key=f"{_N}.debounce_frames")
+    force_frames: Whole = setting(3, "frames after which the next sighting is an episode; 0: never",
+        "frames", more="fewer episodes", key=f"{_N}.force_episode_every_frames")
+    decay: Real = setting(1.0, "share of an edge weight that an episode leaves", "share",
+        more="old company is forgotten more slowly; 1: never", key=f"{_N}.decay_per_episode")
 
 
 @jax.tree_util.register_dataclass
@@ -28,35 +41,13 @@ class Cooccurrence:
 class Relations:
     """How two things in one frame lie to each other (method.md#relations)."""
 
-    enabled: Gate = True  # remember distances
-    scale_min_px: Real = 40.0  # least length that distances are measured in
-    contact_margin_px: Real = 2.0  # gap up to which two masks touch
-    near: Real = 1.25  # normalised gap up to which two masks are near
-    exact_gap_max: Real = 1.75  # normalised box gap beyond which the box gap is good enough
-
-
-RENAMED: dict[str, str] = {
-    "memory.neighbors.enabled": "thresholds.cooccurrence.enabled",
-    "memory.neighbors.smoothing_alpha": "thresholds.cooccurrence.smoothing",
-    "memory.neighbors.jaccard_thr": "thresholds.cooccurrence.same_context",
-    "memory.neighbors.debounce_frames": "thresholds.cooccurrence.debounce_frames",
-    "memory.neighbors.force_episode_every_frames": "thresholds.cooccurrence.force_frames",
-    "memory.neighbors.decay_per_episode": "thresholds.cooccurrence.decay",
-    "memory.neighbors.max_neighbors": "static.max_neighbours",
-    "memory.neighbors_distance.enabled": "thresholds.relations.enabled",
-    "memory.neighbors_distance.scale_min": "thresholds.relations.scale_min_px",
-    "memory.neighbors_distance.contact_margin_px": "thresholds.relations.contact_margin_px",
-    "memory.neighbors_distance.near_thresh_n": "thresholds.relations.near",
-    "memory.neighbors_distance.exact_gap_max_n": "thresholds.relations.exact_gap_max",
-}
-
-# Keys whose values have other names here.
-CHOICES: dict[str, tuple[str, dict[Any, Any]]] = {
-    "memory.neighbors.trim_strategy": (
-        "static.neighbour_trim",
-        {"weight": "weight", "recent": "recent"},
-    ),
-}
-
-# Keys without effect on an identity.
-INERT: tuple[str, ...] = ("memory.neighbors_distance.var_floor",)
+    enabled: Gate = setting(True, "remember distances", key=f"{_D}.enabled")
+    scale_min_px: Real = setting(40.0, "least length that distances are measured in", "px",
+        more="distances of small objects count as smaller", key=f"{_D}.scale_min")
+    contact_margin_px: Real = setting(2.0, "gap up to which two masks touch", "px",
+        more="more pairs touch", key=f"{_D}.contact_margin_px")
+    near: Real = setting(1.25, "normalized gap up to which two masks are near", "object sizes",
+        more="more pairs are near", key=f"{_D}.near_thresh_n")
+    exact_gap_max: Real = setting(1.75,
+        "normalized box gap beyond which the box gap is good enough", "object sizes",
+        more="more gaps are measured between masks; more time", key=f"{_D}.exact_gap_max_n")

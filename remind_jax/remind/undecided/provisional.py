@@ -13,8 +13,8 @@ from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.set_order import iteration_rank
 from remind_jax.remind.association.diagnosis import admit_by_status, top_two
 from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.thresholds.association import Diagnosis, Matching
 from remind_jax.remind.thresholds.outcome import Provisional
-from remind_jax.remind.thresholds.thresholds import Diagnosis, Matching
 from remind_jax.remind.undecided.temporal import (
     NO_SLOT,
     Account,

@@ -15,7 +15,7 @@ from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.remind.association.diagnosis import top_two
 from remind_jax.remind.association.gating import ContextVerdict, Pairs
 from remind_jax.remind.association.similarity import Comparison, comparable_score
-from remind_jax.remind.thresholds.thresholds import Similarity
+from remind_jax.remind.thresholds.association import Similarity
 
 NO_SLOT = -1
 _TINY = 1e-12

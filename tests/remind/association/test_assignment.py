@@ -14,7 +14,7 @@ from remind_jax.remind.association.assignment import dummy_scores, lock_pairs
 from remind_jax.remind.association.diagnosis import Evidence
 from remind_jax.remind.association.gating import initial_pairs
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Matching
+from remind_jax.remind.thresholds.association import Matching
 from tests.remind.association.tables import NUM, SLOTS, decide_frames, visual_frame
 
 LOCK = jax.jit(lock_pairs)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from remind_jax.decision import Status
 from remind_jax.remind.association.diagnosis import Evidence, diagnose, find_anchors, top_two
-from remind_jax.remind.thresholds.thresholds import Diagnosis
+from remind_jax.remind.thresholds.association import Diagnosis
 
 DIAGNOSE = jax.jit(diagnose, static_argnames="margin")
 ANCHORS = jax.jit(find_anchors)

@@ -21,7 +21,7 @@ from remind_jax.remind.association.gating import (
 from remind_jax.remind.context.influence import no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Matching
+from remind_jax.remind.thresholds.association import Matching
 
 GATE = jax.jit(gate_pairs)
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality, assess, ramp
-from remind_jax.remind.thresholds.thresholds import Similarity
+from remind_jax.remind.thresholds.association import Similarity
 
 ASSESS = jax.jit(assess)
 GOOD = {

@@ -26,7 +26,7 @@ from remind_jax.remind.association.similarity import (
 )
 from remind_jax.remind.memory.bank import Bank, empty_bank
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Similarity
+from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static
 from tests.remind.association.tables import decide_frames, empty_frame, visual_frame
 

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from remind_jax.remind.thresholds.ring_prototypes import RingPrototypes
-from remind_jax.remind.thresholds.thresholds import Appearance, Background, Parts
+from remind_jax.remind.thresholds.memory import Appearance, Background, Parts
+from remind_jax.remind.thresholds.perception import RingPrototypes
 from remind_jax.static import Static
 
 

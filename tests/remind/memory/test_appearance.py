@@ -10,7 +10,7 @@ from remind_jax.remind.memory.appearance import GLOBAL, TRIMMED, appearance_qual
 from remind_jax.remind.memory.bank import DualBank, Permit, confidence, empty_bank
 from remind_jax.remind.remember import _observe_appearance
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Appearance
+from remind_jax.remind.thresholds.memory import Appearance
 from remind_jax.static import Static
 from tests.remind.memory.list_banks import (
     Banks,

@@ -10,7 +10,7 @@ from remind_jax.remind.memory.background import ring_quality
 from remind_jax.remind.memory.bank import Bank, DualBank, Permit, empty_bank
 from remind_jax.remind.remember import _observe_rings
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Background
+from remind_jax.remind.thresholds.memory import Background
 from remind_jax.static import Static
 from tests.remind.memory.list_banks import (
     Banks,

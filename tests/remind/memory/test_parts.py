@@ -9,7 +9,7 @@ import pytest
 from remind_jax.remind.memory.bank import DualBank, Permit, empty_bank
 from remind_jax.remind.remember import _observe_parts
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Parts
+from remind_jax.remind.thresholds.memory import Parts
 from remind_jax.static import Static
 from tests.remind.memory.list_banks import (
     Banks,

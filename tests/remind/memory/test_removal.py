@@ -17,7 +17,7 @@ from remind_jax.remind.memory.objects import (
 )
 from remind_jax.remind.state import TrackerState, init, remove_objects
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Lifecycle as Rules
+from remind_jax.remind.thresholds.memory import Lifecycle as Rules
 from remind_jax.static import Static
 
 NUM, FRAMES = 3, 60

@@ -10,8 +10,8 @@ from remind_jax.observation import RingPatches
 from remind_jax.remind.memory.bank import DualBank, Permit, empty_bank
 from remind_jax.remind.memory.ring_prototypes import observe_ring_prototypes
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.ring_prototypes import RingPrototypes
-from remind_jax.remind.thresholds.thresholds import Background
+from remind_jax.remind.thresholds.memory import Background
+from remind_jax.remind.thresholds.perception import RingPrototypes
 from remind_jax.static import Static
 from tests.remind.memory.list_banks import Banks, assert_same, random_views, update_ring_prototypes
 

@@ -11,7 +11,7 @@ from remind_jax.observation import FrameFeats, MaskRelations, Masks
 from remind_jax.remind.perception.description import describe
 from remind_jax.remind.perception.rings import INNER, OUTER
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.static import Static
 from tests.golden import load
 

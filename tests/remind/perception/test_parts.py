@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from remind_jax.remind.perception.parts import cluster_parts
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.solvers.clustering import cluster_points
 from remind_jax.static import Static
 

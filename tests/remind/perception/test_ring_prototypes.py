@@ -10,7 +10,7 @@ from remind_jax.observation import FrameFeats
 from remind_jax.remind.perception.description import describe
 from remind_jax.remind.perception.ring_prototypes import find_ring_prototypes
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.ring_prototypes import RingPrototypes
+from remind_jax.remind.thresholds.perception import RingPrototypes
 from remind_jax.solvers.clustering import cluster_points
 from remind_jax.static import Static
 from tests.golden import load

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from remind_jax.remind.perception.rings import INNER, OUTER, find_rings, ring_weights
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.thresholds.thresholds import Perception
+from remind_jax.remind.thresholds.perception import Perception
 
 MAX_RADIUS = 10
 SHAPE = (9, 14)
