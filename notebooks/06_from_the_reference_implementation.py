@@ -100,17 +100,22 @@ for what, settings in refused.items():
         print(f"{what}:\n    {error}\n")
 
 # %% [markdown]
-# Every key of the original is in exactly one of these tables (`remind_jax.config.reference_keys`); a test
+# Every key of the original is in the record of a setting or in `remind_jax.config.reference_keys`; a test
 # checks that none is missing. *Inert* keys choose folders, detectors, debug output and the like: they
 # never change an identity.
 
 # %%
 from remind_jax.config import reference_keys, reference_switches
 
+decided = reference_keys.decided_settings(rj.load_config("published"))
+records = [record for settings in decided.values() for record in settings.values()]
+pairs = {key for key in decided if any(isinstance(r.key, tuple) and key in r.key for r in records)}
+choices = {r.key for r in records if r.theirs is not None}
+lists = {r.key for r in records if r.listed}
 kinds = {
-    "renamed": len(reference_keys.RENAMED),
-    "choices renamed": len(reference_keys.CHOICES),
-    "capacities": len(reference_keys.SLOTS),
+    "renamed": len(decided.keys() - pairs - choices - lists),
+    "choices renamed": len(choices),
+    "capacities": len(pairs),
     "several keys\ndecide together": len(reference_switches.SHIPPED),
     "one value only": len(reference_keys.FIXED),
     "inert keys\nor sections": len(reference_keys.INERT),
