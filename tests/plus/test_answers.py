@@ -1,0 +1,85 @@
+"""What is reported of each detection: firm answers, doubts, and how probable they are."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.plus.answers import tell
+from remind_jax.plus.state import NOWHERE, no_verdicts
+from remind_jax.plus.static import NUM_CANDIDATES
+from tests.plus.frames import STATIC, T, detections, tracklets_of
+
+KNOWN, OTHER, OWN = 2, 3, 7
+
+
+def report(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
+    """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
+
+    def first(blank, value):
+        return jnp.asarray(blank).at[0].set(value)
+
+    verdicts = no_verdicts(STATIC.num_detections)
+    options = jnp.full((3, NUM_CANDIDATES), NO_ID).at[0, :2].set(jnp.array([KNOWN, OTHER]))
+    beliefs = jnp.zeros((3, NUM_CANDIDATES)).at[0, : len(belief)].set(jnp.array(belief))
+    of_answer = {KNOWN: belief[0], OTHER: belief[1], OWN: 1 - sum(belief)}[answer]
+    verdicts = dataclasses.replace(
+        verdicts,
+        tracklet_id=first(verdicts.tracklet_id, OWN if valid else NO_ID),
+        answer_id=first(verdicts.answer_id, answer if valid else NO_ID),
+        is_decided=first(verdicts.is_decided, decided),
+        probability=first(verdicts.probability, of_answer),
+        option_id=options,
+    )
+    here = tracklets_of(
+        detections([[1, 1], [2, 2], [3, 3]]),
+        0,
+        3,
+        named=jnp.array([named, False, False]),
+        slot=jnp.full(3, NOWHERE),
+    )
+    present = jnp.array([True, False, False])
+    base = jnp.zeros_like(beliefs)
+    return tell(verdicts, beliefs, base, here, present, jnp.int32(0), STATIC, T)
+
+
+def test_a_probable_answer_is_firm_before_it_is_decided():
+    told = report([0.9, 0.05])
+    assert told.outcome.tolist() == [Outcome.MATCH, Outcome.EMPTY, Outcome.EMPTY]
+    assert told.object_id.tolist() == [KNOWN, NO_ID, NO_ID]
+    assert told.pending_id[0] == NO_ID
+    assert (told.option_id == NO_ID).all()
+
+
+def test_doubt_names_the_objects_and_the_new_id_that_it_could_be():
+    told = report([0.25, 0.2])
+    assert told.outcome[0] == Outcome.AMBIGUOUS
+    assert told.object_id[0] == NO_ID
+    assert told.pending_id[0] == OWN
+    assert told.option_id[0].tolist() == [KNOWN, OWN, OTHER]  # the answer first
+    np.testing.assert_allclose(told.option_score[0], [0.25, 0.55, 0.2], rtol=1e-5)
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_a_new_object_is_new_once(named):
+    told = report([0.01, 0.01], answer=OWN, decided=True, named=named)
+    assert told.outcome[0] == (Outcome.MATCH if named else Outcome.NEW)
+    assert told.object_id[0] == OWN
+
+
+def test_confidence_rises_with_belief_and_is_higher_once_decided():
+    low, high = (report([belief, 0.0]).confidence[0] for belief in (0.6, 0.9))
+    decided = report([0.6, 0.0], decided=True).confidence[0]
+    assert 0 < low < high < 1
+    assert low < decided
+    assert report([0.6, 0.0]).confidence[1] == 0  # an empty slot
+
+
+def test_a_mask_without_usable_features_is_dropped():
+    told = report([0.9, 0.05], valid=False)
+    assert told.outcome.tolist() == [Outcome.DROPPED, Outcome.EMPTY, Outcome.EMPTY]
+    assert told.confidence[0] == 0
