@@ -17,9 +17,10 @@ test: $(VENV)/.dev  ## all tests but the slow ones
 test-slow: $(VENV)/.dev  ## the slow tests
 	$(BIN)/python -m pytest -m slow
 
-lint: $(VENV)/.dev  ## style
+lint: $(VENV)/.dev  ## style, and which room imports which
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
 
 types: $(VENV)/.dev  ## types
 	$(BIN)/pyright --pythonpath $(BIN)/python
