@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,7 @@ def development_tours() -> dict[str, SceneOptions]:
     }
 
 
-def record_each(scenes: dict[str, Iterable[Frame]], one_class: bool) -> list[Recording]:
+def record_each(scenes: Mapping[str, Iterable[Frame]], one_class: bool) -> list[Recording]:
     """All scenes with the default features."""
     return [record(name, scene, "patch-statistics", one_class) for name, scene in scenes.items()]
 

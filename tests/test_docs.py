@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import sys
 import types
@@ -13,6 +14,8 @@ import pytest
 
 from remind_jax import method as methods
 from remind_jax.backbone import registry
+from remind_jax.explanation.plus.explanation import PlusExplanation
+from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats
 from tests.test_citations import addresses
@@ -95,8 +98,16 @@ def test_links_lead_somewhere(name):
             assert anchor in addresses(linked.name), target
 
 
-def test_the_site_names_pages_that_are_there():
+def test_every_page_is_reached_from_the_site_and_from_the_index():
     site = (DOCS / "site" / "mkdocs.yml").read_text(encoding="utf-8")
-    named = set(re.findall(r"^  - .+: (\S+\.md)$", site, re.MULTILINE))
-    assert "index.md" in named
-    assert named <= {page.name for page in PAGES}
+    pages = {page.name for page in PAGES}
+    assert set(re.findall(r"^  - .+: (\S+\.md)$", site, re.MULTILINE)) == pages
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    assert set(LINK.findall(index)) >= pages - {"index.md"}
+
+
+@pytest.mark.parametrize("explanation", [PlusExplanation, RemindExplanation])
+def test_every_key_of_an_explanation_is_described(explanation):
+    page = (DOCS / "explain.md").read_text(encoding="utf-8")
+    for field in dataclasses.fields(explanation):
+        assert f"`{field.name}`" in page or f"`{field.name}[]`" in page, field.name
