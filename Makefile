@@ -54,7 +54,7 @@ $(VENV)/.core: pyproject.toml | $(BIN)/python
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev,detect,notebooks]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev,detect,cluster,notebooks]"
 	@touch $@ $(VENV)/.core
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import re
 import tarfile
+import weakref
 from pathlib import Path, PurePosixPath
 from typing import IO, Protocol
 
@@ -162,6 +163,7 @@ class TarTree:
         """The file as a stream of bytes."""
         if self._archive is None:
             self._archive = tarfile.open(self.path)  # noqa: SIM115  (kept open between frames)
+            weakref.finalize(self, self._archive.close)
         file = self._archive.extractfile(self._members[path])
         assert file is not None, "only regular files are listed"
         return file

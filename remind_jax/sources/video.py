@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Generator, Iterator
 from typing import IO
@@ -62,14 +63,20 @@ class VideoReader:
                 index += 1
         self._report_missing_end(index, report)
 
-    def _open(self) -> av.container.InputContainer:
-        try:
-            return av.open(self._open_file(), mode="r")
-        except (FFmpegError, OSError, ValueError) as error:
-            raise SourceError(
-                f"'{self._file}' cannot be opened as a video ({_say(error)}): it is damaged, cut "
-                "off, or not a video"
-            ) from error
+    @contextlib.contextmanager
+    def _open(self) -> Iterator[av.container.InputContainer]:
+        with contextlib.ExitStack() as stack:
+            try:
+                file = self._open_file()
+                if not isinstance(file, str):  # PyAV leaves open what it did not open
+                    stack.enter_context(file)
+                container = stack.enter_context(av.open(file, mode="r"))
+            except (FFmpegError, OSError, ValueError) as error:
+                raise SourceError(
+                    f"'{self._file}' cannot be opened as a video ({_say(error)}): it is damaged, "
+                    "cut off, or not a video"
+                ) from error
+            yield container
 
     def _require_a_frame(self) -> None:
         reports: list[SkippedFrame] = []

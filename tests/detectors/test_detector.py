@@ -177,7 +177,7 @@ def test_importing_detectors_loads_no_runtime():
 
 real_model = pytest.mark.skipif(
     not (HAS_ONNXRUNTIME and (REAL / "yolov8n-seg-int8.onnx").is_file()),
-    reason="needs onnxruntime and the test network (folder in REMIND_REAL_DATA)",
+    reason="needs the test network (folder in REMIND_REAL_DATA) and onnxruntime",
 )
 
 
@@ -232,7 +232,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> float:
 def test_the_real_network_agrees_with_a_plain_decode(frame, labels):
     bgr = cv2.imread(str(REAL / frame))
     if bgr is None:
-        pytest.skip(f"{REAL / frame} is not here")
+        pytest.skip(f"needs the test network and {REAL / frame}")
     image = np.ascontiguousarray(bgr[..., ::-1])
     detector = OnnxDetector(REAL / "yolov8n-seg-int8.onnx")
     found = detector(image)

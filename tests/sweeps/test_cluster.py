@@ -18,6 +18,9 @@ from remind_jax.sweeps import draw, sweep
 from remind_jax.sweeps.scene_arrays import load_scene
 from tests.sweeps.tiny_sweep import CONFIG, SCENES, SETTINGS, SPACE
 
+# Ray starts its processes by forking, long after JAX has threads; they run something else at once.
+pytestmark = pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")
+
 EYES = get_backbone("patch-statistics")
 
 
