@@ -30,10 +30,12 @@ import numpy as np
 
 from remind_jax.metrics.clear import clear_scores, count_clear
 from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
+from remind_jax.metrics.formats.text import FileFormat, fit_texts, read_text_rows
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
+from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.scene_evaluation import evaluate
-from remind_jax.metrics.text_sequences import load_mot_sequence, load_mots_sequence
+from remind_jax.metrics.sequence import TrackingSequence
 
 GOLDEN = Path(__file__).resolve().parents[1] / "tests" / "golden" / "metrics"
 NUM_FRAMES, NUM_OBJECTS = 1000, 40
@@ -72,7 +74,7 @@ class Agreement:
 
 def compare_stored() -> list[Agreement]:
     """All stored cases, kind by kind."""
-    found = [_compare_text("boxes", load_mot_sequence), _compare_text("masks", load_mots_sequence)]
+    found = [_compare_text("boxes", "mot"), _compare_text("masks", "mots")]
     found.append(_compare_pooled())
     for kind in ("tao", "burst"):
         folders = sorted((GOLDEN / "federated").glob(f"{kind}_*"))
@@ -90,7 +92,16 @@ def differences(ours: dict[str, Any], theirs: dict[str, Any]) -> list[Difference
     return found
 
 
-def _compare_text(kind: str, load: Callable[..., Any]) -> Agreement:
+def load_texts(
+    gt_path: Path, pred_path: Path, format: FileFormat, num_frames: int | None = None
+) -> TrackingSequence:
+    """Two text files as a sequence, read as TrackEval reads them."""
+    truth = read_text_rows(gt_path, "truth", format, is_truth=True)
+    prediction = read_text_rows(pred_path, "prediction", format, is_truth=False)
+    return pair_scene(*fit_texts(truth, prediction, num_frames=num_frames)).sequence
+
+
+def _compare_text(kind: str, format: FileFormat) -> Agreement:
     found: list[Difference] = []
     folders = sorted((GOLDEN / kind).iterdir())
     for folder in folders:
@@ -98,7 +109,7 @@ def _compare_text(kind: str, load: Callable[..., Any]) -> Agreement:
         expected = json.loads((folder / "expected.json").read_text())
         ties = expected["order_sensitive_fields"]
         theirs = {k: v for m in SCORES for k, v in expected[m].items() if k not in ties}
-        sequence = load(folder / "gt.txt", folder / "pred.txt", num_frames=frames)
+        sequence = load_texts(folder / "gt.txt", folder / "pred.txt", format, frames)
         found += differences(evaluate_sequence(sequence).fields(), theirs)
     return Agreement(kind, len(folders), found)
 
@@ -109,7 +120,7 @@ def _compare_pooled() -> Agreement:
     for name in expected["sequences"]:
         folder = GOLDEN / "masks" / name
         frames = json.loads((folder / "case.json").read_text())["frames"]
-        sequence = load_mots_sequence(folder / "gt.txt", folder / "pred.txt", num_frames=frames)
+        sequence = load_texts(folder / "gt.txt", folder / "pred.txt", "mots", frames)
         parts.append(evaluate_sequence(sequence))
     theirs = {k: v for metric in SCORES for k, v in expected[metric].items()}
     return Agreement("masks, pooled", 1, differences(pool_evaluations(parts).fields(), theirs))
@@ -204,7 +215,7 @@ def time_ms(run: Callable[[], Any]) -> float:
 
 def score_files(gt_path: Path, pred_path: Path) -> list[dict[str, Any]]:
     """What the peer computes, no more: `evaluate_files` adds recovery to this."""
-    sequence = load_mot_sequence(gt_path, pred_path)
+    sequence = load_texts(gt_path, pred_path, "mot")
     return [SCORES[name](count(sequence)) for name, count in METRICS.items()]
 
 
@@ -212,7 +223,7 @@ def measure_ours(folder: Path) -> dict[str, float]:
     """Milliseconds of each row; metrics start from data without anything derived from it."""
     paths = folder / "gt.txt", folder / "pred.txt"
     rows = {FILES: time_ms(lambda: score_files(*paths))}
-    sequence = load_mot_sequence(*paths)
+    sequence = load_texts(*paths, "mot")
     fresh = dataclasses.replace(sequence)
     rows[ALL_METRICS] = time_ms(lambda: [count(fresh) for count in METRICS.values()])
     for name, count in METRICS.items():
@@ -249,7 +260,7 @@ def measure(peer_python: str, repeats: int) -> list[dict[str, Any]]:
         answer = peer.evaluate()
         found = compare_stored()
         if answer is not None:
-            sequence = load_mot_sequence(folder / "gt.txt", folder / "pred.txt")
+            sequence = load_texts(folder / "gt.txt", folder / "pred.txt", "mot")
             live = differences(evaluate_sequence(sequence).scores(), answer["scores"])
             found.append(Agreement(f"{NUM_FRAMES} frames x {NUM_OBJECTS} objects, live", 1, live))
         check_agreement(found)

@@ -9,6 +9,7 @@ from remind_jax.metrics.combine import average_classes, bootstrap_intervals, sta
 from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
 from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
 from remind_jax.metrics.recovery import Answers, count_recovery, find_reference
+from remind_jax.metrics.run_evaluation import evaluate_tracks
 from remind_jax.metrics.scene_comparison import compare, table_of
 from remind_jax.metrics.scene_evaluation import (
     SceneOptions,
@@ -17,7 +18,6 @@ from remind_jax.metrics.scene_evaluation import (
     evaluate_files,
 )
 from remind_jax.metrics.sequence import TrackingSequence
-from remind_jax.metrics.tracks_evaluation import evaluate_tracks
 
 __all__ = [
     "Answers",

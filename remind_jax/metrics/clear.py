@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from remind_jax.metrics.combine import add_counts, map_counts, sum_counts
 from remind_jax.metrics.matching import EPSILON, assign_frame, has_rivals
 from remind_jax.metrics.sequence import TrackingSequence
 
@@ -47,27 +48,47 @@ def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) 
       threshold: Least similarity of a match.
     """
     matches = match_clear(sequence, threshold)
-    objects = sequence.gt_index[sequence.pair_gt[matches]]
-    is_switch, is_break, _ = find_breaks(sequence, matches)
+    of_objects, rest = _count_by_object(sequence, matches)
+    counts = add_counts(sum_counts(of_objects), rest)
+    similarity_sum = sequence.pair_similarity[matches].sum()
+    return dataclasses.replace(counts, similarity_sum=np.asarray(similarity_sum))
 
+
+def split_clear(sequence: TrackingSequence) -> tuple[ClearCounts, ClearCounts]:
+    """Counts of each object, and what belongs to none; together those of the sequence."""
+    return _count_by_object(sequence, match_clear(sequence))
+
+
+def _count_by_object(
+    sequence: TrackingSequence, matches: Int[np.ndarray, "M"]
+) -> tuple[ClearCounts, ClearCounts]:
     lengths = sequence.gt_lengths
-    tracked = np.bincount(objects, minlength=len(lengths)) / np.maximum(1, lengths)
-    mostly_tracked = int((tracked > MOSTLY_TRACKED).sum())
-    partly_tracked = int((tracked >= MOSTLY_LOST).sum()) - mostly_tracked
-    is_evaluated = len(sequence.gt_id) > 0 and len(sequence.pred_id) > 0
-    counts = (
-        len(matches),
-        len(sequence.gt_id) - len(matches),
-        len(sequence.pred_id) - len(matches),
-        int(is_switch.sum()),
-        int(is_break.sum()),
-        mostly_tracked,
-        partly_tracked,
-        len(lengths) - mostly_tracked - partly_tracked,
-        sequence.pair_similarity[matches].sum(),
-        sequence.num_frames if is_evaluated else 0,
+    num = len(lengths)
+    owner = sequence.gt_index[sequence.pair_gt[matches]]
+    is_switch, is_break, of_break = _find_breaks(sequence, matches)
+    found = np.bincount(owner, minlength=num)
+    tracked = found / np.maximum(1, lengths)
+    is_mt, is_ml = tracked > MOSTLY_TRACKED, tracked < MOSTLY_LOST
+    nothing = np.zeros(num, np.int64)
+    counts = ClearCounts(
+        true_positives=found,
+        false_negatives=lengths - found,
+        false_positives=nothing,
+        switches=np.bincount(of_break[is_switch], minlength=num),
+        fragments=np.bincount(of_break[is_break], minlength=num),
+        mostly_tracked=is_mt.astype(int),
+        partly_tracked=(~is_mt & ~is_ml).astype(int),
+        mostly_lost=is_ml.astype(int),
+        similarity_sum=np.bincount(owner, sequence.pair_similarity[matches], num),
+        frames=nothing,
     )
-    return ClearCounts(*(np.asarray(count) for count in counts))
+    is_evaluated = len(sequence.gt_id) > 0 and len(sequence.pred_id) > 0
+    rest = dataclasses.replace(
+        map_counts(lambda values: np.zeros((), np.int64), counts),
+        false_positives=np.asarray(len(sequence.pred_id) - len(matches)),
+        frames=np.asarray(sequence.num_frames if is_evaluated else 0),
+    )
+    return counts, rest
 
 
 def match_clear(
@@ -133,7 +154,7 @@ def _find_predecessors(
     return before
 
 
-def find_breaks(
+def _find_breaks(
     sequence: TrackingSequence, matches: Int[np.ndarray, "M"]
 ) -> tuple[Bool[np.ndarray, "M-1"], Bool[np.ndarray, "M-1"], Int[np.ndarray, "M-1"]]:
     """Identity switches (across any gap) and fragmentations, and the object of each.

@@ -1,9 +1,13 @@
-"""The columns of a table of scores: how a number is written, which way is better, what it means."""
+"""What a table of scores is made of: columns, rows and charts.
+
+A column says how a number is written, which way is better and what it means.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 Kind = Literal["percent", "count", "seconds", "ms", "mib", "number"]
@@ -12,15 +16,10 @@ Interval = tuple[float, float]  # lower, upper end
 
 NOTHING = "-"
 
-# Digits after the point.
-_DECIMALS: dict[Kind, int] = {
-    "percent": 2,
-    "count": 0,
-    "seconds": 1,
-    "ms": 1,
-    "mib": 0,
-    "number": 3,
-}
+_DIGITS_AFTER_POINT = {"percent": 2, "count": 0, "seconds": 1, "ms": 1, "mib": 0, "number": 3}
+
+# Scores closer than this are equal: less than any format shows.
+_SAME = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,78 +40,52 @@ class Column:
     def format(self, value: float, extra_digits: int = 0) -> str:
         """A score as it is shown."""
         scale = 100.0 if self.kind == "percent" else 1.0
-        decimals = max(0, _DECIMALS[self.kind] + extra_digits)
+        decimals = max(0, _DIGITS_AFTER_POINT[self.kind] + extra_digits)
         return f"{scale * value:.{decimals}f}"
 
 
+# Name, heading (None: the name), kind, which way is better, meaning.
+# fmt: off
+_KNOWN: tuple[tuple[str, str | None, Kind, Better | None, str], ...] = (
+    ("HOTA", None, "percent", "higher", "Detection and association over 19 overlaps (TrackEval)."),
+    ("DetA", None, "percent", "higher", "Detection accuracy of HOTA."),
+    ("AssA", None, "percent", "higher", "Association accuracy of HOTA."),
+    ("LocA", None, "percent", "higher", "Mean overlap of matches, over HOTA's thresholds."),
+    ("MOTA", None, "percent", "higher", "1 - (misses + false positives + switches) / truth."),
+    ("MOTP", None, "percent", "higher", "Mean overlap of matches at 0.5."),
+    ("IDF1", None, "percent", "higher", "Observations with their one right identity (F1)."),
+    ("IDP", None, "percent", "higher", "Precision of IDF1."),
+    ("IDR", None, "percent", "higher", "Recall of IDF1."),
+    ("IDSW", None, "count", "lower", "Identity switches, across gaps of any length."),
+    ("IDSWRate", "IDSW %", "percent", "lower", "Switches per observation."),
+    ("Frag", None, "count", "lower", "Interruptions of tracks."),
+    ("MT", None, "count", "higher", "Objects tracked in more than 80 % of their frames."),
+    ("PT", None, "count", None, "Objects tracked in 20 to 80 %."),
+    ("ML", None, "count", "lower", "Objects tracked in less than 20 %."),
+    ("Recovery", None, "percent", "higher", "Returns in which the object got its identity back."),
+    ("HardRecovery", "Hard rec.", "percent", "higher", "... in the first frame of the return."),
+    ("Opportunities", "Returns", "count", None, "Returns of objects to view."),
+    ("ClassHOTA", "HOTA cls", "percent", "higher",
+     "HOTA as far as labels judge, mean over classes."),
+    ("ClassAssA", "AssA cls", "percent", "higher", "Association accuracy, likewise."),
+    ("ClassIDF1", "IDF1 cls", "percent", "higher", "IDF1, likewise."),
+    ("IDs", None, "count", None, "Identities given."),
+    ("GT_IDs", "Objects", "count", None, "True objects."),
+    ("FirmShare", "Firm", "percent", None, "Observations with a firm identity."),
+    ("FirmAccuracy", "Firm right", "percent", "higher", "Firm identities that are right."),
+    ("AmbiguousShare", "Ambiguous", "percent", None, "Observations with candidates."),
+    ("CandidateHitRate", "Set hit", "percent", "higher", "Candidate sets that hold the truth."),
+    ("CollapseAccuracy", "Settled right", "percent", "higher", "Candidate sets settled rightly."),
+    ("WeakShare", "Weak", "percent", "lower", "Observations with neither."),
+    ("ms_per_frame", "ms", "ms", "lower", "Mean time of a frame."),
+    ("p95_ms", "p95 ms", "ms", "lower", "95th percentile of the time of a frame."),
+    ("peak_rss_mib", "RSS MiB", "mib", "lower", "Largest resident memory of the process."),
+)
+# fmt: on
+
 COLUMNS: dict[str, Column] = {
-    column.name: column
-    for column in (
-        Column(
-            "HOTA", "percent", "higher", "Detection and association over 19 overlaps (TrackEval)."
-        ),
-        Column("DetA", "percent", "higher", "Detection accuracy of HOTA."),
-        Column("AssA", "percent", "higher", "Association accuracy of HOTA."),
-        Column("LocA", "percent", "higher", "Mean overlap of matches, over HOTA's thresholds."),
-        Column("MOTA", "percent", "higher", "1 - (misses + false positives + switches) / truth."),
-        Column("MOTP", "percent", "higher", "Mean overlap of matches at 0.5."),
-        Column("IDF1", "percent", "higher", "Observations with their one right identity (F1)."),
-        Column("IDP", "percent", "higher", "Precision of IDF1."),
-        Column("IDR", "percent", "higher", "Recall of IDF1."),
-        Column("IDSW", "count", "lower", "Identity switches, across gaps of any length."),
-        Column("IDSWRate", "percent", "lower", "Switches per observation.", "IDSW %"),
-        Column("Frag", "count", "lower", "Interruptions of tracks."),
-        Column("MT", "count", "higher", "Objects tracked in more than 80 % of their frames."),
-        Column("PT", "count", None, "Objects tracked in 20 to 80 %."),
-        Column("ML", "count", "lower", "Objects tracked in less than 20 %."),
-        Column(
-            "Recovery", "percent", "higher", "Returns in which the object got its identity back."
-        ),
-        Column(
-            "HardRecovery",
-            "percent",
-            "higher",
-            "... in the first frame of the return.",
-            "Hard rec.",
-        ),
-        Column("Opportunities", "count", None, "Returns of objects to view.", "Returns"),
-        Column(
-            "ClassHOTA",
-            "percent",
-            "higher",
-            "HOTA as far as labels judge, mean over classes.",
-            "HOTA cls",
-        ),
-        Column("ClassAssA", "percent", "higher", "Association accuracy, likewise.", "AssA cls"),
-        Column("ClassIDF1", "percent", "higher", "IDF1, likewise.", "IDF1 cls"),
-        Column("IDs", "count", None, "Identities given."),
-        Column("GT_IDs", "count", None, "True objects.", "Objects"),
-        Column("FirmShare", "percent", None, "Observations with a firm identity.", "Firm"),
-        Column(
-            "FirmAccuracy", "percent", "higher", "Firm identities that are right.", "Firm right"
-        ),
-        Column("AmbiguousShare", "percent", None, "Observations with candidates.", "Ambiguous"),
-        Column(
-            "CandidateHitRate",
-            "percent",
-            "higher",
-            "Candidate sets that hold the truth.",
-            "Set hit",
-        ),
-        Column(
-            "CollapseAccuracy",
-            "percent",
-            "higher",
-            "Candidate sets settled rightly.",
-            "Settled right",
-        ),
-        Column("WeakShare", "percent", "lower", "Observations with neither.", "Weak"),
-        Column("ms_per_frame", "ms", "lower", "Mean time of a frame.", "ms"),
-        Column("p95_ms", "ms", "lower", "95th percentile of the time of a frame.", "p95 ms"),
-        Column(
-            "peak_rss_mib", "mib", "lower", "Largest resident memory of the process.", "RSS MiB"
-        ),
-    )
+    name: Column(name, kind, better, meaning, heading)
+    for name, heading, kind, better, meaning in _KNOWN
 }
 
 
@@ -129,3 +102,41 @@ def format_cell(column: Column, value: float, interval: Interval | None = None) 
         return column.format(value), ""
     low, high = (column.format(end, -1) for end in interval)
     return column.format(value), f"{low} to {high}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One method, tracker or setting."""
+
+    name: str
+    scores: Mapping[str, float]  # fractions, counts, milliseconds; NaN where undefined
+    intervals: Mapping[str, Interval] = dataclasses.field(default_factory=dict)  # lower, upper end
+    note: str = ""  # what a reader must know: "2 of 12 scenes failed"
+
+    def score(self, column: Column) -> float:
+        """The score of a column, NaN without one."""
+        return self.scores.get(column.name, math.nan)
+
+    def format(self, column: Column) -> tuple[str, str]:
+        """The score of a column and its interval as they are shown; empty without an interval."""
+        return format_cell(column, self.score(column), self.intervals.get(column.name))
+
+
+@dataclasses.dataclass(frozen=True)
+class Chart:
+    """A score by bins, one line per method (breakdowns); drawn on the page only."""
+
+    title: str
+    bins: Sequence[str]
+    series: Mapping[str, Sequence[float]]  # method: a score per bin; NaN where undefined
+    supports: Sequence[int] = ()  # observations per bin
+    column: str | Column = "IDF1"  # how the scores are written
+
+
+def is_best(rows: Sequence[Row], row: Row, column: Column) -> bool:
+    """Whether no other row of the column is better; False where there is nothing to compare."""
+    values = [r.score(column) for r in rows if not math.isnan(r.score(column))]
+    if column.better is None or math.isnan(row.score(column)) or len(values) < 2:
+        return False
+    best = max(values) if column.better == "higher" else min(values)
+    return abs(row.score(column) - best) <= _SAME

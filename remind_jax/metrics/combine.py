@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
+from jaxtyping import Float
 
 from remind_jax.errors import RemindError
 
@@ -25,6 +26,15 @@ SUMMED_FIELDS = frozenset(
 )
 
 
+def map_counts(change: Callable[..., Any], *counts: Counts) -> Counts:
+    """Counts whose fields are made from the same fields of the given ones."""
+    changed = {
+        field.name: change(*(getattr(unit, field.name) for unit in counts))
+        for field in dataclasses.fields(counts[0])
+    }
+    return type(counts[0])(**changed)
+
+
 def stack_counts(counts: Iterable[Counts]) -> Counts:
     """Counts of several units as one, with a leading axis over the units.
 
@@ -34,19 +44,28 @@ def stack_counts(counts: Iterable[Counts]) -> Counts:
     units = list(counts)
     if not units:
         raise RemindError("there is nothing to combine; give the counts of at least one sequence")
-    fields = [field.name for field in dataclasses.fields(units[0])]
-    stacked = {name: np.stack([getattr(unit, name) for unit in units]) for name in fields}
-    return type(units[0])(**stacked)
+    return map_counts(lambda *values: np.stack(values), *units)
 
 
 def sum_counts(counts: Counts) -> Counts:
     """Adds the units of a leading axis."""
-    return _map_fields(counts, lambda values: np.asarray(values).sum(axis=0))
+    return map_counts(lambda values: np.asarray(values).sum(axis=0), counts)
+
+
+def add_counts(counts: Counts, more: Counts) -> Counts:
+    """Adds counts field by field."""
+    return map_counts(np.add, counts, more)
 
 
 def pool_counts(counts: Iterable[Counts]) -> Counts:
     """Adds the counts of several sequences."""
     return sum_counts(stack_counts(counts))
+
+
+def ratio(part: Any, whole: Any) -> Float[np.ndarray, "*batch"]:
+    """Part of a whole, NaN where the whole is 0."""
+    whole = np.asarray(whole)
+    return np.where(whole > 0, part / np.where(whole > 0, whole, 1), np.nan)
 
 
 def resample_counts(counts: Counts, num_resamples: int = 1000, seed: int = 0) -> Counts:
@@ -60,7 +79,7 @@ def resample_counts(counts: Counts, num_resamples: int = 1000, seed: int = 0) ->
     num_units = len(np.asarray(getattr(counts, dataclasses.fields(counts)[0].name)))
     rng = np.random.default_rng(seed)
     times_drawn = rng.multinomial(num_units, np.full(num_units, 1 / num_units), num_resamples)
-    return _map_fields(counts, lambda values: np.tensordot(times_drawn, values, axes=1))
+    return map_counts(lambda values: np.tensordot(times_drawn, values, axes=1), counts)
 
 
 def bootstrap_intervals(
@@ -93,7 +112,7 @@ def bootstrap_intervals(
     ends = 50 * (1 - level), 50 * (1 + level)
     drawn = resample_counts(counts, num_resamples, seed)
     if remainder is not None:
-        drawn = _add_counts(drawn, remainder)
+        drawn = add_counts(drawn, remainder)
     intervals = {}
     for name, values in score(drawn).items():
         values = np.asarray(values, float).reshape(num_resamples, -1).mean(axis=1)
@@ -116,18 +135,3 @@ def average_classes(scores: Sequence[Scores]) -> dict[str, Any]:
         else np.mean([s[name] for s in scores], axis=0)
         for name in scores[0]
     }
-
-
-def _add_counts(counts: Counts, more: Counts) -> Counts:
-    added = {
-        field.name: getattr(counts, field.name) + getattr(more, field.name)
-        for field in dataclasses.fields(counts)
-    }
-    return type(counts)(**added)
-
-
-def _map_fields(counts: Counts, change: Callable[[Any], Any]) -> Counts:
-    changed = {
-        field.name: change(getattr(counts, field.name)) for field in dataclasses.fields(counts)
-    }
-    return type(counts)(**changed)

@@ -13,12 +13,13 @@ import csv
 import dataclasses
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from remind_jax.errors import OutputError
-from remind_jax.metrics.columns import Column, Interval, column_of, format_cell
+from remind_jax.metrics.columns import Chart, Column, Row, column_of, is_best
+from remind_jax.metrics.comparison_page import render_page
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.terminal import (
     lay_out,
@@ -32,42 +33,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-# Scores closer than this are equal: less than any format shows.
-_SAME = 1e-9
-
 _LATEX_ESCAPES = {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
     **{char: "\\" + char for char in "&%$#_{}"},
 }
-
-
-@dataclasses.dataclass(frozen=True)
-class Row:
-    """One method, tracker or setting."""
-
-    name: str
-    scores: Mapping[str, float]  # fractions, counts, milliseconds; NaN where undefined
-    intervals: Mapping[str, Interval] = dataclasses.field(default_factory=dict)  # lower, upper end
-    note: str = ""  # what a reader must know: "2 of 12 scenes failed"
-
-    def format(self, column: Column) -> tuple[str, str]:
-        """The score of a column and its interval as they are shown; empty without an interval."""
-        return format_cell(
-            column, self.scores.get(column.name, math.nan), self.intervals.get(column.name)
-        )
-
-
-@dataclasses.dataclass(frozen=True)
-class Chart:
-    """A score by bins, one line per method (breakdowns); drawn on the page only."""
-
-    title: str
-    bins: Sequence[str]
-    series: Mapping[str, Sequence[float]]  # method: a score per bin; NaN where undefined
-    supports: Sequence[int] = ()  # observations per bin
-    column: str | Column = "IDF1"  # how the scores are written
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -103,8 +74,10 @@ class ComparisonTable(Printable):
 
     def print(self, console: Console | None = None) -> None:
         """Prints the table to a `rich` console, by default that of the process."""
+        from rich.markup import escape
+
         console = console or wide_console(output_width())
-        lines = self._cells()
+        lines = self._cells(escape, "[bold]{}[/bold]", "{}\n[dim]{}[/dim]")
         beside = [list(line) for line in zip(*lines, strict=True)]
         if (
             table_width(natural_widths(lines))
@@ -117,39 +90,11 @@ class ComparisonTable(Printable):
         for sentence in self.legend:
             console.print(sentence, markup=False, highlight=False)
 
-    def _cells(self) -> list[list[str]]:
-        """Cells by row in markup of `rich`, the heads first."""
-        from rich.markup import escape
-
-        lines = [["", *(escape(column.heading) for column in self.resolved_columns)]]
-        lines += [
-            [escape(row.name), *(self._text_cell(row, c) for c in self.resolved_columns)]
-            for row in self.rows
-        ]
-        if self._has_notes:
-            notes = ["note", *(escape(row.note) for row in self.rows)]
-            lines = [[*line, note] for line, note in zip(lines, notes, strict=True)]
-        return lines
-
     def to_markdown(self) -> str:
         """A pipe table, the best of each column bold, and the legend as a list."""
-        head = [
-            "",
-            *(c.heading for c in self.resolved_columns),
-            *(["note"] if self._has_notes else []),
-        ]
-        rule = [
-            "---",
-            *("---:" for _ in self.resolved_columns),
-            *(["---"] if self._has_notes else []),
-        ]
-        lines = [head, rule]
-        for row in self.rows:
-            cells = [self._inline_cell(row, column, "**{}**") for column in self.resolved_columns]
-            lines.append([row.name, *cells, *([row.note] if self._has_notes else [])])
-        table = "\n".join(
-            "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
-        )
+        head, *lines = self._cells(lambda text: text.replace("|", "\\|"), "**{}**", "{} ({})")
+        rule = ["---", *("---:" for _ in self.columns), *(["---"] if self._has_notes else [])]
+        table = "\n".join("| " + " | ".join(line) + " |" for line in (head, rule, *lines))
         parts = [f"**{self.title}**"] if self.title else []
         parts += [table, *(["\n".join(f"* {line}" for line in self.legend)] if self.legend else [])]
         return "\n\n".join(parts) + "\n"
@@ -158,44 +103,34 @@ class ComparisonTable(Printable):
         """Scores at full precision, as they are (fractions); `X_low`, `X_high` for intervals."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        has_interval = {
-            c.name: any(c.name in row.intervals for row in self.rows) for c in self.resolved_columns
-        }
+        columns = self.resolved_columns
+        has_interval = {c.name: any(c.name in row.intervals for row in self.rows) for c in columns}
         head = ["name"]
-        for column in self.resolved_columns:
-            ends = (
-                [f"{column.name}_low", f"{column.name}_high"] if has_interval[column.name] else []
-            )
-            head += [column.name, *ends]
+        for column in columns:
+            ends = ("_low", "_high") if has_interval[column.name] else ()
+            head += [column.name, *(column.name + end for end in ends)]
         writer.writerow([*head, "note"])
         for row in self.rows:
             cells = [row.name]
-            for column in self.resolved_columns:
-                cells.append(_exact(row.scores.get(column.name, math.nan)))
+            for column in columns:
+                cells.append(_exact(row.score(column)))
                 if has_interval[column.name]:
-                    low, high = row.intervals.get(column.name, (math.nan, math.nan))
-                    cells += [_exact(low), _exact(high)]
+                    cells += map(_exact, row.intervals.get(column.name, (math.nan, math.nan)))
             writer.writerow([*cells, row.note])
         return out.getvalue()
 
     def to_latex(self) -> str:
         """A `table` environment for the `booktabs` package; the legend becomes the caption."""
-        notes = self._has_notes
-        head = [
-            "",
-            *(_latex(c.heading) for c in self.resolved_columns),
-            *(["note"] if notes else []),
-        ]
-        lines = []
-        for row in self.rows:
-            cells = [self._latex_cell(row, column) for column in self.resolved_columns]
-            lines.append([_latex(row.name), *cells, *([_latex(row.note)] if notes else [])])
+        interval = r"{} {{\scriptsize ({})}}"
+        head, *lines = (
+            "    " + " & ".join(line) + r" \\"
+            for line in self._cells(_latex, r"\textbf{{{}}}", interval)
+        )
         caption = " ".join(
             sentence if sentence.endswith((".", "!", "?")) else sentence + "."
             for sentence in ([self.title] if self.title else []) + list(self.legend)
         )
-        body = "\n".join("    " + " & ".join(line) + r" \\" for line in lines)
-        columns = "l" + "r" * len(self.resolved_columns) + ("l" if notes else "")
+        columns = "l" + "r" * len(self.columns) + ("l" if self._has_notes else "")
         return "\n".join(
             [
                 r"\begin{table}",
@@ -203,9 +138,9 @@ class ComparisonTable(Printable):
                 *([rf"  \caption{{{_latex(caption)}}}"] if caption else []),
                 rf"  \begin{{tabular}}{{{columns}}}",
                 r"    \toprule",
-                "    " + " & ".join(head) + r" \\",
+                head,
                 r"    \midrule",
-                *([body] if body else []),
+                *lines,
                 r"    \bottomrule",
                 r"  \end{tabular}",
                 r"\end{table}",
@@ -222,9 +157,9 @@ class ComparisonTable(Printable):
         Raises:
           OutputError: If matplotlib is not installed or the file cannot be written.
         """
-        from remind_jax.metrics.comparison_page import render_page
-
-        page = render_page(self)
+        page = render_page(
+            self.title, self.resolved_columns, self.rows, legend=self.legend, charts=self.charts
+        )
         if path is not None:
             _write(Path(path), page)
         return page
@@ -250,16 +185,6 @@ class ComparisonTable(Printable):
             )
         _write(path, render())
 
-    def is_best(self, row: Row, column: Column) -> bool:
-        """Whether no other row of the column is better; False where there is nothing to compare."""
-        value = row.scores.get(column.name, math.nan)
-        values = [r.scores.get(column.name, math.nan) for r in self.rows]
-        values = [v for v in values if not math.isnan(v)]
-        if column.better is None or math.isnan(value) or len(values) < 2:
-            return False
-        best = max(values) if column.better == "higher" else min(values)
-        return abs(value - best) <= _SAME
-
     @property
     def resolved_columns(self) -> tuple[Column, ...]:
         """The columns, names looked up."""
@@ -269,20 +194,27 @@ class ComparisonTable(Printable):
     def _has_notes(self) -> bool:
         return any(row.note for row in self.rows)
 
-    def _text_cell(self, row: Row, column: Column) -> str:
-        score, interval = row.format(column)
-        shown = f"[bold]{score}[/bold]" if self.is_best(row, column) else score
-        return f"{shown}\n[dim]{interval}[/dim]" if interval else shown
+    def _cells(self, escape: Callable[[str], str], best: str, interval: str) -> list[list[str]]:
+        """Cells by row, the heads first.
 
-    def _inline_cell(self, row: Row, column: Column, emphasis: str) -> str:
-        score, interval = row.format(column)
-        shown = emphasis.format(score) if self.is_best(row, column) else score
-        return f"{shown} ({interval})" if interval else shown
+        Args:
+          escape: What makes names and notes plain text in the format.
+          best: Around the best score of a column.
+          interval: Around a score and its interval.
+        """
+        columns = self.resolved_columns
 
-    def _latex_cell(self, row: Row, column: Column) -> str:
-        score, interval = row.format(column)
-        shown = rf"\textbf{{{score}}}" if self.is_best(row, column) else score
-        return rf"{shown} {{\scriptsize ({interval})}}" if interval else shown
+        def show(row: Row, column: Column) -> str:
+            score, ends = row.format(column)
+            score = best.format(score) if is_best(self.rows, row, column) else score
+            return interval.format(score, ends) if ends else score
+
+        lines = [["", *(escape(column.heading) for column in columns)]]
+        lines += [[escape(row.name), *(show(row, c) for c in columns)] for row in self.rows]
+        if not self._has_notes:
+            return lines
+        notes = ["note", *(escape(row.note) for row in self.rows)]
+        return [[*line, note] for line, note in zip(lines, notes, strict=True)]
 
 
 def _exact(value: float) -> str:

@@ -6,28 +6,19 @@ import contextlib
 import html
 import io
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import Any
 
 from remind_jax.errors import OutputError
-from remind_jax.metrics.columns import Column, column_of
+from remind_jax.metrics.columns import Chart, Column, Row, column_of, is_best
 from remind_jax.outputs.palette import identity_colour, to_hex
 
-if TYPE_CHECKING:
-    from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
-
 # Scores of which a plot tells more than the table does.
-_PLOTTED = (
-    "ClassHOTA",
-    "ClassAssA",
-    "ClassIDF1",
-    "HOTA",
-    "DetA",
-    "AssA",
-    "IDF1",
-    "Recovery",
-    "HardRecovery",
-    "MOTA",
-    "IDSW",
+_PLOTTED = frozenset(
+    (
+        *("ClassHOTA", "ClassAssA", "ClassIDF1"),
+        *("HOTA", "DetA", "AssA", "IDF1", "Recovery", "HardRecovery", "MOTA", "IDSW"),
+    )
 )
 
 _STYLE = """
@@ -53,27 +44,37 @@ dt { font-weight: 600; } dd { margin: 0; }
 """
 
 
-def render_page(table: ComparisonTable) -> str:
+def render_page(
+    title: str,
+    columns: Sequence[Column],
+    rows: Sequence[Row],
+    *,
+    legend: Sequence[str] = (),
+    charts: Sequence[Chart] = (),
+) -> str:
     """The whole page as text; it loads nothing.
 
     Raises:
       OutputError: If matplotlib is not installed.
     """
-    title = html.escape(table.title or "Comparison")
+    title = html.escape(title or "Comparison")
     meanings = "".join(
         f"<dt>{html.escape(column.heading)}</dt><dd>{html.escape(column.meaning)}</dd>"
-        for column in table.resolved_columns
+        for column in columns
         if column.meaning
     )
-    legend = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in table.legend)
-    plots = "".join(_draw_scores(table, column) for column in _plotted_columns(table))
-    charts = "".join(_draw_chart(table, chart) for chart in table.charts)
+    sentences = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in legend)
+    plotted = [
+        c for c in columns if c.name in _PLOTTED and not all(math.isnan(r.score(c)) for r in rows)
+    ]
+    plots = "".join(_draw_scores(rows, column) for column in plotted)
+    drawn = "".join(_draw_chart([row.name for row in rows], chart) for chart in charts)
     parts = [
         f"<h1>{title}</h1>",
-        f'<div class="scroll">{_render_table(table)}</div>',
-        f"<ul>{legend}</ul>" if legend else "",
+        f'<div class="scroll">{_render_table(columns, rows)}</div>',
+        f"<ul>{sentences}</ul>" if legend else "",
         f'<h2>Scores</h2><div class="plots">{plots}</div>' if plots else "",
-        f'<h2>Breakdowns</h2><div class="plots">{charts}</div>' if charts else "",
+        f'<h2>Breakdowns</h2><div class="plots">{drawn}</div>' if charts else "",
         f"<h2>Columns</h2><dl>{meanings}</dl>" if meanings else "",
     ]
     return (
@@ -85,51 +86,43 @@ def render_page(table: ComparisonTable) -> str:
     )
 
 
-def _render_table(table: ComparisonTable) -> str:
-    has_notes = any(row.note for row in table.rows)
+def _render_table(columns: Sequence[Column], rows: Sequence[Row]) -> str:
+    has_notes = any(row.note for row in rows)
     head = "".join(
         f'<th title="{html.escape(column.meaning)}">{html.escape(column.heading)}</th>'
-        for column in table.resolved_columns
+        for column in columns
     )
-    body = "".join(
-        _render_row(table, place, row, has_notes) for place, row in enumerate(table.rows)
-    )
+    lines = []
+    for place, row in enumerate(rows):
+        cells = []
+        for column in columns:
+            score, interval = row.format(column)
+            mark = ' class="best"' if is_best(rows, row, column) else ""
+            small = f"<small>{interval}</small>" if interval else ""
+            cells.append(f"<td{mark}>{score}{small}</td>")
+        note = f'<td class="note">{html.escape(row.note)}</td>' if has_notes else ""
+        swatch = f'<span class="swatch" style="background:{_color(place)}"></span>'
+        lines.append(f"<tr><td>{swatch}{html.escape(row.name)}</td>{''.join(cells)}{note}</tr>\n")
     note = '<th class="note">note</th>' if has_notes else ""
-    return f"<table><thead><tr><th></th>{head}{note}</tr></thead>\n<tbody>\n{body}</tbody></table>"
+    return (
+        f"<table><thead><tr><th></th>{head}{note}</tr></thead>\n<tbody>\n{''.join(lines)}"
+        "</tbody></table>"
+    )
 
 
-def _render_row(table: ComparisonTable, place: int, row: Row, has_notes: bool) -> str:
-    cells = []
-    for column in table.resolved_columns:
-        score, interval = row.format(column)
-        mark = ' class="best"' if table.is_best(row, column) else ""
-        small = f"<small>{interval}</small>" if interval else ""
-        cells.append(f"<td{mark}>{score}{small}</td>")
-    note = f'<td class="note">{html.escape(row.note)}</td>' if has_notes else ""
-    swatch = f'<span class="swatch" style="background:{_colour(place)}"></span>'
-    return f"<tr><td>{swatch}{html.escape(row.name)}</td>{''.join(cells)}{note}</tr>\n"
-
-
-def _plotted_columns(table: ComparisonTable) -> list[Column]:
-    def has_values(column: Column) -> bool:
-        return any(not math.isnan(row.scores.get(column.name, math.nan)) for row in table.rows)
-
-    return [c for c in table.resolved_columns if c.name in _PLOTTED and has_values(c)]
-
-
-def _draw_scores(table: ComparisonTable, column: Column) -> str:
+def _draw_scores(rows: Sequence[Row], column: Column) -> str:
     """One score of all rows: a dot each, with its interval."""
     scale = 100.0 if column.kind == "percent" else 1.0
-    with _figure(4.6, 0.9 + 0.34 * len(table.rows)) as (axes, finish):
-        for place, row in enumerate(table.rows):
-            value = scale * row.scores.get(column.name, math.nan)
+    with _figure(4.6, 0.9 + 0.34 * len(rows)) as (axes, finish):
+        for place, row in enumerate(rows):
+            value = scale * row.score(column)
             low, high = row.intervals.get(column.name, (math.nan, math.nan))
             if not math.isnan(low):
                 ends = [scale * low, scale * high]
-                axes.plot(ends, [place] * 2, color=_colour(place), lw=2, clip_on=False, zorder=3)
-            axes.plot(value, place, "o", color=_colour(place), ms=7, clip_on=False, zorder=3)
-        axes.set_yticks(range(len(table.rows)), [_plain(row.name) for row in table.rows])
-        axes.set_ylim(len(table.rows) - 0.5, -0.5)
+                axes.plot(ends, [place] * 2, color=_color(place), lw=2, clip_on=False, zorder=3)
+            axes.plot(value, place, "o", color=_color(place), ms=7, clip_on=False, zorder=3)
+        axes.set_yticks(range(len(rows)), [_plain(row.name) for row in rows])
+        axes.set_ylim(len(rows) - 0.5, -0.5)
         axes.set_title(column.heading + (" (%)" if column.kind == "percent" else ""), loc="left")
         if axes.get_xlim()[0] >= -5:
             axes.set_xlim(0, 102 if column.kind == "percent" else None)
@@ -138,14 +131,11 @@ def _draw_scores(table: ComparisonTable, column: Column) -> str:
         return finish(f"{column.heading} of every row")
 
 
-def _draw_chart(table: ComparisonTable, chart: Chart) -> str:
+def _draw_chart(order: Sequence[str], chart: Chart) -> str:
     """A score by bins: one line per row, supports under the bins; bins without any are left out."""
     column = column_of(chart.column)
     scale = 100.0 if column.kind == "percent" else 1.0
-    order = [row.name for row in table.rows]
-    seen = [
-        place for place, _ in enumerate(chart.bins) if not chart.supports or chart.supports[place]
-    ]
+    seen = [at for at, _ in enumerate(chart.bins) if not chart.supports or chart.supports[at]]
     with _figure(5.6, 3.4) as (axes, finish):
         for name, values in chart.series.items():
             place = order.index(name) if name in order else len(order)
@@ -153,7 +143,7 @@ def _draw_chart(table: ComparisonTable, chart: Chart) -> str:
                 range(len(seen)),
                 [scale * values[at] for at in seen],
                 "o-",
-                color=_colour(place),
+                color=_color(place),
                 label=_plain(name),
                 clip_on=False,
                 zorder=3,
@@ -213,5 +203,5 @@ def _plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def _colour(place: int) -> str:
+def _color(place: int) -> str:
     return to_hex(identity_colour(place))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from jaxtyping import Int
 
 from remind_jax.metrics.breakdowns import Breakdown, pool_breakdowns
 from remind_jax.metrics.clear import ClearCounts, clear_scores, count_clear
-from remind_jax.metrics.combine import pool_counts, sum_counts
+from remind_jax.metrics.combine import map_counts, pool_counts, sum_counts
 from remind_jax.metrics.hota import HotaCounts, count_hota, hota_scores
 from remind_jax.metrics.identity import IdentityCounts, count_identity, identity_scores
 from remind_jax.metrics.intervals import Intervals, UnitCounts, split_by_object, split_by_scene
@@ -207,8 +207,8 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
         hota=pool_counts(e.hota for e in evaluations),
         clear=pool_counts(e.clear for e in evaluations),
         identity=pool_counts(e.identity for e in evaluations),
-        recovery=_chain_objects([e.recovery for e in evaluations]),
-        majority_recovery=_chain_objects([e.majority_recovery for e in evaluations]),
+        recovery=_chain_objects(e.recovery for e in evaluations),
+        majority_recovery=_chain_objects(e.majority_recovery for e in evaluations),
         sizes=pool_counts(e.sizes for e in evaluations),
         uncertainty=pool_counts(uncertain) if uncertain else None,
         by_class=by_class,
@@ -240,7 +240,5 @@ def without_nan(scores: Mapping[str, float]) -> dict[str, float | None]:
     return {name: None if math.isnan(value) else value for name, value in scores.items()}
 
 
-def _chain_objects(counts: Sequence[RecoveryCounts]) -> RecoveryCounts:
-    fields = [field.name for field in dataclasses.fields(RecoveryCounts)]
-    chained = {name: np.concatenate([getattr(c, name) for c in counts]) for name in fields}
-    return RecoveryCounts(**chained)
+def _chain_objects(counts: Iterable[RecoveryCounts]) -> RecoveryCounts:
+    return map_counts(lambda *values: np.concatenate(values), *counts)

@@ -7,6 +7,7 @@ evaluation.md#hota. Values equal TrackEval's.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -40,26 +41,61 @@ class HotaCounts:
 
 def count_hota(sequence: TrackingSequence) -> HotaCounts:
     """Matches one sequence at all thresholds and sums what HOTA needs."""
-    object_of, label_of, id_pair = sequence.id_pairs
-    gt_lengths = sequence.gt_lengths[object_of]
-    pred_lengths = sequence.pred_lengths[label_of]
     chosen = match_hota(sequence)
-    similarity, id_pair = sequence.pair_similarity[chosen], id_pair[chosen]
-
+    similarity = sequence.pair_similarity[chosen]
     sums = np.zeros((5, len(ALPHAS)))
-    for index, alpha in enumerate(ALPHAS):
-        is_match = similarity >= alpha - EPSILON
-        matches = np.bincount(id_pair[is_match], minlength=len(object_of))
-        sums[:, index] = (
-            matches.sum(),
-            similarity[is_match].sum(),
-            (matches * (matches / np.maximum(1, gt_lengths + pred_lengths - matches))).sum(),
-            (matches * (matches / np.maximum(1, gt_lengths))).sum(),
-            (matches * (matches / np.maximum(1, pred_lengths))).sum(),
-        )
+    for at, (is_match, matches, shares) in enumerate(_associate(sequence, chosen)):
+        totals = (share.sum() for share in shares)
+        sums[:, at] = matches.sum(), similarity[is_match].sum(), *totals
     return HotaCounts(
         sums[0], len(sequence.gt_id) - sums[0], len(sequence.pred_id) - sums[0], *sums[1:]
     )
+
+
+def split_hota(
+    sequence: TrackingSequence, chosen: Bool[np.ndarray, "K"]
+) -> tuple[HotaCounts, HotaCounts]:
+    """Counts of each object, and what belongs to none; together those of the sequence.
+
+    Args:
+      sequence: Ground truth and predictions.
+      chosen: Of `match_hota`.
+    """
+    num = len(sequence.gt_objects)
+    object_of, _, _ = sequence.id_pairs
+    similarity = sequence.pair_similarity[chosen]
+    owner = sequence.gt_index[sequence.pair_gt[chosen]]
+    claimed = np.bincount(owner, minlength=num)
+    fields = np.zeros((7, num, len(ALPHAS)))
+    for at, (is_match, _, shares) in enumerate(_associate(sequence, chosen)):
+        found = np.bincount(owner[is_match], minlength=num)
+        fields[:, :, at] = (
+            found,
+            sequence.gt_lengths - found,
+            claimed - found,
+            np.bincount(owner[is_match], similarity[is_match], num),
+            *(np.bincount(object_of, share, num) for share in shares),
+        )
+    rest = HotaCounts(*np.zeros((7, len(ALPHAS))))
+    rest.false_positives[:] = len(sequence.pred_id) - claimed.sum()
+    return HotaCounts(*fields), rest
+
+
+def _associate(
+    sequence: TrackingSequence, chosen: Bool[np.ndarray, "K"]
+) -> Iterator[tuple[np.ndarray, np.ndarray, list[np.ndarray]]]:
+    """By threshold: which chosen pairs match; of each pair of ids how often, and its shares.
+
+    Shares are those of association accuracy, recall and precision, times the matches.
+    """
+    object_of, label_of, id_pair = sequence.id_pairs
+    gt_lengths, pred_lengths = sequence.gt_lengths[object_of], sequence.pred_lengths[label_of]
+    similarity, id_pair = sequence.pair_similarity[chosen], id_pair[chosen]
+    for alpha in ALPHAS:
+        is_match = similarity >= alpha - EPSILON
+        matches = np.bincount(id_pair[is_match], minlength=len(object_of))
+        unions = (gt_lengths + pred_lengths - matches, gt_lengths, pred_lengths)
+        yield is_match, matches, [matches * (matches / np.maximum(1, u)) for u in unions]
 
 
 def match_hota(sequence: TrackingSequence) -> Bool[np.ndarray, "K"]:
@@ -69,7 +105,7 @@ def match_hota(sequence: TrackingSequence) -> Bool[np.ndarray, "K"]:
 
 
 def _align_ids(sequence: TrackingSequence) -> Float[np.ndarray, "I"]:
-    """How well each pair of ids fits over the whole sequence, all frames at once (J in 10.1)."""
+    """How well each pair of ids fits over the whole sequence, all frames at once."""
     gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
     gt_total = np.bincount(gt, similarity, len(sequence.gt_id))
     pred_total = np.bincount(pred, similarity, len(sequence.pred_id))

@@ -1,16 +1,14 @@
 """IDF1, HOTA's AssA and recovery inside a JAX program, for sweeps over thousands of settings.
 
-Shapes are fixed: `T` frames, `G` true and `P` predicted slots per frame, `O` objects, `L` labels.
-True objects are numbered `0 ... O - 1`, labels are the tracker's ids `0 ... L - 1`, and -1 marks a
-slot that is empty (padding, or a detection without an id). Ids from `L` on are false positives and
-raise `overflow`. All functions are pure, can be jitted and vmapped; `num_objects` and `num_labels`
-are static.
+Shapes are fixed: `T` frames, `N` slots per frame, `O` objects, `L` labels. True objects are
+numbered `0 ... O - 1`, labels are the tracker's ids `0 ... L - 1`, and -1 marks a slot that is
+empty (padding, or a detection without an id). Ids from `L` on are false positives and raise
+`overflow`. `num_objects` and `num_labels` are static.
 
     score = functools.partial(score_labels, num_objects=O, num_labels=L)
     scores = jax.vmap(score, in_axes=(None, 0))(gt_index, predicted_id)  # [settings, T, N] ids
 
-Values equal those of `evaluation.evaluate_sequence` to single precision, ties included. Overlaps
-within 1e-7 of a threshold may fall on its other side.
+Values equal those of `evaluation.evaluate_sequence` to single precision, ties included.
 """
 
 from __future__ import annotations
@@ -22,14 +20,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.metrics.hota import ALPHAS
-from remind_jax.metrics.identity import IDENTITY_THRESHOLD
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 NONE = -1
-
-# In the one-to-one reference common frames come first, overlap breaks ties.
-_FRAME_WEIGHT = 1000.0
 
 
 class GraphScores(NamedTuple):
@@ -82,96 +75,23 @@ def score_labels(
     label_lengths = jnp.sum(_one_hot(predicted_id, num_labels), axis=(0, 1))
     det_a, ass_a = _score_association(common, lengths, label_lengths, num_pred)
 
-    answer = _scatter_answers(object_hot, firm_id)
-    overlap = (answer != NONE).astype(jnp.float32)
-    counts = _count_recovery(
+    opportunities, recovered, hard = _count_recovery(
         jnp.any(object_hot > 0, axis=1),
-        answer,
-        overlap,
+        jnp.max(jnp.where(object_hot > 0, firm_id[:, :, None], NONE), axis=1),
         _first_class(gt_index, classes, num_objects),
         _first_class(firm_id, classes, num_labels),
     )
-    recovery, hard = _rates(counts)
-    return GraphScores(
-        idf1, idp, idr, jnp.sqrt(det_a * ass_a), det_a, ass_a, recovery, hard, counts[0], overflow
-    )
-
-
-def score_overlaps(
-    gt_index: Int[Array, "T G"],
-    predicted_id: Int[Array, "T P"],
-    similarity: Float[Array, "T G P"],
-    gt_class: Int[Array, "T G"] | None = None,
-    pred_class: Int[Array, "T P"] | None = None,
-    *,
-    num_objects: int,
-    num_labels: int,
-) -> GraphScores:
-    """Scores a tracker on detections of its own, given how much they overlap the true ones.
-
-    Args:
-      gt_index: True objects of each frame, each once, -1 padding.
-      predicted_id: Ids of each frame, each once, -1 without one.
-      similarity: Overlaps in [0, 1]; those of empty slots are not looked at.
-      gt_class: Class of each true slot; answers of another class do not count for recovery.
-      pred_class: Class of each predicted slot.
-      num_objects: Objects.
-      num_labels: Ids that are told apart.
-    """
-    overflow = jnp.any(predicted_id >= num_labels)
-    known = (predicted_id != NONE) & (predicted_id < num_labels)
-    similarity = jnp.where((gt_index != NONE)[:, :, None] & known[:, None], similarity, 0.0)
-    object_hot, label_hot = _one_hot(gt_index, num_objects), _one_hot(predicted_id, num_labels)
-    num_pred = jnp.sum(predicted_id != NONE)
-
-    def sum_pairs(values: Float[Array, "T G P"]) -> Float[Array, "O L"]:
-        return jnp.einsum("tgp,tgo,tpl->ol", values, object_hot, label_hot)
-
-    common = sum_pairs((similarity >= IDENTITY_THRESHOLD).astype(jnp.float32))
-    idf1, idp, idr = _score_identity(common, jnp.sum(object_hot), num_pred)
-
-    lengths, label_lengths = (jnp.sum(hot, axis=(0, 1)) for hot in (object_hot, label_hot))
-    soft_union = jnp.sum(similarity, 1, keepdims=True) + jnp.sum(similarity, 2, keepdims=True)
-    soft_union = soft_union - similarity
-    share = jnp.where(similarity > 0, similarity / jnp.where(soft_union > 0, soft_union, 1.0), 0.0)
-    aligned = sum_pairs(share)
-    aligned = aligned / jnp.maximum(lengths[:, None] + label_lengths - aligned, 1e-9)
-    worth = jnp.einsum("tgo,ol,tpl->tgp", object_hot, aligned, label_hot) * similarity
-    matched = jnp.where(_match_frames(worth), similarity, 0.0)
-
-    def at_threshold(alpha: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        pairs = sum_pairs(((matched >= alpha) & (matched > 0)).astype(jnp.float32))
-        return _score_association(pairs, lengths, label_lengths, num_pred)
-
-    det_a, ass_a = lax.map(at_threshold, jnp.asarray(ALPHAS, jnp.float32))
-
-    has_classes = gt_class is not None and pred_class is not None
-    of_gt = gt_class if has_classes else jnp.zeros_like(gt_index)
-    of_pred = pred_class if has_classes else jnp.zeros_like(predicted_id)
-    assert of_gt is not None
-    assert of_pred is not None
-    admitted = (similarity >= IDENTITY_THRESHOLD) & (of_gt[:, :, None] == of_pred[:, None])
-    pairs = _match_frames(jnp.where(admitted, similarity, 0.0))
-    label = jnp.max(jnp.where(pairs, predicted_id[:, None], NONE), axis=2)
-    overlap = jnp.sum(jnp.where(pairs, similarity, 0.0), axis=2)
-    counts = _count_recovery(
-        jnp.any(object_hot > 0, axis=1),
-        _scatter_answers(object_hot, label),
-        jnp.einsum("tgo,tg->to", object_hot, overlap),
-        _first_class(gt_index, of_gt, num_objects),
-        _first_class(predicted_id, of_pred, num_labels),
-    )
-    recovery, hard = _rates(counts)
+    total = jnp.where(opportunities > 0, opportunities, jnp.nan)
     return GraphScores(
         idf1,
         idp,
         idr,
-        jnp.mean(jnp.sqrt(det_a * ass_a)),
-        jnp.mean(det_a),
-        jnp.mean(ass_a),
-        recovery,
-        hard,
-        counts[0],
+        jnp.sqrt(det_a * ass_a),
+        det_a,
+        ass_a,
+        recovered / total,
+        hard / total,
+        opportunities,
         overflow,
     )
 
@@ -218,26 +138,6 @@ def _score_association(
     return det_a, jnp.sum(pairs * (pairs / union)) / jnp.maximum(1.0, num_matches)
 
 
-def _match_frames(worth: Float[Array, "T G P"]) -> Bool[Array, "T G P"]:
-    """In every frame the one-to-one pairs of largest total worth."""
-
-    def match(frame: Float[Array, "G P"]) -> Bool[Array, "G P"]:
-        rows = len(frame)
-        column = assign_in_graph(
-            frame, frame > 0, jnp.zeros(rows, jnp.int32), jnp.zeros(rows), jnp.asarray(True)
-        )
-        return column[:, None] == jnp.arange(frame.shape[1])
-
-    return lax.map(match, worth)
-
-
-def _scatter_answers(
-    object_hot: Float[Array, "T N O"], label: Int[Array, "T N"]
-) -> Int[Array, "T O"]:
-    """What each object was called in each frame."""
-    return jnp.max(jnp.where(object_hot > 0, label[:, :, None], NONE), axis=1)
-
-
 def _first_class(index: Int[Array, "T N"], classes: Int[Array, "T N"], size: int) -> Array:
     """Class at the first occurrence of each number; -1 where it never occurs."""
     index, classes = index.ravel(), classes.ravel()
@@ -250,13 +150,12 @@ def _first_class(index: Int[Array, "T N"], classes: Int[Array, "T N"], size: int
 def _count_recovery(
     visible: Bool[Array, "T O"],
     answer: Int[Array, "T O"],
-    overlap: Float[Array, "T O"],
     object_class: Int[Array, "O"],
     label_class: Int[Array, "L"],
 ) -> tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]]:
     """Opportunities, recovered and hard recovered returns, by the one-to-one reference."""
     answer = jnp.where(answer < len(label_class), answer, NONE)
-    reference = _find_reference(answer, overlap, object_class, label_class)
+    reference = _find_reference(answer, object_class, label_class)
     is_right = (answer == reference) & (answer != NONE)
 
     def look(carry, frame):
@@ -280,14 +179,12 @@ def _count_recovery(
 
 def _find_reference(
     answer: Int[Array, "T O"],
-    overlap: Float[Array, "T O"],
     object_class: Int[Array, "O"],
     label_class: Int[Array, "L"],
 ) -> Int[Array, "O"]:
     num_objects, num_labels = len(object_class), len(label_class)
     answer_hot = jax.nn.one_hot(answer, num_labels, dtype=jnp.float32)
-    worth = jnp.einsum("tol,to->ol", answer_hot, _FRAME_WEIGHT + overlap)
-    worth = jnp.where(object_class[:, None] == label_class, worth, 0.0)
+    worth = jnp.where(object_class[:, None] == label_class, jnp.sum(answer_hot, axis=0), 0.0)
     takes_part = jnp.any(worth > 0, axis=1)
     # Objects that were never answered compete with nobody: a group of their own.
     apart = jnp.max(object_class, initial=0) + 1 + jnp.arange(num_objects)
@@ -306,11 +203,3 @@ def _find_reference(
 
 def _take(matrix: Float[Array, "O L"], column: Int[Array, "O"]) -> Float[Array, "O"]:
     return jnp.take_along_axis(matrix, jnp.maximum(column, 0)[:, None], axis=1)[:, 0]
-
-
-def _rates(
-    counts: tuple[Int[Array, ""], Int[Array, ""], Int[Array, ""]],
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    opportunities, recovered, hard = counts
-    total = jnp.where(opportunities > 0, opportunities, jnp.nan)
-    return recovered / total, hard / total

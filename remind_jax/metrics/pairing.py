@@ -15,7 +15,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
@@ -75,6 +75,7 @@ def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
         pred_class=pred_class,
         class_names=class_names,
         name=prediction.name,
+        first_frame=min(truth.first_frame, prediction.first_frame),
     )
     if truth.is_void or not len(truth.ignored_frame) or prediction.rles is None:
         return PairedScene(sequence, truth, prediction, notes)
@@ -87,22 +88,21 @@ def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
 
 
 def break_down(
-    paired: PairedScene, sequence: TrackingSequence | None = None
+    sequence: TrackingSequence, truth: TrackRows, area_share: Float[np.ndarray, "N"] | None = None
 ) -> dict[str, Breakdown]:
     """Breakdowns of a scene, as far as its truth allows.
 
     Args:
-      paired: The scene.
-      sequence: With other labels, if they are not those of the scene.
+      sequence: The scene, with any labels.
+      truth: Its truth, rows as in the sequence.
+      area_share: Share of the frame that each row of truth covers; by the truth if left out.
     """
-    truth = paired.truth
-    shares = None
-    if truth.frame_size is not None:
-        shares = truth.areas / max(1, int(np.prod(truth.frame_size)))
+    if area_share is None and truth.frame_size is not None:
+        area_share = truth.areas / max(1, int(np.prod(truth.frame_size)))
     has_classes = bool(truth.class_names) and not (truth.class_id == UNKNOWN_CLASS).any()
     return count_breakdowns(
-        sequence or paired.sequence,
-        area_share=shares,
+        sequence,
+        area_share=area_share,
         gt_class=truth.class_id if has_classes else None,
         class_names=truth.class_names,
     )
@@ -148,7 +148,7 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
     moved = dataclasses.replace(
         prediction.select(known), frame=new_frame[known], num_frames=truth.num_frames
     )
-    moved = _sort_by_frame(moved)
+    moved = moved.select(np.argsort(moved.frame, kind="stable"))
     notes = []
     if not known.all():
         num_left_out = len(np.unique(prediction.frame[~known]))
@@ -173,18 +173,6 @@ def _keep_frames(rows: TrackRows, frames: Int[np.ndarray, "T"]) -> TrackRows:
         frame_names=None,
         ignored_frame=place[rows.ignored_frame[is_kept]],
         ignored_rles=tuple(r for r, k in zip(rows.ignored_rles, is_kept, strict=True) if k),
-    )
-
-
-def _sort_by_frame(rows: TrackRows) -> TrackRows:
-    order = np.argsort(rows.frame, kind="stable")
-    return dataclasses.replace(
-        rows,
-        frame=rows.frame[order],
-        track_id=rows.track_id[order],
-        boxes=rows.boxes[order],
-        class_id=rows.class_id[order],
-        rles=None if rows.rles is None else tuple(rows.rles[row] for row in order),
     )
 
 

@@ -1,35 +1,33 @@
 """The paper's protocol: the original evaluator's definitions, where a published number rests on it.
 
-They are not the standard ones of the same names. `paper_scores` says in which
-ways, for the two paths of the original: one for REMIND, one for every other tracker. Numbers of the
-two do not compare. Rules: evaluation.md#paper-protocol.
+They are not the standard ones of the same names. `paper_scores` says in which ways, for the two
+paths of the original: one for REMIND, one for every other tracker. Numbers of the two do not
+compare. Rules: evaluation.md#paper-protocol.
 
-Letters: `N` detections, `C` candidates, `G` observations (a visible object in a frame).
+Letters: `N` detections, `G` observations (a visible object in a frame).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.metrics.paper_collapse import PROVISIONAL_BASE, Collapse, collapse_published
+from remind_jax.metrics.collapse import PROVISIONAL_BASE, Collapse, collapse_published
+from remind_jax.metrics.decisions import NO_ROW, Decisions, take_or
 from remind_jax.metrics.paper_scores import PaperCounts
 from remind_jax.metrics.recovery import (
     ANY_CLASS,
     NO_LABEL,
     Answers,
-    RecoveryCounts,
     count_recovery,
     find_reference,
 )
 from remind_jax.metrics.sequence import number_ids
-from remind_jax.metrics.uncertainty import FIRM, find_owners
-
-NO_OBJECT = -1
+from remind_jax.metrics.uncertainty import find_owners, holds_truth, is_owned
 
 _MOSTLY_TRACKED, _MOSTLY_LOST = 0.8, 0.2
 
@@ -42,66 +40,61 @@ class Sightings:
     gt_id: Int[np.ndarray, "G"]
     gt_class: Int[np.ndarray, "G"]
     frame: Int[np.ndarray, "N"]  # not falling
-    row: Int[np.ndarray, "N"]  # observation that the detection shows, NO_OBJECT without one
+    row: Int[np.ndarray, "N"]  # observation that the detection shows, NO_ROW without one
     iou: Float[np.ndarray, "N"]
     class_id: Int[np.ndarray, "N"]
-    outcome: Int[np.ndarray, "N"]
-    object_id: Int[np.ndarray, "N"]  # firm id, else NO_ID
-    pending_id: Int[np.ndarray, "N"]
-    candidate_id: Int[np.ndarray, "N C"]
-    candidate_score: Float[np.ndarray, "N C"]
+    decisions: Decisions  # of N detections
 
-    @property
-    def is_firm(self) -> Bool[np.ndarray, "N"]:
-        """Detections with one identity."""
-        return np.isin(self.outcome, FIRM) & (self.object_id != NO_ID)
-
-    @property
+    @cached_property
     def detection(self) -> Int[np.ndarray, "G"]:
-        """The detection that shows each observation, NO_OBJECT without one."""
-        of = np.full(len(self.gt_id), NO_OBJECT)
-        shown = self.row != NO_OBJECT
+        """The detection that shows each observation, NO_ROW without one."""
+        of = np.full(len(self.gt_id), NO_ROW)
+        shown = self.row != NO_ROW
         of[self.row[shown]] = np.flatnonzero(shown)
         return of
+
+    @cached_property
+    def firm_id(self) -> Int[np.ndarray, "N"]:
+        """Firm id of each detection, NO_ID without one."""
+        return np.where(self.decisions.is_firm, self.decisions.object_id, NO_ID)
+
+    @cached_property
+    def firm_label(self) -> Int[np.ndarray, "G"]:
+        """Firm id of each observation, NO_ID without one."""
+        return take_or(self.firm_id, self.detection, NO_ID)
 
 
 def count_remind(sightings: Sightings, collapse: Collapse = "hungarian") -> PaperCounts:
     """Counts a run of REMIND as the original does (evaluation.md#paper-protocol)."""
+    gt_id, detection = sightings.gt_id, sightings.detection
     collapsed = collapse_scene(sightings, collapse)
-    detection = sightings.detection
-    seen = detection != NO_OBJECT
-    label = np.full(len(detection), NO_ID)
-    label[seen] = collapsed[detection[seen]]
+    label = take_or(collapsed, detection, NO_ID)
     answers = _answers(sightings, label, _label_class(sightings, collapsed))
     answer = _unshared_answers(sightings, collapsed)
     is_right = _carries_reference(answers, answer)
-
     is_claimed = collapsed != NO_ID
     claims = np.unique(np.stack([sightings.frame, collapsed])[:, is_claimed], axis=1).shape[1]
-    idtp = int(is_right.sum())
 
-    owners = _owners(sightings)
+    owners = find_owners(sightings.gt_frame, gt_id, sightings.firm_label)
     is_first = _is_first(sightings)
-    correct = np.where(is_first, label >= PROVISIONAL_BASE, _owned(label, owners, sightings.gt_id))
-    firm = _of_detection(sightings, sightings.is_firm, False)
-    outcome = _of_detection(sightings, sightings.outcome, int(Outcome.EMPTY))
-    firm_id = _of_detection(sightings, sightings.object_id, NO_ID)
-    later_match = (outcome == Outcome.MATCH) & ~is_first
-    firm_right = (outcome == Outcome.NEW) & is_first
-    firm_right |= later_match & _owned(firm_id, owners, sightings.gt_id)
-    is_ambiguous = outcome == Outcome.AMBIGUOUS
+    correct = np.where(is_first, label >= PROVISIONAL_BASE, is_owned(label, owners, gt_id))
+    said = sightings.decisions.take(detection)
+    later_match = (said.outcome == Outcome.MATCH) & ~is_first
+    firm_right = (said.outcome == Outcome.NEW) & is_first
+    firm_right |= later_match & is_owned(said.object_id, owners, gt_id)
+    is_ambiguous = said.outcome == Outcome.AMBIGUOUS
+    hits = holds_truth(said.candidate_id[is_ambiguous], owners, gt_id[is_ambiguous])
     return _count(
         sightings,
         answer,
         correct,
-        matched=seen,
-        identity=(idtp, claims - idtp, len(label) - idtp),
-        recovery=_count_returns(sightings),
+        identity_true=is_right.sum(),
+        num_answers=claims,
         uncertainty=(
-            firm.sum(),
+            said.is_firm.sum(),
             firm_right.sum(),
             is_ambiguous.sum(),
-            _count_hits(sightings, detection[is_ambiguous], is_ambiguous, owners),
+            hits.sum(),
             (correct & is_ambiguous).sum(),
         ),
     )
@@ -110,38 +103,25 @@ def count_remind(sightings: Sightings, collapse: Collapse = "hungarian") -> Pape
 def count_generic(sightings: Sightings) -> PaperCounts:
     """Counts any tracker as the original does for its baselines; firm ids only."""
     answers = _firm_answers(sightings)
-    label = answers.label
-    is_right = _carries_reference(answers, label)
-    num_answered = int((label != NO_LABEL).sum())
-    idtp = int(is_right.sum())
-    seen = sightings.detection != NO_OBJECT
+    is_right = _carries_reference(answers, answers.label)
     return _count(
         sightings,
-        label,
+        answers.label,
         is_right,
-        matched=seen,
-        identity=(idtp, num_answered - idtp, len(label) - idtp),
-        recovery=_count_returns(sightings),
+        identity_true=is_right.sum(),
+        num_answers=int((answers.label != NO_LABEL).sum()),
         uncertainty=(0, 0, 0, 0, 0),
     )
 
 
 def collapse_scene(sightings: Sightings, method: Collapse = "hungarian") -> Int[np.ndarray, "N"]:
-    """The id that every detection is scored with, see `paper_collapse`."""
-    collapsed = np.full(len(sightings.frame), NO_ID, np.int64)
-    strength = np.where(sightings.row == NO_OBJECT, -1.0, sightings.iou)
-    for rows in np.split(
-        np.arange(len(sightings.frame)), np.flatnonzero(np.diff(sightings.frame)) + 1
-    ):
-        collapsed[rows] = collapse_published(
-            sightings.outcome[rows],
-            sightings.object_id[rows],
-            sightings.pending_id[rows],
-            sightings.candidate_id[rows],
-            sightings.candidate_score[rows],
-            strength[rows],
-            method,
-        )
+    """The id that every detection is scored with, see `collapse_published`."""
+    frame = sightings.frame
+    collapsed = np.full(len(frame), NO_ID, np.int64)
+    strength = np.where(sightings.row == NO_ROW, -1.0, sightings.iou)
+    for rows in np.split(np.arange(len(frame)), np.flatnonzero(np.diff(frame)) + 1):
+        decisions = sightings.decisions.take(rows)
+        collapsed[rows] = collapse_published(decisions, strength[rows], method)
     return collapsed
 
 
@@ -150,19 +130,22 @@ def _count(
     answer: Int[np.ndarray, "G"],
     correct: Bool[np.ndarray, "G"],
     *,
-    matched: Bool[np.ndarray, "G"],
-    identity: tuple[int, int, int],
-    recovery: RecoveryCounts,
-    uncertainty: tuple[Any, ...],
+    identity_true: int,
+    num_answers: int,
+    uncertainty: tuple[int, ...],
 ) -> PaperCounts:
     objects, index = number_ids(sightings.gt_id)
     share = np.bincount(index, correct, len(objects)) / np.maximum(1, np.bincount(index))
     is_mt, is_ml = share >= _MOSTLY_TRACKED, share <= _MOSTLY_LOST
+    firm = _firm_answers(sightings)
+    recovery = count_recovery(firm, find_reference(firm))
     counts = (
         len(answer),
-        matched.sum(),
+        (sightings.detection != NO_ROW).sum(),
         correct.sum(),
-        *identity,
+        identity_true,
+        num_answers - identity_true,
+        len(answer) - identity_true,
         *_count_changes(index, sightings.gt_frame, answer),
         is_mt.sum(),
         (~is_mt & ~is_ml).sum(),
@@ -199,7 +182,7 @@ def _answers(
     names, number = number_ids(label[said])
     numbered = np.full(len(label), NO_LABEL)
     numbered[said] = number
-    overlap = _of_detection(sightings, sightings.iou, 0.0)
+    overlap = take_or(sightings.iou, sightings.detection, 0.0)
     classes = np.array([label_class.get(int(name), ANY_CLASS) for name in names], np.int64)
     return Answers(
         sightings.gt_frame,
@@ -212,9 +195,7 @@ def _answers(
 
 
 def _firm_answers(sightings: Sightings) -> Answers:
-    firm_id = np.where(sightings.is_firm, sightings.object_id, NO_ID)
-    label = _of_detection(sightings, firm_id, NO_ID)
-    return _answers(sightings, label, _object_class(sightings))
+    return _answers(sightings, sightings.firm_label, _object_class(sightings))
 
 
 def _carries_reference(answers: Answers, answer: Int[np.ndarray, "G"]) -> Bool[np.ndarray, "G"]:
@@ -229,16 +210,11 @@ def _carries_reference(answers: Answers, answer: Int[np.ndarray, "G"]) -> Bool[n
     return (answer != NO_LABEL) & (answers.label == expected) & (answers.label != NO_LABEL)
 
 
-def _count_returns(sightings: Sightings) -> RecoveryCounts:
-    answers = _firm_answers(sightings)
-    return count_recovery(answers, find_reference(answers))
-
-
 def _unshared_answers(
     sightings: Sightings, collapsed: Int[np.ndarray, "N"]
 ) -> Int[np.ndarray, "G"]:
     """The collapsed id of each observation, NO_ID where two objects carry it in that frame."""
-    shown = np.flatnonzero((collapsed != NO_ID) & (sightings.row != NO_OBJECT))
+    shown = np.flatnonzero((collapsed != NO_ID) & (sightings.row != NO_ROW))
     key = np.stack([sightings.frame[shown], collapsed[shown]])
     _, member, count = np.unique(key, axis=1, return_inverse=True, return_counts=True)
     alone = shown[count[member.ravel()] == 1]
@@ -249,30 +225,17 @@ def _unshared_answers(
 
 def _object_class(sightings: Sightings) -> dict[int, int]:
     """Class of each stored object: that of its first firm detection."""
-    firm = np.flatnonzero(sightings.is_firm)[::-1]
-    ids, classes = sightings.object_id[firm].tolist(), sightings.class_id[firm].tolist()
+    firm = np.flatnonzero(sightings.decisions.is_firm)[::-1]
+    ids, classes = sightings.firm_id[firm].tolist(), sightings.class_id[firm].tolist()
     return dict(zip(ids, classes, strict=True))
 
 
 def _label_class(sightings: Sightings, collapsed: Int[np.ndarray, "N"]) -> dict[int, int]:
     """Class of each collapsed id: of the stored object, or for a birth that of its truth."""
     classes = _object_class(sightings)
-    born = np.flatnonzero((collapsed >= PROVISIONAL_BASE) & (sightings.row != NO_OBJECT))[::-1]
+    born = np.flatnonzero((collapsed >= PROVISIONAL_BASE) & (sightings.row != NO_ROW))[::-1]
     of_truth = sightings.gt_class[sightings.row[born]].tolist()
     return classes | dict(zip(collapsed[born].tolist(), of_truth, strict=True))
-
-
-def _owners(sightings: Sightings) -> dict[int, int]:
-    firm_id = np.where(sightings.is_firm, sightings.object_id, NO_ID)
-    label = _of_detection(sightings, firm_id, NO_ID)
-    return find_owners(sightings.gt_frame, sightings.gt_id, label)
-
-
-def _owned(
-    label: Int[np.ndarray, "G"], owners: dict[int, int], gt_id: Int[np.ndarray, "G"]
-) -> Bool[np.ndarray, "G"]:
-    pairs = zip(label.tolist(), gt_id.tolist(), strict=True)
-    return np.array([n in owners and owners[n] == g for n, g in pairs], bool)
 
 
 def _is_first(sightings: Sightings) -> Bool[np.ndarray, "G"]:
@@ -281,25 +244,3 @@ def _is_first(sightings: Sightings) -> Bool[np.ndarray, "G"]:
     first = np.full(index.max(initial=-1) + 1, np.iinfo(np.int64).max)
     np.minimum.at(first, index, sightings.gt_frame)
     return sightings.gt_frame == first[index]
-
-
-def _count_hits(
-    sightings: Sightings,
-    detections: Int[np.ndarray, "A"],
-    is_ambiguous: Bool[np.ndarray, "G"],
-    owners: dict[int, int],
-) -> int:
-    shown, truth = sightings.candidate_id[detections], sightings.gt_id[is_ambiguous]
-    return sum(
-        any(owners.get(number, NO_OBJECT) == g for number in row if number in owners)
-        for row, g in zip(shown.tolist(), truth.tolist(), strict=True)
-    )
-
-
-def _of_detection(sightings: Sightings, values: np.ndarray, otherwise: Any) -> np.ndarray:
-    """A value of the detection that shows each observation."""
-    detection = sightings.detection
-    seen = detection != NO_OBJECT
-    result = np.full(len(detection), otherwise, np.asarray(values).dtype)
-    result[seen] = values[detection[seen]]
-    return result

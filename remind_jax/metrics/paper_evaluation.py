@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.metrics.collapse import Collapse
 from remind_jax.metrics.columns import column_of, format_cell
 from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
 from remind_jax.metrics.comparison import ComparisonTable, Row
+from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import without_nan
-from remind_jax.metrics.formats.opening import RUN_FILE, Format, SceneSet
+from remind_jax.metrics.formats.opening import Format, SceneSet
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows
-from remind_jax.metrics.formats.run_folder import rows_of_tracks
+from remind_jax.metrics.formats.run_folder import number_detections, read_tracks
 from remind_jax.metrics.matching import match_frames
 from remind_jax.metrics.pairing import pair_scene
-from remind_jax.metrics.paper import NO_OBJECT, Sightings, count_generic, count_remind
-from remind_jax.metrics.paper_collapse import Collapse
+from remind_jax.metrics.paper import Sightings, count_generic, count_remind
 from remind_jax.metrics.paper_scores import (
     GENERIC_LEGEND,
     IGNORED_CLASSES,
@@ -33,7 +33,6 @@ from remind_jax.metrics.paper_scores import (
     paper_scores,
 )
 from remind_jax.metrics.scene_stream import SceneStream, open_stream
-from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 
@@ -156,68 +155,30 @@ def paper_table(
     return ComparisonTable(rows, columns, tuple(dict.fromkeys(legend)), title)
 
 
-def sightings_of_run(tracks: Sequence[Tracks], truth: TrackRows) -> tuple[Sightings, list[str]]:
-    """Matches all detections of a run with the truth, by the rule of the paper.
+def _sight(
+    truth: TrackRows, prediction: TrackRows, tracks: Sequence[Tracks] | None
+) -> tuple[Sightings, list[str]]:
+    """Matches detections with the truth, by the rule of the paper.
 
-    Raises:
-      SourceError: If frames or their sizes do not fit.
-    """
-    stops = np.cumsum([len(frame) for frame in tracks])
-    numbers = [np.arange(s - len(frame), s) for frame, s in zip(tracks, stops, strict=True)]
-    rows = _without_ignored(rows_of_tracks(tracks, numbers, truth.name))
-    paired = pair_scene(_without_ignored(truth), rows)
-    sequence = paired.sequence
-    width = max((frame.candidate_id.shape[1] for frame in tracks), default=0)
-
-    def flat(values: list[np.ndarray], otherwise: Any = 0) -> np.ndarray:
-        joined = np.concatenate(values) if values else np.full((0, width), otherwise)
-        return joined[sequence.pred_id]
-
-    def wide(values: np.ndarray, otherwise: Any) -> np.ndarray:
-        missing = width - values.shape[1]
-        return np.pad(values, ((0, 0), (0, missing)), constant_values=otherwise)
-
-    sightings = _sight(
-        sequence,
-        outcome=flat([frame.outcome for frame in tracks]),
-        object_id=flat([np.where(frame.is_firm, frame.object_id, NO_ID) for frame in tracks]),
-        pending_id=flat([frame.pending_id for frame in tracks]),
-        candidate_id=flat([wide(frame.candidate_id, NO_ID) for frame in tracks]),
-        candidate_score=flat([wide(frame.candidate_score, 0.0) for frame in tracks]),
-    )
-    return sightings, list(paired.notes)
-
-
-def sightings_of_rows(prediction: TrackRows, truth: TrackRows) -> tuple[Sightings, list[str]]:
-    """Matches any tracker's output with the truth, by the rule of the paper.
+    Args:
+      truth: Of the scene.
+      prediction: Of any tracker, or the numbered detections of a run.
+      tracks: Of the run.
 
     Raises:
       SourceError: If frames or their sizes do not fit.
     """
     paired = pair_scene(_without_ignored(truth), _without_ignored(prediction))
     sequence = paired.sequence
-    num = len(sequence.pred_id)
-    nothing = np.full(num, NO_ID)
-    sightings = _sight(
-        sequence,
-        outcome=np.full(num, int(Outcome.MATCH)),
-        object_id=sequence.pred_id,
-        pending_id=nothing,
-        candidate_id=nothing[:, None][:, :0],
-        candidate_score=np.zeros((num, 0)),
-    )
-    return sightings, list(paired.notes)
-
-
-def _sight(sequence: TrackingSequence, **answers: np.ndarray) -> Sightings:
     gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
     fits = sequence.gt_class[gt] == sequence.pred_class[pred]
     chosen = match_frames(sequence, np.where(fits, similarity, 0.0))
-    row = np.full(len(sequence.pred_id), NO_OBJECT)
+    row = np.full(len(sequence.pred_id), NO_ROW)
     iou = np.zeros(len(sequence.pred_id))
     row[pred[chosen]] = gt[chosen]
     iou[pred[chosen]] = similarity[chosen]
-    return Sightings(
+    ids = sequence.pred_id
+    sightings = Sightings(
         gt_frame=sequence.gt_frame,
         gt_id=sequence.gt_id,
         gt_class=sequence.gt_class,
@@ -225,8 +186,11 @@ def _sight(sequence: TrackingSequence, **answers: np.ndarray) -> Sightings:
         row=row,
         iou=iou,
         class_id=sequence.pred_class,
-        **answers,
+        decisions=Decisions.of_ids(ids)
+        if tracks is None
+        else Decisions.of_tracks(tracks).take(ids),
     )
+    return sightings, list(paired.notes)
 
 
 def _without_ignored(rows: TrackRows) -> TrackRows:
@@ -241,12 +205,10 @@ def _without_ignored(rows: TrackRows) -> TrackRows:
 def _count_scene(
     stream: SceneStream, scene: str, predicted: str, collapse: Collapse
 ) -> tuple[tuple[PaperCounts, ...], list[str]]:
-    truth = stream.truth.read[scene]()
-    if stream.predictions.format != "run":
-        sightings, notes = sightings_of_rows(stream.predictions.read[predicted](), truth)
+    truth, predictions = stream.truth.read[scene](), stream.predictions
+    if predictions.format != "run":
+        sightings, notes = _sight(truth, predictions.read[predicted](), None)
         return (count_generic(sightings),), notes
-    from remind_jax.outputs.store import read_detections
-
-    _, tracks = read_detections(stream.predictions.files[predicted] / RUN_FILE)
-    sightings, notes = sightings_of_run(tracks, truth)
+    tracks = read_tracks(predictions.files[predicted])
+    sightings, notes = _sight(truth, number_detections(tracks, truth.name), tracks)
     return (count_remind(sightings, collapse), count_generic(sightings)), notes

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from remind_jax.metrics.combine import ratio
+
 # Classes that the original leaves out of truth and predictions.
 IGNORED_CLASSES = ("wall", "floor", "ceiling", "object")
 
@@ -68,18 +70,18 @@ class PaperCounts:
 def paper_scores(counts: PaperCounts) -> dict[str, Any]:
     """The paper's scores under the names of the standard ones; NaN where undefined."""
     idtp, idfp, idfn = counts.idtp, counts.idfp, counts.idfn
-    det_a = _ratio(counts.matched, counts.observations)
-    ass_a = _ratio(counts.right, counts.matched)
+    det_a = ratio(counts.matched, counts.observations)
+    ass_a = ratio(counts.right, counts.matched)
     return {
-        "IDF1": _ratio(2 * idtp, 2 * idtp + idfp + idfn),
-        "IDP": _ratio(idtp, idtp + idfp),
-        "IDR": _ratio(idtp, idtp + idfn),
+        "IDF1": ratio(2 * idtp, 2 * idtp + idfp + idfn),
+        "IDP": ratio(idtp, idtp + idfp),
+        "IDR": ratio(idtp, idtp + idfn),
         "DetA": det_a,
         "AssA": ass_a,
         "HOTA": np.sqrt(det_a * ass_a),
-        "Recovery": _ratio(counts.recovered, counts.opportunities),
-        "HardRecovery": _ratio(counts.hard_recovered, counts.opportunities),
-        "IDSWRate": _ratio(counts.switches, counts.observations),
+        "Recovery": ratio(counts.recovered, counts.opportunities),
+        "HardRecovery": ratio(counts.hard_recovered, counts.opportunities),
+        "IDSWRate": ratio(counts.switches, counts.observations),
         "IDTP": idtp,
         "IDFP": idfp,
         "IDFN": idfn,
@@ -90,17 +92,12 @@ def paper_scores(counts: PaperCounts) -> dict[str, Any]:
         "ML": counts.mostly_lost,
         "GT_Dets": counts.observations,
         "Opportunities": counts.opportunities,
-        "FirmShare": _ratio(counts.firm, counts.observations),
-        "FirmAccuracy": _ratio(counts.firm_right, counts.firm),
-        "AmbiguousShare": _ratio(counts.ambiguous, counts.observations),
-        "CandidateHitRate": _ratio(counts.candidate_hits, counts.ambiguous),
-        "CollapseAccuracy": _ratio(counts.ambiguous_right, counts.ambiguous),
-        "WeakShare": _ratio(
+        "FirmShare": ratio(counts.firm, counts.observations),
+        "FirmAccuracy": ratio(counts.firm_right, counts.firm),
+        "AmbiguousShare": ratio(counts.ambiguous, counts.observations),
+        "CandidateHitRate": ratio(counts.candidate_hits, counts.ambiguous),
+        "CollapseAccuracy": ratio(counts.ambiguous_right, counts.ambiguous),
+        "WeakShare": ratio(
             counts.observations - counts.firm - counts.ambiguous, counts.observations
         ),
     }
-
-
-def _ratio(part: Any, whole: Any) -> Any:
-    whole = np.asarray(whole, float)
-    return np.where(whole > 0, part / np.where(whole > 0, whole, 1.0), np.nan)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
+from remind_jax.metrics.combine import ratio
 from remind_jax.metrics.matching import EPSILON, match_frames
 from remind_jax.metrics.sequence import TrackingSequence, number_ids
 
@@ -130,11 +131,9 @@ def count_recovery(answers: Answers, reference: Int[np.ndarray, "objects"]) -> R
 
 def recovery_scores(counts: RecoveryCounts) -> dict[str, Any]:
     """Recovery rates and what they were counted from; NaN where nothing ever returned."""
-    has_any = counts.opportunities > 0
-    total = np.where(has_any, counts.opportunities, 1)
     return {
-        "Recovery": np.where(has_any, counts.recovered / total, np.nan),
-        "HardRecovery": np.where(has_any, counts.hard_recovered / total, np.nan),
+        "Recovery": ratio(counts.recovered, counts.opportunities),
+        "HardRecovery": ratio(counts.hard_recovered, counts.opportunities),
         "Opportunities": counts.opportunities,
         "Recovered": counts.recovered,
         "HardRecovered": counts.hard_recovered,

@@ -1,58 +1,111 @@
-"""Scores a run of remind against truth that it did not carry itself.
+"""Scores a scene whose truth and predictions are paired, with the decisions of a run if it has any.
 
-All detections are matched with the truth once, undecided ones too; firm and settled identities,
-and how the undecided ones are to be judged, follow from that.
+What becomes of undecided detections of a run (`undecided`):
+
+* `strict`: they carry no id, so their objects count as missed in that frame. The default: it is
+  what a user of the firm ids gets.
+* `collapse`: each frame's soft decisions are settled in one assignment before scoring, as in the
+  paper, but never outside of a candidate set (`collapse.collapse_frame`).
+
+Letters: `D` detections of a run, `N` observations.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
+from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import NO_ID
+from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.frame import NO_INSTANCE
+from remind_jax.metrics.collapse import collapse_frame, keep_unique_labels
+from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
 from remind_jax.metrics.federated import NO_COMMON_CLASS, evaluate_federated, name_categories
 from remind_jax.metrics.formats.rows import TrackRows
-from remind_jax.metrics.formats.run_folder import rows_of_tracks
+from remind_jax.metrics.formats.run_folder import number_detections
 from remind_jax.metrics.matching import EPSILON, match_frames
-from remind_jax.metrics.pairing import break_down, pair_scene
+from remind_jax.metrics.pairing import PairedScene, break_down, pair_scene
 from remind_jax.metrics.sequence import TrackingSequence
-from remind_jax.metrics.tracks_evaluation import Undecided
-from remind_jax.metrics.uncertainty import (
-    FIRM,
-    UncertaintyCounts,
-    collapse_frame,
-    count_uncertainty,
-    keep_unique_labels,
-)
+from remind_jax.metrics.uncertainty import UncertaintyCounts, count_uncertainty
 from remind_jax.tracks import Tracks
+
+Undecided = Literal["strict", "collapse"]
 
 _MATCH_THRESHOLD = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
-class DetectionTable:
-    """All detections of a run in one table.
+class Labels:
+    """Ids of the detections of a run, by one way to deal with undecided ones."""
 
-    Letters: `D` detections, `C` candidates.
-    """
-
-    outcome: Int[np.ndarray, "D"]
-    firm: Int[np.ndarray, "D"]  # id, NO_ID if undecided
-    settled: Int[np.ndarray, "D"]  # id after the collapse of each frame, NO_ID if nothing was left
-    candidate_id: Int[np.ndarray, "D C"]
-    is_first_firm: Bool[np.ndarray, "D"]  # keeps its id where a frame gives one twice
-    is_first_settled: Bool[np.ndarray, "D"]
+    ids: Int[np.ndarray, "D"]  # NO_ID without one
+    is_kept: Bool[np.ndarray, "D"]  # has an id that no better detection of the frame has too
 
     @classmethod
-    def create(cls, tracks: Sequence[Tracks]) -> DetectionTable:
-        """Reads what a run decided."""
-        width = max((frame.candidate_id.shape[1] for frame in tracks), default=0)
-        parts = [_describe(frame, width) for frame in tracks] or [_describe_nothing()]
+    def create(cls, tracks: Sequence[Tracks], undecided: Undecided) -> Labels:
+        """Names the detections of every frame."""
+        parts = [(np.zeros(0, np.int64), np.zeros(0, bool))]
+        for frame in tracks:
+            decisions = Decisions.of_tracks([frame])
+            ids = collapse_frame(decisions) if undecided == "collapse" else decisions.object_id
+            parts.append((ids.astype(np.int64), keep_unique_labels(ids, frame.score)))
         return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    @property
+    def num_repeated(self) -> int:
+        """Ids taken back because a better detection of the frame has them."""
+        return int((self.ids != NO_ID).sum() - self.is_kept.sum())
+
+    def apply(self, sequence: TrackingSequence) -> TrackingSequence:
+        """The sequence of numbered detections with only those that keep an id, under their ids."""
+        everything = np.ones(len(sequence.gt_id), bool)
+        kept = sequence.select(everything, self.is_kept[sequence.pred_id])
+        return dataclasses.replace(kept, pred_id=self.ids[kept.pred_id])
+
+
+def evaluate_tracks(
+    tracks: Iterable[Tracks],
+    *,
+    undecided: Undecided = "strict",
+    by_class: bool = False,
+    by_object: bool = False,
+    name: str = "run",
+) -> Evaluation:
+    """Scores a run whose detections carry their true instance (`Tracks.instance_ids`).
+
+    A detection with a known instance is that object, exactly; a firm id on any other is a false
+    positive. If a frame gives one id to several detections, the best-scored keeps it, the others
+    count as missed, and `RepeatedIDs` says how many.
+
+    Args:
+      tracks: The frames of a run, in order; read once.
+      undecided: See the head of this module.
+      by_class: Also scores every class apart (`Evaluation.by_class`).
+      by_object: Also keeps the counts of every object, for intervals over them.
+      name: Shown in messages and tables.
+
+    Raises:
+      SourceError: If no detection has a true instance, an instance occurs twice in a frame, or
+        frames are not in order.
+      RemindError: If `undecided` is neither of the two.
+    """
+    check_undecided(undecided)
+    frames = list(tracks)
+    paired, area_share = _pair_with_instances(frames, name)
+    return evaluate_pair(
+        paired,
+        frames,
+        undecided=undecided,
+        by_class=by_class,
+        by_object=by_object,
+        area_share=area_share,
+    )[0]
 
 
 def evaluate_run(
@@ -63,12 +116,15 @@ def evaluate_run(
     by_class: bool = False,
     by_object: bool = False,
 ) -> tuple[Evaluation, tuple[str, ...]]:
-    """Scores a run.
+    """Scores a run against truth that it did not carry itself.
+
+    All detections are matched with the truth once, undecided ones too; firm and settled identities,
+    and how the undecided ones are to be judged, follow from that.
 
     Args:
       tracks: Its frames, in order.
       truth: Of the same scene; frames that the run did not process are not evaluated.
-      undecided: What becomes of undecided detections, see `tracks_evaluation`.
+      undecided: See the head of this module.
       by_class: Also score every class apart.
       by_object: Keep the counts of every object, for intervals over them.
 
@@ -78,86 +134,137 @@ def evaluate_run(
     Raises:
       SourceError: If frames or their sizes do not fit.
     """
-    detections = DetectionTable.create(tracks)
-    stops = np.cumsum([len(frame) for frame in tracks])
-    numbers = [
-        np.arange(stop - len(frame), stop) for frame, stop in zip(tracks, stops, strict=True)
-    ]
-    paired = pair_scene(truth, rows_of_tracks(tracks, numbers, truth.name))
-    firm = _relabel(paired.sequence, detections.firm, detections.is_first_firm)
-    settled = _relabel(paired.sequence, detections.settled, detections.is_first_settled)
-    evaluated, ids = (
-        (settled, detections.settled) if undecided == "collapse" else (firm, detections.firm)
+    paired = pair_scene(truth, number_detections(tracks, truth.name))
+    return evaluate_pair(
+        paired, tracks, undecided=undecided, by_class=by_class, by_object=by_object
     )
-    kept = detections.is_first_settled if undecided == "collapse" else detections.is_first_firm
+
+
+def evaluate_pair(
+    paired: PairedScene,
+    tracks: Sequence[Tracks] | None = None,
+    *,
+    undecided: Undecided = "strict",
+    by_class: bool = False,
+    by_object: bool = False,
+    area_share: Float[np.ndarray, "N"] | None = None,
+) -> tuple[Evaluation, tuple[str, ...]]:
+    """Scores a paired scene, and says what was left out.
+
+    Args:
+      paired: Truth and predictions.
+      tracks: Of a run, whose detections `paired` has under their numbers.
+      undecided: See the head of this module.
+      by_class: Also score every class apart.
+      by_object: Keep the counts of every object, for intervals over them.
+      area_share: Share of the frame that each row of truth covers; by the truth if left out.
+    """
+    firm = None if tracks is None else Labels.create(tracks, "strict")
+    chosen = firm if tracks is None or undecided == "strict" else Labels.create(tracks, undecided)
+
+    def relabel(numbered: TrackingSequence) -> tuple[TrackingSequence, TrackingSequence | None]:
+        """Under the chosen labels, and under the firm ones where these are others."""
+        return (
+            numbered if chosen is None else chosen.apply(numbered),
+            None if firm is None or firm is chosen else firm.apply(numbered),
+        )
+
+    truth = paired.truth
+    sequence, firm_sequence = relabel(paired.sequence)
     evaluation = evaluate_sequence(
-        evaluated,
-        firm=firm,
-        uncertainty=_judge(paired.sequence, detections),
-        breakdowns=break_down(paired, evaluated),
+        sequence,
+        firm=firm_sequence,
+        uncertainty=None if tracks is None else _judge(paired.sequence, tracks),
+        breakdowns=break_down(sequence, truth, area_share),
+        num_repeated=0 if chosen is None else chosen.num_repeated,
         by_object=by_object,
-        num_repeated=int((ids != NO_ID).sum() - kept.sum()),
     )
     if by_class:
-        classes = evaluate_classes(evaluated, firm)
+        classes = evaluate_classes(sequence, firm_sequence)
         evaluation = dataclasses.replace(evaluation, by_class=classes)
     if truth.federation is None:
         return evaluation, paired.notes
     named = name_categories(paired)
     if named is None:
         return evaluation, (*paired.notes, NO_COMMON_CLASS)
-    firm = _relabel(named, detections.firm, detections.is_first_firm)
-    settled = _relabel(named, detections.settled, detections.is_first_settled)
-    judged = evaluate_federated(
-        settled if undecided == "collapse" else firm, truth.federation, firm
+    sequence, firm_sequence = relabel(named)
+    federated = evaluate_federated(sequence, truth.federation, firm_sequence)
+    return dataclasses.replace(evaluation, federated=federated), paired.notes
+
+
+def check_undecided(undecided: str) -> None:
+    """Refuses what is no way to deal with undecided detections.
+
+    Raises:
+      RemindError: If it is none.
+    """
+    if undecided not in ("strict", "collapse"):
+        hint = nearest_names(undecided, ("strict", "collapse"))
+        raise RemindError(f"undecided is '{undecided}'; {hint}")
+
+
+def _pair_with_instances(
+    tracks: Sequence[Tracks], name: str
+) -> tuple[PairedScene, Float[np.ndarray, "N"]]:
+    """Numbered detections and the instances that they are, and which share of the frame these are.
+
+    Raises:
+      SourceError: If there are no instances, or frames are not in order.
+    """
+    for before, after in itertools.pairwise(tracks):
+        if after.frame_index <= before.frame_index:
+            raise SourceError(
+                f"{name}: frame {after.frame_index} follows frame {before.frame_index}; give "
+                "frames in order"
+            )
+    class_names = sorted({label for frame in tracks for label in frame.labels}) or ["object"]
+    place = {label: index for index, label in enumerate(class_names)}
+    empty = np.zeros(0, np.int64)
+    columns = [(empty, empty, empty, np.zeros(0), np.zeros((0, 4)))] + [
+        (
+            np.full(len(frame), frame.frame_index),
+            np.asarray(frame.instance_ids, np.int64),
+            np.array([place[label] for label in frame.labels], np.int64),
+            np.asarray(frame.areas) / max(1, int(np.prod(frame.frame_size))),
+            np.asarray(frame.boxes, float),
+        )
+        for frame in tracks
+    ]
+    frame, instance, class_id, share, boxes = (
+        np.concatenate(column) for column in zip(*columns, strict=True)
     )
-    return dataclasses.replace(evaluation, federated=judged), paired.notes
+    is_object = instance != NO_INSTANCE
+    if len(instance) and not is_object.any():
+        raise SourceError(
+            f"{name}: no detection has a true instance id, so there is nothing to compare with; "
+            "give masks with instance ids, or evaluate files against a ground-truth file"
+        )
+    numbers = np.arange(len(instance))
+    num_frames = tracks[-1].frame_index + 1 if tracks else 0
+    detections = TrackRows(
+        name, num_frames, frame, numbers, boxes, class_id, class_names=tuple(class_names)
+    )
+    truth = dataclasses.replace(detections, track_id=instance).select(is_object)
+    sequence = TrackingSequence.create(
+        num_frames,
+        (truth.frame, truth.track_id),
+        (frame, numbers),
+        (np.arange(len(truth)), numbers[is_object], np.ones(len(truth))),
+        gt_class=truth.class_id,
+        pred_class=class_id,
+        class_names=class_names,
+        name=name,
+    )
+    return PairedScene(sequence, truth, detections), share[is_object]
 
 
-def _relabel(
-    sequence: TrackingSequence, label: Int[np.ndarray, "D"], keep: Bool[np.ndarray, "D"]
-) -> TrackingSequence:
-    """The sequence of numbered detections with only those at `keep`, under their labels."""
-    everything = np.ones(len(sequence.gt_id), bool)
-    kept = sequence.select(everything, keep[sequence.pred_id])
-    return dataclasses.replace(kept, pred_id=label[kept.pred_id].astype(np.int64))
-
-
-def _judge(sequence: TrackingSequence, detections: DetectionTable) -> UncertaintyCounts:
+def _judge(sequence: TrackingSequence, tracks: Sequence[Tracks]) -> UncertaintyCounts:
+    """Counts undecided answers by the numbered detection that shows each observation."""
     gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
     fits = similarity >= _MATCH_THRESHOLD - EPSILON
     fits &= sequence.gt_class[gt] == sequence.pred_class[pred]
     chosen = match_frames(sequence, np.where(fits, similarity, 0.0))
-    number = np.full(len(sequence.gt_id), -1)
+    number = np.full(len(sequence.gt_id), NO_ROW)
     number[gt[chosen]] = sequence.pred_id[pred[chosen]]
-    seen = number >= 0
-    width = detections.candidate_id.shape[1]
-    outcome = np.full(len(number), int(Outcome.EMPTY))
-    firm = np.full(len(number), NO_ID)
-    candidates = np.full((len(number), width), NO_ID)
-    outcome[seen] = detections.outcome[number[seen]]
-    firm[seen] = detections.firm[number[seen]]
-    candidates[seen] = detections.candidate_id[number[seen]]
-    return count_uncertainty(sequence.gt_frame, sequence.gt_id, outcome, firm, candidates)
-
-
-def _describe(frame: Tracks, width: int) -> tuple[np.ndarray, ...]:
-    firm = np.where(np.isin(frame.outcome, FIRM), frame.object_id, NO_ID)
-    settled = collapse_frame(
-        frame.outcome, frame.object_id, frame.pending_id, frame.candidate_id, frame.candidate_score
-    )
-    missing = width - frame.candidate_id.shape[1]
-    candidates = np.pad(frame.candidate_id, ((0, 0), (0, missing)), constant_values=NO_ID)
-    return (
-        np.asarray(frame.outcome),
-        firm,
-        settled,
-        candidates,
-        keep_unique_labels(firm, frame.score),
-        keep_unique_labels(settled, frame.score),
-    )
-
-
-def _describe_nothing() -> tuple[np.ndarray, ...]:
-    none = np.zeros(0, np.int64)
-    return none, none, none, np.zeros((0, 0), np.int64), none.astype(bool), none.astype(bool)
+    decisions = Decisions.of_tracks(tracks).take(number)
+    return count_uncertainty(sequence.gt_frame, sequence.gt_id, decisions)

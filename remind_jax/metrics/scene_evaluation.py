@@ -12,30 +12,26 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from remind_jax.errors import RemindError, nearest_names
 from remind_jax.metrics.evaluation import (
     Evaluation,
-    evaluate_classes,
-    evaluate_sequence,
     pool_evaluations,
     scene_intervals,
     show_scores,
     without_nan,
 )
-from remind_jax.metrics.federated import (
-    NO_COMMON_CLASS,
-    FederatedScores,
-    evaluate_federated,
-    name_categories,
-    pool_federated,
+from remind_jax.metrics.federated import FederatedScores, pool_federated
+from remind_jax.metrics.formats.opening import TEXT_FORMATS, Format, SceneSet
+from remind_jax.metrics.formats.run_folder import number_detections, read_tracks
+from remind_jax.metrics.formats.text import (
+    SIZE_UNKNOWN,
+    fit_texts,
+    read_frame_size,
+    share_of_frame,
 )
-from remind_jax.metrics.formats.opening import RUN_FILE, TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.intervals import Intervals
-from remind_jax.metrics.pairing import break_down, pair_scene
-from remind_jax.metrics.run_evaluation import evaluate_run
-from remind_jax.metrics.scene_stream import open_stream
-from remind_jax.metrics.text_evaluation import evaluate_text
-from remind_jax.metrics.tracks_evaluation import Undecided
+from remind_jax.metrics.pairing import pair_scene
+from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair
+from remind_jax.metrics.scene_stream import SceneStream, open_stream
 from remind_jax.printing.small_table import Printable, SmallTable
 
 _LEAST_MATCHED = 0.05  # of the detections of the side that has fewer
@@ -158,17 +154,13 @@ def evaluate(
       RemindError: If an option is not accepted.
     """
     options = options or SceneOptions()
-    if options.undecided not in ("strict", "collapse"):
-        hint = nearest_names(options.undecided, ("strict", "collapse"))
-        raise RemindError(f"undecided is '{options.undecided}'; {hint}")
+    check_undecided(options.undecided)
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
     is_alone = len(stream.partner) == 1
     options = dataclasses.replace(options, by_object=options.by_object and is_alone)
 
     def score(scene: str, predicted: str) -> tuple[Evaluation, list[str]]:
-        evaluation, notes = evaluate_scene(
-            stream.truth, scene, stream.predictions, predicted, options
-        )
+        evaluation, notes = _score_scene(stream, scene, predicted, options)
         return evaluation, _doubt_truth(evaluation) + notes
 
     scored = stream.score(score, progress)
@@ -177,51 +169,41 @@ def evaluate(
     )
 
 
-def evaluate_scene(
-    truth: SceneSet, scene: str, predictions: SceneSet, predicted: str, options: SceneOptions
+def _score_scene(
+    stream: SceneStream, scene: str, predicted: str, options: SceneOptions
 ) -> tuple[Evaluation, list[str]]:
-    """Scores one scene; also what is to be told about it.
-
-    Raises:
-      SourceError: If it cannot be read or the sides do not fit together.
-    """
-    if truth.format in TEXT_FORMATS and truth.format == predictions.format:
-        evaluation, notes = evaluate_text(
-            truth.format,
-            truth.files[scene],
-            predictions.files[predicted],
+    """Scores one scene; also what is to be told about it."""
+    truth, predictions = stream.truth, stream.predictions
+    rows, tracks, area_share, notes = truth.read[scene](), None, None, []
+    if predictions.format == "run":
+        tracks = read_tracks(predictions.files[predicted])
+        paired = pair_scene(rows, number_detections(tracks, rows.name))
+    elif truth.format in TEXT_FORMATS and truth.format == predictions.format:
+        texts = fit_texts(
+            rows,
+            predictions.read[predicted](),
             num_frames=options.num_frames,
             class_id=options.class_id,
-            by_object=options.by_object,
         )
-        return dataclasses.replace(evaluation, name=scene), notes
-    rows = truth.read[scene]()
-    if predictions.format == "run":
-        from remind_jax.outputs.store import read_detections
-
-        _, tracks = read_detections(predictions.files[predicted] / RUN_FILE)
-        evaluation, notes = evaluate_run(
-            tracks,
-            rows,
-            undecided=options.undecided,
-            by_class=options.by_class,
-            by_object=options.by_object,
-        )
-        return dataclasses.replace(evaluation, name=scene), list(notes)
-    paired = pair_scene(rows, predictions.read[predicted]())
-    evaluation = evaluate_sequence(
-        paired.sequence, breakdowns=break_down(paired), by_object=options.by_object
+        paired = pair_scene(*texts)
+        options = dataclasses.replace(options, by_class=False)
+        if truth.format == "mot":
+            frame_size = read_frame_size(truth.files[scene])
+            if frame_size is None:
+                notes.append(SIZE_UNKNOWN)
+            else:
+                area_share = share_of_frame(paired.truth.boxes, frame_size)
+    else:
+        paired = pair_scene(rows, predictions.read[predicted]())
+    evaluation, left_out = evaluate_pair(
+        paired,
+        tracks,
+        undecided=options.undecided,
+        by_class=options.by_class,
+        by_object=options.by_object,
+        area_share=area_share,
     )
-    classes = evaluate_classes(paired.sequence) if options.by_class else {}
-    evaluation = dataclasses.replace(evaluation, name=scene, by_class=classes)
-    notes = list(paired.notes)
-    if rows.federation is not None:
-        named = name_categories(paired)
-        if named is None:
-            return evaluation, [*notes, NO_COMMON_CLASS]
-        federated = evaluate_federated(named, rows.federation)
-        evaluation = dataclasses.replace(evaluation, federated=federated)
-    return evaluation, notes
+    return dataclasses.replace(evaluation, name=scene), [*left_out, *notes]
 
 
 def _doubt_truth(evaluation: Evaluation) -> list[str]:

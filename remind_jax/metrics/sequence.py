@@ -79,8 +79,8 @@ class TrackingSequence:
         pred_frame, pred_id = (np.asarray(column, np.int64) for column in predictions)
         pair_gt, pair_pred = (np.asarray(column, np.int64) for column in pairs[:2])
         similarity = np.asarray(pairs[2], np.float64)
-        _check_rows("ground truth", name, num_frames, gt_frame, gt_id, first_frame)
-        _check_rows("prediction", name, num_frames, pred_frame, pred_id, first_frame)
+        check_rows("ground truth", name, num_frames, gt_frame, gt_id, first_frame)
+        check_rows("prediction", name, num_frames, pred_frame, pred_id, first_frame)
         _check_pairs(name, gt_frame, pred_frame, pair_gt, pair_pred, similarity)
         overlaps = similarity > 0
         order = np.flatnonzero(overlaps)
@@ -305,9 +305,14 @@ def _classes_or_zero(classes: Any, num: int) -> np.ndarray:
     return classes
 
 
-def _check_rows(
+def check_rows(
     side: str, name: str, num_frames: int, frame: np.ndarray, ids: np.ndarray, first_frame: int
 ) -> None:
+    """Refuses rows that are not ordered by frame, and ids that occur twice in a frame.
+
+    Raises:
+      SourceError: As it says.
+    """
     if frame.shape != ids.shape or frame.ndim != 1:
         raise SourceError(f"{name}: {len(frame)} frames were given for {len(ids)} {side} ids")
     if not len(frame):

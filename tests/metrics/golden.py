@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from remind_jax.metrics.formats.text import FileFormat, fit_texts, read_text_rows
+from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.sequence import TrackingSequence
-from remind_jax.metrics.text_sequences import load_mot_sequence, load_mots_sequence
 
 ROOT = Path(__file__).resolve().parents[1] / "golden" / "metrics"
 BOX_CASES = sorted(path.name for path in (ROOT / "boxes").iterdir())
@@ -28,9 +29,18 @@ def load_case(kind: str, name: str) -> tuple[TrackingSequence, dict[str, Any]]:
     """The sequence of a case and TrackEval's numbers for it."""
     folder = ROOT / kind / name
     frames = read_json(folder / "case.json")["frames"]
-    load = load_mot_sequence if kind == "boxes" else load_mots_sequence
-    sequence = load(folder / "gt.txt", folder / "pred.txt", num_frames=frames)
+    paths = folder / "gt.txt", folder / "pred.txt"
+    sequence = load_texts(*paths, "mot" if kind == "boxes" else "mots", num_frames=frames)
     return sequence, read_json(folder / "expected.json")
+
+
+def load_texts(
+    gt_path: Path, pred_path: Path, format: FileFormat, **options: int | None
+) -> TrackingSequence:
+    """Two text files of one format as a sequence, read as TrackEval reads them."""
+    truth = read_text_rows(gt_path, "gt", format, is_truth=True)
+    prediction = read_text_rows(pred_path, "pred", format, is_truth=False)
+    return pair_scene(*fit_texts(truth, prediction, **options)).sequence
 
 
 def assert_same_fields(

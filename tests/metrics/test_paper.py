@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.metrics.paper import (
-    NO_OBJECT,
-    Sightings,
-    collapse_scene,
-    count_generic,
-    count_remind,
-)
-from remind_jax.metrics.paper_collapse import BORN_BASE
+from remind_jax.metrics.collapse import BORN_BASE
+from remind_jax.metrics.decisions import NO_ROW, Decisions
+from remind_jax.metrics.paper import Sightings, collapse_scene, count_generic, count_remind
 from remind_jax.metrics.paper_scores import PaperCounts, paper_scores
 from tests.metrics.golden import ROOT, read_json
 
@@ -65,14 +60,16 @@ def sightings_of(case: dict[str, Any]) -> Sightings:
         gt_id=column([g for _, g in gt]),
         gt_class=column([names.index(case["classes"][str(g)]) for _, g in gt]),
         frame=column([frame for frame, _ in dets]),
-        row=column([place.get((frame, d["gt"]), NO_OBJECT) for frame, d in dets]),
+        row=column([place.get((frame, d["gt"]), NO_ROW) for frame, d in dets]),
         iou=column([d["iou"] if d["gt"] is not None else 0.0 for _, d in dets], float),
         class_id=column([names.index(d["class"]) for _, d in dets]),
-        outcome=column([OUTCOMES[d["decision"]] for _, d in dets]),
-        object_id=column([d.get("id", NO_ID) for _, d in dets]),
-        pending_id=column([d.get("temp", NO_ID) for _, d in dets]),
-        candidate_id=ids,
-        candidate_score=scores,
+        decisions=Decisions(
+            outcome=column([OUTCOMES[d["decision"]] for _, d in dets]),
+            object_id=column([d.get("id", NO_ID) for _, d in dets]),
+            pending_id=column([d.get("temp", NO_ID) for _, d in dets]),
+            candidate_id=ids,
+            candidate_score=scores,
+        ),
     )
 
 
@@ -129,7 +126,7 @@ def test_collapsed_ids_equal_those_of_the_original(name: str, method: Any):
     of = {
         (int(sightings.gt_frame[row]), int(sightings.gt_id[row])): int(number)
         for row, number in zip(sightings.row, collapsed, strict=True)
-        if row != NO_OBJECT
+        if row != NO_ROW
     }
     for frame, gt, _, number, _ in case["expected"][key]["collapsed"]:
         assert of.get((frame, gt), NO_ID) == (NO_ID if number is None else number)
@@ -139,8 +136,9 @@ def test_no_id_from_outside_of_a_candidate_set():
     (name,) = SOLVER_DEPENDENT
     sightings = sightings_of(CASES[name])
     collapsed = collapse_scene(sightings)
-    soft = sightings.outcome == Outcome.AMBIGUOUS
-    for number, shown in zip(collapsed[soft], sightings.candidate_id[soft], strict=True):
+    soft = sightings.decisions.outcome == Outcome.AMBIGUOUS
+    candidates = sightings.decisions.candidate_id[soft]
+    for number, shown in zip(collapsed[soft], candidates, strict=True):
         assert number == NO_ID or number in shown
 
 

@@ -6,8 +6,8 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.errors import RemindError
+from remind_jax.metrics.formats.text import SIZE_UNKNOWN
 from remind_jax.metrics.scene_comparison import name_predictions
-from remind_jax.metrics.text_evaluation import SIZE_UNKNOWN
 from tests.metrics.formats import scenes as made
 from tests.metrics.formats.scenes import ANSWERS, TRUTH
 from tests.metrics.golden import ROOT, TOLERANCE, read_json

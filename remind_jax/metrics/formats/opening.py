@@ -26,16 +26,13 @@ from remind_jax.metrics.formats.coco_video import read_coco_video
 from remind_jax.metrics.formats.json_index import JsonIndex, index_json
 from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
 from remind_jax.metrics.formats.rows import TrackRows
-from remind_jax.metrics.formats.run_folder import rows_of_tracks
+from remind_jax.metrics.formats.run_folder import RUN_FILE, read_run_rows
 from remind_jax.metrics.formats.tao import group_by_video, index_burst, read_burst, read_tao
-from remind_jax.metrics.formats.text import read_text_rows
-from remind_jax.metrics.mot_files import FileFormat, recognise_format
+from remind_jax.metrics.formats.text import FileFormat, read_text_rows, recognize_format
 
 Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
 FORMATS: tuple[str, ...] = get_args(Format)
 TEXT_FORMATS: tuple[FileFormat, ...] = ("mot", "mots", "kitti-mots")
-
-RUN_FILE = "detections.jsonl"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +80,7 @@ def open_scenes(
         return _open_json(path, format, truth)
     if format in ("davis", "run"):
         raise SourceError(f"{path} is a file; format '{format}' is a folder")
-    found = format or recognise_format(path)
+    found = format or recognize_format(path)
     if format is None and like is not None and _is_blank(path):
         found = like
     return _text_scenes(path, {path.stem: path}, found, is_truth=truth is None)
@@ -99,11 +96,13 @@ def holds_text(path: Path) -> bool:
 def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneSet:
     runs = _find_runs(path)
     if runs and format in (None, "run"):
-        read = {name: functools.partial(_read_run, name, folder) for name, folder in runs.items()}
+        read = {
+            name: functools.partial(read_run_rows, folder, name) for name, folder in runs.items()
+        }
         return SceneSet(path, "run", read, runs)
     texts = _find_texts(path)
     if texts and (format in TEXT_FORMATS or format is None):
-        found = format or recognise_format(*texts.values())
+        found = format or recognize_format(*texts.values())
         return _text_scenes(path, texts, found, is_truth=is_truth)
     maps = find_map_scenes(path)
     if maps and format in (None, "davis"):
@@ -150,13 +149,6 @@ def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
     return read_label_maps(
         folder, name, is_truth=is_truth, classes=find_classes(folder, name) if is_truth else None
     )
-
-
-def _read_run(name: str, folder: Path) -> TrackRows:
-    from remind_jax.outputs.store import read_detections
-
-    _, tracks = read_detections(folder / RUN_FILE)
-    return rows_of_tracks(tracks, [frame.object_id for frame in tracks], name)
 
 
 def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> SceneSet:

@@ -58,6 +58,11 @@ class TrackRows:
     ignored_rles: tuple[Rle, ...] = ()  # regions in which nothing is known
     is_void: bool = False  # these are cut out of predictions pixel by pixel (DAVIS)
     federation: Federation | None = None  # None: everything is labelled
+    text_class: Int[np.ndarray, "N"] = dataclasses.field(  # number in text, see `formats.text`
+        default_factory=lambda: np.zeros(0, np.int64)
+    )
+    first_frame: int = 0  # number of the first frame, for messages
+    file: str = ""  # of text, for messages
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -70,18 +75,17 @@ class TrackRows:
         width, height = (self.boxes[:, 2:] - self.boxes[:, :2]).T
         return np.maximum(width, 0) * np.maximum(height, 0)
 
-    def select(self, keep: Bool[np.ndarray, "N"]) -> TrackRows:
-        """The same scene with only some of its rows."""
-        rles = None
-        if self.rles is not None:
-            rles = tuple(self.rles[row] for row in np.flatnonzero(keep))
+    def select(self, keep: Bool[np.ndarray, "N"] | Int[np.ndarray, "M"]) -> TrackRows:
+        """The same scene with only some of its rows, or with its rows in another order."""
+        rows = np.arange(len(self))[keep]
         return dataclasses.replace(
             self,
-            frame=self.frame[keep],
-            track_id=self.track_id[keep],
-            boxes=self.boxes[keep],
-            class_id=self.class_id[keep],
-            rles=rles,
+            frame=self.frame[rows],
+            track_id=self.track_id[rows],
+            boxes=self.boxes[rows],
+            class_id=self.class_id[rows],
+            rles=None if self.rles is None else tuple(self.rles[row] for row in rows),
+            text_class=self.text_class[rows] if len(self.text_class) else self.text_class,
         )
 
 
@@ -149,7 +153,7 @@ class RowCollector:
             frame=np.asarray(self.frame, np.int64)[order],
             track_id=np.asarray(self.track_id, np.int64)[order],
             boxes=(
-                _as_boxes(self.boxes)[order]
+                np.asarray(self.boxes, float).reshape(-1, 4)[order]
                 if rles is None or len(self.boxes) == len(rles)
                 else boxes_of(rles)
             ),
@@ -169,10 +173,6 @@ def boxes_of(rles: Sequence[Rle]) -> Float[np.ndarray, "N 4"]:
     boxes = np.asarray(_coco.toBbox(list(rles)), float).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]
     return boxes
-
-
-def _as_boxes(boxes: Sequence[Any]) -> Float[np.ndarray, "N 4"]:
-    return np.asarray(boxes, float).reshape(-1, 4)
 
 
 def size_of(rle: Rle) -> tuple[int, int]:

@@ -1,17 +1,48 @@
-"""Output folders of `remind run` as `TrackRows`, firm identities or all settled ones."""
+"""Output folders of `remind run` as `TrackRows`, with firm ids or with all detections numbered."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
 from remind_jax.decision import NO_ID
+from remind_jax.metrics.collapse import keep_unique_labels
 from remind_jax.metrics.formats.rows import RowCollector, TrackRows
-from remind_jax.metrics.uncertainty import keep_unique_labels
 from remind_jax.tracks import Tracks
+
+RUN_FILE = "detections.jsonl"
+
+
+def read_tracks(folder: Path) -> Sequence[Tracks]:
+    """The frames of a run.
+
+    Raises:
+      SourceError: If its file cannot be read.
+    """
+    from remind_jax.outputs.store import read_detections
+
+    return read_detections(folder / RUN_FILE)[1]
+
+
+def read_run_rows(folder: Path, name: str) -> TrackRows:
+    """The firm identities of a run.
+
+    Raises:
+      SourceError: If its file cannot be read.
+    """
+    tracks = read_tracks(folder)
+    return rows_of_tracks(tracks, [frame.object_id for frame in tracks], name)
+
+
+def number_detections(tracks: Sequence[Tracks], name: str) -> TrackRows:
+    """All detections of a run, decided or not, each under its number in the run as its id."""
+    stops = np.cumsum([len(frame) for frame in tracks])
+    ids = [np.arange(stop - len(f), stop) for f, stop in zip(tracks, stops, strict=True)]
+    return rows_of_tracks(tracks, ids, name)
 
 
 def rows_of_tracks(
@@ -32,8 +63,7 @@ def rows_of_tracks(
     for frame, ids in zip(tracks, labels, strict=True):
         names[frame.frame_index] = frame.name
         source_frames[frame.frame_index] = frame.source_index
-        keep = keep_unique_labels(ids, frame.score) & (ids != NO_ID)
-        for row in np.flatnonzero(keep):
+        for row in np.flatnonzero(keep_unique_labels(ids, frame.score)):
             class_id = index[frame.labels[row]]
             rows.add(frame.frame_index, int(ids[row]), class_id, rle=frame.rles[row])
     finished = rows.finish(

@@ -1,28 +1,71 @@
-"""MOTChallenge text (boxes) and MOTS / KITTI-MOTS text (masks) as `TrackRows`.
+"""MOTChallenge text (boxes), MOTS and KITTI-MOTS text (masks), and TrackEval's rules for them.
 
-Two text files of one format are compared by `mot_files` as TrackEval does it; this reader serves
-where the other side is of another format, and its class numbers mean nothing there.
+MOTChallenge row: `frame,id,left,top,width,height,flag or score,class,visibility`; MOTS row:
+`frame id class height width rle`. Class numbers mean something only between files of one format,
+which `fit_texts` brings together.
 """
 
 from __future__ import annotations
 
+import configparser
+import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from remind_jax.errors import SourceError
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
-from remind_jax.metrics.mot_files import (
-    MAX_FRAMES,
-    MOTS_IGNORE_CLASS,
-    FileFormat,
-    read_mot_rows,
-    read_mots_rows,
+from remind_jax.metrics.run_lengths import find_malformed
+from remind_jax.metrics.sequence import check_rows
+from remind_jax.metrics.similarity import find_overlap
+from remind_jax.tracks import Rle
+
+FileFormat = Literal["mot", "mots", "kitti-mots"]
+
+MOTS_CLASSES = {1: "car", 2: "pedestrian"}
+MOTS_IGNORE_CLASS = 10
+DEFAULT_MOTS_CLASS = 2
+
+# A larger number is a time stamp or a damaged row; memory is taken by the number of frames.
+MAX_FRAMES = 10_000_000
+
+SIZE_UNKNOWN = (
+    "the frame size is unknown (no seqinfo.ini with imWidth and imHeight beside the truth), "
+    "so nothing is said by size of observation"
 )
 
+# Whole numbers up to here are exact as floats.
+_MAX_WHOLE = 2.0**53
 
-def read_text_rows(path: Path, name: str, format: FileFormat, *, is_truth: bool) -> TrackRows:
-    """Reads one file.
+
+def recognize_format(*paths: str | Path) -> FileFormat:
+    """Tells MOTChallenge text from MOTS text by the first row of the first file that has one.
+
+    Raises:
+      SourceError: If that row fits neither.
+    """
+    for path in paths:
+        lines = _read_text(path).splitlines()
+        first = next((line for line in lines if line.strip()), None)
+        if first is None:
+            continue
+        if "," not in first and len(first.split()) == 6:
+            starts_at_zero = any(line.split(" ", 1)[0] == "0" for line in lines)
+            return "kitti-mots" if starts_at_zero else "mots"
+        if len(first.split("," if "," in first else None)) < 6:
+            raise SourceError(
+                f"{path} is neither MOTChallenge text (frame,id,left,top,width,height,...) "
+                f"nor MOTS text (frame id class height width rle); its first row is '{first[:60]}'"
+            )
+        return "mot"
+    return "mot"
+
+
+def read_text_rows(path: str | Path, name: str, format: FileFormat, *, is_truth: bool) -> TrackRows:
+    """Reads one file, which may be empty.
 
     Args:
       path: The file.
@@ -35,44 +78,252 @@ def read_text_rows(path: Path, name: str, format: FileFormat, *, is_truth: bool)
     """
     if format == "mot":
         return _read_boxes(path, name, is_truth=is_truth)
-    rows = read_mots_rows(path)
-    frame = rows.frame - (0 if format == "kitti-mots" else 1)
-    _check_frames(path, frame)
-    is_ignored = (rows.class_id == MOTS_IGNORE_CLASS) & is_truth
-    kept = rows.select(~is_ignored)
-    return TrackRows(
-        name=name,
-        num_frames=int(frame.max(initial=-1)) + 1,
-        frame=frame[~is_ignored],
-        track_id=kept.track_id,
-        boxes=boxes_of(kept.rles),
-        class_id=np.full(len(kept.frame), UNKNOWN_CLASS),
-        rles=kept.rles,
-        frame_size=size_of(rows.rles[0]) if rows.rles else None,
-        ignored_frame=frame[is_ignored],
-        ignored_rles=rows.select(is_ignored).rles,
+    return _read_masks(path, name, 0 if format == "kitti-mots" else 1, is_truth=is_truth)
+
+
+def fit_texts(
+    truth: TrackRows,
+    prediction: TrackRows,
+    *,
+    num_frames: int | None = None,
+    class_id: int | None = None,
+) -> tuple[TrackRows, TrackRows]:
+    """Two files of one format as TrackEval compares them: of one class and one length.
+
+    Args:
+      truth: Of `read_text_rows`.
+      prediction: Likewise.
+      num_frames: Length of the sequence; up to the last row of either side if left out.
+      class_id: Class to keep. MOT: of the truth, all if left out. MOTS: of both sides, 2
+        (pedestrian) if left out.
+
+    Raises:
+      SourceError: If a row lies beyond the length, masks of one frame overlap, or all rows are of
+        other classes.
+    """
+    length = max(truth.num_frames, prediction.num_frames) if num_frames is None else num_frames
+    for rows in (truth, prediction):
+        if rows.num_frames > length:
+            last = rows.num_frames - 1 + rows.first_frame
+            frames = _say_frames(rows.first_frame, length)
+            raise SourceError(f"{rows.file} has a row of frame {last}; {frames}")
+        if rows.rles is not None:
+            _check_overlaps(rows)
+    truth, prediction = (
+        dataclasses.replace(rows, num_frames=length) for rows in (truth, prediction)
     )
+    if truth.rles is None:
+        return _name_classes(truth, class_id), prediction
+    class_id = DEFAULT_MOTS_CLASS if class_id is None else class_id
+    _check_classes(class_id, truth, prediction)
+    truth, prediction = (_keep_class(rows, class_id) for rows in (truth, prediction))
+    frame_size = truth.frame_size or prediction.frame_size
+    return dataclasses.replace(truth, frame_size=frame_size), prediction
 
 
-def _read_boxes(path: Path, name: str, *, is_truth: bool) -> TrackRows:
-    rows = read_mot_rows(path)
-    frame = rows.frame - 1
-    _check_frames(path, frame)
-    keep = (rows.flag != 0) | (not is_truth)
-    return TrackRows(
-        name=name,
-        num_frames=int(frame.max(initial=-1)) + 1,
-        frame=frame[keep],
-        track_id=rows.track_id[keep],
-        boxes=rows.boxes[keep],
-        class_id=np.full(int(keep.sum()), UNKNOWN_CLASS),
+def share_of_frame(
+    boxes: Float[np.ndarray, "N 4"], frame_size: tuple[int, int]
+) -> Float[np.ndarray, "N"]:
+    """Share of the frame that each box covers; what lies outside of the frame does not count."""
+    height, width = frame_size
+    left, top, right, bottom = np.clip(boxes, 0, [width, height, width, height]).T
+    return np.maximum(right - left, 0) * np.maximum(bottom - top, 0) / (height * width)
+
+
+def read_frame_size(gt_path: Path) -> tuple[int, int] | None:
+    """Height and width in pixels from the scene's `seqinfo.ini`; None where nothing tells them."""
+    folder = gt_path.parent.parent if gt_path.parent.name == "gt" else gt_path.parent
+    content = configparser.ConfigParser()
+    try:
+        content.read(folder / "seqinfo.ini", encoding="utf-8")
+        size = tuple(content.getint("Sequence", key) for key in ("imHeight", "imWidth"))
+    except (configparser.Error, ValueError, OSError):
+        return None
+    return (size[0], size[1]) if min(size) > 0 else None
+
+
+def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
+    table = _read_numbers(path)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    frame, track_id = table[:, :2].astype(np.int64).T
+    frame, num_frames = _count_frames(path, frame, 1)
+    check_rows(
+        "ground truth" if is_truth else "prediction", str(path), num_frames, frame, track_id, 1
     )
+    boxes = table[:, 2:6].copy()
+    boxes[:, 2:] += boxes[:, :2]
+    num_columns = table.shape[1]
+    unknown = np.full(len(frame), UNKNOWN_CLASS)
+    text_class = np.maximum(unknown, table[:, 7].astype(np.int64)) if num_columns > 7 else unknown
+    rows = TrackRows(
+        name=name,
+        num_frames=num_frames,
+        frame=frame,
+        track_id=track_id,
+        boxes=boxes,
+        class_id=unknown,
+        text_class=text_class,
+        first_frame=1,
+        file=str(path),
+    )
+    return rows.select(table[:, 6] != 0) if is_truth and num_columns > 6 else rows
 
 
-def _check_frames(path: Path, frame: np.ndarray) -> None:
-    if len(frame) and not 0 <= frame[0] <= frame[-1] < MAX_FRAMES:
-        wrong = frame[0] if frame[0] < 0 else frame[-1]
+def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool) -> TrackRows:
+    numbers: list[tuple[int, int, int]] = []
+    rles: list[Rle] = []
+    for line_number, line in enumerate(_read_text(path).splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            frame, track_id, class_id, height, width, counts = line.split()
+            numbers.append((int(frame), int(track_id), int(class_id)))
+            rles.append({"size": [int(height), int(width)], "counts": counts.encode()})
+        except ValueError:
+            raise SourceError(
+                f"{path}, line {line_number}: '{line[:60]}' is not a MOTS row; "
+                "it needs frame id class height width rle, separated by spaces"
+            ) from None
+    wrong = find_malformed(rles)
+    if wrong is not None:
+        frame, track_id, _ = numbers[wrong]
+        height, width = rles[wrong]["size"]
         raise SourceError(
-            f"{path}: a row is {wrong} frames after the first; frames are counted from 1 "
-            f"(0 in KITTI-MOTS), up to {MAX_FRAMES}"
+            f"{path}, frame {frame}, id {track_id}: the run lengths are damaged or do not add up "
+            f"to a mask of {height} x {width} pixels (height x width)"
         )
+    table = np.asarray(numbers, np.int64).reshape(-1, 3)
+    order = np.argsort(table[:, 0], kind="stable")
+    frame, track_id, text_class = table[order].T
+    frame, num_frames = _count_frames(path, frame, first_frame)
+    rows = TrackRows(
+        name=name,
+        num_frames=num_frames,
+        frame=frame,
+        track_id=track_id,
+        boxes=boxes_of(rles)[order],
+        class_id=np.full(len(frame), UNKNOWN_CLASS),
+        text_class=text_class,
+        rles=tuple(rles[row] for row in order),
+        frame_size=size_of(rles[order[0]]) if rles else None,
+        first_frame=first_frame,
+        file=str(path),
+    )
+    if not is_truth:
+        return rows
+    ignored = rows.select(text_class == MOTS_IGNORE_CLASS)
+    return dataclasses.replace(
+        rows.select(text_class != MOTS_IGNORE_CLASS),
+        ignored_frame=ignored.frame,
+        ignored_rles=ignored.rles,
+    )
+
+
+def _count_frames(
+    path: str | Path, frame: Int[np.ndarray, "N"], first: int
+) -> tuple[Int[np.ndarray, "N"], int]:
+    """Frames counted from 0, and the number of frames up to the last row."""
+    if len(frame) and not first <= frame[0] <= frame[-1] < first + MAX_FRAMES:
+        wrong = frame[0] if frame[0] < first else frame[-1]
+        raise SourceError(f"{path} has a row of frame {wrong}; {_say_frames(first, MAX_FRAMES)}")
+    frame = frame - first
+    return frame, int(frame.max(initial=-1)) + 1
+
+
+def _say_frames(first: int, num_frames: int) -> str:
+    return f"frames are numbered {first} to {first + num_frames - 1}"
+
+
+def _name_classes(boxes: TrackRows, class_id: int | None) -> TrackRows:
+    """Boxes of one class or of all, classes named by their numbers if every box has one."""
+    if class_id is not None:
+        boxes = boxes.select(boxes.text_class == class_id)
+    numbers, place = np.unique(boxes.text_class, return_inverse=True)
+    if UNKNOWN_CLASS in numbers:
+        return boxes
+    names = tuple(f"class {number}" for number in numbers)
+    return dataclasses.replace(boxes, class_id=place, class_names=names)
+
+
+def _keep_class(masks: TrackRows, class_id: int) -> TrackRows:
+    kept = masks.select(masks.text_class == class_id)
+    name = MOTS_CLASSES.get(class_id, f"class {class_id}")
+    class_of = np.zeros(len(kept), np.int64)
+    return dataclasses.replace(kept, class_id=class_of, class_names=(name,))
+
+
+def _check_overlaps(rows: TrackRows) -> None:
+    assert rows.rles is not None
+    by_frame: dict[int, list[Rle]] = {}
+    frames = [*rows.frame.tolist(), *rows.ignored_frame.tolist()]
+    for frame, rle in zip(frames, (*rows.rles, *rows.ignored_rles), strict=True):
+        by_frame.setdefault(frame, []).append(rle)
+    for frame, rles in by_frame.items():
+        if find_overlap(rles):
+            raise SourceError(
+                f"{rows.file}, frame {frame + rows.first_frame}: masks overlap; in MOTS a pixel "
+                "belongs to one object"
+            )
+
+
+def _check_classes(class_id: int, truth: TrackRows, prediction: TrackRows) -> None:
+    present = set(np.concatenate([truth.text_class, prediction.text_class]).tolist())
+    present.discard(MOTS_IGNORE_CLASS)
+    if present and class_id not in present:
+        raise SourceError(
+            f"{truth.file} and its predictions have no row of class {class_id}; "
+            f"they have {', '.join(map(str, sorted(present)))}"
+        )
+
+
+def _read_text(path: str | Path) -> str:
+    try:
+        return Path(path).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SourceError(f"{path} is not a text file; give MOTChallenge or MOTS text") from None
+
+
+def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
+    """The rows of a MOTChallenge file, checked."""
+    lines = {n: line for n, line in enumerate(_read_text(path).splitlines(), 1) if line.strip()}
+    if not lines:
+        return np.zeros((0, 10))
+    rows = list(lines.values())
+    delimiter = "," if "," in rows[0] else None
+    try:
+        table = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None)
+    except ValueError:
+        number, row = _find_bad_row(lines, delimiter)
+        raise SourceError(
+            f"{path} is not MOTChallenge text: row {number} is '{row[:60]}'; every row needs the "
+            "same columns of numbers, frame,id,left,top,width,height,..."
+        ) from None
+    if table.shape[1] < 6 or not np.isfinite(table[:, :6]).all():
+        raise SourceError(
+            f"{path} has rows of {table.shape[1]} columns; MOTChallenge needs frame,id,left,top,"
+            "width,height and finite numbers"
+        )
+    whole = table[:, :2]
+    wrong = np.argwhere((whole != np.round(whole)) | (np.abs(whole) > _MAX_WHOLE))
+    if len(wrong):
+        row, column = wrong[0]
+        raise SourceError(
+            f"{path}, row {row + 1}: {('frame', 'id')[column]} is {whole[row, column]}; "
+            "it must be a whole number"
+        )
+    return table
+
+
+def _find_bad_row(lines: Mapping[int, str], delimiter: str | None) -> tuple[int, str]:
+    """Number and text of the first row that is not numeric or not as long as the first."""
+    first = next(iter(lines))
+    for number, row in lines.items():
+        try:
+            num_cells = len([float(cell) for cell in row.split(delimiter)])
+        except ValueError:
+            num_cells = 0
+        if num_cells != len(lines[first].split(delimiter)):
+            return number, row.strip()
+    return first, lines[first].strip()

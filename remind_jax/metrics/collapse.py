@@ -1,0 +1,186 @@
+"""One id for each detection of a frame, where a tracker may say "one of these".
+
+`collapse_frame` settles all undecided detections together; `collapse_published` does as the
+original evaluator does before it counts. Rule: evaluation.md#paper-collapse. One deviation: an
+ambiguous detection whose candidates are all taken stays without an id; the original's solver may
+then hand it any free id, out of its set.
+
+Letters: `N` detections, `C` candidates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.optimize import linear_sum_assignment
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.metrics.decisions import FIRM, SOFT, Decisions
+from remind_jax.metrics.sequence import number_ids
+
+Collapse = Literal["hungarian", "greedy"]
+
+# A provisional new track has no object id yet; until then it is called this plus its pending id.
+PROVISIONAL_BASE = 1_000_000_000
+
+# The original gives births ids that none equals that of a known object, and never joins them again.
+BORN_BASE = 2_000_000_000
+
+_SURE = 1e12
+_RANK_COST = 1e-6
+
+Option = tuple[int, float]  # id, score
+
+
+def collapse_frame(decisions: Decisions) -> Int[np.ndarray, "N"]:
+    """Gives every detection of a frame at most one id.
+
+    Firm detections keep theirs. All soft ones (ambiguous sets and probable parents) are settled in
+    one assignment: as many as possible get one of their own candidates that is not taken by a firm
+    detection, and among these solutions the total score is largest. Nobody ever gets an id outside
+    of its candidate set. A provisional new track is `PROVISIONAL_BASE` plus its pending id.
+
+    Returns:
+      The id per detection, NO_ID without one. Ids of firm detections are not made unique.
+    """
+    outcome, object_id, pending_id = decisions.outcome, decisions.object_id, decisions.pending_id
+    is_firm = np.isin(outcome, FIRM)
+    label = np.where(is_firm, object_id, NO_ID).astype(np.int64)
+    is_provisional = (outcome == Outcome.PROVISIONAL_NEW) & (pending_id != NO_ID)
+    label[is_provisional] = PROVISIONAL_BASE + pending_id[is_provisional]
+    soft = np.flatnonzero(np.isin(outcome, SOFT))
+    options = [_list_candidates(decisions, row) for row in soft.tolist()]
+    label[soft] = settle_candidates(options, {int(i) for i in object_id[is_firm]})
+    return label
+
+
+def collapse_published(
+    decisions: Decisions, iou: Float[np.ndarray, "N"], method: Collapse = "hungarian"
+) -> Int[np.ndarray, "N"]:
+    """The id that the original scores each detection of a frame with.
+
+    Args:
+      decisions: Of the frame.
+      iou: Overlap of each detection with its object, -1 without one.
+      method: `hungarian` settles ambiguous detections jointly and leaves all others their first
+        option, conflicts included; `greedy` lets the losers of a conflict move on.
+
+    Returns:
+      An id of a known object, `BORN_BASE` plus the id of a created one, `PROVISIONAL_BASE` plus a
+      provisional track, or NO_ID.
+    """
+    options = [_list_options(decisions, row) for row in range(len(decisions.outcome))]
+    if method == "greedy":
+        return _resolve_conflicts(options, iou)
+    chosen = np.array([choices[0][0] if choices else NO_ID for choices in options], np.int64)
+    soft = np.flatnonzero(decisions.outcome == Outcome.AMBIGUOUS)
+    taken = {int(i) for i in np.delete(chosen, soft) if i != NO_ID}
+    chosen[soft] = settle_candidates([options[row] for row in soft], taken)
+    return chosen
+
+
+def settle_candidates(
+    options: Sequence[Sequence[Option]], taken: Collection[int]
+) -> Int[np.ndarray, "N"]:
+    """Gives undecided detections one of their own candidates each, in one assignment.
+
+    As many as possible get one; among these solutions the total score is largest.
+
+    Args:
+      options: Candidates of each detection with their scores.
+      taken: Ids that are not to be had.
+
+    Returns:
+      The id of each, NO_ID where nothing was left.
+    """
+    label = np.full(len(options), NO_ID, np.int64)
+    pairs = [
+        (row, number, score)
+        for row, choices in enumerate(options)
+        for number, score in choices
+        if number not in taken
+    ]
+    if not pairs:
+        return label
+    row, ids, scores = (np.asarray(column) for column in zip(*pairs, strict=True))
+    labels, column = number_ids(ids.astype(np.int64))
+    # All gains in score together are less than 1, the worth of one more settled detection.
+    spread = max(scores.max() - scores.min(), 1e-12)
+    worth = 1.0 + (scores - scores.min()) / spread / (len(options) + 1)
+    matrix = np.full((len(options), len(labels)), -np.inf)
+    np.maximum.at(matrix, (row, column), worth)
+    nobody = np.zeros((len(options), len(options)))
+    rows, columns = linear_sum_assignment(np.hstack([matrix, nobody]), maximize=True)
+    settled = columns < len(labels)
+    label[rows[settled]] = labels[columns[settled]]
+    return label
+
+
+def keep_unique_labels(
+    label: Int[np.ndarray, "N"], score: Float[np.ndarray, "N"]
+) -> Bool[np.ndarray, "N"]:
+    """Which detections keep their id where several of a frame claim the same one.
+
+    The highest score wins, then the first detection; unlabelled detections are not kept.
+    """
+    order = np.lexsort((np.arange(len(label)), -np.asarray(score, float)))
+    order = order[label[order] != NO_ID]
+    _, first = np.unique(label[order], return_index=True)
+    keep = np.zeros(len(label), bool)
+    keep[order[first]] = True
+    return keep
+
+
+def _list_candidates(decisions: Decisions, row: int) -> list[Option]:
+    ids, scores = decisions.candidate_id[row], decisions.candidate_score[row]
+    known = (ids != NO_ID) & np.isfinite(scores)
+    return list(zip(ids[known].tolist(), scores[known].tolist(), strict=True))
+
+
+def _list_options(decisions: Decisions, row: int) -> list[Option]:
+    """What the original lets a detection be, the best first."""
+    outcome, object_id = decisions.outcome[row], int(decisions.object_id[row])
+    if outcome == Outcome.MATCH:
+        return [(object_id, _SURE)]
+    if outcome == Outcome.NEW:
+        return [(BORN_BASE + object_id, _SURE)]
+    if outcome == Outcome.PROVISIONAL_NEW:
+        return [(PROVISIONAL_BASE + int(decisions.pending_id[row]), _SURE)]
+    if outcome not in SOFT:
+        return []
+    best: dict[int, float] = {}
+    for number, score in _list_candidates(decisions, row):
+        best[number] = max(score, best.get(number, -np.inf))
+    ranked = sorted(best.items(), key=lambda option: (-option[1], option[0]))
+    return [(number, score - _RANK_COST * rank) for rank, (number, score) in enumerate(ranked)]
+
+
+def _resolve_conflicts(
+    options: Sequence[Sequence[Option]], iou: Float[np.ndarray, "N"]
+) -> Int[np.ndarray, "N"]:
+    """All start at their first option; of those at one id the strongest stays, others move on."""
+    place = [0] * len(options)
+
+    def id_at(row: int) -> int:
+        return options[row][place[row]][0] if place[row] < len(options[row]) else NO_ID
+
+    def strength(row: int) -> tuple[float, float, int]:
+        return options[row][place[row]][1], float(iou[row]), -row
+
+    moved = True
+    while moved:
+        moved = False
+        claims: dict[int, list[int]] = {}
+        for row in range(len(options)):
+            if id_at(row) != NO_ID:
+                claims.setdefault(id_at(row), []).append(row)
+        for disputed, rows in claims.items():
+            winner = max(rows, key=strength)
+            for row in rows:
+                while row != winner and id_at(row) == disputed:
+                    place[row] += 1
+                    moved = True
+    return np.array([id_at(row) for row in range(len(options))], np.int64)

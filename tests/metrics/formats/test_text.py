@@ -1,0 +1,253 @@
+"""Text as TrackEval reads it, and breakdowns of text against text as those of instance maps."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.errors import SourceError
+from remind_jax.masks.run_length import encode_masks
+from remind_jax.metrics import SetEvaluation, evaluate
+from remind_jax.metrics.breakdowns import SIZE_BINS, Breakdown
+from remind_jax.metrics.formats.rows import TrackRows
+from remind_jax.metrics.formats.text import (
+    SIZE_UNKNOWN,
+    FileFormat,
+    read_frame_size,
+    read_text_rows,
+    recognize_format,
+    share_of_frame,
+)
+from tests.metrics.formats import scenes as made
+from tests.metrics.formats.scenes import ANSWERS, HEIGHT, TRUTH
+from tests.metrics.golden import load_texts
+
+INFO = "[Sequence]\nname=x\nimWidth={}\nimHeight={}\n"
+
+
+def write(path: Path, *lines: str) -> Path:
+    path.write_text("".join(line + "\n" for line in lines))
+    return path
+
+
+def read(path: Path, format: FileFormat = "mot", *, is_truth: bool = False) -> TrackRows:
+    return read_text_rows(path, path.stem, format, is_truth=is_truth)
+
+
+def mots_line(frame: int, track: int, class_id: int, columns: slice) -> str:
+    mask = np.zeros((4, 10), bool)
+    mask[:, columns] = True
+    return f"{frame} {track} {class_id} 4 10 {encode_masks(mask[None])[0]['counts'].decode()}"
+
+
+def test_rows_of_boxes(tmp_path: Path):
+    path = write(tmp_path / "gt.txt", "2,5,1.5,-2,10,20,1,1,0.5", "1,4,0,0,2,2,0,7,1")
+    rows = read(path)
+    assert rows.frame.tolist() == [0, 1]
+    assert rows.boxes.tolist() == [[0, 0, 2, 2], [1.5, -2, 11.5, 18]]
+    assert rows.text_class.tolist() == [7, 1]
+    assert read(path, is_truth=True).text_class.tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1 4 0 0 2 2\n",
+        "1,4,0,0,2,2",
+        "1, 4, 0, 0, 2, 2\r\n",
+        "1,4,0,0,2,2e0\n\n",
+        "\ufeff1,4,0,0,2,2",
+    ],
+)
+def test_other_spellings_of_a_row(tmp_path: Path, text: str):
+    path = tmp_path / "pred.txt"
+    path.write_text(text)
+    rows = read(path)
+    assert rows.boxes.tolist() == [[0, 0, 2, 2]]
+    assert rows.text_class.tolist() == [-1]
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.lists(
+            st.decimals(-(10**6), 10**6, allow_nan=False, places=5).map("{:f}".format)
+            | st.integers(-(10**14), 10**14).map(str)
+            | st.sampled_from(["0", "-0.0", "1.", ".5", "-.25", "007", "1e3"]),
+            min_size=2,
+            max_size=2,
+        ),
+        min_size=1,
+    )
+)
+def test_numbers_are_read_as_python_reads_them(cells: list[list[str]]):
+    with tempfile.TemporaryDirectory() as folder:
+        lines = [f"1,{number},{','.join(row)},0,0" for number, row in enumerate(cells)]
+        rows = read(write(Path(folder) / "pred.txt", *lines))
+    assert rows.boxes[:, :2].tolist() == [[float(cell) for cell in row] for row in cells]
+
+
+def test_flagged_rows_and_other_classes_are_left_out(tmp_path: Path):
+    gt = write(
+        tmp_path / "gt.txt",
+        "1,1,0,0,10,10,1,1,1",
+        "1,2,20,0,10,10,0,8,1",  # a reflection
+        "1,3,40,0,10,10,1,3,1",  # a car
+    )
+    pred = write(tmp_path / "pred.txt", *(f"1,{i},{20 * i},0,10,10,1,-1,-1,-1" for i in range(3)))
+    plain = load_texts(gt, pred, "mot")
+    assert (plain.gt_id.tolist(), plain.pred_id.tolist()) == ([1, 3], [0, 1, 2])
+    assert load_texts(gt, pred, "mot", class_id=1).gt_id.tolist() == [1]
+
+
+def test_masks_in_ignored_regions_are_left_out(tmp_path: Path):
+    gt = write(
+        tmp_path / "gt.txt",
+        mots_line(1, 2001, 2, slice(0, 2)),
+        mots_line(1, 1001, 1, slice(2, 4)),
+        mots_line(1, 10000, 10, slice(4, 7)),
+    )
+    pred = write(
+        tmp_path / "pred.txt",
+        mots_line(1, 1, 2, slice(0, 2)),
+        mots_line(1, 2, 2, slice(4, 6)),  # inside
+        mots_line(1, 3, 2, slice(6, 8)),  # half inside
+    )
+    sequence = load_texts(gt, pred, "mots")
+    assert sequence.gt_id.tolist() == [2001]
+    assert sequence.pred_id.tolist() == [1, 3]
+    assert sequence.class_names == ("pedestrian",)
+    cars = load_texts(gt, gt, "mots", class_id=1)
+    assert cars.pair_similarity.tolist() == [1.0]
+
+
+def test_formats_are_recognized(tmp_path: Path):
+    empty = write(tmp_path / "empty.txt")
+    mot = write(tmp_path / "mot.txt", "1,1,0,0,1,1")
+    mots = write(tmp_path / "mots.txt", mots_line(1, 1, 2, slice(0, 1)))
+    kitti = write(tmp_path / "kitti.txt", mots_line(0, 1, 2, slice(0, 1)))
+    assert recognize_format(mot, empty) == "mot"
+    assert recognize_format(empty, mots) == "mots"
+    assert recognize_format(kitti, mots) == "kitti-mots"
+    assert recognize_format(empty, empty) == "mot"
+    with pytest.raises(SourceError, match="neither MOTChallenge text"):
+        recognize_format(write(tmp_path / "x.txt", "hello"))
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["1,1,0,0,1"], "rows of 5 columns"),
+        (["1,1,0,0,1,x"], "is not MOTChallenge text"),
+        (["1,1,0,0,1,nan"], "finite numbers"),
+        (["0,1,0,0,1,1"], "has a row of frame 0; frames are numbered 1 to"),
+        (["9,1,0,0,1,1"], "has a row of frame 9; frames are numbered 1 to 3"),
+        (["1,1,0,0,1,1", "1,1,5,5,1,1"], "frame 1: prediction id 1 occurs 2 times"),
+        (["99999999999,1,0,0,1,1"], "row of frame 99999999999; frames are numbered 1 to 10000000"),
+        (["1.5,1,0,0,1,1"], r"row 1: frame is 1.5; it must be a whole number"),
+        (["1,2,0,0,1,1", "1,0.5,0,0,1,1"], r"row 2: id is 0.5; it must be a whole number"),
+    ],
+)
+def test_bad_boxes_are_refused(tmp_path: Path, lines: list[str], message: str):
+    good = write(tmp_path / "gt.txt", "1,1,0,0,1,1")
+    with pytest.raises(SourceError, match=message):
+        load_texts(good, write(tmp_path / "pred.txt", *lines), "mot", num_frames=3)
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (["1 1 2 4 10 zz"], "frame 1, id 1: the run lengths are damaged or do not add up"),
+        (["1 1 2 4"], r"line 1: '1 1 2 4' is not a MOTS row"),
+        ([mots_line(1, 1, 2, slice(0, 3)), mots_line(1, 2, 2, slice(2, 4))], "masks overlap"),
+        ([mots_line(1, 1, 5, slice(0, 3))], "no row of class 7; they have 2, 5"),
+    ],
+)
+def test_bad_masks_are_refused(tmp_path: Path, lines: list[str], message: str):
+    good = write(tmp_path / "gt.txt", mots_line(1, 1, 2, slice(0, 1)))
+    pred = write(tmp_path / "pred.txt", *lines)
+    with pytest.raises(SourceError, match=message):
+        load_texts(good, pred, "mots", class_id=7 if "class 7" in message else 2)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path):
+    with pytest.raises(SourceError, match="cannot be read: No such file"):
+        read(tmp_path / "absent.txt")
+    (tmp_path / "video.mp4").write_bytes(bytes(range(256)))
+    with pytest.raises(SourceError, match="is not a text file"):
+        read(tmp_path / "video.mp4", format="mots")
+
+
+def write_challenge(root: Path, *, with_info: bool = True, class_id: str = "1") -> Path:
+    """`<scene>/gt/gt.txt` with `<scene>/seqinfo.ini`, as MOTChallenge has it."""
+    for name, rows in TRUTH.items():
+        (root / name / "gt").mkdir(parents=True)
+        lines = [line.split(",") for line in made.mot_text(rows).splitlines()]
+        for line in lines:
+            line[7] = class_id if class_id != "by id" else line[1]
+        text = "".join(",".join(line) + "\n" for line in lines)
+        (root / name / "gt" / "gt.txt").write_text(text)
+        if with_info:
+            (root / name / "seqinfo.ini").write_text(INFO.format(len(rows[0]), HEIGHT))
+    return root
+
+
+def score_mot(root: Path, **options: str | bool) -> SetEvaluation:
+    truth = write_challenge(root / "truth", **options)  # pyright: ignore[reportArgumentType]
+    texts = {name: made.mot_text(rows) for name, rows in ANSWERS.items()}
+    return evaluate(truth, made.write_texts(root / "answers", texts))
+
+
+def as_lists(breakdown: Breakdown) -> tuple[list[int], ...]:
+    counts = (breakdown.observations, breakdown.answered, breakdown.right)
+    return tuple(count.tolist() for count in counts)
+
+
+def test_boxes_and_masks_break_down_alike(tmp_path: Path):
+    maps = evaluate(
+        made.write_maps(tmp_path / "truth_maps", TRUTH),
+        made.write_maps(tmp_path / "answer_maps", ANSWERS),
+    ).pooled.breakdowns
+    boxes = score_mot(tmp_path / "mot").pooled.breakdowns
+    truth, answers = (
+        made.write_texts(tmp_path / side, {n: made.mots_text(r) for n, r in scenes.items()})
+        for side, scenes in (("truth", TRUTH), ("answers", ANSWERS))
+    )
+    masks = evaluate(truth, answers).pooled.breakdowns
+    for name in ("visible", "size"):
+        assert as_lists(boxes[name]) == as_lists(masks[name]) == as_lists(maps[name])
+    # Objects 1 and 2 are seen together in three frames.
+    assert as_lists(boxes["distractors"]) == as_lists(masks["distractors"])
+    assert boxes["distractors"].observations.tolist() == [4, 6, 0, 0, 0, 0, 0]
+    assert (boxes["class"].bins, masks["class"].bins) == (("class 1",), ("pedestrian",))
+
+
+def test_classes_of_boxes_make_distractors(tmp_path: Path):
+    breakdowns = score_mot(tmp_path, class_id="by id").pooled.breakdowns
+    assert breakdowns["distractors"].observations.tolist() == [10, 0, 0, 0, 0, 0, 0]
+    assert breakdowns["class"].bins == ("class 1", "class 2", "class 3")
+
+
+def test_what_text_does_not_tell_is_not_guessed(tmp_path: Path):
+    evaluation = score_mot(tmp_path, with_info=False, class_id="-1")
+    assert set(evaluation.pooled.breakdowns) == {"visible"}
+    assert evaluation.notes == (f"one, two: {SIZE_UNKNOWN}",)
+
+
+@pytest.mark.parametrize("text", ["", "[Sequence]\n", INFO.format(0, 4), INFO.format("x", 4), "x"])
+def test_a_useless_seqinfo_is_none(tmp_path: Path, text: str):
+    (tmp_path / "seqinfo.ini").write_text(text)
+    assert read_frame_size(tmp_path / "gt.txt") is None
+
+
+def test_only_what_lies_in_the_frame_counts(tmp_path: Path):
+    (tmp_path / "seqinfo.ini").write_text(INFO.format(10, 4))
+    assert read_frame_size(tmp_path / "gt.txt") == (4, 10)
+    boxes = np.array([[-5.0, 0, 5, 4], [2, 1, 4, 3], [20, 0, 30, 4]])
+    assert share_of_frame(boxes, (4, 10)).tolist() == [0.5, 0.1, 0.0]
+    assert SIZE_BINS["huge"] == 0.1
