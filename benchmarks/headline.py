@@ -49,7 +49,7 @@ SCORES = (
 )
 STARTS = (
     Column("empty_cpu_s", "seconds", "lower", label="First start, CPU s"),
-    Column("warm_cpu_s", "seconds", "lower", label="later ones"),
+    Column("warm_cpu_s", "seconds", "lower", label="Later starts"),
     Column("empty_peak_gb", "number", "lower", label="Peak GB"),
 )
 Starts = Mapping[str, Mapping[str, float]]  # scores by the name of a configuration
