@@ -37,8 +37,8 @@ from remind_jax.frame import NO_INSTANCE, Detections, Frame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import TrackingSequence, evaluate_sequence
 from remind_jax.metrics.recovery import collect_answers, count_recovery, find_reference
-from remind_jax.outputs.result import UNDECIDED
-from remind_jax.session.announcement import Announcements, hear, tell
+from remind_jax.outputs.presence import UNDECIDED
+from remind_jax.session.announcement import Announcements, announce, as_announced
 from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
 from remind_jax.synthetic import DetectorNoise, add_detector_noise, demo_options, make_scene, render
@@ -84,9 +84,9 @@ def replay(seen: list[Seen], after: int) -> tuple[list[Tracks], list[Tracks]]:
     """What is told of every frame at once, and in the end."""
     announced, online = Announcements() if after == 1 else Announcements.none(), []
     for one in seen:
-        announced = hear(announced, one.tracks, after, one.merges)
-        online.append(tell(announced, one.tracks))
-    return online, [tell(announced, one.tracks) for one in seen]
+        announced = announce(announced, one.tracks, after, one.merges)
+        online.append(as_announced(announced, one.tracks))
+    return online, [as_announced(announced, one.tracks) for one in seen]
 
 
 def match(one: Seen) -> list[tuple[int, int]]:

@@ -15,7 +15,7 @@ from remind_jax.cli.summary import print_summary
 from remind_jax.errors import SourceError
 
 if TYPE_CHECKING:
-    from remind_jax.outputs.result import RunInfo
+    from remind_jax.outputs.run_info import RunInfo
     from remind_jax.sources import Source
 
 

@@ -45,7 +45,7 @@ class FrameInput:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Told:
+class Readout:
     """What the host reads of the memory after a frame."""
 
     decisions: Any  # `decision.Decisions`
@@ -75,7 +75,7 @@ class FrameStep:
 
         Args:
           method: Its `halves` are two programs; its `step` is one, where it has none.
-          traced: Give the account of the decisions as well.
+          traced: Give the trace of the decisions as well.
         """
         self._method, self._is_traced = method, traced
         self._halves = method.halves
@@ -89,7 +89,7 @@ class FrameStep:
         """Steps; the buffers of `state` are used up.
 
         Returns:
-          The memory, `Told` packed, and the account of the decisions if traced, else None.
+          The memory, `Readout` packed, and the trace of the decisions if asked for, else None.
         """
         leaves, structure = jax.tree.flatten(frame_input)
         programs = self._programs(leaves, structure, static)
@@ -99,12 +99,12 @@ class FrameStep:
             leaves = [*seen, *jax.tree.leaves(frame_input.thresholds)]
         answer = programs.decide(*state_leaves, *leaves)
         state_leaves, rest = answer[: len(state_leaves)], answer[len(state_leaves) :]
-        types = programs.told.vector_types
-        told = Packed(dict(zip(types, rest, strict=False)), programs.told)
+        types = programs.readout.vector_types
+        readout = Packed(dict(zip(types, rest, strict=False)), programs.readout)
         trace = None
         if programs.trace_structure is not None:
             trace = jax.tree.unflatten(programs.trace_structure, rest[len(types) :])
-        return jax.tree.unflatten(state_structure, state_leaves), told, trace
+        return jax.tree.unflatten(state_structure, state_leaves), readout, trace
 
     def prepare(self, frame_input: FrameInput, static: Static) -> None:
         """Makes the programs for inputs of such sizes, in whatever thread this is."""
@@ -120,14 +120,14 @@ class FrameStep:
     def _make(self, structure: Any, shapes: Any, static: Static) -> _Programs:
         method, halves = self._method, self._halves
         state = method.init(static)
-        told = jax.eval_shape(functools.partial(_tell, method), state)
+        readout = jax.eval_shape(functools.partial(_read_out, method), state)
         example: FrameInput = jax.tree.unflatten(structure, shapes)
         if halves is None:
             step: Any = method.step_traced if self._is_traced else method.step
             decide = self._decide_program(
                 functools.partial(_step_whole, step, static), step, state, example, static
             )
-            return _Programs(None, decide, Layout.of(told), self._trace_structure(decide))
+            return _Programs(None, decide, Layout.of(readout), self._trace_structure(decide))
         # What a frame looks like does not depend on how much is remembered.
         own = dataclasses.replace(static, num_objects=1, num_pending=1)
         describe = functools.partial(_describe, halves.describe, own)
@@ -155,7 +155,7 @@ class FrameStep:
 
         given = (described.outputs, example.thresholds)
         decide = self._decide_program(decide_seen, half, state, given, static)
-        return _Programs(described, decide, Layout.of(told), self._trace_structure(decide))
+        return _Programs(described, decide, Layout.of(readout), self._trace_structure(decide))
 
     def _decide_program(
         self,
@@ -165,18 +165,18 @@ class FrameStep:
         given: Any,
         static: Static,
     ) -> Program:
-        """The program that takes the memory over: `run(state, given)`, and what is told of it."""
+        """The program of `run(state, given)`, which takes the memory over, and of its readout."""
         state_shapes, state_structure = shapes_of(state), jax.tree.structure(state)
         given_leaves, given_structure = jax.tree.flatten(given)
 
         def on_leaves(*leaves: Any) -> Any:
             before = jax.tree.unflatten(state_structure, leaves[: len(state_shapes)])
-            told = run(before, jax.tree.unflatten(given_structure, leaves[len(state_shapes) :]))
-            after, trace = told if self._is_traced else (told, None)
+            answer = run(before, jax.tree.unflatten(given_structure, leaves[len(state_shapes) :]))
+            after, trace = answer if self._is_traced else (answer, None)
             after = jax.tree.map(
                 lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
             )
-            return after, Packed.of(_tell(self._method, after)), trace
+            return after, Packed.of(_read_out(self._method, after)), trace
 
         return get_program(
             Recipe(
@@ -186,7 +186,7 @@ class FrameStep:
                 (identify(function), static, given_structure),
                 num_donated=len(state_shapes),
                 options=_options(),
-                # The structure of an account is not kept.
+                # The structure of a trace is not kept.
                 is_kept=self._is_kept(function, static) and not self._is_traced,
             )
         )
@@ -205,7 +205,7 @@ class _Programs:
 
     describe: Program | None  # None: `decide` does it all
     decide: Program
-    told: Layout
+    readout: Layout
     trace_structure: Any
 
 
@@ -224,9 +224,9 @@ def _step_whole(
     return step(state, frame_input.frame_feats, masks, static=static, thresholds=thresholds, **more)
 
 
-def _tell(method: Method, state: Any) -> Told:
+def _read_out(method: Method, state: Any) -> Readout:
     occupied = method.count_occupied(state)
-    return Told(state.decisions, state.overflow, jax.tree.map(jnp.int32, occupied))
+    return Readout(state.decisions, state.overflow, jax.tree.map(jnp.int32, occupied))
 
 
 def _options() -> tuple[tuple[str, Any], ...]:

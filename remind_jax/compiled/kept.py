@@ -32,7 +32,7 @@ _MOST_BYTES = 1 << 30  # of one folder; files that were not used for longest are
 _DIGEST_BYTES = 32  # at the start of a file, of all that follows
 
 _log = logging.getLogger(__name__)
-_told: set[Path] = set()  # folders of which it was said that their programs are not accepted
+_warned: set[Path] = set()  # folders of which it was said that their programs are not accepted
 
 
 def program_folder() -> Path | None:
@@ -47,7 +47,7 @@ def program_folder() -> Path | None:
 def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, ...]] | None:
     """A kept program and the shapes of its answer; None if it has to be made anew.
 
-    A damaged file is removed. One that the library does not accept is told of, once.
+    A damaged file is removed. One that the library does not accept is reported once.
     """
     try:
         data = file.read_bytes()
@@ -59,9 +59,9 @@ def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, .
         return None
     try:
         header, payload = data[_DIGEST_BYTES:].split(b"\n", 1)
-        told = json.loads(header)
-        outputs = tuple(jax.ShapeDtypeStruct(tuple(s), d) for s, d in told["outputs"])
-        in_tree = jax.tree.structure((tuple(range(told["num_arguments"])), {}))
+        head = json.loads(header)
+        outputs = tuple(jax.ShapeDtypeStruct(tuple(s), d) for s, d in head["outputs"])
+        in_tree = jax.tree.structure((tuple(range(head["num_arguments"])), {}))
         out_tree = jax.tree.structure(list(outputs))
         _bind_lapack()
         program = serialize_executable.deserialize_and_load(payload, in_tree, out_tree)
@@ -86,11 +86,11 @@ def save(file: Path, compiled: Any, outputs: tuple[jax.ShapeDtypeStruct, ...]) -
         payload, in_tree, _ = serialize_executable.serialize(compiled)
     except (ValueError, NotImplementedError, TypeError, AttributeError, pickle.PicklingError):
         return
-    told = {
+    head = {
         "num_arguments": in_tree.num_leaves,
         "outputs": [(one.shape, str(one.dtype)) for one in outputs],
     }
-    body = json.dumps(told).encode() + b"\n" + payload
+    body = json.dumps(head).encode() + b"\n" + payload
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as unfinished:
@@ -118,9 +118,9 @@ def _bind_lapack() -> None:
 
 def _tell_rejected(folder: Path, reason: str) -> None:
     """Says so once per process."""
-    if folder in _told:
+    if folder in _warned:
         return
-    _told.add(folder)
+    _warned.add(folder)
     _log.warning(
         "compiled programs kept in %s cannot be loaded and are made anew (%s); if this comes at "
         "every start, set %s=%s",
@@ -131,8 +131,8 @@ def _tell_rejected(folder: Path, reason: str) -> None:
 @functools.cache
 def _processor() -> str:
     """A short name that differs where machine code may."""
-    told = [platform.system(), platform.machine(), platform.processor()]
+    facts = [platform.system(), platform.machine(), platform.processor()]
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        told += [next(line for line in lines if line.startswith(("flags", "Features")))]
-    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:12]
+        facts += [next(line for line in lines if line.startswith(("flags", "Features")))]
+    return hashlib.sha256("\n".join(facts).encode()).hexdigest()[:12]

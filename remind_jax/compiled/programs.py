@@ -190,8 +190,8 @@ def _make(recipe: Recipe) -> Program:
 
     def on_leaves(*leaves: Any) -> list[Any]:
         nonlocal structure
-        told, structure = jax.tree.flatten(recipe.function(*leaves))
-        return told
+        outputs, structure = jax.tree.flatten(recipe.function(*leaves))
+        return outputs
 
     on_leaves.__name__ = recipe.name.replace("-", "_")
     program = jax.jit(
@@ -244,8 +244,8 @@ def _file_of(recipe: Recipe) -> Path | None:
     folder = kept.program_folder()
     if folder is None:
         return None
-    told = (_settings(), jax.devices()[0].device_kind, os.environ.get("XLA_FLAGS", ""), recipe)
-    return folder / hashlib.sha256((_text_of_package() + repr(told)).encode()).hexdigest()
+    what = (_settings(), jax.devices()[0].device_kind, os.environ.get("XLA_FLAGS", ""), recipe)
+    return folder / hashlib.sha256((_text_of_package() + repr(what)).encode()).hexdigest()
 
 
 def _settings() -> tuple[Any, ...]:

@@ -11,9 +11,9 @@ from jaxtyping import UInt8
 
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.outputs.lettering import put_text, shorten
-from remind_jax.outputs.overlay import NO_IMAGE_GREY, fit_image
-from remind_jax.outputs.palette import identity_colour
-from remind_jax.outputs.result import MIN_ABSENCE_FRAMES
+from remind_jax.outputs.overlay import NO_IMAGE_GRAY, fit_image
+from remind_jax.outputs.palette import identity_color
+from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.tables import firm_rows
 from remind_jax.outputs.view_quality import view_quality
 from remind_jax.tracks import Tracks
@@ -30,7 +30,7 @@ _HEADING_PX = 64
 _GAP_PX = 12
 _NAME_PX = 34
 _LINE_PX = _NAME_PX + CROP_PX + 40
-_NO_VIEW = np.full((CROP_PX, CROP_PX, 3), NO_IMAGE_GREY, np.uint8)
+_NO_VIEW = np.full((CROP_PX, CROP_PX, 3), NO_IMAGE_GRAY, np.uint8)
 # A view replaces another only if it is better by this factor, so that a visit costs few crops.
 _CLEARLY_BETTER = 1.1
 
@@ -69,7 +69,7 @@ class SightingCollector:
         self._position = 0
 
     def add(self, image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> None:
-        """Looks at the next frame of the run; without an image the mask is drawn on grey."""
+        """Looks at the next frame of the run; without an image the mask is drawn on gray."""
         if image is not None:
             image = fit_image(image, *tracks.frame_size)
         for row in firm_rows(tracks).tolist():
@@ -112,10 +112,10 @@ class SightingCollector:
 def crop_detection(
     image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks, row: int, size_px: int = CROP_PX
 ) -> UInt8[np.ndarray, "S S 3"]:
-    """A square around a detection with some margin, its mask outlined; grey outside the frame."""
+    """A square around a detection with some margin, its mask outlined; gray outside the frame."""
     height, width = tracks.frame_size
     if image is None:
-        image = np.full((height, width, 3), NO_IMAGE_GREY, np.uint8)
+        image = np.full((height, width, 3), NO_IMAGE_GRAY, np.uint8)
     image = fit_image(image, height, width)
     left, top, right, bottom = tracks.boxes[row]
     side = max(1.3 * max(right - left, bottom - top), 24.0)
@@ -127,14 +127,14 @@ def crop_detection(
             [0, scale, (top + bottom - side) / 2 + (scale - 1) / 2],
         ]
     )
-    crop = _sample(image, matrix, size_px, NO_IMAGE_GREY)
+    crop = _sample(image, matrix, size_px, NO_IMAGE_GRAY)
     mask = _sample(decode_mask(tracks.rles[row]) * np.uint8(255), matrix, size_px, 0)
     contours, _ = cv2.findContours(
         (mask > 127).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
     )
-    colour = identity_colour(int(tracks.object_id[row]))
+    color = identity_color(int(tracks.object_id[row]))
     cv2.drawContours(crop, contours, -1, (16, 18, 22), 4, cv2.LINE_AA)
-    cv2.drawContours(crop, contours, -1, colour, 2, cv2.LINE_AA)
+    cv2.drawContours(crop, contours, -1, color, 2, cv2.LINE_AA)
     return crop
 
 
@@ -162,8 +162,8 @@ def draw_gallery(sightings: Sequence[Sighting], title: str) -> UInt8[np.ndarray,
     places, num_lines = _flow([len(groups[object_id]) for object_id in sorted(groups)])
     height = _HEADING_PX + max(num_lines, 1) * _LINE_PX
     canvas = np.full((height, _WIDTH_PX, 3), _BACKGROUND, np.uint8)
-    told = f": {len(groups)} identities, the best view of each visit"
-    heading = shorten(title, 19, _WIDTH_PX - 2 * _MARGIN_PX, tail=told)
+    facts = f": {len(groups)} identities, the best view of each visit"
+    heading = shorten(title, 19, _WIDTH_PX - 2 * _MARGIN_PX, tail=facts)
     put_text(canvas, heading, _MARGIN_PX, 38, 19, _INK)
     for object_id, (line, left) in zip(sorted(groups), places, strict=True):
         _draw_identity(canvas, groups[object_id], left, _HEADING_PX + line * _LINE_PX)
@@ -183,10 +183,10 @@ def _flow(num_crops: Sequence[int]) -> tuple[list[tuple[int, int]], int]:
 
 
 def _draw_identity(canvas: np.ndarray, group: list[Sighting], left: int, top: int) -> None:
-    """Name on a bar of its colour, then each crop with its frame number."""
+    """Name on a bar of its color, then each crop with its frame number."""
     object_id, label = group[0].object_id, group[0].label
     width = len(group) * (CROP_PX + _GAP_PX) - _GAP_PX
-    canvas[top + 25 : top + 28, left : left + width] = identity_colour(object_id)
+    canvas[top + 25 : top + 28, left : left + width] = identity_color(object_id)
     name = shorten(label, 16, width, tail=f" {object_id}")
     put_text(canvas, name, left, top + 17, 16, _INK)
     for column, sighting in enumerate(group):

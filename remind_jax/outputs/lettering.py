@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax.outputs.palette import Colour
+from remind_jax.outputs.palette import Color
 
 _WEIGHT = 500
 # Of the stroke font: capital height in pixels at scale 1.
@@ -35,7 +35,7 @@ def text_width(text: str, size_px: int) -> int:
 
 
 def put_text(
-    image: UInt8[np.ndarray, "H W 3"], text: str, x: int, baseline: int, size_px: int, ink: Colour
+    image: UInt8[np.ndarray, "H W 3"], text: str, x: int, baseline: int, size_px: int, ink: Color
 ) -> None:
     """Writes one line of text onto the image in place, starting at `x` on `baseline`."""
     if (font := _font()) is not None:

@@ -1,11 +1,11 @@
-"""`overlay.mp4`: the video with every detection tinted in the colour of its identity."""
+"""`overlay.mp4`: the video with every detection tinted in the color of its identity."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import av
@@ -22,13 +22,13 @@ from remind_jax.outputs.palette import (
     AMBIGUOUS,
     DISCARDED,
     PROVISIONAL,
-    Colour,
-    identity_colour,
+    Color,
+    identity_color,
     ink_on,
 )
 from remind_jax.tracks import Rle, Tracks
 
-NO_IMAGE_GREY = 72
+NO_IMAGE_GRAY = 72
 
 _TINT = 0.42
 # A seek decodes from the last key frame on: one per second keeps clicks in the report quick.
@@ -52,21 +52,21 @@ class _Rectangle:
 
 
 def draw_overlay(image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> np.ndarray:
-    """The frame with masks, outlines and labels; RGB `[H, W, 3]`, grey where there is no image.
+    """The frame with masks, outlines and labels; RGB `[H, W, 3]`, gray where there is no image.
 
-    Identities have their own colour, undecided detections are white with their candidates,
-    discarded ones a thin grey outline.
+    Identities have their own color, undecided detections are white with their candidates,
+    discarded ones a thin gray outline.
     """
     height, width = tracks.frame_size
     if image is None:
-        canvas = np.full((height, width, 3), NO_IMAGE_GREY, np.uint8)
+        canvas = np.full((height, width, 3), NO_IMAGE_GRAY, np.uint8)
     else:
         canvas = fit_image(image, height, width).copy()
     size_px = int(np.clip(round(height / 34), 11, 40))
     largest_first = np.argsort(-tracks.areas, kind="stable")
     for row in largest_first:
-        colour, thin = detection_colour(tracks, row), _is_discarded(tracks, row)
-        _draw_mask(canvas, tracks.rles[row], colour, thin)
+        color, thin = detection_color(tracks, row), _is_discarded(tracks, row)
+        _draw_mask(canvas, tracks.rles[row], color, thin)
     placed: list[_Rectangle] = []
     for row in largest_first[::-1]:
         if not _is_discarded(tracks, row):
@@ -81,10 +81,10 @@ def fit_image(image: UInt8[np.ndarray, "H W 3"], height: int, width: int) -> np.
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
-def detection_colour(tracks: Tracks, row: int) -> Colour:
-    """Colour of a detection: its identity's, white if ambiguous, light grey if provisional."""
+def detection_color(tracks: Tracks, row: int) -> Color:
+    """Color of a detection: its identity's, white if ambiguous, light gray if provisional."""
     if tracks.object_id[row] != NO_ID:
-        return identity_colour(int(tracks.object_id[row]))
+        return identity_color(int(tracks.object_id[row]))
     if _is_discarded(tracks, row):
         return DISCARDED
     return AMBIGUOUS if tracks.outcome[row] == Outcome.AMBIGUOUS else PROVISIONAL
@@ -98,7 +98,7 @@ def _is_discarded(tracks: Tracks, row: int) -> bool:
     )
 
 
-def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Colour, thin: bool) -> None:
+def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Color, thin: bool) -> None:
     """Tints the mask unless it is only to be outlined, and draws its outline with a dark rim."""
     left, top, width, height = mask_box(rle)
     if not width or not height:
@@ -127,7 +127,7 @@ def _draw_label(
     box_width = text_width(text, size_px) + 2 * pad
     spot = _free_spot(canvas.shape[:2], tracks.boxes[row], box_width, box_height, placed)
     placed.append(spot)
-    colour = detection_colour(tracks, row)
+    color = detection_color(tracks, row)
     cv2.rectangle(
         canvas,
         (spot.left - 1, spot.top - 1),
@@ -136,9 +136,9 @@ def _draw_label(
         1,
         cv2.LINE_AA,
     )
-    canvas[spot.top : spot.bottom, spot.left : spot.right] = colour
+    canvas[spot.top : spot.bottom, spot.left : spot.right] = color
     baseline = spot.top + pad + round(0.86 * size_px)
-    put_text(canvas, text, spot.left + pad, baseline, size_px, ink_on(colour))
+    put_text(canvas, text, spot.left + pad, baseline, size_px, ink_on(color))
 
 
 def _free_spot(
@@ -169,7 +169,7 @@ def is_playable(path: Path) -> bool:
         return False
 
 
-class OverlayVideo:
+class OverlayVideo(contextlib.AbstractContextManager):
     """Writes an H.264 video frame by frame; browsers play it and seek in it.
 
     All frames get the size of the first one, made even as yuv420p needs.
@@ -223,13 +223,5 @@ class OverlayVideo:
         self._stream, self._size = stream, (height, width)
         return stream
 
-    def __enter__(self) -> OverlayVideo:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()

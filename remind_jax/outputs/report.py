@@ -23,7 +23,7 @@ from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.outputs.explanations import pack_explanations
 from remind_jax.outputs.gallery import Sighting
-from remind_jax.outputs.palette import identity_colour, to_hex
+from remind_jax.outputs.palette import identity_color, to_hex
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.ticks import frame_steps, time_steps
 from remind_jax.outputs.timeline import build_timeline
@@ -92,14 +92,14 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
                 "id": row.object_id,
                 "label": row.label,
                 "name": f"{row.label} {row.object_id}",
-                "colour": to_hex(identity_colour(row.object_id)),
+                "color": to_hex(identity_color(row.object_id)),
                 "seen": row.seen,
                 "candidate": row.candidate,
                 "absences": row.absences,
                 "returns": row.returns,
                 "first": row.seen[0][0],
                 "last": row.seen[-1][1],
-                "num_frames": sum(last - first + 1 for first, last in row.seen),
+                "num_frames": row.num_frames,
                 "sightings": [
                     _sighting_data(sighting)
                     for sighting in sightings

@@ -3,7 +3,7 @@ const run = JSON.parse(document.getElementById("run-data").textContent);
 const byId = (id) => document.getElementById(id);
 const video = byId("video");
 const numFrames = run.frames.length;
-const colourOf = new Map(run.identities.map((who) => [who.id, who.colour]));
+const colorOf = new Map(run.identities.map((who) => [who.id, who.color]));
 
 /** An element with attributes and children; text is never read as HTML. */
 function make(tag, attributes = {}, ...children) {
@@ -20,9 +20,9 @@ function make(tag, attributes = {}, ...children) {
 const plural = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
 const words = (code) => code.replaceAll("_", " ");
 const frameLabel = (position) => run.frames[position].frame;
-const swatch = (colour) =>
-  colour
-    ? make("span", { class: "swatch", style: { background: colour } })
+const swatch = (color) =>
+  color
+    ? make("span", { class: "swatch", style: { background: color } })
     : make("span", { class: "swatch hollow" });
 const chip = (position, text) =>
   make("button", { class: "chip", type: "button", "data-position": position,
@@ -38,7 +38,7 @@ function show(position) {
   for (const follow of onFrame) follow(shown);
 }
 
-/** Shows a frame; aims at its middle, so that rounding cannot show its neighbour. */
+/** Shows a frame; aims at its middle, so that rounding cannot show its neighbor. */
 function seek(position) {
   show(position);
   if (run.video) video.currentTime = (shown + 0.5) / run.fps;
@@ -78,10 +78,10 @@ const hasScores = run.frames.some((frame) => frame.detections.some((row) => row[
 function drawDetections(position) {
   const rows = run.frames[position].detections.map(
     ([id, name, outcome, reason, score, confidence, candidates], row) => {
-      const told = candidates.map(([other, value]) => `${other}: ${number(value)}`).join(", ");
-      const why = [words(run.reasons[reason]), told && `candidates ${told}`].filter(Boolean);
+      const list = candidates.map(([other, value]) => `${other}: ${number(value)}`).join(", ");
+      const why = [words(run.reasons[reason]), list && `candidates ${list}`].filter(Boolean);
       return make("tr", { title: why.join("; "), ...rowToExplain(position, row) },
-        make("td", {}, swatch(colourOf.get(id)), nameToExplain(position, row, name)),
+        make("td", {}, swatch(colorOf.get(id)), nameToExplain(position, row, name)),
         make("td", {}, words(run.outcomes[outcome])),
         ...(hasScores ? [make("td", { class: "number" }, number(score))] : []),
         make("td", { class: "number" }, number(confidence)));
@@ -167,41 +167,41 @@ function drawWhy(frame, position, row) {
       make("code", {}, `remind explain RUN --frame ${frameLabel(position)} --detection ${row}`)));
     return;
   }
-  const told = frame.detections[row];
-  byId("why-title").textContent = `Why ${told.name.replace("?", "")}? (${title})`;
+  const explained = frame.detections[row];
+  byId("why-title").textContent = `Why ${explained.name.replace("?", "")}? (${title})`;
   const sum = [`${words(run.outcomes[outcome])} (${words(run.reasons[reason])})`,
     score !== null && `score with context ${number(score)}`,
-    told.confidence !== null && `confidence ${number(told.confidence)}`].filter(Boolean).join(", ");
+    explained.confidence !== null && `confidence ${number(explained.confidence)}`].filter(Boolean).join(", ");
   byId("why-body").replaceChildren(make("p", { class: "faint" }, sum),
-    make("ol", {}, ...told.why.map((text) => make("li", {}, text))),
-    ...("context" in frame ? drawDeliberation(frame, told) : drawEvidence(told)));
+    make("ol", {}, ...explained.why.map((text) => make("li", {}, text))),
+    ...("context" in frame ? drawDecision(frame, explained) : drawEvidence(explained)));
 }
 
 /** What a decision of REMIND was made of. */
-function drawDeliberation(frame, told) {
-  return [...drawCandidates(told), ...drawLayout(told), ...drawPending(told),
-    ...drawContext(frame, told)];
+function drawDecision(frame, explained) {
+  return [...drawCandidates(explained), ...drawLayout(explained), ...drawPending(explained),
+    ...drawContext(frame, explained)];
 }
 
 /** What a decision of REMIND plus was made of: log odds by kind of evidence. */
-function drawEvidence(told) {
-  if (!told.candidates.length) return [];
-  const kinds = Object.keys(told.candidates[0].parts);
+function drawEvidence(explained) {
+  if (!explained.candidates.length) return [];
+  const kinds = Object.keys(explained.candidates[0].parts);
   const line = (id, name, parts, odds, probability, note) => make("tr",
-    { class: id === told.object_id ? "decided" : "" },
-    make("td", {}, swatch(colourOf.get(id)), name),
+    { class: id === explained.object_id ? "decided" : "" },
+    make("td", {}, swatch(colorOf.get(id)), name),
     ...parts.map((part) => (part ? weighed(part) : cell("\u2013"))),
     cell(signed(odds)), cell(number(probability)), make("td", {}, note));
-  const rows = told.candidates.map((who) => line(who.object_id, who.name,
+  const rows = explained.candidates.map((who) => line(who.object_id, who.name,
     kinds.map((kind) => who.parts[kind]), who.log_odds, who.probability,
     who.held_by === null ? "" : `detection ${who.held_by} got it`));
-  rows.push(line(told.tracklet_id, `${told.label} ${told.tracklet_id}, new`, kinds.map(() => 0),
-    told.new_log_odds, told.new_probability, ""));
+  rows.push(line(explained.tracklet_id, `${explained.label} ${explained.tracklet_id}, new`, kinds.map(() => 0),
+    explained.new_log_odds, explained.new_probability, ""));
   const named = kinds.map((kind) => kind[0].toUpperCase() + kind.slice(1));
   const titles = ["Candidate", ...named, "Sum", "Probability", ""];
   const heads = titles.map((text, column) =>
     make("th", column && column < titles.length - 1 ? { class: "number" } : {}, text));
-  return [make("h3", {}, `Candidates (${told.candidates.length})`),
+  return [make("h3", {}, `Candidates (${explained.candidates.length})`),
     make("div", { class: "scroll" }, make("table", {},
       make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
     make("p", { class: "faint" }, "Evidence in log odds. Rivals: less, the more objects it could be. " +
@@ -220,8 +220,8 @@ const NOTABLE = 1; // log odds
 const cell = (text) => make("td", { class: "number" }, text);
 const signed = (value) => (value > 0 ? "+" : "") + value.toFixed(2);
 
-function drawCandidates(told) {
-  if (!told.candidates.length) return [];
+function drawCandidates(explained) {
+  if (!explained.candidates.length) return [];
   const term = ({ score, weight }) => (score === null ? cell("\u2013")
     : make("td", { class: "number" }, number(score), make("small", {}, ` \u00d7 ${number(weight)}`)));
   const bonus = (who) => {
@@ -231,10 +231,10 @@ function drawCandidates(told) {
   };
   const opened = (who) => (who.veto === "none" ? gates[who.gate] : "no: ruled out by context") +
     (who.held_by === null ? "" : `; detection ${who.held_by} got it`);
-  const terms = Object.keys(told.candidates[0].terms);
-  const rows = told.candidates.map((who) => make("tr",
-    { class: who.object_id === told.object_id ? "decided" : "" },
-    make("td", {}, swatch(colourOf.get(who.object_id)), who.name),
+  const terms = Object.keys(explained.candidates[0].terms);
+  const rows = explained.candidates.map((who) => make("tr",
+    { class: who.object_id === explained.object_id ? "decided" : "" },
+    make("td", {}, swatch(colorOf.get(who.object_id)), who.name),
     make("td", {}, who.lifecycle + (who.unseen_frames ? `, unseen ${who.unseen_frames}` : "")),
     ...terms.map((name) => term(who.terms[name])),
     cell(number(who.visual_score)), bonus(who), cell(number(who.assignment_score)),
@@ -245,8 +245,8 @@ function drawCandidates(told) {
     "Open to assignment"];
   const heads = titles.map((text, column) =>
     make("th", column > 1 && column < titles.length - 1 ? { class: "number" } : {}, text));
-  const { quality } = told;
-  return [make("h3", {}, `Candidates (${told.candidates.length} of ${told.num_candidates})`),
+  const { quality } = explained;
+  return [make("h3", {}, `Candidates (${explained.candidates.length} of ${explained.num_candidates})`),
     make("div", { class: "scroll" }, make("table", {},
       make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
     make("p", { class: "faint" }, `Score \u00d7 weight per channel. Quality of what was seen: object ` +
@@ -255,12 +255,12 @@ function drawCandidates(told) {
       `what context would add if it were allowed. Common: on the evidence that all candidates have.`)];
 }
 
-function drawLayout(told) {
-  return told.known_sets.filter((known) => known.proposed_id !== null).flatMap((known) => {
+function drawLayout(explained) {
+  return explained.known_sets.filter((known) => known.proposed_id !== null).flatMap((known) => {
     const options = Object.keys(known.options).map(Number);
-    const name = (id) => `${told.label} ${id}`;
+    const name = (id) => `${explained.label} ${id}`;
     const rows = known.voters.map((voter) => make("tr", {},
-      make("td", {}, swatch(colourOf.get(voter.object_id)), voter.name),
+      make("td", {}, swatch(colorOf.get(voter.object_id)), voter.name),
       make("td", { class: "number" }, number(voter.distance)),
       ...options.map((id) => make("td", { class: "number" },
         id in voter.remembered ? number(voter.remembered[id]) : "\u2013"))));
@@ -273,19 +273,19 @@ function drawLayout(told) {
   });
 }
 
-function drawPending(told) {
-  if (!told.pending) return [];
-  const { kind, track_id: track, first_frame: first, num_detections: count } = told.pending;
-  const options = told.pending.options.map((option) =>
+function drawPending(explained) {
+  if (!explained.pending) return [];
+  const { kind, track_id: track, first_frame: first, num_detections: count } = explained.pending;
+  const options = explained.pending.options.map((option) =>
     `${option.name} (${number(option.score)}${option.blocked ? ", held by another" : ""})`);
   return [make("h3", {}, "Track of undecided detections"), make("p", {},
     `${kind} track ${track}: ${plural(count, "detection")} since frame ${first}` +
     (options.length ? `; could be ${options.join(" or ")}` : ""))];
 }
 
-function drawContext(frame, told) {
-  const mine = new Set(told.candidates.map((who) => who.object_id));
-  const isMatch = told.outcome === "match";
+function drawContext(frame, explained) {
+  const mine = new Set(explained.candidates.map((who) => who.object_id));
+  const isMatch = explained.outcome === "match";
   const { context } = frame;
   const state = !context.enabled ? "off" : context.usable ? "usable" : "not usable";
   const parts = [make("h3", {}, `Context of the frame: ${state}, quality ${number(context.quality)}`),
@@ -295,7 +295,7 @@ function drawContext(frame, told) {
   const rows = frame.sets.map((found) => make("tr", {},
     make("td", { class: "number" }, number(found.score)),
     make("td", { class: "number" }, number(found.coverage)),
-    make("td", {}, isMatch ? (found.object_ids.includes(told.object_id) ? "agrees" : "disagrees") : ""),
+    make("td", {}, isMatch ? (found.object_ids.includes(explained.object_id) ? "agrees" : "disagrees") : ""),
     make("td", { class: "members" }, ...found.names.flatMap((name, place) => [
       mine.has(found.object_ids[place]) ? make("mark", {}, name) : name,
       place + 1 < found.names.length ? ", " : ""]))));
@@ -331,8 +331,8 @@ function drawHeader() {
 
 const lanes = [
   ...run.identities,
-  { name: "ambiguous", marks: run.ambiguous, markColour: "#ffffff" },
-  { name: "provisional", marks: run.provisional, markColour: "#c8cdd4" },
+  { name: "ambiguous", marks: run.ambiguous, markColor: "#ffffff" },
+  { name: "provisional", marks: run.provisional, markColor: "#c8cdd4" },
 ];
 const laneHeight = Math.max(6, Math.min(22, Math.floor(7000 / lanes.length)));
 
@@ -346,21 +346,21 @@ function drawLanes() {
   const pen = canvas.getContext("2d");
   pen.scale(sharp, sharp);
   const x = (position) => (position / numFrames) * width;
-  const bar = ([first, last], top, height, colour) => {
-    pen.fillStyle = colour;
+  const bar = ([first, last], top, height, color) => {
+    pen.fillStyle = color;
     pen.fillRect(x(first), top, Math.max(x(last + 1) - x(first), 1.5), height);
   };
   lanes.forEach((lane, row) => {
     const top = row * laneHeight, middle = top + laneHeight / 2;
     if (row % 2 === 0) bar([0, numFrames - 1], top, laneHeight, "#1b1f26");
     if (lane.marks) {
-      for (const mark of lane.marks) bar(mark, middle - 3, 6, lane.markColour);
+      for (const mark of lane.marks) bar(mark, middle - 3, 6, lane.markColor);
       return;
     }
     pen.globalAlpha = 0.4;
-    bar([lane.seen[0][0], lane.seen.at(-1)[1]], middle - 0.5, 1, lane.colour);
+    bar([lane.seen[0][0], lane.seen.at(-1)[1]], middle - 0.5, 1, lane.color);
     pen.globalAlpha = 1;
-    for (const seen of lane.seen) bar(seen, top + 3, laneHeight - 6, lane.colour);
+    for (const seen of lane.seen) bar(seen, top + 3, laneHeight - 6, lane.color);
     for (const candidate of lane.candidate) bar(candidate, middle - 2, 4, "#ffffff");
     for (const position of lane.returns) drawReturn(pen, x(position), middle);
   });
@@ -472,7 +472,7 @@ function drawGallery() {
       make("span", {}, when), make("span", {}, away));
     });
     return make("div", { class: crops.length > 2 ? "card wide" : "card",
-      style: { borderLeftColor: who.colour } },
+      style: { borderLeftColor: who.color } },
     make("h3", {}, who.name, make("span", {}, who.returns.length ? plural(who.returns.length, "return") : "no return")),
     make("div", { class: "crops" }, ...crops));
   }));
@@ -496,16 +496,16 @@ function drawIdentities() {
     "aria-sort": column !== order.column ? "none" : order.falling ? "descending" : "ascending",
   }, make("button", { type: "button", onclick: () => sortBy(column) }, name)));
   const rows = sorted.map((who) => make("tr", {},
-    make("td", { class: "name" }, swatch(who.colour), who.name),
+    make("td", { class: "name" }, swatch(who.color), who.name),
     make("td", {}, who.label),
     make("td", {}, chip(who.first, frameLabel(who.first))),
     make("td", {}, chip(who.last, frameLabel(who.last))),
     make("td", {}, who.num_frames), make("td", {}, who.returns.length),
     make("td", {}, longest(who) || ""),
     make("td", {}, ...who.absences.map(([first, last]) => {
-      const told = chip(last + 1, `${frameLabel(first)}\u2013${frameLabel(last)}`);
-      told.title = "Show the return";
-      return told;
+      const absence = chip(last + 1, `${frameLabel(first)}\u2013${frameLabel(last)}`);
+      absence.title = "Show the return";
+      return absence;
     }))));
   byId("identities").replaceChildren(make("table", {},
     make("thead", {}, make("tr", {}, ...heads, make("th", { scope: "col" }, "Absences"))),
@@ -550,9 +550,9 @@ function drawLog() {
 function tree(content) {
   const isGroup = (value) =>
     value !== null && typeof value === "object" && !Array.isArray(value);
-  const told = (value) => (typeof value === "string" ? value : JSON.stringify(value));
+  const text = (value) => (typeof value === "string" ? value : JSON.stringify(value));
   return make("dl", {}, ...Object.entries(content).flatMap(([name, value]) => [
-    make("dt", {}, name), make("dd", {}, isGroup(value) ? tree(value) : told(value))]));
+    make("dt", {}, name), make("dd", {}, isGroup(value) ? tree(value) : text(value))]));
 }
 
 function drawSettings() {

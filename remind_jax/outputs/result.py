@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 from collections import Counter
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +19,13 @@ from remind_jax.errors import OutputError
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import PAPER_METHOD, get_method
 from remind_jax.outputs import store
+from remind_jax.outputs.presence import (
+    MIN_ABSENCE_FRAMES,
+    UNDECIDED,
+    ObjectHistory,
+    find_histories,
+)
+from remind_jax.outputs.run_info import Event, RunInfo
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 
@@ -31,85 +36,6 @@ if TYPE_CHECKING:
     from remind_jax.explanation.archive import TraceArchive
     from remind_jax.explanation.explainer import Explainer
     from remind_jax.explanation.explanation import Explanation
-
-# Shorter gaps are flicker of detector or decision, not an absence worth a mark.
-MIN_ABSENCE_FRAMES = 5
-
-UNDECIDED = (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_NEW, Outcome.PROVISIONAL_PARENT)
-
-
-@dataclasses.dataclass(frozen=True, repr=False)
-class RunInfo(Printable):
-    """What a run was made with: enough to read its outputs and to repeat it."""
-
-    name: str
-    source: dict[str, Any] | None  # what the source needs to be opened again; None if it cannot be
-    frame_size: tuple[int, int]  # height, width in pixels
-    fps: float  # processed frames per second
-    class_names: tuple[str, ...]
-    config: dict[str, Any]  # nested, as it would be written to YAML
-    backbone: str
-    versions: dict[str, str]  # remind_jax, jax, numpy, opencv, python
-    device: str
-    started_at: str  # ISO 8601
-
-    def to_json(self) -> dict[str, Any]:
-        """The same as a dictionary that `json` can write."""
-        return dataclasses.asdict(self) | {
-            "frame_size": list(self.frame_size),
-            "class_names": list(self.class_names),
-        }
-
-    @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> RunInfo:
-        """Reads back what `to_json` made; unknown keys of later versions are left out.
-
-        Raises:
-          OutputError: If a key is missing.
-        """
-        names = [field.name for field in dataclasses.fields(cls)]
-        missing = [name for name in names if name not in content]
-        if missing:
-            raise OutputError(f"the description of the run lacks {', '.join(missing)}")
-        values = {name: content[name] for name in names}
-        height, width = values["frame_size"]
-        values["frame_size"] = (int(height), int(width))
-        values["class_names"] = tuple(values["class_names"])
-        return cls(**values)
-
-    def _summarize(self) -> SmallTable:
-        return SmallTable(f"run '{self.name}'", self.facts())
-
-    def facts(self) -> tuple[str, ...]:
-        """What it was made with, in two lines."""
-        height, width = self.frame_size
-        used = [f"tracker {self.config['tracker']}"] if "tracker" in self.config else []
-        return (
-            f"{width} x {height} pixels, {self.fps:.4g} frames per second",
-            ", ".join([*used, self.backbone, self.device, f"started at {self.started_at}"]),
-        )
-
-
-@dataclasses.dataclass(frozen=True)
-class Event:
-    """Something worth knowing that happened at a frame, as detections that were dropped."""
-
-    frame_index: int
-    kind: str  # a word or two: "dropped", "features"
-    message: str
-
-
-@dataclasses.dataclass(frozen=True)
-class ObjectHistory:
-    """When one identity was seen. Frame numbers are `Tracks.frame_index`."""
-
-    object_id: int
-    label: str
-    first_frame: int
-    last_frame: int
-    num_frames: int  # frames with a firm detection
-    absences: tuple[tuple[int, int], ...]  # first and last frame without it, both included
-    returns: tuple[int, ...]  # the frame after each absence
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -132,11 +58,12 @@ class Result(Printable):
         return len(self.tracks)
 
     def _summarize(self) -> SmallTable:
-        told, objects = self.summary(), self.objects()
+        facts, objects = self.summary(), self.objects()
         stopped = "" if self.complete else ", interrupted"
         return SmallTable(
-            f"run '{self.info.name}'{stopped}: {told['frames']} frames, {len(objects)} identities, "
-            f"{told['returns']} returns, {100 * told['undecided_share']:.1f} % undecided",
+            f"run '{self.info.name}'{stopped}: {facts['frames']} frames, "
+            f"{len(objects)} identities, {facts['returns']} returns, "
+            f"{100 * facts['undecided_share']:.1f} % undecided",
             self.info.facts(),
             ("identity", "first frame", "last frame", "frames seen", "returns"),
             [
@@ -159,27 +86,7 @@ class Result(Printable):
 
     def objects(self, min_absence_frames: int = MIN_ABSENCE_FRAMES) -> tuple[ObjectHistory, ...]:
         """Every identity by rising id, with the absences of at least `min_absence_frames`."""
-        positions, labels = _firm_positions(self.tracks)
-        frame_index = [tracks.frame_index for tracks in self.tracks]
-        histories = []
-        for object_id, seen in sorted(positions.items()):
-            gaps = [
-                (before + 1, after - 1)
-                for before, after in itertools.pairwise(seen)
-                if after - before - 1 >= min_absence_frames
-            ]
-            histories.append(
-                ObjectHistory(
-                    object_id=object_id,
-                    label=labels[object_id],
-                    first_frame=frame_index[seen[0]],
-                    last_frame=frame_index[seen[-1]],
-                    num_frames=len(seen),
-                    absences=tuple((frame_index[a], frame_index[b]) for a, b in gaps),
-                    returns=tuple(frame_index[b + 1] for _, b in gaps),
-                )
-            )
-        return tuple(histories)
+        return find_histories(self.tracks, min_absence_frames)
 
     def summary(self) -> dict[str, Any]:
         """Counts, shares of the outcomes and times, as `json` can write them."""
@@ -349,21 +256,6 @@ class Result(Printable):
             complete=bool(run.get("complete", False)),
             trace=trace,
         )
-
-
-def _firm_positions(tracks: Iterable[Tracks]) -> tuple[dict[int, list[int]], dict[int, str]]:
-    """Positions in the run at which each identity was seen, and its class name."""
-    positions: dict[int, list[int]] = {}
-    labels: dict[int, str] = {}
-    for position, frame in enumerate(tracks):
-        for object_id, label in zip(frame.object_id.tolist(), frame.labels, strict=True):
-            if object_id == NO_ID:
-                continue
-            seen = positions.setdefault(object_id, [])
-            if not seen or seen[-1] != position:
-                seen.append(position)
-            labels.setdefault(object_id, label)
-    return positions, labels
 
 
 def _count_repeated(tracks: Tracks) -> int:

@@ -7,11 +7,11 @@ the one being written; a last line cut off in the middle is left out when it is 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import re
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ VERSION = 1
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
-class DetectionsWriter:
+class DetectionsWriter(contextlib.AbstractContextManager):
     """Writes `detections.jsonl` frame by frame; every frame is on disk when `add` returns."""
 
     def __init__(self, path: Path, info: dict[str, Any]) -> None:
@@ -56,15 +56,7 @@ class DetectionsWriter:
         self._file.write(json.dumps(content, ensure_ascii=False, separators=(",", ":")) + "\n")
         self._file.flush()
 
-    def __enter__(self) -> DetectionsWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
 

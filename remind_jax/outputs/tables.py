@@ -8,11 +8,11 @@ Their ids start at 1 (`object_id + 1`), their frames at 1 (position in the run +
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,7 @@ def _round(value: float | None) -> float | None:
     return None if value is None else round(value, 6)
 
 
-class CsvWriter:
+class CsvWriter(contextlib.AbstractContextManager):
     """Writes `tracks.csv` frame by frame; every frame is on disk when `add` returns."""
 
     def __init__(self, path: Path) -> None:
@@ -114,15 +114,7 @@ class CsvWriter:
         with files.writing(self._path):
             self._file.close()
 
-    def __enter__(self) -> CsvWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
 

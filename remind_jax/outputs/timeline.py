@@ -1,32 +1,37 @@
 """`timeline.png`: who was seen when, who came back, what stayed undecided.
 
-Letters: `T` processed frames; positions count them 0, 1, 2, ...
+Positions count the processed frames 0, 1, 2, ...
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import Outcome
 from remind_jax.outputs.lettering import put_text, shorten, text_width
-from remind_jax.outputs.palette import AMBIGUOUS, PROVISIONAL, Colour, identity_colour
-from remind_jax.outputs.result import MIN_ABSENCE_FRAMES, UNDECIDED, Result
+from remind_jax.outputs.palette import AMBIGUOUS, PROVISIONAL, Color, identity_color
+from remind_jax.outputs.presence import (
+    MIN_ABSENCE_FRAMES,
+    UNDECIDED,
+    Presence,
+    Span,
+    find_presences,
+    join_positions,
+)
+from remind_jax.outputs.result import Result
 from remind_jax.outputs.ticks import choose_step, frame_steps, time_label, time_steps
 
-Run = tuple[int, int]  # first and last position, both included
-
-_BACKGROUND: Colour = (20, 23, 29)
-_STRIPE: Colour = (27, 31, 38)
-_GRID: Colour = (46, 52, 62)
-_INK: Colour = (228, 231, 237)
-_FAINT: Colour = (142, 150, 164)
+_BACKGROUND: Color = (20, 23, 29)
+_STRIPE: Color = (27, 31, 38)
+_GRID: Color = (46, 52, 62)
+_INK: Color = (228, 231, 237)
+_FAINT: Color = (142, 150, 164)
 _PLOT_PX = 1180
 _MAX_NAME_PX = 240
 _MARGIN_PX = 24
@@ -35,77 +40,33 @@ _FOOTER_PX = 44
 
 
 @dataclasses.dataclass(frozen=True)
-class TimelineRow:
-    """One identity over time."""
-
-    object_id: int
-    label: str
-    seen: tuple[Run, ...]  # frames with a firm detection
-    candidate: tuple[Run, ...]  # frames in which an undecided detection may be this one
-    absences: tuple[Run, ...]  # gaps of at least MIN_ABSENCE_FRAMES
-    returns: tuple[int, ...]  # first position after each absence
-
-
-@dataclasses.dataclass(frozen=True)
 class Timeline:
     """All identities over time, sorted by first sight, and what was never decided."""
 
     num_frames: int
-    rows: tuple[TimelineRow, ...]
-    ambiguous: tuple[Run, ...]  # frames with at least one such detection
-    provisional: tuple[Run, ...]
+    rows: tuple[Presence, ...]
+    ambiguous: tuple[Span, ...]  # frames with at least one such detection
+    provisional: tuple[Span, ...]
 
 
 def build_timeline(result: Result) -> Timeline:
-    """Collects the runs of presence, absence and doubt from a run."""
-    seen: dict[int, list[int]] = {}
-    candidate: dict[int, list[int]] = {}
-    labels: dict[int, str] = {}
-    ambiguous, provisional = [], []
-    for position, tracks in enumerate(result.tracks):
-        for object_id, label in zip(tracks.object_id.tolist(), tracks.labels, strict=True):
-            if object_id != NO_ID:
-                seen.setdefault(object_id, []).append(position)
-                labels.setdefault(object_id, label)
-        undecided = np.isin(tracks.outcome, UNDECIDED)
-        for object_id in np.unique(tracks.candidate_id[undecided]).tolist():
-            if object_id != NO_ID:
-                candidate.setdefault(object_id, []).append(position)
-        if (tracks.outcome == Outcome.AMBIGUOUS).any():
-            ambiguous.append(position)
-        if (undecided & (tracks.outcome != Outcome.AMBIGUOUS)).any():
-            provisional.append(position)
-    by_first_sight = sorted(seen, key=lambda object_id: (seen[object_id][0], object_id))
+    """Collects presence, absence and doubt from a run."""
+
+    def frames_with(outcomes: Sequence[Outcome]) -> tuple[Span, ...]:
+        return join_positions(
+            position
+            for position, tracks in enumerate(result.tracks)
+            if np.isin(tracks.outcome, outcomes).any()
+        )
+
+    by_first_sight = sorted(find_presences(result.tracks), key=lambda row: row.seen[0][0])
+    provisional = [outcome for outcome in UNDECIDED if outcome != Outcome.AMBIGUOUS]
     return Timeline(
         num_frames=len(result.tracks),
-        rows=tuple(
-            _timeline_row(i, labels[i], seen[i], candidate.get(i, [])) for i in by_first_sight
-        ),
-        ambiguous=_runs(ambiguous),
-        provisional=_runs(provisional),
+        rows=tuple(by_first_sight),
+        ambiguous=frames_with([Outcome.AMBIGUOUS]),
+        provisional=frames_with(provisional),
     )
-
-
-def _timeline_row(
-    object_id: int, label: str, seen: Sequence[int], candidate: Sequence[int]
-) -> TimelineRow:
-    runs = _runs(seen)
-    gaps = [(a[1] + 1, b[0] - 1) for a, b in itertools.pairwise(runs)]
-    absences = tuple(gap for gap in gaps if gap[1] - gap[0] + 1 >= MIN_ABSENCE_FRAMES)
-    return TimelineRow(
-        object_id, label, runs, _runs(candidate), absences, tuple(end + 1 for _, end in absences)
-    )
-
-
-def _runs(positions: Iterable[int]) -> tuple[Run, ...]:
-    """Joins rising positions into runs without gaps; repeated positions count once."""
-    runs: list[list[int]] = []
-    for position in positions:
-        if runs and position <= runs[-1][1] + 1:
-            runs[-1][1] = position
-        else:
-            runs.append([position, position])
-    return tuple((first, last) for first, last in runs)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -142,13 +103,13 @@ def draw_timeline(result: Result) -> UInt8[np.ndarray, "H W 3"]:
     for number, row in enumerate(timeline.rows):
         _draw_row(canvas, axes, number, row)
     bottom = len(timeline.rows)
-    for number, name, runs, colour in (
+    for number, name, runs, color in (
         (bottom, "ambiguous", timeline.ambiguous, AMBIGUOUS),
         (bottom + 1, "provisional", timeline.provisional, PROVISIONAL),
     ):
         _draw_name(canvas, axes, number, name, _FAINT)
         for run in runs:
-            _fill_run(canvas, axes, number, run, colour, inset=axes.row_px // 3)
+            _fill_run(canvas, axes, number, run, color, inset=axes.row_px // 3)
     return canvas
 
 
@@ -158,7 +119,7 @@ def _draw_heading(canvas: np.ndarray, result: Result, timeline: Timeline) -> Non
     title = shorten(result.info.name, 19, round(0.62 * canvas.shape[1]), tail=f": {facts}")
     put_text(canvas, title, _MARGIN_PX, 38, 19, _INK)
     x = canvas.shape[1] - _MARGIN_PX - 408
-    canvas[26:38, x : x + 22] = identity_colour(0)
+    canvas[26:38, x : x + 22] = identity_color(0)
     put_text(canvas, "seen", x + 30, 37, 13, _FAINT)
     _draw_return(canvas, x + 88, 32, 13)
     put_text(canvas, f"back after {MIN_ABSENCE_FRAMES}+ frames", x + 100, 37, 13, _FAINT)
@@ -200,34 +161,34 @@ def _put_tick(canvas: np.ndarray, text: str, x: int, baseline: int) -> None:
     put_text(canvas, text, min(x + 2, rightmost), baseline, 12, _FAINT)
 
 
-def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: TimelineRow) -> None:
+def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: Presence) -> None:
     name = shorten(row.label, axes.row_px - 8, axes.names_px - 14, tail=f" {row.object_id}")
     _draw_name(canvas, axes, number, name, _INK)
-    colour = identity_colour(row.object_id)
+    color = identity_color(row.object_id)
     middle = axes.top(number) + axes.row_px // 2
-    dim = tuple(round(0.4 * c + 0.6 * b) for c, b in zip(colour, _STRIPE, strict=True))
+    dim = tuple(round(0.4 * c + 0.6 * b) for c, b in zip(color, _STRIPE, strict=True))
     cv2.line(canvas, (axes.x(row.seen[0][0]), middle), (axes.x(row.seen[-1][1]), middle), dim, 1)
     for run in row.seen:
-        _fill_run(canvas, axes, number, run, colour, inset=4)
+        _fill_run(canvas, axes, number, run, color, inset=4)
     for run in row.candidate:
         _fill_run(canvas, axes, number, run, AMBIGUOUS, inset=axes.row_px // 2 - 2)
     for position in row.returns:
         _draw_return(canvas, axes.x(position), middle, axes.row_px - 9)
 
 
-def _draw_name(canvas: np.ndarray, axes: _Axes, number: int, name: str, ink: Colour) -> None:
+def _draw_name(canvas: np.ndarray, axes: _Axes, number: int, name: str, ink: Color) -> None:
     size_px = axes.row_px - 8
     baseline = axes.top(number) + axes.row_px // 2 + round(0.36 * size_px)
     put_text(canvas, name, _MARGIN_PX, baseline, size_px, ink)
 
 
 def _fill_run(
-    canvas: np.ndarray, axes: _Axes, number: int, run: Run, colour: Colour, inset: int
+    canvas: np.ndarray, axes: _Axes, number: int, run: Span, color: Color, inset: int
 ) -> None:
     """A bar from the first to the last frame of the run, two pixels wide at least."""
     left = axes.x(run[0])
     right = max(axes.x(run[1] + 1), left + 2)
-    canvas[axes.top(number) + inset : axes.top(number + 1) - inset, left:right] = colour
+    canvas[axes.top(number) + inset : axes.top(number + 1) - inset, left:right] = color
 
 
 def _draw_return(canvas: np.ndarray, x: int, middle: int, size_px: int) -> None:

@@ -17,7 +17,8 @@ from remind_jax import files
 from remind_jax.errors import OutputError
 from remind_jax.frame import Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
-from remind_jax.outputs.result import Result, RunInfo
+from remind_jax.outputs.result import Result
+from remind_jax.outputs.run_info import RunInfo
 from remind_jax.tracks import Tracks
 
 CSV_NAME = "tracks.csv"
@@ -126,7 +127,7 @@ class RunWriter:
         result.save_run_json(self.folder)
 
     def _write_records_again(self, result: Result) -> None:
-        """Detections and table of a run in which later frames told more about earlier ones."""
+        """Detections and table of a run in which later frames changed earlier answers."""
         detections, table = self.folder / store.DETECTIONS_NAME, self.folder / CSV_NAME
         partial = [path.with_name(f"{path.name}.part") for path in (detections, table)]
         with (
@@ -164,7 +165,7 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
       run_dir: Output folder of the run.
       source: The frames that the run was made from, in order, as they are sampled; frames that
         the run does not know are passed over. Without it the overlay stays as it is (drawn on
-        grey if there is none), and the gallery's crops are taken from the earlier report.
+        gray if there is none), and the gallery's crops are taken from the earlier report.
 
     Returns:
       The run.
@@ -234,10 +235,10 @@ def _write_products(folder: Path, result: Result, sightings: list[gallery.Sighti
     report.write_report(folder, result, sightings, video if overlay.is_playable(video) else None)
 
 
-def _differ(told: Tracks, final: Tracks) -> bool:
-    """Whether what was told of a frame at first is not what is told in the end."""
-    return told is not final and any(
-        not np.array_equal(getattr(told, name), getattr(final, name))
+def _differ(first: Tracks, final: Tracks) -> bool:
+    """Whether the first answers about a frame are not the final ones."""
+    return first is not final and any(
+        not np.array_equal(getattr(first, name), getattr(final, name))
         for name in ("object_id", "outcome", "pending_id", "candidate_id")
     )
 

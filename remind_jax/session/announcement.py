@@ -1,8 +1,8 @@
-"""When an object is told of: detectors see things for a frame that never were (host).
+"""When an object gets its id in the answers: detectors see things for a frame that never were.
 
 An object is announced once it was detected often enough, under the next free number: ids of what
-never was leave no gaps. Until then its detections are told as provisional. An id that was announced
-stays. Tracks "as decided" carry the ids of the memory, tracks "as told" announced ones.
+never was leave no gaps. Until then its detections are reported as provisional. An id that was
+announced stays. Tracks "as decided" carry the ids of the memory, tracks "as announced" the others.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Announcements:
         return object_id >= self.known_below and object_id not in self.ids
 
     def number(self, object_ids: Iterable[int]) -> dict[int, int]:
-        """A number for each of these, for accounts of decisions.
+        """A number for each of these, for explanations.
 
         Announced objects have their id, all others the numbers that follow the announced ones.
         """
@@ -124,7 +124,7 @@ def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
     return asked or configured or (DETECTOR_DEFAULT if has_detector else 1)
 
 
-def hear(
+def announce(
     so_far: Announcements, tracks: Tracks, after: int, merges: Iterable[tuple[int, int]] = ()
 ) -> Announcements:
     """What is announced when a frame was decided.
@@ -144,10 +144,10 @@ def hear(
     ids, counts, became = dict(so_far.ids), dict(so_far.counts), dict(so_far.became)
     for gone, kept in merges:
         became[gone] = kept
-        told = so_far.id_of(gone)
-        if told != NO_ID and so_far.waits(kept):
-            # Whoever was told of the one knows the other by its id.
-            ids.setdefault(kept, told)
+        known = so_far.id_of(gone)
+        if known != NO_ID and so_far.waits(kept):
+            # To whoever reads the answers, the two were one object all along.
+            ids.setdefault(kept, known)
         counts[kept] = counts.get(kept, 0) + counts.pop(gone, 0)
     next_id = so_far.next_id
     for object_id in seen:
@@ -158,8 +158,8 @@ def hear(
     return Announcements(so_far.known_below, ids, waiting, became, next_id)
 
 
-def tell(announced: Announcements, tracks: Tracks) -> Tracks:
-    """What the user is told of a frame, by what is announced.
+def as_announced(announced: Announcements, tracks: Tracks) -> Tracks:
+    """The answers about a frame by what is announced.
 
     What is not announced is provisional, its pending id is the id that it has in memory. No id is
     given to two objects of a frame: of those that became one, the one announced first has it.
@@ -202,8 +202,8 @@ def _name_rows(announced: Announcements, object_id: Int[np.ndarray, "N"]) -> Int
     """The announced id of each row; of objects that share one, the first to have it keeps it."""
     named = np.array([announced.id_of(int(i)) for i in object_id], object_id.dtype)
     rank = {i: place for place, i in enumerate(announced.ids)} if announced.became else {}
-    for told in {int(i) for i in named if i != NO_ID}:
-        rows = np.flatnonzero(named == told)
+    for shared in {int(i) for i in named if i != NO_ID}:
+        rows = np.flatnonzero(named == shared)
         first = min({int(i) for i in object_id[rows]}, key=lambda i: _rank(announced, rank, i))
         named[rows[object_id[rows] != first]] = NO_ID
     return named

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 
 from remind_jax.compiled.ahead import Forecast, Preparation
-from remind_jax.compiled.frame_step import FrameInput, FrameStep, Told, pack_thresholds
+from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
 from remind_jax.compiled.packing import Packed
 from remind_jax.decision import Decisions
 from remind_jax.errors import SourceError
@@ -85,16 +85,16 @@ class GrowingMemory:
             # while its result is waited for.
             self.state, packed, trace = self.frame_step(self.state, frame_input, self.static)
             outlines = outlines or outline(prepared.detections.masks)
-            read: Told = jax.device_get(packed).unpack()
-            if not read.overflow.objects and not read.overflow.pending:
+            readout: Readout = jax.device_get(packed).unpack()
+            if not readout.overflow.objects and not readout.overflow.pending:
                 break
             self.make_room(
-                num_objects=int(read.overflow.objects), num_pending=int(read.overflow.pending)
+                num_objects=int(readout.overflow.objects), num_pending=int(readout.overflow.pending)
             )
         self.has_grown = self.static != before
         self.trace = jax.device_get(trace)
-        self._look_ahead(frame_feats, prepared, thresholds, read.occupied)
-        return read.decisions, outlines
+        self._look_ahead(frame_feats, prepared, thresholds, readout.occupied)
+        return readout.decisions, outlines
 
     def make_room(self, **needed: int) -> None:
         """Moves the memory into larger capacities; the programs are often ready by then."""

@@ -23,7 +23,7 @@ from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.method import get_method
 from remind_jax.observation import FrameFeats, PatchAttention
-from remind_jax.session.announcement import Announcements, choose_after, hear, tell
+from remind_jax.session.announcement import Announcements, announce, as_announced, choose_after
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.memory_file import (
     SavedMemory,
@@ -323,7 +323,7 @@ class Tracker:
         return []
 
     def _read(self, prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:
-        """What the user is told of the frame."""
+        """The answers about the frame, as decided."""
         num = len(prepared.detections)
         if bad := int(decisions.num_bad_patches):
             message = f"{bad} patches were left out for a feature that is not finite"
@@ -342,12 +342,12 @@ class Tracker:
         )
 
     def _announce(self, decided: Tracks) -> Tracks:
-        """The frame by what is announced, this frame included; tells of objects that became one."""
+        """The answers by what is announced, this frame included; notes objects that became one."""
         merges = [] if self.method.merges is None else self.method.merges(self.state)
         before, self.decided = self.announcements, decided
-        self.announcements = hear(before, decided, self.announce_after, merges)
+        self.announcements = announce(before, decided, self.announce_after, merges)
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
                 self.notices.append(Notice("merged", f"object {old} turned out to be object {new}"))
-        return tell(self.announcements, decided)
+        return as_announced(self.announcements, decided)

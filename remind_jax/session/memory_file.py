@@ -185,8 +185,8 @@ def _read_description(
         values = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
         static = Static(**values)
         names, backbone = tuple(json.loads(header["class_names"])), header["backbone"]
-        told = header.get("announced")
-        announced = None if told is None else Announcements.from_json(json.loads(told))
+        text = header.get("announced")
+        announced = None if text is None else Announcements.from_json(json.loads(text))
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise OutputError(f"{path} is damaged: its description cannot be read ({error})") from error
     if static.precision == "float64" and not jax.config.read("jax_enable_x64"):

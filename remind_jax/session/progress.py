@@ -20,7 +20,7 @@ from remind_jax.errors import OptionError
 
 _BAR_WIDTH = 16  # so that the line fits a terminal of 80 columns
 _NOTEBOOK_REFRESH_S = 0.5
-# A frame that takes longer than this, and than so many usual ones, is told of.
+# A frame that takes longer than this, and than so many usual ones, is reported.
 _LONG_S, _LONG_FRAMES = 3.0, 10
 
 
@@ -87,7 +87,7 @@ class RunLine:
 
     @property
     def has_begun(self) -> bool:
-        """Whether a frame is done, so that there is more to tell than for how long one waits."""
+        """Whether a frame is done, so that more is known than for how long one waits."""
         return self._last is not None
 
     def doing(self) -> str:
@@ -96,8 +96,8 @@ class RunLine:
         if self.note:
             return f"{self._title}: {self.note}"
         if self._last is None:
-            told = f"preparing the tracker, {waited_s:.0f} s (once; kept for later runs)"
-            return f"{self._title}: {told}"
+            once = "(once; kept for later runs)"
+            return f"{self._title}: preparing the tracker, {waited_s:.0f} s {once}"
         if self.is_last:
             return f"{self._title}: drawing, {waited_s:.0f} s"
         return self._title
@@ -132,7 +132,7 @@ def follow_run(
     """
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
         raise OptionError(
-            f"'progress' is {progress!r}; give a function, False for silence, or leave it out",
+            f"'progress' is {progress!r}; give a function, False for nothing, or leave it out",
             "progress",
         )
     if callable(progress):
@@ -144,16 +144,16 @@ def follow_run(
             yield line
 
 
-class _Told(ProgressColumn):
+class _Words(ProgressColumn):
     """A column that asks for its words every time that it is drawn, so that seconds tick."""
 
-    def __init__(self, tell: Callable[[], str]) -> None:
+    def __init__(self, say: Callable[[], str]) -> None:
         super().__init__()
-        self._tell = tell
+        self._say = say
 
     def render(self, task: Any) -> Text:
         """The words of now."""
-        return Text(self._tell(), no_wrap=True, overflow="ellipsis")
+        return Text(self._say(), no_wrap=True, overflow="ellipsis")
 
 
 class _TerminalView(Bars):
@@ -162,11 +162,11 @@ class _TerminalView(Bars):
     def __init__(self, line: RunLine) -> None:
         self._run_line = line
         super().__init__(
-            _Told(line.doing),
+            _Words(line.doing),
             BarColumn(bar_width=_BAR_WIDTH),
             MofNCompleteColumn(),
             TimeRemainingColumn(compact=True),
-            _Told(line.facts),
+            _Words(line.facts),
             console=Console(stderr=True),
             transient=True,
             # What others print goes above the line, unless it goes elsewhere.

@@ -1,4 +1,4 @@
-"""What the user is told of a frame: the decisions of the step beside the outlines of the masks.
+"""The answers about a frame: the decisions of the step beside the outlines of the masks.
 
 `outline` needs no decisions, so the host does it while the device computes them.
 """

@@ -27,10 +27,12 @@ from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError
 from remind_jax.explanation.archive import TraceArchive
 from remind_jax.explanation.explainer import new_archive
 from remind_jax.frame import Detections, Frame
-from remind_jax.outputs.result import UNDECIDED, Event, Result, RunInfo
+from remind_jax.outputs.presence import UNDECIDED
+from remind_jax.outputs.result import Result
+from remind_jax.outputs.run_info import Event, RunInfo
 from remind_jax.outputs.writer import RunWriter, check_folder
 from remind_jax.printing.words import plural
-from remind_jax.session.announcement import choose_after, tell
+from remind_jax.session.announcement import as_announced, choose_after
 from remind_jax.session.live import FEATURES_GIVEN, Tracker
 from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress, follow_run
@@ -138,7 +140,7 @@ def run(
             try:
                 complete = session.consume(first, ahead, writer)
             except Exception:
-                # What was done is finished; what went wrong first is what is told.
+                # What was done is finished; what went wrong first is what is reported.
                 with contextlib.suppress(RemindError):
                     session.release(writer)
                     _finish(session.conclude(info, complete=False), live, writer)
@@ -224,13 +226,13 @@ class _Session:
     def conclude(self, info: RunInfo, complete: bool) -> Result:
         """What was found so far, by what is announced now."""
         self._note_drops()
-        self._note_silence()
+        self._note_unannounced()
         announced = self._tracker.announcements
         archive = self._archive
         if archive is not None and not announced.is_identity:
             archive = archive.renumbered(announced.number)
         return Result(
-            tracks=tuple(tell(announced, decided) for decided in self._decided),
+            tracks=tuple(as_announced(announced, decided) for decided in self._decided),
             info=info,
             timings_ms=self._timings,
             first_frame_ms=self._first_frame_ms,
@@ -277,7 +279,7 @@ class _Session:
         while len(self._waiting) > num_waiting:
             frame, decided = self._waiting.popleft()
             if writer is not None:
-                writer.add(frame, tell(self._tracker.announcements, decided))
+                writer.add(frame, as_announced(self._tracker.announcements, decided))
             self._decided.append(decided)
 
     def _record(self, tracks: Tracks) -> None:
@@ -321,7 +323,7 @@ class _Session:
                 message = f"{count} detections were dropped by the detector: {reason} mask"
                 self._events.append(Event(last, "dropped", message))
 
-    def _note_silence(self) -> None:
+    def _note_unannounced(self) -> None:
         """Reports objects that were not announced."""
         num, after = len(self._tracker.announcements.counts), self._tracker.announce_after
         if num and self._decided:

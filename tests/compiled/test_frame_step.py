@@ -104,7 +104,7 @@ def test_a_whole_step_is_one_program(compiled):
 
 
 @pytest.mark.parametrize("name", ["plus", pytest.param("remind", marks=pytest.mark.slow)])
-def test_an_account_changes_no_decision(name):
+def test_a_trace_changes_no_decision(name):
     plain, traced = make(name), make(name, trace=True)
     for one, other in zip(follow(plain), follow(traced), strict=True):
         np.testing.assert_array_equal(one.object_id, other.object_id)
@@ -121,12 +121,12 @@ def test_a_method_that_calls_the_host_is_not_kept():
     assert not step._is_kept(decide, Static(solver="host"))
 
 
-def test_told_is_packed_in_the_order_of_the_layout():
+def test_the_readout_is_packed_in_the_order_of_the_layout():
     tracker = make("plus")
     follow(tracker, 1)
     (programs,) = tracker._memory.frame_step._prepared.values()
     shapes = Packed.of(jax.device_get(tracker.state.decisions)).layout.shapes
-    assert programs.told.shapes[: len(shapes)] == shapes
+    assert programs.readout.shapes[: len(shapes)] == shapes
 
 
 def test_a_method_that_is_defined_anew_is_compiled_anew():

@@ -9,7 +9,7 @@ from remind_jax.outputs.gallery import (
     crop_detection,
     draw_gallery,
 )
-from remind_jax.outputs.result import MIN_ABSENCE_FRAMES
+from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from tests.outputs.fake_run import make_run, make_tracks
 
 

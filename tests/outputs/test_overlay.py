@@ -4,8 +4,8 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
-from remind_jax.outputs.overlay import NO_IMAGE_GREY, OverlayVideo, draw_overlay, is_playable
-from remind_jax.outputs.palette import identity_colour
+from remind_jax.outputs.overlay import NO_IMAGE_GRAY, OverlayVideo, draw_overlay, is_playable
+from remind_jax.outputs.palette import identity_color
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
 
@@ -23,23 +23,23 @@ def read_video(path):
         return frames, stream.codec_context.name, stream.codec_context.pix_fmt, stream.average_rate
 
 
-def test_masks_are_tinted_towards_the_colour_of_the_identity():
+def test_masks_are_tinted_towards_the_color_of_the_identity():
     tracks = one_square(object_id=4)
     image = np.full((200, 200, 3), 100, np.uint8)
     drawn = draw_overlay(image, tracks)
     inside = drawn[120, 100].astype(int)
-    colour = np.array(identity_colour(4))
-    assert (np.sign(inside - 100) == np.sign(colour - 100)).all()
+    color = np.array(identity_color(4))
+    assert (np.sign(inside - 100) == np.sign(color - 100)).all()
     assert (image == 100).all()  # the input is not written to
     assert (drawn[180:, :] == 100).all()
 
 
 @pytest.mark.parametrize("outcome", [Outcome.AMBIGUOUS, Outcome.PROVISIONAL_NEW])
-def test_undecided_detections_are_colourless(outcome):
+def test_undecided_detections_are_colorless(outcome):
     tracks = one_square(object_id=-1, outcome=outcome, candidates=[(1, 0.8), (2, 0.7)])
     drawn = draw_overlay(np.full((200, 200, 3), 100, np.uint8), tracks).astype(int)
     spread = drawn.max(-1) - drawn.min(-1)
-    assert spread.max() <= 12  # the palette's greys lean to blue by at most that much
+    assert spread.max() <= 12  # the palette's grays lean to blue by at most that much
     assert drawn[120, 100].min() > 130
 
 
@@ -55,7 +55,7 @@ def test_frames_without_image_are_grey():
     tracks = one_square(object_id=0)
     drawn = draw_overlay(None, tracks)
     assert drawn.shape == (200, 200, 3)
-    assert (drawn[190] == NO_IMAGE_GREY).all()
+    assert (drawn[190] == NO_IMAGE_GRAY).all()
 
 
 @pytest.mark.parametrize("size", [(4, 4), (1, 50), (60, 3)])
@@ -72,8 +72,8 @@ def test_labels_do_not_hide_each_other():
     masks[:, 60:100, 50:90] = True
     both = draw_overlay(None, make_tracks(0, masks, [{"object_id": 0}, {"object_id": 1}]))
     for object_id in (0, 1):
-        # The box of a label is filled with the plain colour; outlines have far fewer pixels.
-        assert (both == identity_colour(object_id)).all(-1).sum() > 250
+        # The box of a label is filled with the plain color; outlines have far fewer pixels.
+        assert (both == identity_color(object_id)).all(-1).sum() > 250
 
 
 def test_video_is_h264_that_browsers_play(tmp_path):

@@ -2,26 +2,26 @@ import itertools
 
 import numpy as np
 
-from remind_jax.outputs.palette import identity_colour, ink_on, to_hex
+from remind_jax.outputs.palette import identity_color, ink_on, to_hex
 
 
-def test_colours_are_stable_and_valid():
+def test_colors_are_stable_and_valid():
     for object_id in range(500):
-        colour = identity_colour(object_id)
-        assert colour == identity_colour(object_id)
-        assert all(0 <= channel <= 255 for channel in colour)
-        assert len(to_hex(colour)) == 7
+        color = identity_color(object_id)
+        assert color == identity_color(object_id)
+        assert all(0 <= channel <= 255 for channel in color)
+        assert len(to_hex(color)) == 7
 
 
 def test_neighbours_differ_clearly():
-    colours = [np.array(identity_colour(object_id)) for object_id in range(12)]
-    for a, b in itertools.combinations(colours, 2):
+    colors = [np.array(identity_color(object_id)) for object_id in range(12)]
+    for a, b in itertools.combinations(colors, 2):
         assert np.abs(a - b).max() >= 35
 
 
 def test_no_identity_is_near_white():
     for object_id in range(500):
-        assert min(identity_colour(object_id)) <= 128
+        assert min(identity_color(object_id)) <= 128
 
 
 def test_ink_has_contrast():

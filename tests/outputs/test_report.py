@@ -9,7 +9,8 @@ import pytest
 from remind_jax.frame import SkippedFrame
 from remind_jax.outputs import report
 from remind_jax.outputs.gallery import SightingCollector
-from remind_jax.outputs.result import Event, Result
+from remind_jax.outputs.result import Result
+from remind_jax.outputs.run_info import Event
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> {{data}} \u2028 & '\""

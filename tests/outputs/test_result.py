@@ -7,7 +7,8 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
-from remind_jax.outputs.result import Result, RunInfo
+from remind_jax.outputs.result import Result
+from remind_jax.outputs.run_info import RunInfo
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from remind_jax.outputs.palette import identity_colour
+from remind_jax.outputs.palette import identity_color
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.timeline import build_timeline, draw_timeline
 from tests.outputs.fake_run import make_info, make_run, make_tracks
@@ -47,4 +47,4 @@ def test_any_size_is_drawn(num_objects, num_frames):
     assert picture.dtype == np.uint8
     # All bars reach the right end of the plot.
     shown = {tuple(pixel) for pixel in picture[:, -60].tolist()}
-    assert {identity_colour(i) for i in range(num_objects if num_frames else 0)} <= shown
+    assert {identity_color(i) for i in range(num_objects if num_frames else 0)} <= shown

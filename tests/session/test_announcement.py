@@ -25,9 +25,9 @@ from remind_jax.session import run as session
 from remind_jax.session.announcement import (
     DETECTOR_DEFAULT,
     Announcements,
+    announce,
+    as_announced,
     choose_after,
-    hear,
-    tell,
 )
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
@@ -54,8 +54,8 @@ def follow(
     announced = Announcements.none() if start is None else start
     told = []
     for tracks in frames:
-        announced = hear(announced, tracks, after)
-        told.append(tell(announced, tracks))
+        announced = announce(announced, tracks, after)
+        told.append(as_announced(announced, tracks))
     return told, announced
 
 
@@ -78,7 +78,7 @@ def test_in_the_end_it_has_it_from_the_first_sight_on():
     first = {"object_id": 7, "outcome": Outcome.NEW, "reason": Reason.CREATED_NEW}
     frames = [frame_of(first), frame_of(7)]
     _, announced = follow(frames, 2)
-    final = tell(announced, frames[0])
+    final = as_announced(announced, frames[0])
     assert final.object_id.tolist() == [0]
     assert final.outcome.tolist() == [Outcome.NEW]
     assert final.reason.tolist() == [Reason.CREATED_NEW]
@@ -106,7 +106,7 @@ def test_candidates_speak_of_announced_objects_only():
         doubt | {"outcome": Outcome.PROVISIONAL_PARENT, "candidates": [(8, 0.6)]},
     ]
     known = Announcements(0, {9: 0, 3: 1}, next_id=2)
-    told = tell(known, frame_of(*rows))
+    told = as_announced(known, frame_of(*rows))
     assert told.candidate_id[:, 0].tolist() == [0, 0, 0, 0, -1]
     assert told.candidate_id[:, 1].tolist() == [1, 1, -1, -1, -1]
     np.testing.assert_array_equal(told.candidate_score[:, 0], np.float32([0.9, 0.6, 0.6, 0.4, 0]))
@@ -118,7 +118,7 @@ def test_candidates_speak_of_announced_objects_only():
         Outcome.PROVISIONAL_NEW,
     ]
     assert told.pending_id.tolist() == [-1, 2, 2, 2, 2]
-    waiting = tell(Announcements.none(), frame_of(near))
+    waiting = as_announced(Announcements.none(), frame_of(near))
     assert waiting.candidate_id.tolist() == [[-1, -1, -1]]
 
 
@@ -126,8 +126,8 @@ def test_detections_of_objects_that_turn_out_to_be_one_add_up():
     frames = [frame_of(1), frame_of(2), frame_of(1)]
     announced = Announcements.none()
     for tracks, merges in zip(frames, ([], [], [(2, 1)]), strict=True):
-        announced = hear(announced, tracks, 3, merges)
-    assert ids([tell(announced, tracks) for tracks in frames]) == [[0], [0], [0]]
+        announced = announce(announced, tracks, 3, merges)
+    assert ids([as_announced(announced, tracks) for tracks in frames]) == [[0], [0], [0]]
 
 
 def test_the_id_told_stays_when_its_object_turns_out_to_be_one_never_told():
@@ -135,8 +135,8 @@ def test_the_id_told_stays_when_its_object_turns_out_to_be_one_never_told():
     frames = [frame_of(new | {"object_id": 1}), frame_of(new | {"object_id": 2}), frame_of(2)]
     _, announced = follow(frames, 2)
     last = frame_of(1)
-    announced = hear(announced, last, 2, [(2, 1)])
-    final = [tell(announced, tracks) for tracks in [*frames, last]]
+    announced = announce(announced, last, 2, [(2, 1)])
+    final = [as_announced(announced, tracks) for tracks in [*frames, last]]
     assert ids(final) == [[0], [0], [0], [0]]
     assert [tracks.outcome[0] for tracks in final] == [Outcome.NEW] + 3 * [Outcome.MATCH]
     assert follow([frame_of(5)], 1, announced)[0][0].object_id.tolist() == [1]
@@ -146,8 +146,8 @@ def test_no_id_is_given_to_two_objects_of_a_frame():
     both = frame_of(1, 2)
     announced = Announcements.none()
     for tracks, merges in ((both, []), (frame_of(2), []), (frame_of(1), [(2, 1)])):
-        announced = hear(announced, tracks, 2, merges)
-    told = tell(announced, both)
+        announced = announce(announced, tracks, 2, merges)
+    told = as_announced(announced, both)
     assert told.object_id.tolist() == [NO_ID, 0]  # the one that was announced
     assert told.outcome[0] == Outcome.PROVISIONAL_NEW
 
@@ -160,16 +160,16 @@ AFTERS = st.integers(1, 5)
 def test_without_waiting_nothing_changes(run):
     for index, rows in enumerate(run):
         tracks = frame_of(*rows, index=index)
-        announced = hear(Announcements(), tracks, 1)
+        announced = announce(Announcements(), tracks, 1)
         assert announced.is_identity
-        assert tell(announced, tracks) is tracks
+        assert as_announced(announced, tracks) is tracks
 
 
 @given(RUNS, AFTERS)
 def test_ids_are_dense_and_stay(run, after):
     frames = [frame_of(*rows, index=index) for index, rows in enumerate(run)]
     online, announced = follow(frames, after)
-    final = [tell(announced, tracks) for tracks in frames]
+    final = [as_announced(announced, tracks) for tracks in frames]
     times = {i: sum(i in rows for rows in run) for rows in run for i in rows}
     given_ids = {i for tracks in final for i in tracks.object_id.tolist() if i != NO_ID}
     assert given_ids == set(range(sum(count >= after for count in times.values())))

@@ -7,7 +7,8 @@ import pytest
 
 from remind_jax.config import Config
 from remind_jax.errors import SweepError
-from remind_jax.outputs.result import Result, RunInfo
+from remind_jax.outputs.result import Result
+from remind_jax.outputs.run_info import RunInfo
 from remind_jax.sweeps.gradients import Candidates, fit_weights, join_candidates, surrogate_loss
 
 THRESHOLDS = Config().thresholds

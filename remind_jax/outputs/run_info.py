@@ -1,0 +1,71 @@
+"""What a run was made with, and what happened in it beside its decisions."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from remind_jax.errors import OutputError
+from remind_jax.printing.small_table import Printable, SmallTable
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class RunInfo(Printable):
+    """What a run was made with: enough to read its outputs and to repeat it."""
+
+    name: str
+    source: dict[str, Any] | None  # what the source needs to be opened again; None if it cannot be
+    frame_size: tuple[int, int]  # height, width in pixels
+    fps: float  # processed frames per second
+    class_names: tuple[str, ...]
+    config: dict[str, Any]  # nested, as it would be written to YAML
+    backbone: str
+    versions: dict[str, str]  # remind_jax, jax, numpy, opencv, python
+    device: str
+    started_at: str  # ISO 8601
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as a dictionary that `json` can write."""
+        return dataclasses.asdict(self) | {
+            "frame_size": list(self.frame_size),
+            "class_names": list(self.class_names),
+        }
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> RunInfo:
+        """Reads back what `to_json` made; unknown keys of later versions are left out.
+
+        Raises:
+          OutputError: If a key is missing.
+        """
+        names = [field.name for field in dataclasses.fields(cls)]
+        missing = [name for name in names if name not in content]
+        if missing:
+            raise OutputError(f"the description of the run lacks {', '.join(missing)}")
+        values = {name: content[name] for name in names}
+        height, width = values["frame_size"]
+        values["frame_size"] = (int(height), int(width))
+        values["class_names"] = tuple(values["class_names"])
+        return cls(**values)
+
+    def _summarize(self) -> SmallTable:
+        return SmallTable(f"run '{self.name}'", self.facts())
+
+    def facts(self) -> tuple[str, ...]:
+        """What it was made with, in two lines."""
+        height, width = self.frame_size
+        used = [f"tracker {self.config['tracker']}"] if "tracker" in self.config else []
+        return (
+            f"{width} x {height} pixels, {self.fps:.4g} frames per second",
+            ", ".join([*used, self.backbone, self.device, f"started at {self.started_at}"]),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """Something worth knowing that happened at a frame, as detections that were dropped."""
+
+    frame_index: int
+    kind: str  # a word or two: "dropped", "features"
+    message: str
