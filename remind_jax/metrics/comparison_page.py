@@ -11,7 +11,7 @@ from typing import Any
 
 from remind_jax.errors import OutputError
 from remind_jax.metrics.columns import Chart, Column, Row, column_of, is_best
-from remind_jax.outputs.palette import identity_colour, to_hex
+from remind_jax.outputs.palette import identity_color, to_hex
 
 # Scores of which a plot tells more than the table does.
 _PLOTTED = frozenset(
@@ -204,4 +204,4 @@ def _plain(text: str) -> str:
 
 
 def _color(place: int) -> str:
-    return to_hex(identity_colour(place))
+    return to_hex(identity_color(place))
