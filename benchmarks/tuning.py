@@ -19,12 +19,12 @@ from collections.abc import Sequence
 import numpy as np
 
 import remind_jax as rj
+from benchmarks.gradients import collect_candidates, fit_weights, join_candidates
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.frame import Frame
 from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
 from remind_jax.sweeps.bench import SceneBench
-from remind_jax.sweeps.gradients import collect_candidates, fit_weights, join_candidates
 from remind_jax.sweeps.result import SweepResult
 from remind_jax.sweeps.search import search
 from remind_jax.sweeps.settings import Setting

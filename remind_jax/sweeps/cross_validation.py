@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
 
 import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.printing.small_table import Printable, SmallTable
-from remind_jax.sweeps.result import SweepResult, show_setting
-from remind_jax.sweeps.search import GIVEN
+from remind_jax.sweeps.result import SweepResult, markdown_table, mean_known, show_setting
+from remind_jax.sweeps.search import GIVEN, BenchT
 from remind_jax.sweeps.settings import Setting
 
 Interval = tuple[float, float]
@@ -98,33 +97,11 @@ class CrossValidation(Printable):
 
     def to_markdown(self) -> str:
         """A table of the folds, and the means with their intervals below."""
-        lines = [self.heads, ("---",) * len(self.heads), *self.rows()]
-        table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-        return f"{table}\n\n{self.mean()}"
+        return f"{markdown_table(self.heads, self.rows())}\n\n{self.mean()}"
 
     def _summarize(self) -> SmallTable:
         title = f"settings chosen on the other scenes, by {self.metric}"
         return SmallTable(title, (self.mean(),), self.heads, self.rows(), is_text=(0, 5))
-
-
-BenchT = TypeVar("BenchT", bound="ScenesBench")
-
-
-class ScenesBench(Protocol):
-    """A bench whose scenes can be taken apart; see `bench.SceneBench`."""
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """Names."""
-        ...
-
-    def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:
-        """Scores of the settings."""
-        ...
-
-    def only(self: BenchT, scenes: Sequence[str]) -> BenchT:
-        """The same with some of the scenes."""
-        ...
 
 
 def choose_without(result: SweepResult, scene: str, metric: str = "IDF1") -> int:
@@ -137,7 +114,7 @@ def choose_without(result: SweepResult, scene: str, metric: str = "IDF1") -> int
     others = [index for index, name in enumerate(result.scenes) if name != scene]
     if not others or np.all(np.isnan(column[:, others])):
         raise SweepError(f"no scene but '{scene}' has a {metric} to choose a setting by")
-    return int(np.argmax(np.nan_to_num(_mean(column[:, others]), nan=-math.inf)))
+    return int(np.argmax(np.nan_to_num(mean_known(column[:, others]), nan=-math.inf)))
 
 
 def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation:
@@ -164,7 +141,7 @@ def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation
             Fold(
                 scene,
                 result.settings[chosen],
-                float(_mean(np.delete(table[chosen], held_out))),
+                float(mean_known(np.delete(table[chosen], held_out))),
                 float(table[chosen, held_out]),
                 float(table[given, held_out]),
             )
@@ -198,10 +175,3 @@ def cross_validate_choice(
         score, given_score = (standing.scores[metric] for standing in unseen.standings())
         folds.append(Fold(scene, setting, chosen_score, score, given_score))
     return CrossValidation(metric, tuple(folds))
-
-
-def _mean(scores: np.ndarray) -> np.ndarray:
-    """Means over the last axis of what is known; NaN where nothing is."""
-    known = ~np.isnan(scores)
-    total, number = np.where(known, scores, 0.0).sum(-1), known.sum(-1)
-    return np.where(number > 0, total / np.maximum(1, number), math.nan)

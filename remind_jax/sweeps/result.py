@@ -6,7 +6,7 @@ import csv
 import dataclasses
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -65,11 +65,7 @@ class SweepResult(Printable):
 
     def standings(self) -> list[Standing]:
         """Every setting with its means over the scenes."""
-        table = self.table()
-        counted = ~np.isnan(table)
-        total = np.where(counted, table, 0.0).sum(axis=1)
-        number = counted.sum(axis=1)
-        mean = np.where(number > 0, total / np.maximum(1, number), math.nan)
+        mean = mean_known(self.table().swapaxes(1, 2))
         return [
             Standing(index, setting, dict(zip(self.metrics, mean[index].tolist(), strict=True)))
             for index, setting in enumerate(self.settings)
@@ -126,17 +122,31 @@ class SweepResult(Printable):
         """Settings and mean scores as a Markdown table; all of them if none are given."""
         chosen = self.standings() if standings is None else standings
         names = sorted({name for standing in chosen for name in standing.setting})
-        head = ["setting", *names, *self.metrics]
-        lines = [" | ".join(head), " | ".join("---" for _ in head)]
-        for standing in chosen:
-            values = [_show(standing.setting.get(name, "")) for name in names]
-            scores = [f"{standing.scores[metric]:.3f}" for metric in self.metrics]
-            lines.append(" | ".join([str(standing.index), *values, *scores]))
-        return "\n".join(f"| {line} |" for line in lines)
+        rows = [
+            (
+                str(standing.index),
+                *(_show(standing.setting.get(name, "")) for name in names),
+                *(f"{standing.scores[metric]:.3f}" for metric in self.metrics),
+            )
+            for standing in chosen
+        ]
+        return markdown_table(("setting", *names, *self.metrics), rows)
 
     def _check(self, metric: str) -> None:
         if metric not in self.metrics:
             raise SweepError(f"there is no score {metric!r}; {nearest_names(metric, self.metrics)}")
+
+
+def mean_known(scores: np.ndarray) -> np.ndarray:
+    """Means over the last axis of what is known; NaN where nothing is."""
+    known = ~np.isnan(scores)
+    total, number = np.where(known, scores, 0.0).sum(-1), known.sum(-1)
+    return np.where(number > 0, total / np.maximum(1, number), math.nan)
+
+
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table as Markdown."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in (heads, ("---",) * len(heads), *rows))
 
 
 def show_setting(setting: Setting) -> str:

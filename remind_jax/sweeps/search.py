@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from remind_jax.errors import SweepError, nearest_names
 from remind_jax.sweeps.result import SweepResult
@@ -27,12 +27,24 @@ LOW_IS_GOOD = ("Ambiguous", "Provisional")
 GIVEN: Setting = {}  # the configuration as it stands; the first row of every search
 
 
+BenchT = TypeVar("BenchT", bound="Bench")
+
+
 class Bench(Protocol):
     """What settings are tried on; see `bench.SceneBench`."""
 
     @property
     def tracker(self) -> str:
         """Name of the method whose thresholds settings are about."""
+        ...
+
+    @property
+    def scenes(self) -> tuple[str, ...]:
+        """Names of the scenes."""
+        ...
+
+    def only(self: BenchT, scenes: Sequence[str]) -> BenchT:
+        """The same with some of the scenes."""
         ...
 
     def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:

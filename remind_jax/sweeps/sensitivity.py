@@ -12,36 +12,36 @@ import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.method import PAPER_METHOD
-from remind_jax.sweeps.result import SweepResult
+from remind_jax.sweeps.result import SweepResult, markdown_table
 from remind_jax.sweeps.search import GIVEN, Bench, Space, join
 from remind_jax.sweeps.settings import Setting, Value
 
 # Thresholds of the paper's table (supplement), by the range around the published value in which a
 # user might set them.
 PAPER_SPACE: dict[str, tuple[Value, Value]] = {
-    "perception.trim_keep": (0.25, 1.0),  # rho
-    "perception.part_merge": (0.65, 0.95),  # tau_merge
-    "perception.ring_inner": (2, 5),  # r_in
-    "perception.ring_outer": (5, 9),  # r_out
-    "appearance.duplicate": (0.80, 0.98),  # tau_dup
-    "appearance.merge": (0.80, 0.98),  # tau_merge,int
+    "perception.trim_keep": (0.25, 1.0),
+    "perception.part_merge": (0.65, 0.95),
+    "perception.ring_inner": (2, 5),
+    "perception.ring_outer": (5, 9),
+    "appearance.duplicate": (0.80, 0.98),
+    "appearance.merge": (0.80, 0.98),
     "background.duplicate": (0.80, 0.98),
     "background.merge": (0.80, 0.98),
-    "background.update_rate_min": (0.0, 0.10),  # alpha
+    "background.update_rate_min": (0.0, 0.10),
     "parts.duplicate": (0.80, 0.98),
     "parts.merge": (0.80, 0.98),
     "parts.update_rate_min": (0.0, 0.15),
-    "lifecycle.confirm_hits": (1, 5),  # h_confirm
-    "lifecycle.max_misses_confirmed": (2, 40),  # m_max
-    "similarity.object_weight": (0.2, 1.0),  # w_obj
-    "similarity.background_weight": (0.0, 0.5),  # w_bg
-    "similarity.parts_weight": (0.0, 0.4),  # w_parts
-    "diagnosis.anchor_margin": (0.01, 0.20),  # delta_confirm
-    "influence.positive_cap": (0.0, 0.40),  # delta_plus
-    "influence.negative_cap": (0.0, 0.30),  # delta_minus
-    "influence.rescue_visual": (0.40, 0.75),  # tau_vis,min
-    "matching.match": (0.55, 0.90),  # tau_match
-    "matching.lock_score": (0.75, 0.99),  # tau_lock
+    "lifecycle.confirm_hits": (1, 5),
+    "lifecycle.max_misses_confirmed": (2, 40),
+    "similarity.object_weight": (0.2, 1.0),
+    "similarity.background_weight": (0.0, 0.5),
+    "similarity.parts_weight": (0.0, 0.4),
+    "diagnosis.anchor_margin": (0.01, 0.20),
+    "influence.positive_cap": (0.0, 0.40),
+    "influence.negative_cap": (0.0, 0.30),
+    "influence.rescue_visual": (0.40, 0.75),
+    "matching.match": (0.55, 0.90),
+    "matching.lock_score": (0.75, 0.99),
 }
 # Thresholds of plus that weigh its evidence and decide when it is enough, likewise.
 PLUS_SPACE: dict[str, tuple[Value, Value]] = {
@@ -232,29 +232,26 @@ def spread(values: Sequence[Value], number: int) -> list[Value]:
 
 def curves_to_markdown(curves: Sequence[Curve]) -> str:
     """One line per threshold: its range, how far the score moves, and where it is best."""
-    lines = ["| threshold | range | span | best value | best | as it stands |", "|" + " --- |" * 6]
+    rows = []
     for curve in curves:
         best = int(np.argmax(np.nan_to_num(curve.scores, nan=-math.inf)))
-        lines.append(
-            f"| {curve.name} | {curve.values[0]:g} to {curve.values[-1]:g} | {curve.span:.3f} | "
-            f"{curve.values[best]:g} | {curve.scores[best]:.3f} | {curve.given_score:.3f} |"
-        )
-    return "\n".join(lines)
+        ends = f"{curve.values[0]:g} to {curve.values[-1]:g}"
+        scores = (f"{curve.scores[best]:.3f}", f"{curve.given_score:.3f}")
+        rows.append((curve.name, ends, f"{curve.span:.3f}", f"{curve.values[best]:g}", *scores))
+    heads = ("threshold", "range", "span", "best value", "best", "as it stands")
+    return markdown_table(heads, rows)
 
 
 def sobol_to_markdown(indices: Sequence[SobolIndex]) -> str:
     """One line per threshold: first-order and total index with their intervals."""
-    lines = ["| threshold | alone | with interactions |", "| --- | --- | --- |"]
-    for index in indices:
-        cells = [
-            f"{value:.2f} [{low:.2f}, {high:.2f}]"
-            for value, (low, high) in (
-                (index.first, index.first_interval),
-                (index.total, index.total_interval),
-            )
-        ]
-        lines.append(f"| {index.name} | {cells[0]} | {cells[1]} |")
-    return "\n".join(lines)
+
+    def show(value: float, interval: tuple[float, float]) -> str:
+        return f"{value:.2f} [{interval[0]:.2f}, {interval[1]:.2f}]"
+
+    rows = [
+        (i.name, show(i.first, i.first_interval), show(i.total, i.total_interval)) for i in indices
+    ]
+    return markdown_table(("threshold", "alone", "with interactions"), rows)
 
 
 def _at(space: Space, point: np.ndarray) -> Setting:

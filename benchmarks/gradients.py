@@ -145,16 +145,16 @@ def fit_weights(
         logits, match = params
         return surrogate_loss(candidates, weights_of(logits), match, temperature)
 
-    optimiser = optax.adam(learning_rate)
+    optimizer = optax.adam(learning_rate)
     params = jnp.log(jnp.where(used, start, 1.0)), jnp.float32(thresholds.matching.match)
 
     def move(carry: tuple, _: None) -> tuple[tuple, Array]:
         params, state = carry
         value, slope = jax.value_and_grad(loss)(params)
-        updates, state = optimiser.update(slope, state)
+        updates, state = optimizer.update(slope, state)
         return (optax.apply_updates(params, updates), state), value
 
-    run = jax.jit(lambda p: jax.lax.scan(move, (p, optimiser.init(p)), None, num_steps))
+    run = jax.jit(lambda p: jax.lax.scan(move, (p, optimizer.init(p)), None, num_steps))
     ((logits, match), _), history = run(params)
     weights = np.asarray(weights_of(logits), float)
     setting: Setting = {

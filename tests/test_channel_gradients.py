@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.gradients import Candidates, fit_weights, join_candidates, surrogate_loss
 from remind_jax.config import Config
 from remind_jax.errors import SweepError
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import RunInfo
-from remind_jax.sweeps.gradients import Candidates, fit_weights, join_candidates, surrogate_loss
 
 THRESHOLDS = Config().thresholds
 
@@ -82,7 +82,7 @@ def test_runs_of_different_width_are_joined():
 
 
 def test_runs_without_such_candidates_are_refused():
-    from remind_jax.sweeps.gradients import collect_candidates
+    from benchmarks.gradients import collect_candidates
 
     info = RunInfo.__new__(RunInfo)
     object.__setattr__(info, "name", "plain")
