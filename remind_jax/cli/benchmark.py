@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import (
     BackboneName,
     DetectionFlags,
@@ -19,7 +19,6 @@ from remind_jax.cli.flags import (
     quiet_defaults,
     refuse_flags,
 )
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -77,7 +76,6 @@ class Benchmark:
           RemindError: If the data set, a method or an option is not accepted, or nothing can be
             written.
         """
-        silence_libraries()
         # Else the memory that a device reports is what JAX reserved.
         os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
         from remind_jax.backbone.opening import open_backbone
@@ -106,7 +104,7 @@ class Benchmark:
         runs = self._score(records, scenes)
         tables = self._make_tables(runs, contenders, scenes, setup.regime)
         self._show(tables, runs)
-        return exit_codes.FINE if any(run.strict for run in runs) else exit_codes.ERROR
+        return process.FINE if any(run.strict for run in runs) else process.ERROR
 
     def _find_scenes(self) -> tuple[Scene, ...]:
         from remind_jax.benchmark.scenes import find_scenes, select_scenes

@@ -1,4 +1,4 @@
-"""`remind config`: prints, compares, checks and imports configurations."""
+"""`remind config`: prints, describes, compares, checks and imports configurations."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg, subcommand
 
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.errors import ConfigError, OutputError
+from remind_jax.errors import ConfigError
 from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class List:
         width = max(map(len, names))
         for name in names:
             print(f"{name:<{width}}  {describe_config(name)}")
-        return exit_codes.FINE
+        return process.FINE
 
 
 @quiet_defaults
@@ -46,7 +46,29 @@ class Show:
     def execute(self) -> int:
         """Prints the configuration."""
         print(_as_yaml(_load(self.name, self.backbone, self.changes).to_dict()))
-        return exit_codes.FINE
+        return process.FINE
+
+
+@quiet_defaults
+@dataclasses.dataclass(frozen=True)
+class Describe:
+    """Say what settings mean: value, unit, what a larger one does, what others call them."""
+
+    keys: Annotated[Positional[tuple[str, ...]], arg(metavar="KEY ...")]  # settings or sections
+    config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # whose settings and values
+
+    def execute(self) -> int:
+        """Prints a paragraph per setting.
+
+        Raises:
+          ConfigError: If none is named, or one of them is unknown.
+        """
+        from remind_jax.config.help import describe_settings
+
+        if not self.keys:
+            raise ConfigError("name the settings to describe, for example decision.new")
+        print_lines(describe_settings(load_config_with(self.config), self.keys))
+        return process.FINE
 
 
 @quiet_defaults
@@ -71,7 +93,7 @@ class Diff:
             if num := len(set(config.keys) - shared):
                 lines.append(f"only in {name}: {num} thresholds of tracker '{config.tracker}'")
         print_lines(lines)
-        return exit_codes.FINE
+        return process.FINE
 
 
 @quiet_defaults
@@ -92,7 +114,7 @@ class Validate:
         for name in self.files:
             load_config_with(name)
             print(f"{name} is valid")
-        return exit_codes.FINE
+        return process.FINE
 
 
 @quiet_defaults
@@ -106,31 +128,25 @@ class ImportReference:
     def execute(self) -> int:
         """Prints or writes the translation."""
         from remind_jax.config import Config, load_config
+        from remind_jax.config.dotted_keys import nest
 
         imported = Config.from_reference(self.file)
-        tree: dict[str, Any] = {"base": "published"}
-        for key, value, _ in imported.difference(load_config("published")):
-            *groups, last = key.split(".")
-            node = tree
-            for group in groups:
-                node = node.setdefault(group, {})
-            node[last] = value
+        changes = {key: value for key, value, _ in imported.difference(load_config("published"))}
+        tree = {"base": "published", **nest(changes)}
         if self.out is None:
             print(_as_yaml(tree))
-            return exit_codes.FINE
-        try:
-            self.out.write_text(_as_yaml(tree) + "\n")
-        except OSError as error:
-            raise OutputError(f"cannot write '{self.out}': {error.strerror}") from error
-        return exit_codes.FINE
+        else:
+            process.write_text(self.out, _as_yaml(tree) + "\n")
+        return process.FINE
 
 
 @dataclasses.dataclass(frozen=True)
 class ConfigVerb:
-    """Print, compare, check and import configurations.
+    """Print, describe, compare, check and import configurations.
 
     Examples:
       remind config show default > mine.yaml
+      remind config describe decision.new looks
       remind config show --backbone dinov3-vits16
       remind config diff mine.yaml
       remind config validate mine.yaml
@@ -140,6 +156,7 @@ class ConfigVerb:
     action: (
         Annotated[List, subcommand("list")]
         | Annotated[Show, subcommand("show")]
+        | Annotated[Describe, subcommand("describe")]
         | Annotated[Diff, subcommand("diff")]
         | Annotated[Validate, subcommand("validate")]
         | Annotated[ImportReference, subcommand("import-reference")]

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.printing.terminal import print_lines, print_table
 
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 class Convert:
     """Convert published weights of DINOv3, DINOv2 or DINO for 'remind run --weights'.
 
-    The network is recognised by its tensors; every one is used, or reported.
+    The network is recognized by its tensors; every one is used, or reported.
 
     Examples:
       remind convert dinov3_vits16_pretrain_lvd1689m-08c60483.pth
@@ -60,12 +59,11 @@ class Convert:
         """
         if self.list:
             _print_variants()
-            return exit_codes.FINE
+            return process.FINE
         if self.source is None:
             raise ConfigError("name the weight file to convert, or use --list")
         if self.verify is not None and not self.verify.is_file():
             raise SourceError(f"image '{self.verify}' does not exist")
-        silence_libraries()
         from weights_convert.conversion import convert
         from weights_convert.variant_detection import Wishes
 
@@ -83,7 +81,7 @@ class Convert:
         elif not self.quiet:
             _print_facts(done, check)
         is_refuted = check is not None and check.nearest is not None and not check.agrees
-        return exit_codes.ERROR if is_refuted else exit_codes.FINE
+        return process.ERROR if is_refuted else process.FINE
 
 
 def _facts(done: Conversion, check: Check | None) -> dict[str, object]:
@@ -126,11 +124,11 @@ def _print_check(check: Check) -> None:
         known = check.nearest
         rows += [(f"{known.weights} cls", known.cls), (f"{known.weights} patch 0", known.patch)]
         verdict = "agrees with" if check.agrees else "DIFFERS from"
-        told = (
+        line = (
             f"  {verdict} the values published for {IMAGE_NAME}: largest difference "
             f"{check.difference:.1e}, {TOLERANCE:.0e} is allowed"
         )
-        print_lines([told])
+        print_lines([line])
     for name, values in rows:
         print(f"    {name:18}" + " ".join(f"{value:9.5f}" for value in values))
 

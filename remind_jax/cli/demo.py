@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.progress import RunDisplay
-from remind_jax.cli.run import print_summary, track
-from remind_jax.cli.summary import summary_facts
+from remind_jax.cli.run import track
+from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import OutputError
 from remind_jax.printing.terminal import print_table
 
@@ -59,7 +58,6 @@ class Demo:
         from remind_jax.outputs.store import DETECTIONS_NAME
         from remind_jax.synthetic import demo_options, make_scene, render
 
-        silence_libraries()
         is_earlier_run = (self.out / DETECTIONS_NAME).exists()
         if self.out.is_dir() and any(self.out.iterdir()) and not is_earlier_run:
             raise OutputError(
@@ -85,7 +83,7 @@ class Demo:
         elif not self.quiet:
             print_summary(result, self.out)
             print_recovered(evaluation)
-        return exit_codes.FINE if result.complete else exit_codes.INTERRUPTED
+        return process.FINE if result.complete else process.INTERRUPTED
 
 
 def print_recovered(evaluation: Evaluation) -> None:

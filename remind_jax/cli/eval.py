@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
-from remind_jax.errors import OptionError, OutputError, RemindError
+from remind_jax.errors import OptionError, RemindError
 from remind_jax.printing.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
@@ -44,9 +44,9 @@ class Eval:
     truth: Annotated[Positional[Path], arg(metavar="GT")]  # ground truth
     # predictions of any number of trackers
     predictions: Annotated[Positional[tuple[Path, ...]], arg(metavar="[PRED ...]")] = ()
-    # of the predictions, and of text truth; recognised if left out
+    # of the predictions, and of text truth; recognized if left out
     format: FormatName | None = None
-    truth_format: FormatName | None = None  # of the truth; recognised if left out
+    truth_format: FormatName | None = None  # of the truth; recognized if left out
     # undecided detections of a run: without an id, or settled among their candidates
     undecided: Literal["strict", "collapse"] = "strict"
     # TrackEval's definitions, or the original evaluator's (every deviation is named)
@@ -79,7 +79,8 @@ class Eval:
             return self._execute_paper()
         evaluations = self._evaluate()
         if self.json is not None:
-            _write_json(self.json, evaluations)
+            content = {"predictions": {e.name: e.to_json() for e in evaluations}}
+            _write_json(self.json, content if len(evaluations) > 1 else evaluations[0].to_json())
         if self.table or (len(evaluations) > 1 and not self.quiet):
             table = table_of(evaluations, num_resamples=self.resamples, title=self.truth.name)
             for path in self._table_files:
@@ -88,7 +89,7 @@ class Eval:
                 table.print()
         if len(evaluations) == 1 and not self.quiet:
             print_evaluation(evaluations[0])
-        return exit_codes.FINE
+        return process.FINE
 
     @property
     def _table_files(self) -> tuple[Path, ...]:
@@ -117,12 +118,12 @@ class Eval:
         if self.json is not None:
             by_name = {e.name: e.to_json() for e in evaluations}
             content = evaluations[0].to_json() if len(self.predictions) == 1 else {}
-            _write_content(self.json, {**content, "predictions": by_name})
+            _write_json(self.json, {**content, "predictions": by_name})
         for path in self._table_files:
             table.save(path)
         if not self.quiet:
             table.print()
-        return exit_codes.FINE
+        return process.FINE
 
     def _evaluate(self) -> list[SetEvaluation]:
         from remind_jax.metrics.scene_comparison import name_predictions
@@ -178,8 +179,8 @@ def print_evaluation(evaluation: SetEvaluation) -> None:
     num_scenes = _num_scenes(evaluation)
     lines = [f"note: {note}" for note in evaluation.notes]
     if evaluation.failed:
-        told = [f"  {scene}: {why}" for scene, why in evaluation.failed.items()]
-        lines = [f"{len(evaluation.failed)} of {num_scenes} scenes failed:", *told, *lines]
+        reasons = [f"  {scene}: {why}" for scene, why in evaluation.failed.items()]
+        lines = [f"{len(evaluation.failed)} of {num_scenes} scenes failed:", *reasons, *lines]
     elif num_scenes > 1:
         lines = [f"{num_scenes} scenes, counts added", *lines]
     print_lines(lines)
@@ -205,15 +206,5 @@ def _num_scenes(evaluation: SetEvaluation) -> int:
     return len(evaluation.scenes) + len(evaluation.failed)
 
 
-def _write_json(path: Path, evaluations: list[SetEvaluation]) -> None:
-    content: dict[str, Any] = evaluations[0].to_json()
-    if len(evaluations) > 1:
-        content = {"predictions": {e.name: e.to_json() for e in evaluations}}
-    _write_content(path, content)
-
-
-def _write_content(path: Path, content: dict[str, Any]) -> None:
-    try:
-        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}': {error.strerror}") from error
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    process.write_text(path, json.dumps(content, indent=1) + "\n")

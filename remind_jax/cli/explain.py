@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import OutputError
 from remind_jax.printing.terminal import output_width
 
@@ -48,19 +47,18 @@ class Explain:
         """
         from remind_jax.outputs.result import Result
 
-        silence_libraries()
         result = Result.load(self.run)
         if result.trace is None:
             raise OutputError(f"'{self.run}' holds no trace; run again with --trace")
         if self.detection is None:
             self._list(result)
-            return exit_codes.FINE
+            return process.FINE
         explanation = result.explain(self.frame, self.detection)
         if self.json:
             print(json.dumps(explanation.to_json(), indent=1, ensure_ascii=False))
         else:
             print(explanation.to_text(output_width()))
-        return exit_codes.FINE
+        return process.FINE
 
     def _list(self, result: Result) -> None:
         """Prints the detections of the frame."""

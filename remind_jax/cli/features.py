@@ -9,10 +9,9 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import SourceError
 from remind_jax.printing.terminal import print_lines
 
@@ -51,7 +50,6 @@ class Features:
         Raises:
           RemindError: If the source, the backbone or the folder cannot be used.
         """
-        silence_libraries()
         from rich.console import Console
         from rich.progress import track
 
@@ -93,9 +91,9 @@ class Features:
         if self.json:
             print(json.dumps(facts, indent=1))
         elif not self.quiet:
-            told = (
+            line = (
                 f"{folder}: features of {tally.num_computed} frames computed, of "
                 f"{tally.num_found} found, backbone {backbone.name}"
             )
-            print_lines([told])
-        return exit_codes.FINE
+            print_lines([line])
+        return process.FINE

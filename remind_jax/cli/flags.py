@@ -1,4 +1,4 @@
-"""How flags are read and told: in the words of the shell, not in those of Python or the parser."""
+"""How flags are read and described: in the words of the shell, not of Python or the parser."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ BackboneName = Annotated[
 ]
 
 _NUMBERS: dict[Any, tuple[str, str]] = {int: ("N", "whole number"), float: ("X", "number")}
-_NOTHING = ("None", "False", "")  # defaults that the help of a flag tells in words, if at all
+_NOTHING = ("None", "False", "")  # defaults that the help of a flag says in words, if at all
 
 
 class UsageError(Exception):
     """Flags whose values make no sense, in one sentence.
 
-    No `ValueError`: the parser catches those and tells them with its own inner names.
+    No `ValueError`: the parser catches those and reports them with its own inner names.
     """
 
 
@@ -60,14 +60,14 @@ def past_the_parser() -> Iterator[None]:
         raise UsageError(error.spelled(spell_flag)) from error
 
 
-def _tell_default(default: str) -> str:
+def _show_default(default: str) -> str:
     return "" if default in _NOTHING else f"(default: {default})"
 
 
 def quiet_defaults(flags: type[VerbT]) -> type[VerbT]:
     """Leaves "(default: None)" and "(default: False)" out of the help of a class of flags."""
     for name, kind in get_type_hints(flags, include_extras=True).items():
-        flags.__annotations__[name] = Annotated[kind, arg(help_behavior_hint=_tell_default)]
+        flags.__annotations__[name] = Annotated[kind, arg(help_behavior_hint=_show_default)]
     return flags
 
 
@@ -171,9 +171,9 @@ def _read_what_may_be_left_out(
     spec = ConstructorRegistry.get_primitive_spec(inner)
     if isinstance(spec, UnsupportedTypeAnnotationError):
         return spec
-    tell = spec.str_from_instance
+    show = spec.str_from_instance
     return dataclasses.replace(
         spec,
         is_instance=lambda value: value is None or spec.is_instance(value),
-        str_from_instance=lambda value: ["None"] if value is None else tell(value),
+        str_from_instance=lambda value: ["None"] if value is None else show(value),
     )

@@ -6,13 +6,13 @@ import inspect
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Any, Union
+from typing import Annotated, Any, Protocol, Union
 
 import tyro
 from tyro.conf import subcommand
 
 import remind_jax
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.benchmark import Benchmark
 from remind_jax.cli.config import ConfigVerb
 from remind_jax.cli.convert import Convert
@@ -38,19 +38,14 @@ First steps:
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
 
-Verb = (
-    Run
-    | Demo
-    | View
-    | Explain
-    | Eval
-    | Benchmark
-    | Sweep
-    | Convert
-    | Features
-    | Warmup
-    | ConfigVerb
-)
+
+class Verb(Protocol):
+    """A verb with its flags, as parsed."""
+
+    def execute(self) -> int:
+        """Does what was asked; returns the exit code."""
+        ...
+
 
 VERBS: dict[str, type[Verb]] = {
     "run": Run,
@@ -81,33 +76,35 @@ def main(argv: Sequence[str] | None = None) -> int:
         words = [*words[1:], "--help"]
     if words[0] in ("--version", "-V"):
         print(f"remind-jax {remind_jax.__version__}")
-        return exit_codes.FINE
+        return process.FINE
     if not words[0].startswith("-") and words[0] not in VERBS:
         hint = nearest_names(words[0], VERBS)
         print(f"remind: there is no verb {words[0]!r}; {hint}", file=sys.stderr)
-        return exit_codes.USAGE
+        return process.USAGE
     try:
-        return _parse(words).execute()
+        verb = _parse(words)
+        process.silence_libraries()
+        return verb.execute()
     except SystemExit as stop:  # help was shown, or wrong usage explained
-        return stop.code if isinstance(stop.code, int) else exit_codes.USAGE
+        return stop.code if isinstance(stop.code, int) else process.USAGE
     except UsageError as error:
         print(f"remind: {error}", file=sys.stderr)
-        return exit_codes.USAGE
+        return process.USAGE
     except OptionError as error:
         print(f"remind: {error.spelled(spell_flag)}", file=sys.stderr)
-        return exit_codes.USAGE
+        return process.USAGE
     except RemindError as error:
         print(f"remind: {error}", file=sys.stderr)
         for note in getattr(error, "__notes__", ()):
             print(note, file=sys.stderr)
-        return exit_codes.ERROR
+        return process.ERROR
     except KeyboardInterrupt:
         print("remind: stopped", file=sys.stderr)
-        return exit_codes.INTERRUPTED
+        return process.INTERRUPTED
     except BrokenPipeError:
         # Whatever Python flushes at its end would complain once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return exit_codes.BROKEN_PIPE
+        return process.BROKEN_PIPE
 
 
 def _parse(words: Sequence[str]) -> Verb:

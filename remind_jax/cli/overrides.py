@@ -49,14 +49,14 @@ def load_config_with(
 
 
 def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
-    """Turns `["a.b=1", "a.c=x"]` into `{"a": {"b": 1, "c": "x"}}`.
+    """Turns `["a.b=1", "c=x"]` into `{"a.b": 1, "c": "x"}`; of one key the last counts.
 
     Raises:
-      ConfigError: If a text is no assignment, or one key is both a value and a group.
+      ConfigError: If a text is no assignment.
     """
     import yaml
 
-    tree: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals or not key or "" in key.split("."):
@@ -65,16 +65,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
                 "--set thresholds.decision.new=1.5, after everything else"
             )
         try:
-            value = yaml.safe_load(text)
+            values[key] = yaml.safe_load(text)
         except yaml.YAMLError as error:
             raise ConfigError(f"the value of --set {assignment!r} is not valid YAML") from error
-        *groups, last = key.split(".")
-        node = tree
-        for group in groups:
-            node = node.setdefault(group, {})
-            if not isinstance(node, dict):
-                raise ConfigError(f"--set gives both a value and keys below it for {group!r}")
-        if isinstance(node.get(last), dict):
-            raise ConfigError(f"--set gives both a value and keys below it for {last!r}")
-        node[last] = value
-    return tree
+    return values

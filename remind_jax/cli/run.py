@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import (
     BackboneName,
     DetectionFlags,
@@ -19,7 +19,6 @@ from remind_jax.cli.flags import (
     refuse_flags,
 )
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError
@@ -96,7 +95,6 @@ class Run:
         Raises:
           RemindError: As `remind_jax.run`.
         """
-        silence_libraries()
         if self.detector is None:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         source = self._open()
@@ -124,7 +122,7 @@ class Run:
             print(json.dumps(summary_facts(result, out), indent=1))
         elif not self.quiet:
             print_summary(result, out, source.notes)
-        return exit_codes.FINE if result.complete else exit_codes.INTERRUPTED
+        return process.FINE if result.complete else process.INTERRUPTED
 
     def _open(self) -> Source:
         from remind_jax.sources import open_source

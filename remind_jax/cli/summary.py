@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from remind_jax.printing.terminal import print_lines
+from remind_jax.printing.words import plural
 
 if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
 
-_MAX_EXAMPLES = 3  # skipped frames and events that are spelt out
+_MAX_EXAMPLES = 3  # skipped frames and events that are spelled out
 
 
 def summary_facts(result: Result, out: Path) -> dict[str, Any]:
@@ -43,9 +44,9 @@ def summary_lines(result: Result, out: Path) -> list[str]:
     """What was found, how long it took, what went wrong, where it is; one line each."""
     facts = result.summary()
     found = (
-        f"{result.info.name}: {_count(facts['frames'], 'frame')}, "
-        f"{_count(facts['identities'], 'identity', 'identities')}, "
-        f"{_count(facts['returns'], 'return')}, "
+        f"{result.info.name}: {plural(facts['frames'], 'frame')}, "
+        f"{plural(facts['identities'], 'identity', 'identities')}, "
+        f"{plural(facts['returns'], 'return')}, "
         f"{100 * facts['undecided_share']:.1f} % of {facts['detections']} detections uncertain"
     )
     place = "output in" if result.complete else "stopped; what was done is in"
@@ -56,10 +57,6 @@ def summary_lines(result: Result, out: Path) -> list[str]:
         *_say_events(result),
         f"{place} {out}, open {out / 'report.html'}",
     ]
-
-
-def _count(number: int, one: str, many: str | None = None) -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"
 
 
 def _say_times(facts: dict[str, Any]) -> list[str]:
@@ -79,7 +76,7 @@ def _say_skipped(result: Result) -> list[str]:
     num = sum(frame.count for frame in result.skipped)
     shown = [f"'{frame.name}': {frame.reason}" for frame in result.skipped[:_MAX_EXAMPLES]]
     more = ["..."] if len(result.skipped) > _MAX_EXAMPLES else []
-    return [f"{_count(num, 'frame')} skipped: " + "; ".join(shown + more)]
+    return [f"{plural(num, 'frame')} skipped: " + "; ".join(shown + more)]
 
 
 def _say_events(result: Result) -> list[str]:

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
-from remind_jax.errors import OptionError, OutputError, SweepError
+from remind_jax.errors import OptionError, SweepError
 from remind_jax.printing.terminal import print_lines, print_markdown
 
 if TYPE_CHECKING:
@@ -94,7 +93,6 @@ class Sweep:
         Raises:
           RemindError: If a scene, a setting or the configuration is not accepted.
         """
-        silence_libraries()
         plan = self._plan()
         out = self.out or DEFAULT_FOLDER / "sweep"
         display = SweepDisplay(is_shown=not self.quiet)
@@ -102,16 +100,16 @@ class Sweep:
             bench = self._open(out, display)
             result, sections = plan(bench)
         if not result.complete and not result.rows:
-            return exit_codes.INTERRUPTED
+            return process.INTERRUPTED
         sections = [self._describe(result), *sections]
         result.to_csv(out / TABLE_FILE)
-        _write(out / SUMMARY_FILE, "\n\n".join(sections) + "\n")
+        process.write_text(out / SUMMARY_FILE, "\n\n".join(sections) + "\n")
         if self.json:
             print(json.dumps(self._facts(result, out), indent=1))
         elif not self.quiet:
             print_markdown("\n\n".join(sections))
             print_lines(["", f"All {len(result.settings)} settings: {out / TABLE_FILE}"])
-        return exit_codes.FINE if result.complete else exit_codes.INTERRUPTED
+        return process.FINE if result.complete else process.INTERRUPTED
 
     def _plan(self) -> Any:
         """What is to be done with the bench, checked before any work."""
@@ -268,10 +266,3 @@ def _parse_space(ranges: tuple[tuple[str, ...], ...]) -> dict[str, list[Value]]:
             )
         space[name] = parse_values(values)
     return space
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}': {error.strerror}") from error

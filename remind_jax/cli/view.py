@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.cli.summary import print_summary
 from remind_jax.errors import SourceError
 
@@ -44,7 +43,6 @@ class View:
         from remind_jax.outputs.result import Result
         from remind_jax.outputs.writer import render_again
 
-        silence_libraries()
         info = Result.load(self.run).info
         notes = []
         if self.source is not None:
@@ -57,7 +55,7 @@ class View:
         result = render_again(self.run, frames)
         if not self.quiet:
             print_summary(result, self.run, notes)
-        return exit_codes.FINE
+        return process.FINE
 
 
 def _open_again(info: RunInfo) -> Source:

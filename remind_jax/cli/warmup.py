@@ -9,10 +9,9 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.cli.process_settings import silence_libraries
 from remind_jax.errors import ConfigError
 from remind_jax.session.progress import RunLine
 
@@ -47,7 +46,6 @@ class Warmup:
         Raises:
           ConfigError: If a size is none, or the configuration or the backbone is not accepted.
         """
-        silence_libraries()
         sizes = [_parse_size(size) for size in self.sizes]
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         from remind_jax.backbone.opening import open_backbone
@@ -63,7 +61,7 @@ class Warmup:
         if not self.quiet:
             folder = program_folder()
             print(f"kept in {folder}" if folder else f"nothing is kept, as {VARIABLE} says")
-        return exit_codes.FINE
+        return process.FINE
 
 
 def _parse_size(text: str) -> tuple[int, int]:

@@ -27,7 +27,7 @@ from remind_jax.static import Static
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Everything that a run can be told, apart from its input and its backbone."""
+    """Everything that can be chosen for a run, apart from its input and its backbone."""
 
     tracker: str = setting(PAPER_METHOD, "name of the method, see `remind_jax.method`")
     input: Input = dataclasses.field(default_factory=Input)
@@ -63,8 +63,8 @@ class Config:
         tracker = changes.pop("tracker", None)
         start = self if tracker is None else self.with_tracker(_as_tracker(tracker, origin))
         flat = flat_keys(changes, start.keys, start.tracker, origin)
-        told = start.chosen | flat.keys() | ({"tracker"} if tracker is not None else set())
-        return dataclasses.replace(start._with_values(flat, origin), chosen=told)
+        chosen = start.chosen | flat.keys() | ({"tracker"} if tracker is not None else set())
+        return dataclasses.replace(start._with_values(flat, origin), chosen=chosen)
 
     def with_tracker(self, name: str) -> Config:
         """The configuration for another tracker; input and static stay.

@@ -33,7 +33,7 @@ def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> st
     for key in (name, THRESHOLDS + name):
         if key in known:
             return key
-    if _is_section(name, known):
+    if keys_below(name, known):
         keys = ", ".join(sorted(_below(name, known)))
         raise ConfigError(f"{name!r} in {origin} is a section; name one of its keys: {keys}")
     if name == "base":
@@ -68,7 +68,7 @@ def flat_keys(
     flat: dict[str, Any] = {}
     written: dict[str, str] = {}
     for name, value in _walk(changes):
-        if _is_section(name, known):
+        if keys_below(name, known):
             if not isinstance(value, Mapping):
                 raise ConfigError(f"{name} in {origin} is {value!r}; it must hold keys and values")
             continue
@@ -79,6 +79,12 @@ def flat_keys(
             )
         flat[key], written[key] = value, name
     return flat
+
+
+def keys_below(name: str, known: Collection[str]) -> list[str]:
+    """All keys in a section, in full; none if the name is no section."""
+    starts = f"{name}.", f"{THRESHOLDS}{name}."
+    return [key for key in known if key.startswith(starts)]
 
 
 def how_to_choose(tracker: str) -> str:
@@ -95,12 +101,6 @@ def _walk(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
             yield from _walk(value, name)
         else:
             yield name, value
-
-
-def _is_section(name: str, known: Collection[str]) -> bool:
-    """Whether keys lie below this name."""
-    starts = f"{name}.", f"{THRESHOLDS}{name}."
-    return any(key.startswith(starts) for key in known)
 
 
 def _ending_in(name: str, keys: Collection[str]) -> list[str]:
@@ -133,7 +133,7 @@ def _say_owners(name: str, owners: list[str], tracker: str, origin: str) -> str:
 
 
 def _nearest(name: str, known: Collection[str]) -> str:
-    """Half a sentence with the keys that are most like a misspelt one."""
+    """Half a sentence with the keys that are most like a misspelled one."""
     section, _, last = name.rpartition(".")
     beside = _below(section, known) if section else []
     if beside:

@@ -27,7 +27,7 @@ FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all le
 # On a CPU more settings side by side gain nothing: their memories leave the caches.
 _MOST = {"cpu": 32}
 _COPIES = 3.0  # memories that the program holds per setting, before it is measured
-_LABELS_PER_SLOT = 2  # ids that are told apart per object slot
+_LABELS_PER_SLOT = 2  # different ids at most, per object slot
 
 
 def most_at_once(method: Method, static: Static, budget_bytes: int) -> int:
@@ -98,17 +98,20 @@ def run_batch(
     padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
     stacked = spread(stack(config.thresholds, settings, static.scalar))
     while True:
-        states, told = spread(empty_memories(method, static, len(settings))), []
+        states, found = spread(empty_memories(method, static, len(settings))), []
         lacking = (0, 0)
         for part in _parts(padded):
             program = compile_follow(method, static, len(settings), stacked, part)
             states, answers = program.run(states, stacked, repeat(part))
-            told.append(jax.device_get(answers))
-            lacking = (int(told[-1].needed_objects.max()), int(told[-1].needed_pending.max()))
+            found.append(jax.device_get(answers))
+            lacking = (
+                int(found[-1].needed_objects.max()),
+                int(found[-1].needed_pending.max()),
+            )
             if any(lacking):
                 break
         if not any(lacking):
-            answers = jax.tree.map(lambda *parts: np.concatenate(parts)[:length], *told)
+            answers = jax.tree.map(lambda *parts: np.concatenate(parts)[:length], *found)
             return answers, static
         static = static.grow(num_objects=lacking[0], num_pending=lacking[1])
         if budget_bytes is not None:

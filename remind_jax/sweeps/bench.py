@@ -47,7 +47,7 @@ class SceneBench:
         keep_scenes: bool = True,
         **source_options: Any,
     ) -> None:
-        """Opens scenes; what is not told here is told by `sweep`.
+        """Opens scenes; arguments are those of `sweep`.
 
         With `keep_scenes`, scenes stay in memory between sweeps.
 
@@ -199,7 +199,7 @@ class SceneBench:
 
 
 class _Tally:
-    """Counts rows and tells about them."""
+    """Counts rows and reports them."""
 
     def __init__(self, num_rows: int, progress: Callable[[Progress], None] | None) -> None:
         self._num_rows, self._num_done, self._progress = num_rows, 0, progress
@@ -230,7 +230,7 @@ def _as_list(scenes: Any) -> list[Any]:
 
 
 def _distinct(names: list[str]) -> list[str]:
-    """Scene names, told apart by number where two are equal."""
+    """Scene names, numbered where two are equal."""
     return [
         name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})"
         for i, name in enumerate(names)

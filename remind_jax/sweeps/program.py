@@ -100,7 +100,7 @@ def score(
       class_id: Its class.
       answers: What the settings said.
       num_objects: True objects.
-      num_labels: Ids that are told apart.
+      num_labels: Different ids at most.
     """
     is_firm = (answers.outcome == Outcome.MATCH) | (answers.outcome == Outcome.NEW)
     firm = jnp.where(is_firm, answers.object_id, NO_ID)
@@ -119,7 +119,7 @@ def score(
 
     scores, num_ids = jax.vmap(one, in_axes=(1, 1))(firm, answers.score)
     num_real = jnp.maximum(1, jnp.sum(real))
-    share = lambda told: jnp.sum(told & real[:, None], axis=(0, 2)) / num_real  # noqa: E731
+    share = lambda chosen: jnp.sum(chosen & real[:, None], axis=(0, 2)) / num_real  # noqa: E731
     ambiguous = answers.outcome == Outcome.AMBIGUOUS
     provisional = (answers.outcome == Outcome.PROVISIONAL_NEW) | (
         answers.outcome == Outcome.PROVISIONAL_PARENT
@@ -236,8 +236,8 @@ def _compile_kept(
     )
 
     def follow_leaves(states: Any, thresholds: Any, frames: Any) -> tuple[Any, Answers]:
-        told = program(*jax.tree.leaves((states, thresholds, frames)))
-        return jax.tree.unflatten(state_structure, told[:num]), Answers(*told[num:])
+        results = program(*jax.tree.leaves((states, thresholds, frames)))
+        return jax.tree.unflatten(state_structure, results[:num]), Answers(*results[num:])
 
     return Program(follow_leaves, program.num_bytes)
 

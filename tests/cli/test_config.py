@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 import yaml
 
@@ -44,6 +46,33 @@ def test_show_is_of_the_backbone_that_runs_by_default(command):
     outcome = command("config", "show", "--backbone", "patch-statistic")
     assert (outcome.code, outcome.stdout) == (1, "")
     assert "did you mean 'patch-statistics'?" in outcome.stderr
+
+
+def test_describe_says_what_a_setting_means(command):
+    outcome = command("config", "describe", "match", "input.close_px", "--config", "published")
+    assert outcome.stdout.splitlines() == [
+        "thresholds.matching.match: 0.75 (score)",
+        "  least final score of a match",
+        "  larger: fewer matches, more that is new or undecided",
+        "  in the paper: τ_match",
+        "  in the original: association.matching.match_thr",
+        "input.close_px: 3 (px)",
+        '  "morphology": side of the closing square',
+        "  larger: larger gaps in masks are closed",
+        "  in the original: bg_local.sanitize.close_px",
+    ]
+
+
+def test_describe_takes_sections_and_knows_limits(command):
+    outcome = command("config", "describe", "ambiguous", "--config", "remind")
+    heads = [line for line in outcome.stdout.splitlines() if not line.startswith(" ")]
+    assert len(heads) == len(dataclasses.fields(Config().thresholds.ambiguous))
+    assert "  at most 3: an undecided detection names three objects at most" in outcome.stdout
+
+
+def test_describe_helps_with_names(command):
+    assert "did you mean 'firm'?" in command("config", "describe", "decision.firn").stderr
+    assert "name the settings" in command("config", "describe").stderr
 
 
 def test_diff_prints_keys_that_differ(command, tmp_path):

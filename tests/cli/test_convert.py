@@ -13,7 +13,7 @@ import weights_convert.reference_values as reference_values
 from remind_jax.backbone import vit_weights
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.backbone.vit_weights import load_weights
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from tests.golden.vit import load as golden
 from tests.weights_convert.pth_files import call_of, write_pth
 from weights_convert.reference_values import Published, check_values
@@ -73,7 +73,7 @@ def test_wrong_files_are_answered_in_one_sentence(command, source, tmp_path):
         ((source, "--verify", "missing.jpg"), "image 'missing.jpg' does not exist"),
     ):
         outcome = command("convert", *words, "-o", "out.safetensors")
-        assert outcome.code == exit_codes.ERROR
+        assert outcome.code == process.ERROR
         assert outcome.stderr.startswith("remind: ")
         assert outcome.stderr.count("\n") == 1
         assert told in outcome.stderr
@@ -91,7 +91,7 @@ def picture(tmp_path):
 def test_verification_compares_with_published_values(command, source, picture, monkeypatch):
     words = ("convert", source, "-o", "out.safetensors", *TINY, "--verify", picture, "--overwrite")
     outcome = command(*words)
-    assert outcome.code == exit_codes.FINE
+    assert outcome.code == process.FINE
     assert "no values are known for this network" in outcome.stdout
     found = check_values("out.safetensors", picture)
 
@@ -99,12 +99,12 @@ def test_verification_compares_with_published_values(command, source, picture, m
     wrong = Published("other", tuple(2 + v for v in found.cls), found.patch)
     monkeypatch.setitem(reference_values.PUBLISHED, "custom", (wrong, right))
     outcome = command(*words)
-    assert outcome.code == exit_codes.FINE
+    assert outcome.code == process.FINE
     assert "agrees with the values published" in outcome.stdout
 
     monkeypatch.setitem(reference_values.PUBLISHED, "custom", (wrong,))
     outcome = command(*words)
-    assert outcome.code == exit_codes.ERROR
+    assert outcome.code == process.ERROR
     assert "DIFFERS from the values published" in outcome.stdout
 
 

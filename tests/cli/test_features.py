@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from tests.backbone.networks import converted_file
 
 
@@ -67,6 +67,6 @@ def test_wrong_backbones_are_answered_in_one_sentence(command, scene, words, tol
     for verb in (("features", scene[0], "--cache", "kept"), ("run", scene[0])):
         given = words if "--backbone" in words else (*words, "--backbone", "dinov3-vits16")
         outcome = command(*verb, *given)
-        assert outcome.code == exit_codes.ERROR
+        assert outcome.code == process.ERROR
         assert told in outcome.stderr
         assert outcome.stderr.count("\n") == 1

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from remind_jax.backbone.registry import list_backbones
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.flags import DetectionFlags, SamplingFlags
 from remind_jax.cli.main import VERBS, main
 from remind_jax.detectors.options import DetectorOptions
@@ -25,7 +25,7 @@ def help_of(monkeypatch, capfd):
 
     def show(*words: str) -> str:
         capfd.readouterr()
-        assert main([*words, "--help"]) == exit_codes.FINE
+        assert main([*words, "--help"]) == process.FINE
         return capfd.readouterr().out
 
     return show
@@ -71,13 +71,13 @@ def test_help_lists_every_tracker(help_of):
     ],
 )
 def test_a_value_out_of_range_is_told_by_its_flag(capfd, words, sentence):
-    assert main(["run", "rooms.mp4", *words]) == exit_codes.USAGE
+    assert main(["run", "rooms.mp4", *words]) == process.USAGE
     assert capfd.readouterr().err == f"remind: {sentence}\n"
 
 
 def test_options_checked_later_are_told_by_their_flag_too(command, scene):
     outcome = command("run", scene[0], "--masks", scene[1], "--image-fps", "0")
-    assert outcome.code == exit_codes.USAGE
+    assert outcome.code == process.USAGE
     assert outcome.stderr == "remind: --image-fps is 0; give a number above 0\n"
 
 
@@ -91,7 +91,7 @@ def test_options_checked_later_are_told_by_their_flag_too(command, scene):
     ],
 )
 def test_a_word_of_the_wrong_kind_is_explained(capfd, words, told):
-    assert main(["run", "rooms.mp4", *words]) == exit_codes.USAGE
+    assert main(["run", "rooms.mp4", *words]) == process.USAGE
     said = " ".join(capfd.readouterr().err.replace("│", " ").split())
     assert told in said
     assert "remind run --help" in said
@@ -99,7 +99,7 @@ def test_a_word_of_the_wrong_kind_is_explained(capfd, words, told):
 
 
 def test_none_is_a_name_like_any_other(capfd):
-    assert main(["explain", "None", "--frame", "0"]) == exit_codes.ERROR
+    assert main(["explain", "None", "--frame", "0"]) == process.ERROR
     assert "None" in capfd.readouterr().err
 
 

@@ -10,8 +10,8 @@ import textwrap
 import pytest
 
 from remind_jax import __version__
-from remind_jax.cli import exit_codes
 from remind_jax.cli import main as main_module
+from remind_jax.cli import process as exit_codes
 from remind_jax.cli.main import VERBS, main
 from remind_jax.errors import SourceError
 

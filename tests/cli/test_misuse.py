@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from tests.cli import scenes
 
 
@@ -83,14 +83,14 @@ def test_one_sentence_says_what_to_do(command, things, words, code, told):
 @pytest.mark.parametrize("flag", ["--classes", "--ignored-classes", "--set"])
 def test_a_list_without_names_is_wrong_usage(command, things, flag):
     outcome = command(*SCENE, flag, static=("static.num_objects=6",))
-    assert outcome.code == exit_codes.USAGE
+    assert outcome.code == process.USAGE
     assert f"Error parsing {flag}: nothing follows it" in outcome.stderr
 
 
 @pytest.mark.parametrize("words", [("help",), ("help", "eval"), ("eval", "--help")])
 def test_help_is_found_either_way(command, words):
     outcome = command(*words)
-    assert outcome.code == exit_codes.FINE
+    assert outcome.code == process.FINE
     assert outcome.stdout.startswith("usage: remind")
 
 

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from remind_jax.cli import exit_codes
+from remind_jax.cli import process
 from remind_jax.cli.main import main
 from tests.sweeps.fake_bench import FakeBench, hill
 
@@ -38,7 +38,7 @@ def test_grid_writes_table_and_summary(benches, capsys, tmp_path):
         "matching.match=0.5:0.8:0.1",
         "influence.enabled=false,true",
     ]
-    assert main([*words, "-o", "out", "--memory-gib", "1", "--batch", "4"]) == exit_codes.FINE
+    assert main([*words, "-o", "out", "--memory-gib", "1", "--batch", "4"]) == process.FINE
     bench, options = benches[0]
     assert (options["memory_gib"], options["batch"], options["workers"]) == (1.0, 4, None)
     assert bench.asked[0][0][0] == {}
@@ -52,7 +52,7 @@ def test_grid_writes_table_and_summary(benches, capsys, tmp_path):
 
 
 def test_json_holds_the_best_and_the_front(benches, capsys):
-    assert main(["sweep", "a", "--set", "matching.match=0.5:0.8:0.1", "--json"]) == exit_codes.FINE
+    assert main(["sweep", "a", "--set", "matching.match=0.5:0.8:0.1", "--json"]) == process.FINE
     facts = json.loads(capsys.readouterr().out)
     assert facts["settings"] == 5
     assert facts["best"][0]["setting"] == {"matching.match": 0.7}
@@ -73,7 +73,7 @@ def test_random_settings_lie_in_the_range(benches):
         "3",
         "--quiet",
     ]
-    assert main(words) == exit_codes.FINE
+    assert main(words) == process.FINE
     given, *drawn = benches[0][0].asked[0][0]
     assert given == {}
     assert len({s["matching.match"] for s in drawn}) == 20
@@ -82,7 +82,7 @@ def test_random_settings_lie_in_the_range(benches):
 
 def test_settings_come_from_a_file(benches, tmp_path):
     (tmp_path / "mine.csv").write_text("matching.match,influence.enabled\n0.6,true\n0.7,false\n")
-    assert main(["sweep", "a", "--settings", "mine.csv", "--quiet"]) == exit_codes.FINE
+    assert main(["sweep", "a", "--settings", "mine.csv", "--quiet"]) == process.FINE
     assert benches[0][0].asked[0][0][1:] == [
         {"matching.match": 0.6, "influence.enabled": True},
         {"matching.match": 0.7, "influence.enabled": False},
@@ -93,7 +93,7 @@ def test_settings_come_from_a_file(benches, tmp_path):
 def test_search_proposes_settings(benches, method):
     pytest.importorskip("optuna")
     words = ["sweep", "a", "b", "--set", "matching.match=0.3,1.0", "--search", method, "--quiet"]
-    assert main([*words, "--number", "9", "--at-once", "3"]) == exit_codes.FINE
+    assert main([*words, "--number", "9", "--at-once", "3"]) == process.FINE
     bench, options = benches[0]
     assert options["keep_scenes"]
     assert len(bench.asked) >= 3
@@ -105,7 +105,7 @@ def test_search_proposes_settings(benches, method):
 )
 def test_sensitivity_has_thresholds_of_its_own(benches, capsys, kind, number, config, named):
     words = ["sweep", "a", "--config", config, "--sensitivity", kind, "--number", number]
-    assert main(words) == exit_codes.FINE
+    assert main(words) == process.FINE
     cells = re.split(r"[|│]", capsys.readouterr().out)
     assert named in [cell.strip() for cell in cells]
 
@@ -127,7 +127,7 @@ def test_sensitivity_has_thresholds_of_its_own(benches, capsys, kind, number, co
     ],
 )
 def test_what_makes_no_sense_is_refused_in_one_sentence(benches, capsys, words, said):
-    assert main(["sweep", "a", *words]) == exit_codes.ERROR
+    assert main(["sweep", "a", *words]) == process.ERROR
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
@@ -135,7 +135,7 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(benches, capsys, words, 
 
 def test_absent_scenes_are_told(capsys, tmp_path):
     words = ["sweep", str(tmp_path / "nowhere"), "--set", "matching.match=0.5"]
-    assert main([*words, "-o", str(tmp_path / "out")]) == exit_codes.ERROR
+    assert main([*words, "-o", str(tmp_path / "out")]) == process.ERROR
     assert "nowhere" in capsys.readouterr().err
 
 
