@@ -18,7 +18,7 @@ from remind_jax.sources.image_folder import decode_image
 from remind_jax.sources.label_maps import (
     Unlabelled,
     detections_in,
-    fit_label_map,
+    fit_plane,
     instance_ids_in,
     require_classes,
 )
@@ -72,12 +72,11 @@ class ItemReader:
             self._is_used_up = True
         for index, item in enumerate(iterator):
             if isinstance(item, Frame):
-                content = Content(item.image, item.detections, item.features)
-                read = functools.partial(_give, content)
+                read = functools.partial(Content, item.image, item.detections, item.features)
                 yield Entry(item.source_index, item.time_s, item.name, read)
                 continue
             name = Path(item).name if isinstance(item, str | Path) else f"{index:06d}"
-            read = functools.partial(read_item, item, index, self._class_names)
+            read = functools.partial(_read_item, item, index, self._class_names)
             yield Entry(index, index * self._interval_s, name, read)
 
 
@@ -141,17 +140,11 @@ class StoredMaps(ArrayMasks):
         self._classes, self._file = classes, file
 
     def _convert(self, given: Any, frame_size: tuple[int, int]) -> Detections:
-        labels = fit_label_map(given, frame_size, self._file)
+        labels = fit_plane(given, frame_size, f"a map in '{self._file}'")
         return detections_in(labels, self._classes)
 
 
-def read_item(item: Any, index: int, class_names: ClassNaming | None) -> Content:
-    """Reads one item of an iterable.
-
-    Raises:
-      UnreadableFrame: If an image file is damaged.
-      SourceError: If the item is of an unknown form.
-    """
+def _read_item(item: Any, index: int, class_names: ClassNaming | None) -> Content:
     if isinstance(item, tuple) and len(item) == 2:
         image = _as_image(item[0], index)
         return Content(image, detections_from(item[1], image.shape[:2], class_names))
@@ -174,7 +167,3 @@ def _as_image(item: Any, index: int) -> UInt8[np.ndarray, "H W 3"]:
         f"item {index} is {type(item).__name__} of shape {array.shape} and type {array.dtype}; "
         "give images as uint8 RGB [H, W, 3], pairs (image, detections), or Frames"
     )
-
-
-def _give(content: Content) -> Content:
-    return content

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.label_maps import MAX_ASPECT_DIFFERENCE, instance_ids_in
-from remind_jax.sources.source import say_size
+from remind_jax.sources.label_maps import fit_plane, instance_ids_in
 
 ClassNaming = Mapping[int, str] | Sequence[str]
 
@@ -41,7 +40,8 @@ def detections_from(
     if obj is None:
         return Detections.empty(*frame_size)
     if isinstance(obj, Detections):
-        return _with_masks(obj, _fit_masks(obj.masks, frame_size))
+        masks = _fit_masks(obj.masks, frame_size)
+        return obj if masks is obj.masks else dataclasses.replace(obj, masks=masks)
     if isinstance(obj, Mapping):
         return _from_mapping(obj, frame_size, class_names)
     if hasattr(obj, "xyxy") and hasattr(obj, "mask"):
@@ -131,7 +131,7 @@ def _from_array(
 ) -> Detections:
     if array.ndim == 2 and array.dtype.kind in "ui":
         ids = instance_ids_in(array)
-        planes = _fit_masks(array[None] == np.reshape(ids, (-1, 1, 1)), frame_size)
+        planes = _fit_masks(array == np.reshape(ids, (-1, 1, 1)), frame_size)
         labels = name_classes(ids, class_names) if class_names else [ANY_CLASS] * len(ids)
         return Detections.create(planes, labels, instance_ids=ids)
     return Detections.create(_as_planes(array, frame_size))
@@ -141,9 +141,7 @@ def _as_array(values: Any) -> np.ndarray:
     try:
         return np.asarray(values)
     except ValueError as error:
-        raise SourceError(
-            "masks of one frame have different sizes; give them all the frame's"
-        ) from (error)
+        raise SourceError("masks of one frame differ in size; give all the frame's") from error
 
 
 def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"]:
@@ -159,26 +157,8 @@ def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarra
 
 def _fit_masks(
     masks: Bool[np.ndarray, "N H W"], frame_size: tuple[int, int]
-) -> Bool[np.ndarray, "N H W"]:
-    """Brings masks to the frame's size (nearest neighbour) if they have its aspect ratio."""
+) -> Bool[np.ndarray, "N h w"]:
     if masks.shape[1:] == frame_size:
         return masks
-    if not len(masks):
-        return np.zeros((0, *frame_size), bool)
-    height, width = masks.shape[1:]
-    if abs(width * frame_size[0] / max(1, height * frame_size[1]) - 1) > MAX_ASPECT_DIFFERENCE:
-        raise SourceError(
-            f"masks are {say_size((height, width))}, their frame is {say_size(frame_size)} "
-            "(width x height): give masks of the frame's size or aspect ratio"
-        )
-    fitted = [
-        cv2.resize(mask.astype(np.uint8), frame_size[::-1], interpolation=cv2.INTER_NEAREST)
-        for mask in masks
-    ]
-    return np.stack(fitted).astype(bool)
-
-
-def _with_masks(detections: Detections, masks: Bool[np.ndarray, "N H W"]) -> Detections:
-    if masks is detections.masks:
-        return detections
-    return Detections(masks, detections.labels, detections.scores, detections.instance_ids)
+    fitted = [fit_plane(mask, frame_size, "a mask") for mask in masks]
+    return np.array(fitted, bool).reshape(-1, *frame_size)

@@ -9,8 +9,11 @@ import io
 import re
 import tarfile
 import weakref
+from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
-from typing import IO, Protocol
+from typing import IO
+from pathlib import Path, PurePosixPath
+from typing import IO
 
 from remind_jax.errors import SourceError
 from remind_jax.sources.source import UnreadableFrame
@@ -21,46 +24,8 @@ LAYOUT_FOLDERS = ("JPEGImages", "Annotations", "annotations", "dslr", "iphone") 
 MAX_WHOLE_FILE_BYTES = 1 << 30  # files read as a whole: images, masks, JSON
 
 
-class FileTree(Protocol):
-    """Read-only access by relative path."""
-
-    path: Path
-
-    def files_in(self, folder: str) -> list[str]:
-        """Names of the files directly in a folder, naturally sorted; none if it is missing."""
-        ...
-
-    def folders_in(self, folder: str) -> list[str]:
-        """Names of the folders directly in a folder, naturally sorted."""
-        ...
-
-    def has_file(self, path: str) -> bool:
-        """Whether there is a file of this path."""
-        ...
-
-    def read(self, path: str) -> bytes:
-        """The whole file.
-
-        Raises:
-          UnreadableFrame: If it cannot be read.
-        """
-        ...
-
-    def open(self, path: str) -> IO[bytes]:
-        """The file as a stream of bytes."""
-        ...
-
-    def locate(self, path: str) -> str:
-        """The file as text for messages."""
-        ...
-
-    def second_handle(self) -> FileTree:
-        """The same tree with a read position of its own (compressed tars rewind slowly)."""
-        ...
-
-
 class FolderTree:
-    """A folder on disk."""
+    """A folder on disk; `TarTree` answers the same questions about an archive."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -97,15 +62,14 @@ class FolderTree:
         return str(self.path / path)
 
     def second_handle(self) -> FolderTree:
-        """The same tree with a read position of its own."""
+        """The same tree with a read position of its own (compressed tars rewind slowly)."""
         return self
 
     def _names(self, folder: str, *, files: bool) -> list[str]:
         place = self.path / folder
         if not place.is_dir():
             return []
-        names = [p.name for p in place.iterdir() if (p.is_file() if files else p.is_dir())]
-        return sorted(filter(_is_shown, names), key=natural_key)
+        return _sort(p.name for p in place.iterdir() if (p.is_file() if files else p.is_dir()))
 
 
 class TarTree:
@@ -130,13 +94,11 @@ class TarTree:
 
     def files_in(self, folder: str) -> list[str]:
         """Names of the files directly in a folder, naturally sorted; none if it is missing."""
-        names = self._files.get(_folder_name(PurePosixPath(folder)), ())
-        return sorted(filter(_is_shown, names), key=natural_key)
+        return _sort(self._files.get(_folder_name(PurePosixPath(folder)), ()))
 
     def folders_in(self, folder: str) -> list[str]:
         """Names of the folders directly in a folder, naturally sorted."""
-        names = self._folders.get(_folder_name(PurePosixPath(folder)), ())
-        return sorted(filter(_is_shown, names), key=natural_key)
+        return _sort(self._folders.get(_folder_name(PurePosixPath(folder)), ()))
 
     def has_file(self, path: str) -> bool:
         """Whether there is a file of this path."""
@@ -175,6 +137,9 @@ class TarTree:
     def second_handle(self) -> TarTree:
         """The same tree with a read position of its own."""
         return TarTree(self.path, self._members)
+
+
+FileTree = FolderTree | TarTree
 
 
 def open_tree(path: Path) -> FileTree:
@@ -227,8 +192,9 @@ def join(folder: str, name: str) -> str:
     return f"{folder}/{name}" if folder else name
 
 
-def _is_shown(name: str) -> bool:
-    return not name.startswith(".")
+def _sort(names: Iterable[str]) -> list[str]:
+    """Names in natural order, hidden files left out."""
+    return sorted((name for name in names if not name.startswith(".")), key=natural_key)
 
 
 def _folder_name(path: PurePosixPath) -> str:

@@ -14,7 +14,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Int, Shaped
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
@@ -84,7 +84,7 @@ class LabelMaps:
         file = self._file_of.get(entry.source_index)
         if file is None:
             return Detections.empty(*frame_size)
-        labels = fit_label_map(self._read(file), frame_size, file)
+        labels = fit_plane(self._read(file), frame_size, f"annotation '{file}'")
         ids = instance_ids_in(labels)
         self._require_classes(ids)
         return detections_in(labels, self._classes, ids)
@@ -160,27 +160,26 @@ def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str
         )
 
 
-def fit_label_map(
-    labels: Int[np.ndarray, "H W"], frame_size: tuple[int, int], name: str
-) -> Int[np.ndarray, "H W"]:
-    """Brings an instance map to the frame's size, without inventing numbers.
+def fit_plane(
+    plane: Shaped[np.ndarray, "H W"], frame_size: tuple[int, int], name: str
+) -> Shaped[np.ndarray, "h w"]:
+    """Brings an instance map or a mask to the frame's size by nearest neighbor.
 
     Raises:
       SourceError: If the aspect ratios differ by more than a hundredth.
     """
-    if labels.shape == frame_size:
-        return labels
-    height, width = labels.shape
-    ratio = (width * frame_size[0]) / (height * frame_size[1])
+    if plane.shape == frame_size:
+        return plane
+    height, width = plane.shape
+    ratio = (width * frame_size[0]) / max(1, height * frame_size[1])
     if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
         raise SourceError(
-            f"annotation '{name}' is {say_size((height, width))}, its frame is "
-            f"{say_size(frame_size)} (width x height): they show different pictures; give masks "
-            "of the frame's size or aspect ratio"
+            f"{name} is {say_size((height, width))}, its frame is {say_size(frame_size)} (width x "
+            "height): they show different pictures; give masks of the frame's size or aspect ratio"
         )
-    is_small = labels.dtype in (np.uint8, np.uint16)
-    labels = labels if is_small else labels.astype(np.int32)  # OpenCV knows no 32-bit unsigned
-    return cv2.resize(labels, frame_size[::-1], interpolation=cv2.INTER_NEAREST)
+    if plane.dtype not in (np.uint8, np.uint16):  # OpenCV knows neither booleans nor uint32
+        plane = plane.astype(np.uint8 if plane.dtype == bool else np.int32)
+    return cv2.resize(plane, frame_size[::-1], interpolation=cv2.INTER_NEAREST)
 
 
 def match_annotations(

@@ -1,8 +1,10 @@
-"""Recognises what a path holds: where its frames are, and the masks that lie with them."""
+"""Recognizes what a path holds: where its frames are, and the masks that lie with them."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from remind_jax.errors import SourceError
@@ -11,8 +13,8 @@ from remind_jax.sources.class_names import Metadata, find_metadata, read_metadat
 from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, load_arrays
 from remind_jax.sources.file_tree import FileTree, FolderTree, is_tar_name, join, open_tree
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
-from remind_jax.sources.label_maps import Unlabelled
-from remind_jax.sources.source import Reader
+from remind_jax.sources.label_maps import LabelMaps, Unlabelled
+from remind_jax.sources.source import MaskProvider, Reader
 from remind_jax.sources.video import VideoReader
 
 METADATA_BESIDE_MASKS = ("metadata.json", "../metadata.json", "../../metadata.json")
@@ -31,26 +33,12 @@ class Choice:
     image_fps: float = 30.0
 
 
-@dataclasses.dataclass(frozen=True)
-class MaskPlace:
-    """A folder of instance maps."""
-
-    tree: FileTree
-    folder: str
-    metadata: Metadata
-    by_position: bool = False  # numbered by the frame's place in the sequence
-
-
-@dataclasses.dataclass(frozen=True)
-class Located:
-    """Frames, and masks where the layout has them."""
-
-    reader: Reader
-    masks: MaskPlace | None = None
+# Frames, and what opens the masks where the layout has them.
+Located = tuple[Reader, Callable[[], MaskProvider] | None]
 
 
 def locate(path: Path, choice: Choice) -> Located:
-    """Recognises a file, folder or archive with frames.
+    """Recognizes a file, folder or archive with frames.
 
     Raises:
       SourceError: If it holds none, or several and none was chosen.
@@ -62,19 +50,19 @@ def locate(path: Path, choice: Choice) -> Located:
     if suffix in FEATURE_SUFFIXES:
         arrays = load_arrays(path)
         classes = read_metadata(choice.metadata, name).classes if choice.metadata else None
-        return Located(
-            FeatureReader(arrays, name, choice.image_fps, str(path), classes, choice.unlabelled)
-        )
+        return FeatureReader(
+            arrays, name, choice.image_fps, str(path), classes, choice.unlabelled
+        ), None
     if suffix in IMAGE_SUFFIXES:
-        tree = FolderTree(path.parent)
-        return Located(ImageReader(tree, "", name, choice.image_fps, [path.name]))
+        folder = FolderTree(path.parent)
+        return ImageReader(folder, "", name, choice.image_fps, [path.name]), None
     if suffix in (".json", ".jsonl"):
         raise SourceError(f"'{path}' may hold masks, but no frames; give it as masks")
-    return Located(VideoReader(lambda: str(path), name, str(path)))
+    return VideoReader(lambda: str(path), name, str(path)), None
 
 
-def locate_masks(path: Path, reader: Reader, choice: Choice) -> MaskPlace:
-    """Finds instance maps in a folder or archive that was named for them.
+def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
+    """Opens the instance maps of a folder or archive that was named for them.
 
     Raises:
       SourceError: If there are none.
@@ -82,16 +70,17 @@ def locate_masks(path: Path, reader: Reader, choice: Choice) -> MaskPlace:
     tree = open_tree(path)
     if any(n.lower().endswith(".png") for n in tree.files_in("")):
         beside = METADATA_BESIDE_MASKS if path.is_dir() else METADATA_BESIDE_MASKS[:1]
-        return MaskPlace(tree, "", _metadata(tree, beside, reader.name, choice))
+        metadata = _metadata(tree, beside, reader.name, choice)
+        return _maps(tree, "", reader, metadata, choice)()
     place = scannetpp.find_masks(tree, choice.mask_variant)
     if place is not None:
         metadata = _metadata(tree, place.metadata_files, reader.name, choice)
-        return MaskPlace(tree, place.folder, metadata, place.by_position)
+        return _maps(tree, place.folder, reader, metadata, choice, place.by_position)()
     for name in dict.fromkeys(n for n in (choice.sequence, reader.name) if n):
         for folder in (join(davis.ANNOTATIONS, name), name):
             if tree.files_in(folder):
-                files = davis.metadata_files(name)
-                return MaskPlace(tree, folder, _metadata(tree, files, name, choice))
+                metadata = _metadata(tree, davis.metadata_files(name), name, choice)
+                return _maps(tree, folder, reader, metadata, choice)()
     raise SourceError(
         f"'{path}' holds no instance maps (.png), neither directly nor in "
         f"{davis.ANNOTATIONS}/{reader.name} or {scannetpp.EXPORTED}/<variant>"
@@ -109,16 +98,16 @@ def _locate_in_tree(path: Path, choice: Choice) -> Located:
         return _locate_davis(tree, choice)
     name = choice.name or scannetpp.scene_name(path)
     if list_images(tree, "") and choice.images is None:
-        return Located(ImageReader(tree, "", name, choice.image_fps))
+        return ImageReader(tree, "", name, choice.image_fps), None
     if scannetpp.is_scene(tree) or choice.images is not None:
         return _locate_scene(path, tree, name, choice)
     folders = [f for f in tree.folders_in("") if list_images(tree, f)]
     if len(folders) == 1:
-        return Located(ImageReader(tree, folders[0], name, choice.image_fps))
+        return ImageReader(tree, folders[0], name, choice.image_fps), None
     hint = (
         f"; its folders {', '.join(folders[:4])} do: give one of them"
         if folders
-        else "; recognised are a folder of images, JPEGImages/<sequence> and ScanNet++ scenes"
+        else "; recognized are a folder of images, JPEGImages/<sequence> and ScanNet++ scenes"
     )
     raise SourceError(f"'{path}' holds no images ({', '.join(IMAGE_SUFFIXES)}){hint}")
 
@@ -131,11 +120,11 @@ def _locate_davis(tree: FileTree, choice: Choice) -> Located:
     reader = ImageReader(tree, folder, name, choice.image_fps, metadata.frame_names)
     masks = davis.annotation_folder(tree, sequence)
     if masks is None:
-        return Located(reader)
+        return reader, None
     by_position = metadata.frame_names is not None and all(
         name.startswith("frame_") for name in tree.files_in(masks)
     )
-    return Located(reader, MaskPlace(tree.second_handle(), masks, metadata, by_position))
+    return reader, _maps(tree.second_handle(), masks, reader, metadata, choice, by_position)
 
 
 def _locate_scene(path: Path, tree: FileTree, name: str, choice: Choice) -> Located:
@@ -152,13 +141,30 @@ def _locate_scene(path: Path, tree: FileTree, name: str, choice: Choice) -> Loca
     else:
         reader = ImageReader(tree, images, name, choice.image_fps, metadata.frame_names)
     if place is None:
-        return Located(reader)
-    return Located(reader, MaskPlace(mask_tree, place.folder, metadata, place.by_position))
+        return reader, None
+    return reader, _maps(mask_tree, place.folder, reader, metadata, choice, place.by_position)
 
 
-def _metadata(
-    tree: FileTree, candidates: tuple[str, ...] | list[str], sequence: str, choice: Choice
-) -> Metadata:
+def _maps(
+    tree: FileTree,
+    folder: str,
+    reader: Reader,
+    metadata: Metadata,
+    choice: Choice,
+    by_position: bool = False,
+) -> functools.partial[LabelMaps]:
+    return functools.partial(
+        LabelMaps,
+        tree,
+        folder,
+        reader,
+        metadata.classes,
+        choice.unlabelled,
+        by_position=by_position,
+    )
+
+
+def _metadata(tree: FileTree, candidates: Sequence[str], sequence: str, choice: Choice) -> Metadata:
     """The metadata that was named, else the first of the candidates."""
     if choice.metadata is not None:
         return read_metadata(choice.metadata, sequence)

@@ -1,4 +1,4 @@
-"""One door to all inputs: `open_source` recognises what it is given."""
+"""One door to all inputs: `open_source` recognizes what it is given."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from remind_jax.sources.coco_masks import CocoMasks, read_categories
 from remind_jax.sources.detections import ClassNaming
 from remind_jax.sources.features import FEATURE_SUFFIXES, classes_in, load_arrays
 from remind_jax.sources.file_tree import read_bytes
-from remind_jax.sources.label_maps import LabelMaps, Unlabelled
-from remind_jax.sources.layouts import Choice, Located, MaskPlace, locate, locate_masks
+from remind_jax.sources.label_maps import Unlabelled
+from remind_jax.sources.layouts import Choice, locate, open_maps_at
 from remind_jax.sources.sampling import Sampling
 from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
 
@@ -80,26 +80,23 @@ def open_source(
     if isinstance(spec, str | Path):
         path = _existing(spec)
         # Metadata that comes with other masks says nothing about those of the layout.
-        has_others = masks is not None
-        located = locate(path, dataclasses.replace(choice, metadata=None) if has_others else choice)
-        reopen = {
+        own = dataclasses.replace(choice, metadata=None) if masks is not None else choice
+        reader, open_own_masks = locate(path, own)
+        reopen = dataclasses.asdict(choice) | {
             "spec": str(path),
             "masks": _masks_as_json(masks),
             "sampling": dataclasses.asdict(chosen),
             "metadata": None if json_file is None else str(json_file),
-            "sequence": sequence,
-            "images": images,
-            "mask_variant": mask_variant,
-            "unlabelled": unlabelled,
-            "image_fps": image_fps,
             "allow_size_change": allow_size_change,
-            "name": name,
         }
     else:
-        located = _locate_in_memory(spec, choice, class_names)
-    provider = _open_masks(masks, located, choice, class_names)
+        reader, open_own_masks = _read_items(spec, choice, class_names), None
+    if masks is not None:
+        provider = _open_masks(masks, reader, choice, class_names)
+    else:
+        provider = open_own_masks() if open_own_masks is not None else None
     return SampledSource(
-        located.reader, provider, chosen, allow_size_change=allow_size_change, reopen=reopen
+        reader, provider, chosen, allow_size_change=allow_size_change, reopen=reopen
     )
 
 
@@ -120,29 +117,23 @@ def reopen_source(description: Mapping[str, Any]) -> Source:
     return open_source(**arguments)
 
 
-def _locate_in_memory(spec: Any, choice: Choice, class_names: ClassNaming | None) -> Located:
+def _read_items(spec: Any, choice: Choice, class_names: ClassNaming | None) -> ItemReader:
     if not isinstance(spec, Iterable) and not hasattr(spec, "__array__"):
         raise SourceError(
             f"a {type(spec).__name__} is no source of frames; give a path, an array [T, H, W, 3] "
             "or an iterable of images"
         )
     name = choice.name or getattr(spec, "name", None) or "frames"
-    return Located(ItemReader(spec, str(name), choice.image_fps, class_names))
+    return ItemReader(spec, str(name), choice.image_fps, class_names)
 
 
 def _open_masks(
-    masks: Any,
-    located: Located,
-    choice: Choice,
-    class_names: ClassNaming | None,
+    masks: Any, reader: Reader, choice: Choice, class_names: ClassNaming | None
 ) -> MaskProvider | None:
-    """The masks that were given, else those of the layout."""
-    if masks is None:
-        return _open_maps(located.masks, located.reader, choice) if located.masks else None
     if isinstance(masks, str) and masks == NO_MASKS:
         return None
     if isinstance(masks, str | Path):
-        return _open_mask_file(_existing(masks), located.reader, choice)
+        return _open_mask_file(_existing(masks), reader, choice)
     if not isinstance(masks, Sequence) and not hasattr(masks, "__array__"):
         if not isinstance(masks, Iterable):
             raise SourceError(
@@ -160,7 +151,7 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
         categories = read_categories(read_bytes(named), str(named)) if named else None
         return CocoMasks(read_bytes(path), str(path), reader, categories)
     if suffix not in FEATURE_SUFFIXES:
-        return _open_maps(locate_masks(path, reader, choice), reader, choice)
+        return open_maps_at(path, reader, choice)
     arrays = load_arrays(path, "masks")
     if "masks" not in arrays:
         raise SourceError(f"'{path}' holds no array 'masks'; it must be [T, H, W]")
@@ -169,17 +160,6 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
     else:
         classes = classes_in(arrays, str(path)) or UNNAMED
     return StoredMaps(arrays["masks"], classes, str(path), choice.unlabelled)
-
-
-def _open_maps(place: MaskPlace, reader: Reader, choice: Choice) -> LabelMaps:
-    return LabelMaps(
-        place.tree,
-        place.folder,
-        reader,
-        place.metadata.classes,
-        choice.unlabelled,
-        by_position=place.by_position,
-    )
 
 
 def _existing(path: str | Path) -> Path:

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import queue
-import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
+import collections
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 ItemT = TypeVar("ItemT")
-ResultT = TypeVar("ResultT")
 
 _END = object()
-
-
-class _Failure:
-    """An exception of the background thread, kept at its place in the order of items."""
-
-    def __init__(self, error: BaseException) -> None:
-        self.error = error
 
 
 def prefetch(
@@ -48,55 +40,20 @@ def prefetch(
 def _run_ahead(
     items: Iterable[Any], function: Callable[[Any], Any] | None, depth: int
 ) -> Generator[Any, None, None]:
-    results: queue.Queue[Any] = queue.Queue(maxsize=depth)
-    stop = threading.Event()
-    thread = threading.Thread(
-        target=_produce, args=(items, function, results, stop), name="prefetch", daemon=True
-    )
-    thread.start()
+    iterator = iter(items)
+
+    def advance() -> Any:
+        item = next(iterator, _END)
+        return item if item is _END or function is None else function(item)
+
+    pool = ThreadPoolExecutor(1, "prefetch")
+    ahead = collections.deque(pool.submit(advance) for _ in range(depth + 1))
     try:
-        while (result := results.get()) is not _END:
-            if isinstance(result, _Failure):
-                raise result.error
+        while (result := ahead.popleft().result()) is not _END:
+            ahead.append(pool.submit(advance))
             yield result
     finally:
-        stop.set()
-        _drain(results)
-        thread.join()
-
-
-def _produce(
-    items: Iterable[Any],
-    function: Callable[[Any], Any] | None,
-    results: queue.Queue[Any],
-    stop: threading.Event,
-) -> None:
-    """Fills the queue. After `stop` one more `put` may happen; the emptied queue has room."""
-    iterator: Iterator[Any] | None = None
-    last: Any = _END
-    try:
-        iterator = iter(items)
-        for item in iterator:
-            if stop.is_set():
-                break
-            result = item if function is None else function(item)
-            results.put(result)
-            if stop.is_set():
-                break
-    except BaseException as error:
-        last = _Failure(error)
-    finally:
+        pool.shutdown(cancel_futures=True)
         close = getattr(iterator, "close", None)
         if close is not None:
             close()
-    if not stop.is_set():
-        results.put(last)
-
-
-def _drain(results: queue.Queue[Any]) -> None:
-    """Empties the queue, so that a producer waiting for room sees that it shall stop."""
-    while True:
-        try:
-            results.get_nowait()
-        except queue.Empty:
-            return

@@ -97,7 +97,7 @@ def test_masks_of_the_same_aspect_are_resized():
 
 @pytest.mark.parametrize("given", [np.ones((2, 48, 48), bool), np.ones((48, 48), np.uint8)])
 def test_masks_of_another_aspect_name_both_sizes(given):
-    with pytest.raises(SourceError, match="masks are 48x48, their frame is 48x32"):
+    with pytest.raises(SourceError, match="a mask is 48x48, its frame is 48x32"):
         detections_from(given, SIZE)
 
 

@@ -7,7 +7,7 @@ from remind_jax.sources import prefetch
 
 
 def alive():
-    return [t for t in threading.enumerate() if t.name == "prefetch"]
+    return [t for t in threading.enumerate() if t.name.startswith("prefetch")]
 
 
 def wait_until(is_true, timeout_s=5.0):
