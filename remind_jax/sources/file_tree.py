@@ -12,8 +12,6 @@ import weakref
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import IO
-from pathlib import Path, PurePosixPath
-from typing import IO
 
 from remind_jax.errors import SourceError
 from remind_jax.sources.source import UnreadableFrame
