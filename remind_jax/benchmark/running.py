@@ -169,7 +169,12 @@ def _images(setup: Setup, scene: Scene, contender: Contender) -> Iterator[np.nda
     options = contender.config.input
     for frame in scene.open(setup.sampling, masks=False):
         if frame.image is not None:
-            alignment = Alignment.fit(frame.size, setup.backbone.patch_px, options)
+            alignment = Alignment.fit(
+                frame.size,
+                setup.backbone.patch_px,
+                max_width_px=options.max_width_px,
+                center_crop=options.center_crop,
+            )
             yield alignment.align_image(frame.image)
 
 

@@ -81,7 +81,7 @@ class Benchmark:
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.benchmark.contenders import make_contenders
         from remind_jax.benchmark.running import Setup, run_all
-        from remind_jax.detectors.other_formats import refuse_other_formats
+        from remind_jax.detectors.onnx_file import refuse_other_formats
 
         contenders = make_contenders([name for names in self.methods for name in names])
         if self.detector is not None:

@@ -79,7 +79,12 @@ class Features:
         ):
             if frame.image is None:
                 raise SourceError(f"frame '{frame.name}' has no image to compute features of")
-            alignment = Alignment.fit(frame.size, backbone.patch_px, options)
+            alignment = Alignment.fit(
+                frame.size,
+                backbone.patch_px,
+                max_width_px=options.max_width_px,
+                center_crop=options.center_crop,
+            )
             backbone.extract(alignment.align_image(frame.image)[None])
         facts = {
             "folder": str(folder),

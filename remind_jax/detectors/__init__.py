@@ -3,11 +3,11 @@
 from remind_jax.detectors.detector import (
     CallableDetector,
     Detector,
+    DropCounts,
     OnnxDetector,
     as_detector,
 )
 from remind_jax.detectors.options import DetectorOptions
-from remind_jax.detectors.refinement import DropCounts
 
 __all__ = [
     "CallableDetector",

@@ -1,4 +1,8 @@
-"""What finds instances in a frame: an ONNX segmentation export, or any callable."""
+"""What finds instances in a frame: an ONNX segmentation export, or any callable.
+
+Wanted instances go on with eroded masks. The original stops where erosion leaves a mask empty; here
+such masks are dropped and counted (method.md#detector-masks).
+"""
 
 from __future__ import annotations
 
@@ -12,19 +16,37 @@ import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.detectors import rfdetr_seg, yolo_seg
-from remind_jax.detectors.onnx_file import OnnxFile
+from remind_jax.detectors.onnx_file import OnnxFile, refuse_other_formats
 from remind_jax.detectors.onnx_session import OnnxSession
 from remind_jax.detectors.options import DetectorOptions
-from remind_jax.detectors.other_formats import refuse_other_formats
-from remind_jax.detectors.refinement import DropCounts, refine_detections
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
+from remind_jax.masks.reduction import erode_masks
 
 # What is known of one family of networks: `prepare` a frame, `decode` the outputs.
 SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg
 
 # Another's masks are taken as they are unless the caller asks for more.
 _AS_GIVEN = DetectorOptions(confidence=0.0, erosion_px=0)
+
+
+@dataclasses.dataclass(frozen=True)
+class DropCounts:
+    """How many instances were dropped for their masks, by reason."""
+
+    empty: int = 0  # the detector's mask had no pixel
+    eroded: int = 0  # erosion left nothing
+    small: int = 0  # fewer than `min_mask_px` pixels left
+
+    def __add__(self, other: DropCounts) -> DropCounts:
+        return DropCounts(
+            self.empty + other.empty, self.eroded + other.eroded, self.small + other.small
+        )
+
+    @property
+    def total(self) -> int:
+        """Instances dropped for any of the reasons."""
+        return self.empty + self.eroded + self.small
 
 
 @runtime_checkable
@@ -47,10 +69,10 @@ class Detector(Protocol):
 
 
 class OnnxDetector:
-    """A segmentation network from an ONNX file, recognised by its outputs."""
+    """A segmentation network from an ONNX file, recognized by its outputs."""
 
     def __init__(self, path: str | Path, options: DetectorOptions | None = None):
-        """Loads and recognises the network.
+        """Loads and recognizes the network.
 
         Raises:
           WeightsError: If the file is missing, damaged, of an unknown kind or cannot be run.
@@ -60,7 +82,7 @@ class OnnxDetector:
         refuse_other_formats(Path(path))
         file = OnnxFile.read(path)
         # The file says what it is before a runtime spends seconds on loading it.
-        self._head = recognise_head(file, self.options)
+        self._head = recognize_head(file, self.options)
         self._session = OnnxSession(file, self.options.engine, self.options.num_threads)
         self.dropped = DropCounts()
 
@@ -122,6 +144,34 @@ class CallableDetector:
         }
 
 
+def refine_detections(
+    detections: Detections, options: DetectorOptions
+) -> tuple[Detections, DropCounts]:
+    """Keeps the wanted instances and erodes their masks; the order stays.
+
+    Args:
+      detections: As they came from the detector.
+      options: `confidence`, the class lists, `erosion_px` and `min_mask_px` are read.
+
+    Returns:
+      The detections left and the number of wanted ones that were dropped for their masks.
+    """
+    wanted = [
+        row
+        for row, (label, score) in enumerate(zip(detections.labels, detections.scores, strict=True))
+        if score >= options.confidence and options.admits(label)
+    ]
+    detections = detections.select(np.asarray(wanted, int))
+    before_px = detections.masks.sum(axis=(1, 2))
+    masks = erode_masks(detections.masks, options.erosion_px, margin_px=options.erosion_px)
+    after_px = masks.sum(axis=(1, 2)) if options.erosion_px else before_px
+    keep = after_px >= options.min_mask_px
+    empty = before_px == 0
+    eroded = ~empty & (after_px == 0)
+    drops = DropCounts(int(empty.sum()), int(eroded.sum()), int((~keep & ~empty & ~eroded).sum()))
+    return dataclasses.replace(detections, masks=masks).select(keep), drops
+
+
 def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector | None:
     """Makes a detector from what a user gives.
 
@@ -150,7 +200,7 @@ def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector |
     )
 
 
-def recognise_head(file: OnnxFile, options: DetectorOptions) -> SegmentationHead:
+def recognize_head(file: OnnxFile, options: DetectorOptions) -> SegmentationHead:
     """Chooses the family of a network by the shapes of its outputs.
 
     Raises:
@@ -165,10 +215,10 @@ def recognise_head(file: OnnxFile, options: DetectorOptions) -> SegmentationHead
         raise WeightsError(
             f"'{file.path}' takes {file.inputs[0]}; a detector takes one RGB image, [1, 3, H, W]"
         )
-    yolo_layout = yolo_seg.recognise_yolo_seg(file.outputs)
+    yolo_layout = yolo_seg.recognize_yolo_seg(file.outputs)
     if yolo_layout is not None:
         return yolo_seg.YoloSeg.from_file(file, yolo_layout, options)
-    rfdetr_layout = rfdetr_seg.recognise_rfdetr_seg(file.outputs)
+    rfdetr_layout = rfdetr_seg.recognize_rfdetr_seg(file.outputs)
     if rfdetr_layout is not None:
         return rfdetr_seg.RfDetrSeg.from_file(file, rfdetr_layout, options)
     found = ", ".join(map(str, file.outputs))

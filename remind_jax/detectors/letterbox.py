@@ -1,6 +1,6 @@
-"""A frame scaled into a network's input with its aspect kept and grey bars around it.
+"""A frame scaled into a network's input with its aspect kept and gray bars around it.
 
-Coordinates are edge coordinates: pixel `i` spans `[i, i + 1]`, its centre is at `i + 0.5`. Scaling
+Coordinates are edge coordinates: pixel `i` spans `[i, i + 1]`, its center is at `i + 0.5`. Scaling
 rounds to whole pixels, so the two axes have slightly different factors; using the true factor of
 each axis and whole-pixel bars makes the way back exact.
 """
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-GREY = 114  # what YOLO networks see around images in training
+GRAY = 114  # what YOLO networks see around images in training
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,20 +42,17 @@ class Letterbox:
         height, width = self.scaled_size
         if self.scaled_size != self.frame_size:
             image = cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR)
-        canvas = np.full((*self.input_size, image.shape[2]), GREY, np.uint8)
+        canvas = np.full((*self.input_size, image.shape[2]), GRAY, np.uint8)
         canvas[self._window] = image
         return canvas
 
-    def boxes_to_input(self, boxes: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 4"]:
-        """Boxes (x0, y0, x1, y1) of the frame in coordinates of the input."""
-        return boxes * self._scale + self._offset
-
     def boxes_to_frame(self, boxes: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, "N 4"]:
         """Boxes (x0, y0, x1, y1) of the input in coordinates of the frame, not clipped."""
-        return (boxes - self._offset) / self._scale
+        height, width = np.divide(self.scaled_size, self.frame_size)
+        return (boxes - [self.left_px, self.top_px] * 2) / [width, height, width, height]
 
     def plane_to_frame(self, plane: Float[np.ndarray, "H W"]) -> Float[np.ndarray, "h w"]:
-        """A map over the input, cut to the frame and resampled bilinearly at its pixel centres."""
+        """A map over the input, cut to the frame and resampled bilinearly at its pixel centers."""
         height, width = self.frame_size
         inside = plane[self._window]
         if self.scaled_size == self.frame_size:
@@ -67,12 +64,3 @@ class Letterbox:
         height, width = self.scaled_size
         rows = slice(self.top_px, self.top_px + height)
         return rows, slice(self.left_px, self.left_px + width)
-
-    @property
-    def _scale(self) -> Float[np.ndarray, "4"]:
-        height, width = np.divide(self.scaled_size, self.frame_size)
-        return np.array([width, height, width, height])
-
-    @property
-    def _offset(self) -> Float[np.ndarray, "4"]:
-        return np.array([self.left_px, self.top_px, self.left_px, self.top_px], float)

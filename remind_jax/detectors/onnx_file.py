@@ -1,14 +1,17 @@
-"""What an ONNX file says about itself: inputs, outputs and metadata, read without any runtime.
+"""What an ONNX file says about itself: inputs, outputs, metadata and class names; other formats.
 
-ONNX files are Protocol Buffers messages. Only the few fields named below are read (numbers from
-`onnx.proto3`); weights are skipped, so this takes milliseconds whatever the model's size.
+Read without any runtime. ONNX files are Protocol Buffers messages. Only the few fields named below
+are read (numbers from `onnx.proto3`); weights are skipped, so this takes milliseconds whatever the
+model's size.
 """
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import json
 import mmap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from remind_jax.errors import WeightsError
@@ -18,6 +21,27 @@ _GRAPH_INITIALIZER, _GRAPH_INPUT, _GRAPH_OUTPUT = 5, 11, 12
 _TENSOR_NAME = 8
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _DTYPES = {1: "float32", 2: "uint8", 10: "float16", 11: "float64"}
+
+_FORMATS = {
+    ".pt": "PyTorch weights",
+    ".pth": "PyTorch weights",
+    ".ckpt": "PyTorch weights",
+    ".safetensors": "weights without their network",
+    ".torchscript": "a TorchScript model",
+    ".engine": "a TensorRT engine",
+    ".trt": "a TensorRT engine",
+    ".plan": "a TensorRT engine",
+    ".tflite": "a TensorFlow Lite model",
+    ".pb": "a TensorFlow model",
+    ".h5": "a Keras model",
+    ".keras": "a Keras model",
+    ".mlmodel": "a Core ML model",
+    ".mlpackage": "a Core ML model",
+    ".xml": "an OpenVINO model",
+    ".mnn": "an MNN model",
+    ".param": "an ncnn model",
+}
+_RFDETR = 'in Python, RFDETRSegMedium(pretrain_weights="{file}").export()'
 
 Message = dict[int, list["int | memoryview"]]
 
@@ -74,6 +98,68 @@ class OnnxFile:
             raise WeightsError(f"model file '{path}' cannot be read: {error.strerror}") from error
         inputs = tuple(spec for spec in inputs if spec.name not in constants)
         return cls(path, inputs, outputs, metadata)
+
+
+def read_class_names(metadata: Mapping[str, str]) -> dict[int, str]:
+    """Class index to name; empty if the file says nothing usable.
+
+    Ultralytics writes `names` as a Python dictionary in text, RF-DETR (from 2026) writes
+    `rfdetr_inference`, JSON with `class_id_to_name`.
+    """
+    if "rfdetr_inference" in metadata:
+        inference = parse_literal(metadata["rfdetr_inference"])
+        named = inference.get("class_id_to_name") if isinstance(inference, dict) else None
+    else:
+        named = parse_literal(metadata.get("names", ""))
+    if isinstance(named, (list, tuple)):
+        named = dict(enumerate(named))
+    if not isinstance(named, dict):
+        return {}
+    try:
+        return {int(index): str(name) for index, name in named.items()}
+    except (TypeError, ValueError):
+        return {}
+
+
+def parse_literal(text: str) -> object:
+    """The value of a JSON text or Python literal; None if it is neither. Nothing is executed."""
+    for parse in (json.loads, ast.literal_eval):
+        try:
+            return parse(text)
+        except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+            continue
+    return None
+
+
+def refuse_other_formats(path: Path) -> None:
+    """Tells how to export what is no ONNX file.
+
+    Raises:
+      WeightsError: If the path names a model of another format, a folder, or nothing.
+    """
+    suffix = path.suffix.lower()
+    if suffix in _FORMATS:
+        raise WeightsError(
+            f"'{path}' is {_FORMATS[suffix]}, and a detector is read as ONNX; export it once, with "
+            f"Ultralytics: {_export_command(path)}" + _with_rfdetr(path)
+        )
+    if path.is_dir():
+        raise WeightsError(f"detector '{path}' is a folder; give a .onnx file")
+    if not path.is_file():
+        raise WeightsError(
+            f"detector '{path}' does not exist; give a .onnx file, which Ultralytics makes of its "
+            f"networks: {_export_command(path)}"
+        )
+
+
+def _export_command(path: Path) -> str:
+    """What is typed to make an ONNX file of a network that Ultralytics knows."""
+    return f"yolo export model={path.with_suffix('.pt').name} format=onnx"
+
+
+def _with_rfdetr(path: Path) -> str:
+    """RF-DETR ships its weights as .pth."""
+    return f"; RF-DETR: {_RFDETR.format(file=path.name)}" if path.suffix.lower() == ".pth" else ""
 
 
 def _parse(data: memoryview) -> Message:

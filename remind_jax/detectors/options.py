@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
-from remind_jax.errors import OptionError, nearest_names
+import numpy as np
+from jaxtyping import Bool
+
+from remind_jax.errors import ConfigError, OptionError, nearest_names
 
 Engine = Literal["auto", "onnxruntime", "cv2.dnn"]
 
@@ -58,6 +62,24 @@ class DetectorOptions:
         if any(folded == name.casefold() for name in self.ignored_classes):
             return False
         return self.classes is None or any(folded == name.casefold() for name in self.classes)
+
+
+def find_wanted_classes(
+    names: Sequence[str | None], options: DetectorOptions
+) -> Bool[np.ndarray, "C"]:
+    """Which class columns can give detections; columns without a name (None) never do.
+
+    Raises:
+      ConfigError: If `options.classes` names a class that the network does not know.
+    """
+    known = {name.casefold() for name in names if name is not None}
+    for name in options.classes or ():
+        if name.casefold() not in known:
+            raise ConfigError(
+                f"the detector has no class {name!r}; "
+                f"{nearest_names(name, [n for n in names if n is not None])}"
+            )
+    return np.array([name is not None and options.admits(name) for name in names], bool)
 
 
 def _names(field: str, value: Any) -> tuple[str, ...] | None:

@@ -5,7 +5,7 @@ Letters: `Q` queries, `C` class columns, `mh mw` mask grid, `H W` network input,
 Assumed, from the package's own export and post-processing code (releases 1.3 to 2026):
 * input: RGB in [0, 1], minus the ImageNet mean, over its deviation; plain bilinear resize to the
   input size without antialiasing, aspect not kept;
-* outputs: `dets [1, Q, 4]` (centre x, centre y, width, height as fractions of the frame), `labels
+* outputs: `dets [1, Q, 4]` (center x, center y, width, height as fractions of the frame), `labels
   [1, Q, C]` (logits), `masks [1, Q, mh, mw]` (logits; early exports give them a number as name);
 * a score is the sigmoid of a logit, each class for itself, no softmax; no suppression is needed;
 * the package takes the best of all `Q * C` pairs, so one query can come twice under two classes;
@@ -27,9 +27,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from scipy.special import expit, logit
 
-from remind_jax.detectors.class_names import find_wanted_classes, read_class_names
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
-from remind_jax.detectors.options import DetectorOptions
+from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec, read_class_names
+from remind_jax.detectors.options import DetectorOptions, find_wanted_classes
 from remind_jax.errors import ConfigError, OptionError, WeightsError
 from remind_jax.frame import Detections
 
@@ -61,7 +60,7 @@ class RfDetrLayout:
     num_columns: int
 
 
-def recognise_rfdetr_seg(outputs: Sequence[TensorSpec]) -> RfDetrLayout | None:
+def recognize_rfdetr_seg(outputs: Sequence[TensorSpec]) -> RfDetrLayout | None:
     """Finds the outputs by name, else by shape and order; None if they are not RF-DETR-seg.
 
     Names come first because a model of three classes has labels of the shape of boxes.
@@ -120,7 +119,7 @@ class RfDetrSeg:
         return cls(layout, names, find_wanted_classes(names, options), (height, width), options)
 
     def prepare(self, image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "1 3 H W"]:
-        """Resizes an RGB frame to the input size and normalises it."""
+        """Resizes an RGB frame to the input size and normalizes it."""
         height, width = self.input_size
         scaled = cv2.resize(
             image.astype(np.float32) / 255, (width, height), interpolation=cv2.INTER_LINEAR

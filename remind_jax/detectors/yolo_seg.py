@@ -3,7 +3,7 @@
 Letters: `A` candidates (anchors), `C` classes, `M` mask prototypes, `mh mw` prototype grid (a
 quarter of the input), `H W` network input, `h w` frame, `N` instances.
 
-A v8 or v11 export has the outputs `[1, 4 + C + M, A]` (centre x, centre y, width, height in input
+A v8 or v11 export has the outputs `[1, 4 + C + M, A]` (center x, center y, width, height in input
 pixels; class scores in [0, 1]; mask coefficients) and `[1, M, mh, mw]`. Exports with suppression
 inside (`nms=True`, and YOLO26 by default) have `[1, N, 6 + M]` instead (corners, score, class
 index, coefficients). Which one a file is follows from these shapes alone.
@@ -11,7 +11,6 @@ index, coefficients). Which one a file is follows from these shapes alone.
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 from collections.abc import Mapping, Sequence
 
@@ -20,10 +19,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.special import logit
 
-from remind_jax.detectors.class_names import find_wanted_classes, read_class_names
 from remind_jax.detectors.letterbox import Letterbox
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
-from remind_jax.detectors.options import DetectorOptions
+from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec, parse_literal, read_class_names
+from remind_jax.detectors.options import DetectorOptions, find_wanted_classes
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.frame import Detections
 
@@ -59,7 +57,7 @@ class Candidates:
         )
 
 
-def recognise_yolo_seg(outputs: Sequence[TensorSpec]) -> YoloLayout | None:
+def recognize_yolo_seg(outputs: Sequence[TensorSpec]) -> YoloLayout | None:
     """Reads the layout off the outputs' shapes; None if they are not YOLO-seg."""
     by_rank = {len(output.shape): output for output in outputs}
     if len(outputs) != 2 or set(by_rank) != {3, 4}:
@@ -251,7 +249,7 @@ def decode_masks(
 
     Logits are interpolated, as Ultralytics does, and compared with the logit of `threshold`. The
     way is: prototype grid to input, bars cut off, rest to the frame, each step bilinear and
-    aligned at pixel centres. A pixel belongs to a box if its centre does.
+    aligned at pixel centers. A pixel belongs to a box if its center does.
     """
     count = len(candidates.scores)
     size = letterbox.frame_size
@@ -272,9 +270,6 @@ def decode_masks(
 
 def _literal_ints(text: str) -> list[int]:
     """Whole numbers of a metadata entry such as `[640, 640]` or `32`; empty if it has none."""
-    try:
-        value = ast.literal_eval(text)
-    except (ValueError, SyntaxError):
-        return []
+    value = parse_literal(text)
     values = value if isinstance(value, (list, tuple)) else [value]
     return [v for v in values if isinstance(v, int) and v > 0]

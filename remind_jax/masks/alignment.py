@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from remind_jax.config import Input
 from remind_jax.errors import SourceError
 
 
@@ -22,29 +21,31 @@ class Alignment:
     size: tuple[int, int]  # height, width of the crop, multiples of the patch
 
     @classmethod
-    def fit(cls, frame_size: tuple[int, int], patch_px: int, options: Input) -> Alignment:
+    def fit(
+        cls, frame_size: tuple[int, int], patch_px: int, *, max_width_px: int, center_crop: bool
+    ) -> Alignment:
         """Plans the alignment of frames of one size.
 
         Args:
           frame_size: Height and width of the frame in pixels.
           patch_px: Side of a patch.
-          options: Width limit and place of the crop.
+          max_width_px: Wider frames are scaled down to this width.
+          center_crop: Crop in the middle, else at the top left.
 
         Raises:
           SourceError: If the frame is smaller than a patch.
         """
         height, width = frame_size
-        if width > options.max_width_px:
-            scale = options.max_width_px / width
-            height, width = round(height * scale), options.max_width_px
+        if width > max_width_px:
+            height, width = round(height * (max_width_px / width)), max_width_px
         rows, columns = patch_px * (height // patch_px), patch_px * (width // patch_px)
         if not rows or not columns:
             raise SourceError(
                 f"a frame of {frame_size[1]}x{frame_size[0]} pixels is smaller than one patch; "
                 f"both sides must be at least {patch_px} pixels"
             )
-        top = (height - rows) // 2 if options.center_crop else 0
-        left = (width - columns) // 2 if options.center_crop else 0
+        top = (height - rows) // 2 if center_crop else 0
+        left = (width - columns) // 2 if center_crop else 0
         return cls((height, width), top, left, (rows, columns))
 
     def align_image(self, image: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "h w 3"]:

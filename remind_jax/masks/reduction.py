@@ -60,7 +60,7 @@ def reduce_masks(
     Returns:
       Masks of NumPy arrays.
     """
-    masks = _erode(masks, erosion_px)
+    masks = erode_masks(masks, erosion_px, margin_px=0)
     num, height_px, width_px = masks.shape
     grid = (height_px // patch_px, width_px // patch_px)
     coverage = np.zeros((num_slots, *grid), np.float32)
@@ -174,17 +174,30 @@ def patch_coverage(
     return coverage
 
 
-def _erode(masks: Bool[np.ndarray, "N H W"], radius_px: int) -> Bool[np.ndarray, "N H W"]:
-    """Erodes every mask with a square; what is outside its box counts as inside the mask."""
+def erode_masks(
+    masks: Bool[np.ndarray, "N H W"], radius_px: int, *, margin_px: int
+) -> Bool[np.ndarray, "N H W"]:
+    """Erodes every mask once with a square of `2 * radius_px + 1` pixels.
+
+    Args:
+      masks: Pixel masks of the frame.
+      radius_px: Pixels that a mask loses on every side; 0 leaves the masks as they are.
+      margin_px: What lies farther outside the box around a mask, or outside the image, counts as
+        inside the mask: with the radius as margin, only the border of the image does not erode,
+        with 0 the sides of the box do not either.
+    """
     if radius_px <= 0:
         return masks
     kernel = np.ones((2 * radius_px + 1,) * 2, np.uint8)
     eroded = np.zeros_like(masks)
     for mask, out in zip(masks, eroded, strict=True):
         left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
-        box = np.s_[top : top + height, left : left + width]
+        window = np.s_[
+            max(0, top - margin_px) : top + height + margin_px,
+            max(0, left - margin_px) : left + width + margin_px,
+        ]
         if width:
-            out[box] = cv2.erode(mask[box].view(np.uint8), kernel).view(bool)
+            out[window] = cv2.erode(mask[window].view(np.uint8), kernel).view(bool)
     return eroded
 
 

@@ -56,7 +56,12 @@ class FramePreparer:
         start = time.perf_counter()
         detections, num_ignored = _wanted_detections(frame, config)
         patch_px = self._patch_px if frame.features is None else _patch_px_of_features(frame)
-        alignment = Alignment.fit(frame.size, patch_px, config.input)
+        alignment = Alignment.fit(
+            frame.size,
+            patch_px,
+            max_width_px=config.input.max_width_px,
+            center_crop=config.input.center_crop,
+        )
         options, gaps = config.input, {"exact_gap_max": -math.inf}  # of boxes only
         if self._method.gap_options is not None:
             gaps = self._method.gap_options(config.thresholds)

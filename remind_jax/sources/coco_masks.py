@@ -30,6 +30,7 @@ from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import NO_INSTANCE, Detections
+from remind_jax.masks.run_length import find_malformed
 from remind_jax.sources.class_names import ANY_CLASS
 from remind_jax.sources.detections import detections_from, fill_boxes, name_classes
 from remind_jax.sources.file_tree import last_number
@@ -137,8 +138,7 @@ def decode_segmentation(segmentation: Any, frame_size: tuple[int, int]) -> Bool[
     """Decodes a COCO segmentation: compressed or plain run-length code, or polygons.
 
     Raises:
-      UnreadableFrame: If it is malformed; pycocotools reads beyond its memory on run lengths that
-        do not add up to the picture, so they are added up first.
+      UnreadableFrame: If it is malformed.
     """
     try:
         if isinstance(segmentation, Mapping):
@@ -150,43 +150,15 @@ def decode_segmentation(segmentation: Any, frame_size: tuple[int, int]) -> Bool[
         raise UnreadableFrame(f"a segmentation is malformed ({error})") from error
 
 
-def read_runs(counts: bytes) -> list[int]:
-    """Run lengths of a compressed COCO code, background first.
-
-    Five bits to a character (offset 48), lowest first, bit 5 set if more follow; from the fourth
-    run on, the difference to the run two before is stored.
-
-    Raises:
-      UnreadableFrame: If the code ends in the middle of a number.
-    """
-    runs: list[int] = []
-    value, shift = 0, 0
-    for byte in counts:
-        digit = byte - 48
-        if not 0 <= digit < 64:
-            raise UnreadableFrame("a run-length code has characters outside of its alphabet")
-        value |= (digit & 31) << shift
-        shift += 5
-        if digit & 32:
-            continue
-        if digit & 16:
-            value -= 1 << shift
-        runs.append(value + runs[-2] if len(runs) > 2 else value)
-        value, shift = 0, 0
-    if shift:
-        raise UnreadableFrame("a run-length code is cut off")
-    return runs
-
-
 def _decode_runs(code: Mapping[str, Any]) -> Bool[np.ndarray, "H W"]:
     height, width = (int(n) for n in code["size"])
     counts = code["counts"].encode() if isinstance(code["counts"], str) else code["counts"]
-    is_plain = isinstance(counts, list)
-    runs = [int(n) for n in counts] if is_plain else read_runs(counts)
-    if min(height, width) < 1 or min(runs, default=-1) < 0 or sum(runs) != height * width:
+    rle: Any = {"size": [height, width], "counts": counts}
+    if isinstance(counts, list):
+        rle = coco_mask.frPyObjects(rle, height, width)
+    if find_malformed([rle]) is not None:
         raise UnreadableFrame(f"a run-length code does not add up to its size of {width}x{height}")
-    rle: Any = {"size": [height, width], "counts": runs if is_plain else counts}
-    return _decode(coco_mask.frPyObjects(rle, height, width) if is_plain else rle)
+    return _decode(rle)
 
 
 def _fill_polygons(polygons: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:

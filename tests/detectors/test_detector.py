@@ -13,9 +13,11 @@ from remind_jax.detectors import (
     CallableDetector,
     Detector,
     DetectorOptions,
+    DropCounts,
     OnnxDetector,
     as_detector,
 )
+from remind_jax.detectors.detector import refine_detections
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
 
@@ -257,3 +259,40 @@ def test_the_8_bit_network_needs_onnxruntime(capfd):
     with pytest.raises(WeightsError, match=r"operator DynamicQuantizeLinear.*use onnxruntime"):
         OnnxDetector(REAL / "yolov8n-seg-int8.onnx", DetectorOptions(engine="cv2.dnn"))
     assert capfd.readouterr() == ("", "")
+
+
+def square(size: int, top: int, left: int, shape: tuple[int, int] = (20, 30)) -> np.ndarray:
+    mask = np.zeros(shape, bool)
+    mask[top : top + size, left : left + size] = True
+    return mask
+
+
+def test_every_drop_is_counted_by_its_reason_and_the_order_stays():
+    detections = Detections.create(
+        np.stack(
+            [
+                square(7, 5, 6),  # 9 pixels left
+                square(4, 2, 2),  # eroded away
+                square(0, 0, 0),  # empty from the start
+                square(5, 8, 8),  # 1 pixel left: too small
+                square(9, 8, 8),  # 25 pixels left
+                square(9, 0, 9),  # ignored class
+                square(9, 0, 9),  # score too low
+            ]
+        ),
+        labels=["cup", "cup", "cup", "cup", "chair", "Wall", "cup"],
+        scores=[0.5, 0.9, 0.9, 0.9, 0.8, 0.9, 0.2],
+    )
+    options = DetectorOptions(min_mask_px=2, ignored_classes=("wall",))
+    kept, drops = refine_detections(detections, options)
+    assert kept.labels == ("cup", "chair")
+    assert kept.scores.tolist() == [np.float32(0.5), np.float32(0.8)]
+    assert kept.masks.sum(axis=(1, 2)).tolist() == [9, 25]
+    assert drops == DropCounts(empty=1, eroded=1, small=1)
+    assert (drops + drops).total == 6
+
+
+def test_no_detections_stay_none():
+    kept, drops = refine_detections(Detections.empty(4, 6), DetectorOptions())
+    assert kept.masks.shape == (0, 4, 6)
+    assert drops.total == 0

@@ -2,7 +2,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.detectors.letterbox import GREY, Letterbox
+from remind_jax.detectors.letterbox import GRAY, Letterbox
+
+
+def to_input(box: Letterbox, boxes: np.ndarray) -> np.ndarray:
+    """Boxes of the frame in the input, by the sizes and bars that the letterbox has chosen."""
+    height, width = np.divide(box.scaled_size, box.frame_size)
+    return boxes * [width, height, width, height] + [box.left_px, box.top_px] * 2
+
 
 sides = st.integers(1, 900)
 frames = st.tuples(sides, sides)
@@ -28,7 +35,7 @@ def test_boxes_survive_the_round_trip(frame_size, input_size, data):
     xs = sorted(data.draw(st.tuples(st.floats(0, width), st.floats(0, width))))
     ys = sorted(data.draw(st.tuples(st.floats(0, height), st.floats(0, height))))
     drawn = np.array([[xs[0], ys[0], xs[1], ys[1]]])
-    there = box.boxes_to_input(drawn)
+    there = to_input(box, drawn)
     assert (there[:, :2] >= [box.left_px, box.top_px]).all()
     # Rounding of one multiplication and one division, in pixels.
     np.testing.assert_allclose(box.boxes_to_frame(there), drawn, atol=1e-9)
@@ -58,26 +65,26 @@ def test_a_drawn_rectangle_is_found_where_the_box_says(frame_size, input_size, d
     rows = slice(box.top_px, box.top_px + box.scaled_size[0])
     columns = slice(box.left_px, box.left_px + box.scaled_size[1])
     inside[rows, columns] = True
-    assert (seen[~inside] == GREY).all()
+    assert (seen[~inside] == GRAY).all()
     ys, xs = np.nonzero(inside & (seen >= 128))
     found = np.array([[xs.min(), ys.min(), xs.max() + 1, ys.max() + 1]], float)
-    expected = box.boxes_to_input(np.array([[x0, y0, x1, y1]], float))
+    expected = to_input(box, np.array([[x0, y0, x1, y1]], float))
     # An edge between two input pixels is seen at one of them; bytes round by 1 / 255 more.
     assert np.abs(found - expected).max() <= 0.5 + 0.01 * max(1.0, 1 / scale)
 
 
 @settings(deadline=None)
 @given(frame_size=frames, input_size=inputs, slope=st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
-def test_maps_come_back_to_the_pixel_centres(frame_size, input_size, slope):
+def test_maps_come_back_to_the_pixel_centers(frame_size, input_size, slope):
     """Bilinear resampling keeps a sloping plane, so any shift or wrong scale would show."""
     box = Letterbox.fit(frame_size, input_size)
-    centres_y, centres_x = np.indices(input_size) + 0.5
-    corners = np.stack([centres_x.ravel(), centres_y.ravel()] * 2, axis=1)
+    centers_y, centers_x = np.indices(input_size) + 0.5
+    corners = np.stack([centers_x.ravel(), centers_y.ravel()] * 2, axis=1)
     in_frame = box.boxes_to_frame(corners)[:, :2]
     plane = (in_frame @ slope).reshape(input_size).astype(np.float32)
     came_back = box.plane_to_frame(plane)
     assert came_back.shape == frame_size
-    # Beyond the outermost input pixel centres the plane is continued as a constant.
+    # Beyond the outermost input pixel centers the plane is continued as a constant.
     margin_y, margin_x = np.ceil(0.5 * np.divide(frame_size, box.scaled_size)).astype(int)
     rows, columns = np.indices(frame_size) + 0.5
     expected = columns * slope[0] + rows * slope[1]

@@ -1,10 +1,13 @@
 import contextlib
+import json
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
+from remind_jax.detectors import as_detector
+from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec, read_class_names
 from remind_jax.errors import WeightsError
 
 from .onnx_bytes import model, node, number, text, value_info
@@ -74,3 +77,64 @@ def test_damage_never_gives_another_kind_of_error(tmp_path, data):
     path.write_bytes(damaged[: data.draw(st.integers(1, len(damaged)))])
     with contextlib.suppress(WeightsError):
         assert all(isinstance(spec.name, str) for spec in OnnxFile.read(path).inputs)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "expected"),
+    [
+        ({"names": "{0: 'person', 7: \"potted plant\"}"}, {0: "person", 7: "potted plant"}),
+        ({"names": '["cup", "chair"]'}, {0: "cup", 1: "chair"}),
+        ({"names": '{"0": "cup"}'}, {0: "cup"}),
+        ({"rfdetr_inference": json.dumps({"class_id_to_name": {"1": "cup"}})}, {1: "cup"}),
+        ({}, {}),
+        ({"names": ""}, {}),
+        ({"names": "person"}, {}),
+        ({"names": "{'a': 'b'}"}, {}),
+        ({"names": "[" * 100_000}, {}),
+        ({"rfdetr_inference": "[]"}, {}),
+    ],
+)
+def test_names_are_read_from_all_known_forms(metadata, expected):
+    assert read_class_names(metadata) == expected
+
+
+def test_nothing_in_a_file_is_executed(tmp_path):
+    target = tmp_path / "made"
+    assert read_class_names({"names": f"{{0: open({str(target)!r}, 'w')}}"}) == {}
+    assert not target.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("yolo11n-seg.pt", "PyTorch"),
+        ("yolo11n-seg.PT", "PyTorch"),
+        ("yolo11n-seg.torchscript", "TorchScript"),
+        ("yolo11n-seg.engine", "TensorRT"),
+        ("yolo11n-seg.tflite", "TensorFlow Lite"),
+        ("yolo11n-seg.mlmodel", "Core ML"),
+        ("yolo11n-seg.xml", "OpenVINO"),
+    ],
+)
+@pytest.mark.parametrize("is_there", [False, True])
+def test_another_format_is_refused_with_how_to_export(tmp_path, name, kind, is_there):
+    path = tmp_path / name
+    if is_there:
+        path.write_bytes(b"a model")
+    with pytest.raises(WeightsError) as caught:
+        as_detector(path)
+    assert f"'{path}' is " in str(caught.value)
+    assert kind in str(caught.value)
+    assert "yolo export model=yolo11n-seg.pt format=onnx" in str(caught.value)
+
+
+def test_weights_of_rf_detr_are_exported_otherwise():
+    with pytest.raises(WeightsError, match=r'RFDETRSegMedium\(pretrain_weights="mine.pth"\)'):
+        as_detector(Path("mine.pth"))
+
+
+def test_what_is_not_there_is_refused_with_how_to_make_it(tmp_path):
+    with pytest.raises(WeightsError, match=r"does not exist; .* model=yolo11n-seg.pt format=onnx"):
+        as_detector(tmp_path / "yolo11n-seg.onnx")
+    with pytest.raises(WeightsError, match="is a folder"):
+        as_detector(tmp_path)

@@ -1,6 +1,8 @@
+import numpy as np
 import pytest
 
 from remind_jax.detectors import DetectorOptions
+from remind_jax.detectors.options import find_wanted_classes
 from remind_jax.errors import ConfigError
 
 
@@ -43,3 +45,14 @@ def test_class_lists_ignore_letter_case_and_exclusion_wins():
 
 def test_lists_from_yaml_give_equal_hashable_options():
     assert hash(DetectorOptions(classes=["cup"])) == hash(DetectorOptions(classes=("cup",)))  # type: ignore[arg-type]
+
+
+def test_columns_without_a_name_are_never_wanted():
+    names = ["cup", None, "Wall"]
+    wanted = find_wanted_classes(names, DetectorOptions(ignored_classes=("wall",)))
+    np.testing.assert_array_equal(wanted, [True, False, False])
+
+
+def test_an_unknown_class_is_refused_with_the_nearest_name():
+    with pytest.raises(ConfigError, match="did you mean 'chair'"):
+        find_wanted_classes(["chair", "cup"], DetectorOptions(classes=("chiar",)))

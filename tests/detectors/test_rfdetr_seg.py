@@ -7,7 +7,7 @@ from scipy.special import logit
 
 from remind_jax.detectors import DetectorOptions
 from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
-from remind_jax.detectors.rfdetr_seg import RfDetrSeg, name_columns, recognise_rfdetr_seg
+from remind_jax.detectors.rfdetr_seg import RfDetrSeg, name_columns, recognize_rfdetr_seg
 from remind_jax.errors import ConfigError, WeightsError
 
 
@@ -19,7 +19,7 @@ OUTPUTS = specs(dets=(1, 5, 4), labels=(1, 5, 4), masks=(1, 5, 12, 12))
 
 
 def head_of(options=None, metadata=None, input_shape=(1, 3, 48, 48)) -> RfDetrSeg:
-    layout = recognise_rfdetr_seg(OUTPUTS)
+    layout = recognize_rfdetr_seg(OUTPUTS)
     assert layout is not None
     images = TensorSpec("input", input_shape, "float32")
     file = OnnxFile(Path("m.onnx"), (images,), tuple(OUTPUTS), metadata or {})
@@ -43,7 +43,7 @@ def head_of(options=None, metadata=None, input_shape=(1, 3, 48, 48)) -> RfDetrSe
     ],
 )
 def test_outputs_are_told_by_name_then_shape_then_order(outputs, expected):
-    layout = recognise_rfdetr_seg(outputs)
+    layout = recognize_rfdetr_seg(outputs)
     found = layout and (layout.boxes, layout.labels, layout.masks, layout.num_columns)
     assert found == expected
 

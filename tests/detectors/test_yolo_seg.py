@@ -16,7 +16,7 @@ from remind_jax.detectors.yolo_seg import (
     choose_input_size,
     decode_masks,
     read_candidates,
-    recognise_yolo_seg,
+    recognize_yolo_seg,
     suppress_duplicates,
 )
 from remind_jax.errors import ConfigError, WeightsError
@@ -34,7 +34,7 @@ def file_of(
 
 
 def head_of(outputs, options=None, metadata=None, input_shape=(1, 3, 96, 128)) -> YoloSeg:
-    layout = recognise_yolo_seg(outputs)
+    layout = recognize_yolo_seg(outputs)
     assert layout is not None
     file = file_of(outputs, metadata, input_shape)
     return YoloSeg.from_file(file, layout, options or DetectorOptions())
@@ -60,7 +60,7 @@ NAMES = {"names": "{0: 'cup', 1: 'chair', 2: 'wall'}"}
     ],
 )
 def test_layouts_are_told_by_shapes(outputs, expected):
-    layout = recognise_yolo_seg(outputs)
+    layout = recognize_yolo_seg(outputs)
     if expected is None:
         assert layout is None
     else:
@@ -189,10 +189,10 @@ def test_an_edge_drawn_in_the_frame_comes_back_within_half_a_pixel(frame_size, m
     grid = np.stack([xs.ravel(), ys.ravel()] * 2, axis=1)
     in_frame = letterbox.boxes_to_frame(grid)[:, :2].astype(np.float32)
     prototypes = (in_frame - np.array([edge_x, edge_y], np.float32)).T.reshape(2, 24, 32)
-    whole = letterbox.boxes_to_input(np.array([[0, 0, width, height]], float)).repeat(2, axis=0)
+    whole = to_input(letterbox, np.array([[0, 0, width, height]], float)).repeat(2, axis=0)
     candidates = Candidates(whole, np.ones(2), np.zeros(2, int), np.eye(2, dtype=np.float32))
     right, below = decode_masks(candidates, prototypes, letterbox, 0.5)
-    # A pixel is inside if its centre is; 0.01 px for the float32 arithmetic of two resizes.
+    # A pixel is inside if its center is; 0.01 px for the float32 arithmetic of two resizes.
     assert abs(np.argmax(right[height // 2]) - edge_x) <= 0.51
     assert abs(np.argmax(below[:, width // 2]) - edge_y) <= 0.51
 
@@ -303,4 +303,4 @@ def test_numbers_that_are_not_finite_give_no_instances():
 
 
 def test_the_layout_names_its_outputs():
-    assert recognise_yolo_seg(V8) == YoloLayout("output0", "output1", 2, 3, False)
+    assert recognize_yolo_seg(V8) == YoloLayout("output0", "output1", 2, 3, False)

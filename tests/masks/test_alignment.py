@@ -2,7 +2,6 @@ import cv2
 import numpy as np
 import pytest
 
-from remind_jax.config import Input
 from remind_jax.errors import SourceError
 from remind_jax.masks.alignment import Alignment
 
@@ -16,31 +15,35 @@ EXAMPLES = [
 ]
 
 
+def fit(frame_size, patch_px, max_width_px=1280, center_crop=True):
+    return Alignment.fit(frame_size, patch_px, max_width_px=max_width_px, center_crop=center_crop)
+
+
 @pytest.mark.parametrize(("frame", "scaled", "corner", "grid"), EXAMPLES)
 def test_examples_of_the_page(frame, scaled, corner, grid):
-    alignment = Alignment.fit(frame, 16, Input())
+    alignment = fit(frame, 16)
     assert alignment.scaled_size == scaled
     assert (alignment.left, alignment.top) == corner
     assert alignment.size == (16 * grid[0], 16 * grid[1])
 
 
 def test_crop_at_the_corner():
-    alignment = Alignment.fit((479, 853), 16, Input(center_crop=False))
+    alignment = fit((479, 853), 16, center_crop=False)
     assert (alignment.left, alignment.top) == (0, 0)
 
 
 def test_narrow_frames_are_never_enlarged():
-    assert Alignment.fit((16, 16), 16, Input(max_width_px=1280)).size == (16, 16)
+    assert fit((16, 16), 16, max_width_px=1280).size == (16, 16)
 
 
 def test_too_small_a_frame_is_refused():
     with pytest.raises(SourceError, match=r"smaller than one patch.*14"):
-        Alignment.fit((13, 500), 14, Input())
+        fit((13, 500), 14)
 
 
 def test_image_is_scaled_by_area_and_cropped():
     image = np.random.default_rng(0).integers(0, 256, (50, 200, 3), dtype=np.uint8)
-    aligned = Alignment.fit((50, 200), 8, Input(max_width_px=100)).align_image(image)
+    aligned = fit((50, 200), 8, max_width_px=100).align_image(image)
     scaled = cv2.resize(image, (100, 25), interpolation=cv2.INTER_AREA)
     np.testing.assert_array_equal(aligned, scaled[0:24, 2:98])
 
@@ -48,7 +51,7 @@ def test_image_is_scaled_by_area_and_cropped():
 def test_masks_are_scaled_by_nearest_neighbour_like_one_label_map():
     labels = np.random.default_rng(1).integers(0, 4, (75, 303)).astype(np.uint8)
     masks = np.stack([labels == label for label in range(4)])
-    alignment = Alignment.fit((75, 303), 8, Input(max_width_px=101))
+    alignment = fit((75, 303), 8, max_width_px=101)
     aligned = alignment.align_masks(masks)
     scaled = cv2.resize(labels, (101, 25), interpolation=cv2.INTER_NEAREST)
     np.testing.assert_array_equal(aligned.argmax(axis=0), scaled[0:24, 2:98])
@@ -61,7 +64,7 @@ def test_masks_and_image_agree(width):
     """A bright square stays under its mask, cropped alone or scaled as well."""
     image = np.zeros((40, 64, 3), np.uint8)
     image[8:24, 16:48] = 255
-    alignment = Alignment.fit((40, 64), 8, Input(max_width_px=width))
+    alignment = fit((40, 64), 8, max_width_px=width)
     mask = alignment.align_masks(image[None, ..., 0] > 0)[0]
     bright = alignment.align_image(image)[..., 0] > 127
     assert mask.shape == bright.shape == alignment.size
@@ -70,7 +73,7 @@ def test_masks_and_image_agree(width):
 
 @pytest.mark.parametrize("width", [64, 40])
 def test_no_masks(width):
-    alignment = Alignment.fit((40, 64), 8, Input(max_width_px=width))
+    alignment = fit((40, 64), 8, max_width_px=width)
     aligned = alignment.align_masks(np.zeros((0, 40, 64), bool))
     assert aligned.shape == (0, *alignment.size)
     assert aligned.dtype == bool
@@ -78,5 +81,5 @@ def test_no_masks(width):
 
 def test_aligned_masks_can_be_reduced():
     """Contiguous, as OpenCV needs them, also after a crop."""
-    alignment = Alignment.fit((43, 67), 8, Input())
+    alignment = fit((43, 67), 8)
     assert alignment.align_masks(np.ones((2, 43, 67), bool)).flags.c_contiguous

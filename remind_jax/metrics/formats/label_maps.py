@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from remind_jax.errors import SourceError
+from remind_jax.masks.run_length import encode_label_map
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of
-from remind_jax.metrics.run_lengths import encode_label_map
 from remind_jax.sources.annotation_png import read_label_map
 from remind_jax.sources.class_names import UNNAMED, ClassNames, parse_metadata
 from remind_jax.sources.davis import metadata_files

@@ -14,8 +14,7 @@ from jaxtyping import Bool, Float, Int
 from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
-from remind_jax.masks.run_length import mask_areas
-from remind_jax.metrics.run_lengths import find_malformed
+from remind_jax.masks.run_length import find_malformed, mask_areas
 from remind_jax.tracks import Rle
 
 UNKNOWN_CLASS = -1

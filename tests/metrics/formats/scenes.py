@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from remind_jax.masks.run_length import encode_label_map
 from remind_jax.metrics.formats.rows import boxes_of
-from remind_jax.metrics.run_lengths import encode_label_map
 
 # Columns of a frame that an object covers; object 2 leaves and returns.
 TRUTH = {
