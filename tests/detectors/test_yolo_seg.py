@@ -21,6 +21,8 @@ from remind_jax.detectors.yolo_seg import (
 )
 from remind_jax.errors import ConfigError, WeightsError
 
+from .test_letterbox import to_input
+
 
 def specs(*shapes) -> list[TensorSpec]:
     return [TensorSpec(f"output{i}", shape, "float32") for i, shape in enumerate(shapes)]
