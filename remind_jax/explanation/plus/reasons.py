@@ -10,7 +10,7 @@ from remind_jax.plus.state import Stage
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence
 
-_NOTABLE = 0.25  # log odds; less is not worth a word
+_NOTABLE = 0.25  # log odds; less is not mentioned
 
 
 def give_reasons(e: PlusExplanation, t: PlusThresholds) -> tuple[str, ...]:
@@ -62,8 +62,8 @@ def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
         if candidate.parts["moved"] > _NOTABLE:
             against = candidate.parts["place"] + candidate.parts["layout"]
             yield (
-                f"where it lies, itself and from the others, speaks against {candidate.name} by "
-                f"{change(against)}, of which {change(against + candidate.parts['moved'])} count: "
+                f"where it lies, by itself and from the others, is evidence of {change(against)} "
+                f"for {candidate.name}, of which {change(against + candidate.parts['moved'])} count: "
                 "it may have been moved"
             )
 
@@ -76,7 +76,7 @@ def _weigh(candidate: PlusCandidate) -> str:
     con = listing([f"{kind} {change(value)}" for kind, value in parts if value < 0])
     sides = [f"{pro} for it"] if pro else []
     sides += [f"{con} against it"] if con else []
-    return ", ".join(sides) or "nothing says much"
+    return ", ".join(sides) or "no evidence is strong"
 
 
 def _explain_new(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:

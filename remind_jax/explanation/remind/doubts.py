@@ -81,9 +81,9 @@ def _explain_closeness(case: Case, reason: Reason, options: list[tuple[int, floa
 def explain_firmness(case: Case) -> Iterator[str]:
     """Why a match with rivals was not left open (method.md#ambiguity)."""
     own, t = case.decision("guarded_id"), case.thresholds.ambiguous
-    asked = any(case.passes("undecided", turn) for turn in range(case.num_passes))
+    was_open = any(case.passes("undecided", turn) for turn in range(case.num_passes))
     rivals = [i for i in case.candidate_ids() if i != own and case.candidate(i, "plausible")]
-    if case.outcome != Outcome.MATCH or asked or not rivals or not t.enabled:
+    if case.outcome != Outcome.MATCH or was_open or not rivals or not t.enabled:
         return
     common = {i: case.candidate(i, "comparable") for i in (own, *rivals)}
     best, second, *_ = sorted(common, key=lambda i: common[i], reverse=True)
@@ -182,9 +182,9 @@ def explain_layout(case: Case, turn: int) -> Iterator[str]:
         f"{plural(num_objects, 'object')} in question"
     )
     if status == GroupStatus.TOO_LARGE_OR_SMALL:
-        yield f"distances are not asked: {group} make no group of a size that can be solved"
+        yield f"distances are not used: {group} make no group of a size that can be solved"
     elif status == GroupStatus.NOT_CLOSED:
-        yield f"distances are not asked: {group} make no closed group, one known object for each"
+        yield f"distances are not used: {group} make no closed group, one known object for each"
     elif status == GroupStatus.NO_ASSIGNMENT:
         yield f"{group} allow no joint assignment"
     else:
@@ -210,7 +210,7 @@ def _explain_solution(case: Case, turn: int, status: GroupStatus, group: str) ->
         )
     why = {
         GroupStatus.LOW_SCORE: lambda: f"joint score {compare(score, '<', t.min_score)}",
-        GroupStatus.VISUAL_RANK_FLIP: lambda: "looks speak for another joint assignment",
+        GroupStatus.VISUAL_RANK_FLIP: lambda: "looks favor another joint assignment",
         GroupStatus.LOW_CORE_SCORE: lambda: f"score {compare(core, '<', t.min_core)}",
         GroupStatus.LOW_CORE_GAP: lambda: f"ahead by only {compare(core_gap, '<', t.min_core_gap)}",
     }[status]()
@@ -255,7 +255,7 @@ def _explain_new(case: Case) -> str:
     if not t.enabled:
         return "births are not questioned (provisional tracks are switched off)"
     if not case.trace("num_backed"):
-        return f"nothing speaks for a known object: context backs none, and {_explain_miss(case)}"
+        return f"no known object is supported: context backs none, and {_explain_miss(case)}"
     backed, score = case.trace("backed_id"), case.trace("backed_score")
     if score < t.min_top:
         return (

@@ -75,8 +75,7 @@ def _explain_looks(case: Case) -> Iterator[str]:
         yield status
     if case.trace("anchor_id") != NO_ID:
         yield (
-            f"clear enough to be an anchor of the frame, it speaks for {case.name(first)} being "
-            "in view"
+            f"clear enough to be an anchor of the frame: {case.name(first)} counts as in view"
         )
 
 
@@ -141,7 +140,7 @@ def _explain_unused(case: Case) -> str:
     if status == Status.STRONG:
         return "the evidence is strong without it"
     kind = "ambiguous" if status == Status.AMBIGUOUS else "weak"
-    return f"this configuration asks no context where the evidence is {kind}"
+    return f"this configuration uses no context where the evidence is {kind}"
 
 
 def _explain_poor_context(case: Case) -> str:
@@ -336,7 +335,7 @@ def _explain_guard(case: Case) -> Iterator[str]:
             yield f"{together}: {lead}; {case.name(after)} is the same in both"
     elif after == NO_ID:
         yield (
-            f"{together}, and one of them leans on a bonus where a rival scores higher by "
+            f"{together}, and one of them depends on a bonus where a rival scores higher by "
             f"{threshold(t.alternative_margin)} or more: the match with {case.name(before)} is "
             "withdrawn"
         )

@@ -153,7 +153,7 @@ def test_a_veto_is_told_with_what_ruled_the_candidate_out():
     assert "Matched as mug 0" in told
 
 
-def test_a_configuration_that_asks_no_context_says_so():
+def test_a_configuration_that_uses_no_context_says_so():
     """The scores stay, and not because the evidence is strong."""
     record = decide_frame([{0: 0.95}, {0: 0.70}], context={0: backed(0.05)})
     status = np.full_like(record.decisions.status, Status.WEAK)
@@ -161,7 +161,7 @@ def test_a_configuration_that_asks_no_context_says_so():
         record, decisions=dataclasses.replace(record.decisions, status=status)
     )
     told = " ".join(chain(record, 0))
-    assert "asks no context where the evidence is weak, so the scores stay" in told
+    assert "uses no context where the evidence is weak, so the scores stay" in told
 
 
 def test_nothing_known_is_a_short_story():
