@@ -11,7 +11,7 @@ from typing import Any
 
 from remind_jax.errors import OutputError
 from remind_jax.metrics.columns import Chart, Column, Row, column_of, is_best
-from remind_jax.outputs.palette import identity_color, to_hex
+from remind_jax.outputs.drawing import identity_color, to_hex
 
 # Scores of which a plot tells more than the table does.
 _PLOTTED = frozenset(

@@ -17,18 +17,19 @@ from jaxtyping import UInt8
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.files import writing
 from remind_jax.masks.run_length import decode_mask, mask_box
-from remind_jax.outputs.lettering import put_text, text_width
-from remind_jax.outputs.palette import (
+from remind_jax.outputs.drawing import (
     AMBIGUOUS,
     DISCARDED,
+    NO_IMAGE_GRAY,
     PROVISIONAL,
     Color,
+    fit_image,
     identity_color,
     ink_on,
+    put_text,
+    text_width,
 )
 from remind_jax.tracks import Rle, Tracks
-
-NO_IMAGE_GRAY = 72
 
 _TINT = 0.42
 # A seek decodes from the last key frame on: one per second keeps clicks in the report quick.
@@ -72,13 +73,6 @@ def draw_overlay(image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> np
         if not _is_discarded(tracks, row):
             _draw_label(canvas, tracks, int(row), size_px, placed)
     return canvas
-
-
-def fit_image(image: UInt8[np.ndarray, "H W 3"], height: int, width: int) -> np.ndarray:
-    """The image at the given size in pixels, resized only if it has another one."""
-    if image.shape[:2] == (height, width):
-        return image
-    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def detection_color(tracks: Tracks, row: int) -> Color:

@@ -8,6 +8,7 @@ detection opens a panel that explains it.
 from __future__ import annotations
 
 import base64
+import gzip
 import html
 import json
 import re
@@ -21,17 +22,22 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.outputs.explanations import pack_explanations
+from remind_jax.outputs.drawing import identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
-from remind_jax.outputs.palette import identity_color, to_hex
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.ticks import frame_steps, time_steps
-from remind_jax.outputs.timeline import build_timeline
+from remind_jax.outputs.timeline import build_timeline, frame_steps, time_steps
 from remind_jax.tracks import Tracks
 
 REPORT_NAME = "report.html"
 # Larger videos stay beside the page: browsers get slow with bigger pages.
 MAX_EMBEDDED_VIDEO_BYTES = 25_000_000
+
+FRAMES_PER_BLOCK = 32
+# Later frames are left to `remind explain`: browsers get slow with bigger pages.
+MAX_EMBEDDED_BYTES = 10_000_000
+
+# What the page has elsewhere.
+_LEFT_OUT = ("format", "version", "frame", "time_s", "frame_name")
 
 _SHOWN_CANDIDATES = 3
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
@@ -128,6 +134,49 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
             "Versions and device": info.versions | {"device": info.device},
         },
     }
+
+
+def pack_explanations(result: Result) -> dict[str, Any] | None:
+    """Blocks for the page, as many as fit; None if the run holds no trace."""
+    if result.explainer is None:
+        return None
+    blocks, num_bytes = [], 0
+    for start in range(0, len(result.tracks), FRAMES_PER_BLOCK):
+        frames = result.tracks[start : start + FRAMES_PER_BLOCK]
+        block = _pack([_explain_frame(result, tracks) for tracks in frames])
+        num_bytes += len(block)
+        if num_bytes > MAX_EMBEDDED_BYTES:
+            break
+        blocks.append(block)
+    return {"frames_per_block": FRAMES_PER_BLOCK, "blocks": blocks}
+
+
+def _explain_frame(result: Result, tracks: Tracks) -> dict[str, Any] | None:
+    """What the page says about the detections of a frame; None without any."""
+    shared: dict[str, Any] = {}
+    own = []
+    for row in range(len(tracks)):
+        explanation = result.explain(tracks.frame_index, row).shortened()
+        whole = explanation.to_json()
+        shared = {name: whole[name] for name in explanation.OF_FRAME}
+        own.append({k: v for k, v in whole.items() if k not in (*_LEFT_OUT, *shared)})
+    return {**shared, "detections": own} if own else None
+
+
+def _pack(content: Any) -> str:
+    text = json.dumps(_shorten(content), ensure_ascii=False, separators=(",", ":"))
+    return base64.b64encode(gzip.compress(text.encode("utf-8"), mtime=0)).decode("ascii")
+
+
+def _shorten(content: Any) -> Any:
+    """Numbers with the three decimals that the page shows."""
+    if isinstance(content, float):
+        return round(content, 3)
+    if isinstance(content, dict):
+        return {name: _shorten(value) for name, value in content.items()}
+    if isinstance(content, list):
+        return [_shorten(value) for value in content]
+    return content
 
 
 def read_sightings(path: Path) -> list[Sighting]:

@@ -4,8 +4,8 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
-from remind_jax.outputs.overlay import NO_IMAGE_GRAY, OverlayVideo, draw_overlay, is_playable
-from remind_jax.outputs.palette import identity_color
+from remind_jax.outputs.drawing import NO_IMAGE_GRAY, identity_color
+from remind_jax.outputs.overlay import OverlayVideo, draw_overlay, is_playable
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
 

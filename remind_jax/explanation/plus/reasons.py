@@ -61,10 +61,10 @@ def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
         )
         if candidate.parts["moved"] > _NOTABLE:
             against = candidate.parts["place"] + candidate.parts["layout"]
+            counted = change(against + candidate.parts["moved"])
             yield (
                 f"where it lies, by itself and from the others, is evidence of {change(against)} "
-                f"for {candidate.name}, of which {change(against + candidate.parts['moved'])} count: "
-                "it may have been moved"
+                f"for {candidate.name}, of which {counted} count: it may have been moved"
             )
 
 

@@ -74,9 +74,7 @@ def _explain_looks(case: Case) -> Iterator[str]:
     if status := _explain_status(case, alone=num == 1):
         yield status
     if case.trace("anchor_id") != NO_ID:
-        yield (
-            f"clear enough to be an anchor of the frame: {case.name(first)} counts as in view"
-        )
+        yield (f"clear enough to be an anchor of the frame: {case.name(first)} counts as in view")
 
 
 def _explain_status(case: Case, alone: bool) -> str:
