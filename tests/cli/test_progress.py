@@ -8,7 +8,7 @@ import signal
 import pytest
 
 from remind_jax.cli.progress import RunDisplay
-from remind_jax.session.run import Progress
+from remind_jax.session.progress import Progress
 
 
 def progress(num_done: int, num_frames: int | None = 10) -> Progress:

@@ -1,0 +1,83 @@
+"""What a frame becomes on the host, without a memory."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from remind_jax.config import load_config
+from remind_jax.errors import SourceError
+from remind_jax.frame import Detections, Frame
+from remind_jax.method import get_method
+from remind_jax.session.preparation import FramePreparer
+
+SIDE, PATCH = 64, 16
+CONFIG = load_config("default")
+
+
+def frame_of(*labels: str, **changes) -> Frame:
+    """One square per label, side by side."""
+    masks = np.zeros((len(labels), SIDE, SIDE), bool)
+    for row in range(len(labels)):
+        masks[row, 8:40, 20 * row : 20 * row + 16] = True
+    image = np.full((SIDE, SIDE, 3), 90, np.uint8)
+    return dataclasses.replace(
+        Frame(0, 0, 0.0, "a", image, Detections.create(masks, labels=labels)), **changes
+    )
+
+
+def preparer(name: str = "plus") -> FramePreparer:
+    return FramePreparer(get_method(name), PATCH)
+
+
+def test_ignored_classes_are_left_out_and_counted():
+    prepared = preparer().prepare(frame_of("mug", "WALL", "cup"), CONFIG)
+    assert prepared.detections.labels == ("mug", "cup")
+    assert prepared.num_ignored == 1
+    assert len(prepared.masks.valid) == 2
+
+
+def test_classes_are_numbered_as_they_are_met():
+    one = preparer()
+    first = one.prepare(frame_of("cup", "mug"), CONFIG)
+    second = one.prepare(frame_of("mug", "bowl"), CONFIG)
+    assert first.masks.class_id.tolist() == [0, 1]
+    assert second.masks.class_id.tolist() == [1, 2]
+    assert list(one.class_ids) == ["cup", "mug", "bowl"]
+
+
+def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
+    seen = []
+    method = dataclasses.replace(
+        get_method("plus"), observe=lambda before, image: seen.append((before, image))
+    )
+    one = FramePreparer(method, PATCH)
+    for _ in range(2):
+        one.prepare(frame_of("mug"), CONFIG)
+    assert seen[0][0] is None
+    assert seen[1][0] is seen[0][1]
+
+
+def test_gaps_are_measured_for_methods_with_relations_only():
+    frame = frame_of("mug", "cup")
+    measured, of_boxes = (
+        preparer(name).prepare(frame, load_config(name)).masks.relations.exact[0, 1]
+        for name in ("remind", "plus")
+    )
+    assert measured
+    assert not of_boxes
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"detections": None}, "frame 'a' comes without masks; give masks or a detector"),
+        ({"image": np.zeros((32, SIDE, 3), np.uint8)}, "masks of frame 'a' are 64x64 pixels"),
+        ({"features": np.zeros((3, 5, 4), np.float32)}, "3x5 patches, which do not tile"),
+    ],
+)
+def test_frames_that_disagree_are_refused(changes, message):
+    with pytest.raises(SourceError, match=message):
+        preparer().prepare(frame_of("mug", **changes), CONFIG)
