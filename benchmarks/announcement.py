@@ -31,12 +31,12 @@ from scipy.optimize import linear_sum_assignment
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rows import show_rows
-from remind_jax.decision import NO_ID
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.frame import NO_INSTANCE, Detections, Frame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import TrackingSequence, evaluate_sequence
 from remind_jax.metrics.recovery import collect_answers, count_recovery, find_reference
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.outputs.presence import UNDECIDED
 from remind_jax.session.announcement import Announcements, announce, as_announced
 from remind_jax.session.live import Tracker

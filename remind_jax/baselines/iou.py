@@ -23,8 +23,8 @@ from remind_jax.baselines.scene_memory import (
     empty_memory,
     same_class,
 )
-from remind_jax.decision import NO_ID
 from remind_jax.method import Method
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.settings.kinds import Real, Whole

@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import NEVER, NO_ID, Decisions, Outcome, Overflow, Reason, no_decisions
+from remind_jax.decision import Decisions, Outcome, Overflow, Reason, no_decisions
+from remind_jax.numerics.absent import NEVER, NO_ID
 from remind_jax.numerics.constant_arrays import full, number
 from remind_jax.observation import Masks
 from remind_jax.static import Static

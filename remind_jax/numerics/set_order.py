@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from remind_jax.numerics.control_flow import repeat
+
 _SMALLEST = 8  # slots of the smallest table
 _RUN = 10  # neighbouring slots tried before the probe jumps
 _SHIFT = 5  # bits of the id that leave the jump at every probe
@@ -93,10 +95,9 @@ def _free_slot(
 
     def jump(probe: tuple[Array, Array]) -> tuple[Array, Array]:
         start, perturb = probe
-        perturb = perturb >> _SHIFT
-        return (5 * start + 1 + perturb) & (size - 1), perturb
+        found, rest = jnp.any(free(start)), perturb >> _SHIFT
+        following = (5 * start + 1 + rest) & (size - 1)
+        return jnp.where(found, start, following), jnp.where(found, perturb, rest)
 
-    start, _ = jax.lax.while_loop(
-        lambda probe: ~jnp.any(free(probe[0])), jump, (number & (size - 1), number)
-    )
+    start, _ = repeat(lambda probe: ~jnp.any(free(probe[0])), jump, (number & (size - 1), number))
     return start + jnp.argmax(free(start)).astype(jnp.int32)

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import (
-    NO_ID,
     NUM_OPTIONS,
     Decisions,
     Outcome,
@@ -22,10 +21,11 @@ from remind_jax.decision import (
     Status,
     no_decisions,
 )
+from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
-from remind_jax.plus.state import NOWHERE, Objects, Stage, Tracklets, Verdicts
+from remind_jax.plus.state import Objects, Stage, Tracklets, Verdicts
 from remind_jax.static import Static
 
 
@@ -55,8 +55,8 @@ def conclude(
     def id_of(slot: Int[Array, "*any"]) -> Int[Array, "*any"]:
         return objects.id[jnp.maximum(slot, 0)]
 
-    own = jnp.where(here.slot != NOWHERE, id_of(here.slot), here.id)
-    is_known = choice.slot != NOWHERE
+    own = jnp.where(here.slot != NO_SLOT, id_of(here.slot), here.id)
+    is_known = choice.slot != NO_SLOT
     chosen = shortlist.valid & (shortlist.slot == choice.slot[:, None])
     known_belief = jnp.sum(jnp.where(chosen, belief, 0.0), axis=1)
     new_belief = 1.0 - jnp.sum(jnp.where(shortlist.valid, belief, 0.0), axis=1)
@@ -159,7 +159,7 @@ def tell(
         source=jnp.where(matched, int(Source.ASSOCIATION), int(Source.NONE)).astype(jnp.int32),
         assigned_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         guarded_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
-        is_anchor=seen & (here.slot != NOWHERE),
+        is_anchor=seen & (here.slot != NO_SLOT),
         option_id=jnp.where(shown, option_id, NO_ID)[:, :NUM_OPTIONS],
         option_score=jnp.where(shown, option_score, 0.0)[:, :NUM_OPTIONS],
         num_bad_patches=num_bad_patches,

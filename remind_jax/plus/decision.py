@@ -11,9 +11,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Rows, Shortlist
-from remind_jax.plus.state import NOWHERE, Scene, Tracklets
+from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 _ROUNDS = 5  # in which the share of new things settles
@@ -24,7 +25,7 @@ _ROUNDS = 5  # in which the share of new things settles
 class Choice:
     """What was decided about the rows of a frame."""
 
-    slot: Int[Array, "N"]  # object that the row is best taken for, NOWHERE: its own or a new one
+    slot: Int[Array, "N"]  # object that the row is best taken for, NO_SLOT: its own or a new one
     margin: Float[Array, "N"]  # log odds to its next best answer
     private: Float[Array, "N"]  # log odds of being no known object
     cosine: Float[Array, "N"]  # of looks, to the chosen object
@@ -74,7 +75,7 @@ def decide(
     early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
     commits = rows.young & ((here.age >= t.commit_age) | early)
     return Choice(
-        slot=jnp.where(is_known, slot, NOWHERE),
+        slot=jnp.where(is_known, slot, NO_SLOT),
         margin=margin,
         private=private,
         cosine=jnp.max(jnp.where(chosen, shortlist.cosine, -1.0), axis=1),

@@ -14,11 +14,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.scene_map import center_variance
-from remind_jax.plus.state import NOWHERE, Objects, Pairs, Scene, Tracklets
+from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES, NUM_CANDIDATES
 
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
@@ -52,7 +53,7 @@ class Shortlist:
 
 def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
     """Open tracklets among those of this frame (method_plus.md#open-rows)."""
-    decided = here.slot != NOWHERE
+    decided = here.slot != NO_SLOT
     late = valid & decided & here.fresh & (here.age <= t.late_frames)
     return Rows(young=valid & ~decided, late=late)
 
@@ -62,7 +63,7 @@ def find_ended(tracklets: Tracklets, frame: Int[Array, ""], t: th.Decision) -> B
 
     Without a memory of them, what they showed would get another identity at its next sight.
     """
-    undecided = tracklets.alive & (tracklets.slot == NOWHERE) & tracklets.leans_new
+    undecided = tracklets.alive & (tracklets.slot == NO_SLOT) & tracklets.leans_new
     long_enough = (t.ended_age > 0) & (tracklets.age >= t.ended_age)
     return undecided & long_enough & (frame - tracklets.last == MISSED_FRAMES)
 

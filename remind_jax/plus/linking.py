@@ -10,9 +10,10 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.state import NOWHERE, Scene, Tracklets
+from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES
 from remind_jax.plus.whitening import whiten
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
@@ -72,7 +73,7 @@ def link(
     class_id: Int[Array, "N"],
     t: th.Linking,
 ) -> Int[Array, "N"]:
-    """The tracklet that each detection goes on with, NOWHERE for the first of a new one."""
+    """The tracklet that each detection goes on with, NO_SLOT for the first of a new one."""
     alone = jnp.full(score.shape[0], t.least)
     return assign_in_graph(score, possible, class_id, alone, jnp.array(True))
 
@@ -92,7 +93,7 @@ def advance_tracklets(
       free id; and how far each look is from the smoothed look before.
     """
     num = len(origin)
-    linked = origin != NOWHERE
+    linked = origin != NO_SLOT
     old = _take(tracklets, jnp.where(linked, origin, 0))
     starts = sightings.valid & ~linked
     age = jnp.where(linked, old.age, 0) + sightings.valid
@@ -114,7 +115,7 @@ def advance_tracklets(
         ring=jnp.where(sightings.has_ring[:, None], ring, old_ring),
         ring_count=ring_count,
         first_look=jnp.where(linked[:, None], old.first_look, sightings.look),
-        slot=jnp.where(linked, old.slot, NOWHERE),
+        slot=jnp.where(linked, old.slot, NO_SLOT),
         fresh=linked & old.fresh,
         belief=jnp.where(linked, old.belief, 0.0),
         named=linked & old.named,

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.decision import Outcome, Reason
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.state import Verdicts
 from remind_jax.tracks import Tracks
 

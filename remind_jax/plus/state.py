@@ -16,15 +16,15 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import NO_ID, Decisions, Overflow, no_decisions
+from remind_jax.decision import Decisions, Overflow, no_decisions
+from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import eye, full, zeros
 from remind_jax.plus.static import BANK_SLOTS, NUM_CANDIDATES, num_tracklets, white_dim
 from remind_jax.static import Static
 
-NOWHERE = -1  # no slot
 UNRELATED = 1000.0  # spread of a relation that is not known
 NO_RELATION = UNRELATED / 10  # from this spread on nothing is known
-NEVER = -1_000_000
+LONG_AGO = -1_000_000  # a frame before all others
 # Kinds of evidence: those that a candidate has alone, those that it has from what else is in view,
 # and what is given back to one that may have been moved. Together they are its log odds.
 PARTS = ("looks", "background", "place", "rivals", "held", "layout", "companions", "moved")
@@ -91,7 +91,7 @@ class Tracklets:
     ring: Float[Array, "T D"]  # smoothed
     ring_count: Int[Array, "T"]
     first_look: Float[Array, "T D"]
-    slot: Int[Array, "T"]  # its object once decided, NOWHERE while open
+    slot: Int[Array, "T"]  # its object once decided, NO_SLOT while open
     fresh: Bool[Array, "T"]  # decided as a new object that may still turn out to be a known one
     belief: Float[Array, "T"]  # probability of its object when it was decided
     named: Bool[Array, "T"]  # its own id was shown before
@@ -101,7 +101,7 @@ class Tracklets:
     @property
     def is_open(self) -> Bool[Array, "T"]:
         """Not decided yet."""
-        return self.alive & (self.slot == NOWHERE)
+        return self.alive & (self.slot == NO_SLOT)
 
 
 @jax.tree_util.register_dataclass
@@ -177,7 +177,7 @@ def init(static: Static) -> PlusState:
             id=whole(num_o, value=NO_ID),
             class_id=whole(num_o, value=NO_ID),
             seen=whole(num_o),
-            last=whole(num_o, value=NEVER),
+            last=whole(num_o, value=LONG_AGO),
             size=real(num_o, value=1.0),
             bank=real(num_o, num_k, dim),
             bank_count=whole(num_o, num_k),
@@ -234,13 +234,13 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         center=zeros((num, 2), np.float32),
         size=full(num, 1, np.float32),
         class_id=full(num, NO_ID, np.int32),
-        last=full(num, NEVER, np.int32),
+        last=full(num, LONG_AGO, np.int32),
         age=zeros(num, np.int32),
         look=zeros((num, dim), np.float32),
         ring=zeros((num, dim), np.float32),
         ring_count=zeros(num, np.int32),
         first_look=zeros((num, dim), np.float32),
-        slot=full(num, NOWHERE, np.int32),
+        slot=full(num, NO_SLOT, np.int32),
         fresh=zeros(num, bool),
         belief=zeros(num, np.float32),
         named=zeros(num, bool),

@@ -14,6 +14,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from remind_jax.decision import Outcome, Overflow
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.control_flow import branch
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.answers import conclude, tell
 from remind_jax.plus.decision import decide, learn_familiarity
@@ -44,7 +46,7 @@ from remind_jax.plus.linking import (
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.scene_map import center_variance, correct_map, move_map
-from remind_jax.plus.state import NOWHERE, PlusState, Tracklets, Verdicts, init
+from remind_jax.plus.state import PlusState, Tracklets, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
 from remind_jax.static import Static
@@ -112,15 +114,14 @@ def advance(
     needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid) + num_open
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed.astype(jnp.int32), pending=jnp.int32(0))
-    return jax.lax.cond(
+    return branch(
         fits,
-        lambda state: jax.tree.map(
+        lambda: jax.tree.map(
             lambda new, old: new.astype(old.dtype),
             _advance(state, sightings, motion, present, static, t),
             state,
         ),
-        lambda state: dataclasses.replace(state, overflow=lacking),
-        state,
+        lambda: dataclasses.replace(state, overflow=lacking),
     )
 
 
@@ -157,13 +158,13 @@ def _advance(
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # What do looks tell in this scene?
     scene = learn_scatter(
-        state.scene, sightings.look, sightings.valid, change, origin != NOWHERE, t.looks
+        state.scene, sightings.look, sightings.valid, change, origin != NO_SLOT, t.looks
     )
     scene = learn_rings(scene, sightings.ring, sightings.has_ring, t.looks)
     scene, objects = renew_whitening(scene, objects, frame, t.looks)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)
-    visible = sightings.valid & (here.slot != NOWHERE)
+    visible = sightings.valid & (here.slot != NO_SLOT)
     held = held_objects(here.slot, visible, static.num_objects)
     waiting = held_objects(tracklets.slot[num:], tracklets.alive[num:], static.num_objects)
     admitted = admit(here, rows, held, objects, pairs, t.decision)
@@ -198,12 +199,11 @@ def _advance(
         KeptLooks.of_ended(tracklets, ended, num),
         KeptLooks.of_absorbed(objects, slot, choice.slot, choice.absorbed),
     )
-    objects, pairs = jax.lax.cond(
+    known = objects, pairs
+    objects, pairs = branch(
         jnp.any(choice.absorbed),
-        lambda objects, pairs: absorb(objects, pairs, slot, choice.slot, choice.absorbed),
-        lambda *same: same,
-        objects,
-        pairs,
+        lambda: absorb(*known, slot, choice.slot, choice.absorbed),
+        lambda: known,
     )
     slot = jnp.where(choice.recognised | choice.absorbed, choice.slot, slot)
     fresh = (here.fresh | choice.born) & ~choice.absorbed
@@ -213,9 +213,9 @@ def _advance(
         fresh=fresh,
         belief=verdicts.probability,
         named=here.named | (decisions.outcome == int(Outcome.NEW)),
-        leans_new=choice.slot == NOWHERE,
+        leans_new=choice.slot == NO_SLOT,
     )
-    sure = sightings.valid & (slot != NOWHERE)
+    sure = sightings.valid & (slot != NO_SLOT)
     objects, pairs = correct_map(
         objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
     )
@@ -242,7 +242,7 @@ def _settle(tracklets: Tracklets, here: Tracklets, num_objects: int) -> Tracklet
     """
     num = len(here.alive)
     both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[num:]]), here, tracklets)
-    held = held_objects(here.slot, here.alive & (here.slot != NOWHERE), num_objects)
+    held = held_objects(here.slot, here.alive & (here.slot != NO_SLOT), num_objects)
     waits = jnp.arange(len(both.alive)) >= num
-    lost = waits & (both.slot != NOWHERE) & held[jnp.maximum(both.slot, 0)]
+    lost = waits & (both.slot != NO_SLOT) & held[jnp.maximum(both.slot, 0)]
     return dataclasses.replace(both, alive=both.alive & ~lost)

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.small_matrices import invert, orthonormalise
@@ -81,12 +81,12 @@ def renew_whitening(
     due = (frame < EAGER_FRAMES) | (frame % REFRESH_FRAMES == 0)
     due &= scene.total_weight > 0
 
-    def renew(scene: Scene, objects: Objects) -> tuple[Scene, Objects]:
-        scene = _refit(scene, t)
-        white = jnp.where(objects.bank_count[..., None] > 0, whiten(scene, objects.bank), 0.0)
-        return scene, dataclasses.replace(objects, white_bank=white)
+    def renew() -> tuple[Scene, Objects]:
+        renewed = _refit(scene, t)
+        white = jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, objects.bank), 0.0)
+        return renewed, dataclasses.replace(objects, white_bank=white)
 
-    return jax.lax.cond(due, renew, lambda *same: same, scene, objects)
+    return branch(due, renew, lambda: (scene, objects))
 
 
 def _refit(scene: Scene, t: th.Looks) -> Scene:

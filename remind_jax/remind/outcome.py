@@ -6,14 +6,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
+from remind_jax.decision import Decisions, Outcome, Reason, Status
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.diagnosis import Evidence
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.memory.objects import Objects
 from remind_jax.remind.undecided.settlement import Settlement
-from remind_jax.remind.undecided.temporal import Account
+from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
 
 
@@ -21,7 +22,7 @@ def decide(
     objects: Objects,
     masks: Masks,
     descriptors: Descriptors,
-    account: Account,
+    table: PairTable,
     anchors: Bool[Array, "N O"],
     evidence: Evidence,
     final: Evidence,
@@ -35,7 +36,7 @@ def decide(
       objects: Objects known before the frame.
       masks: Detections of the frame.
       descriptors: Which of them are usable.
-      account: Scores and gates of all pairs.
+      table: Scores and gates of all pairs.
       anchors: Pairs that are clear beyond doubt.
       evidence: Diagnosis of the visual scores.
       final: Diagnosis of the final scores of eligible pairs.
@@ -49,7 +50,7 @@ def decide(
     why = jnp.where(masks.valid, Reason.INVALID_INPUT, Reason.NONE)
     ids = lambda slot: jnp.where(slot >= 0, objects.id[jnp.maximum(slot, 0)], NO_ID)  # noqa: E731
 
-    comparison, pairs = account.comparison, account.pairs
+    comparison, pairs = table.comparison, table.pairs
     candidate_id, rows = rank_candidates(objects, comparison, static.num_candidates)
 
     def take(values: Array) -> Array:
@@ -84,7 +85,7 @@ def decide(
         candidate_score=take(comparison.score),
         candidate_final=take(pairs.score_final),
         candidate_eligible=take(pairs.eligible),
-        candidate_plausible=take(account.plausible),
+        candidate_plausible=take(table.plausible),
         candidate_gate=take(pairs.gate),
         candidate_bonus=take(pairs.bonus),
         num_bad_patches=descriptors.num_bad_patches,

@@ -8,19 +8,18 @@ Letters: `N` detections, `O` objects, `P` pending tracks.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, Reason, Status
+from remind_jax.decision import Decisions, Outcome, Overflow, Reason, Status
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.observation import Descriptors, Masks
-from remind_jax.remind.memory.appearance import appearance_quality, observe_appearance
-from remind_jax.remind.memory.background import observe_background, ring_quality
-from remind_jax.remind.memory.bank import DualBank, Permit, Room, place
+from remind_jax.remind.memory.bank import Permit
+from remind_jax.remind.memory.channels import CHANNELS
 from remind_jax.remind.memory.neighbours import decided_rank, update_graphs
 from remind_jax.remind.memory.objects import (
     Objects,
@@ -28,20 +27,23 @@ from remind_jax.remind.memory.objects import (
     mark_missed,
     mark_seen,
 )
-from remind_jax.remind.memory.parts import observe_part
 from remind_jax.remind.memory.pending import (
     Items,
     Kind,
-    claim_origins,
     end_tracks,
     join_tracks,
     open_tracks,
     write_tracks,
 )
-from remind_jax.remind.memory.ring_prototypes import observe_ring_prototypes
+from remind_jax.remind.memory.prototypes import DualBank
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import TrackerState, remove_objects
 from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.undecided.provisional_commit import (
+    claim_origins,
+    find_founders,
+    found_reserved,
+)
 from remind_jax.remind.undecided.settlement import Settlement
 from remind_jax.static import Static
 
@@ -86,7 +88,7 @@ def remember(
     pending_slot, needed_pending = open_tracks(tracks, items, joined)
 
     num_new = jnp.sum(is_new, dtype=jnp.int32)
-    founds = _committed_founders(settlement, items, state.next_id + num_new)
+    founds = find_founders(settlement.reserved_id, items, state.next_id + num_new)
     births = num_new + jnp.sum(founds, dtype=jnp.int32)
     needed = jnp.sum(state.objects.exists, dtype=jnp.int32) + births
     fits = (needed <= slots) & (needed_pending <= num_pending)
@@ -95,7 +97,7 @@ def remember(
         state.objects, descriptors.class_id, is_new & fits, state.next_id
     )
     next_id = state.next_id + jnp.where(fits, num_new, 0)
-    objects, founder_slot, next_id = _create_committed(
+    objects, founder_slot, next_id = found_reserved(
         objects, descriptors.class_id, founds & fits, settlement.reserved_id, next_id
     )
     slot = jnp.where(settlement.slot >= 0, settlement.slot, new_slot)
@@ -192,39 +194,6 @@ def _undecided(
     )
 
 
-def _committed_founders(
-    settlement: Settlement, items: Items, next_id: Int[Array, ""]
-) -> Bool[Array, "N"]:
-    """Detections that found an object although they stay ambiguous.
-
-    Rule: method.md#provisional-commit.
-    """
-    reserved = settlement.reserved_id
-    named = jnp.any(items.known_id[:, :, None] == reserved, axis=1)
-    named = jnp.any(named & (items.kind == Kind.AMBIGUOUS)[:, None], axis=0)
-    return (reserved != NO_ID) & named & (reserved >= next_id)
-
-
-def _create_committed(
-    objects: Objects,
-    class_id: Int[Array, "N"],
-    founds: Bool[Array, "N"],
-    reserved: Int[Array, "N"],
-    next_id: Int[Array, ""],
-) -> tuple[Objects, Int[Array, "N"], Int[Array, ""]]:
-    """Creates the objects with reserved ids, by rising id; ids between stay unused.
-
-    Rule: method.md#object-ids.
-    """
-    order = jnp.argsort(jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max), stable=True)
-    created, slot = create_objects(objects, class_id[order], founds[order], next_id)
-    back = jnp.argsort(order)
-    slot = slot[back]
-    exact = created.id.at[slot].set(reserved, mode="drop")
-    last = jnp.max(jnp.where(founds, reserved, NO_ID))
-    return dataclasses.replace(created, id=exact), slot, jnp.maximum(next_id, last + 1)
-
-
 def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
     """Objects that an undecided detection names: they count no miss (method.md#lifecycle)."""
     named = jnp.where((items.kind != Kind.FREE)[:, None], items.known_id, NO_ID)
@@ -278,29 +247,24 @@ def _update_banks(
     """
     none = state.appearance.work.size.shape[1]
     now, num = state.frame, rows.shape[1]
-    banks = (state.appearance, state.rings, state.parts, state.ring_prototypes)
+    banks = {name: getattr(state, name) for name in CHANNELS if getattr(state, name) is not None}
 
-    def show(carry: tuple[Array, tuple]) -> tuple[Array, tuple]:
+    def show(carry: tuple[Array, dict[str, DualBank]]) -> tuple[Array, dict[str, DualBank]]:
         rows, banks = carry
         turn = jnp.where(rows[0] < none, rows[0], rows[1])
         first = jnp.argmax(turn[:, None] == turn[None], axis=1) == jnp.arange(num)
         turn = jnp.where(first, turn, none)
         done = (rows == turn[None]) & (rows < none)
         done = done.at[1].set(done[1] & ~done[0])
-        appearance, rings, parts, prototypes = banks
         args = (descriptors, permit, now, static, t)
-        shown = (
-            _write_rows(appearance, turn, lambda bank: _observe_appearance(bank, *args)),
-            _write_rows(rings, turn, lambda bank: _observe_rings(bank, *args)),
-            _write_rows(parts, turn, lambda bank: _observe_parts(bank, *args)),
-            prototypes
-            and _write_rows(prototypes, turn, lambda bank: _observe_prototypes(bank, *args)),
-        )
+        shown = {
+            name: _write_rows(bank, turn, lambda rows, name=name: CHANNELS[name](rows, *args))
+            for name, bank in banks.items()
+        }
         return jnp.where(done, none, rows), shown
 
     _, banks = repeat(lambda carry: jnp.any(carry[0] < none), show, (rows, banks))
-    names = ("appearance", "rings", "parts", "ring_prototypes")
-    return dataclasses.replace(state, **dict(zip(names, banks, strict=True)))
+    return dataclasses.replace(state, **banks)
 
 
 def _write_rows(
@@ -311,98 +275,3 @@ def _write_rows(
     picked = jax.tree.map(lambda leaf: leaf[:, jnp.minimum(rows, last)], banks)
     updated = observe(picked)
     return jax.tree.map(lambda leaf, new: leaf.at[:, rows].set(new, mode="drop"), banks, updated)
-
-
-def _observe_appearance(
-    banks: DualBank,
-    d: Descriptors,
-    permit: Permit,
-    now: Int[Array, ""],
-    static: Static,
-    t: Thresholds,
-) -> DualBank:
-    observe = functools.partial(observe_appearance, now=now, static=static, t=t.appearance)
-    quality = appearance_quality(d.patch_sum, t.appearance)
-    over_detections = jax.vmap(observe)
-    banks, arrival = jax.vmap(over_detections, in_axes=(0, 1, 1, 1, None))(
-        banks, d.appearance, d.appearance_valid, quality, permit
-    )
-    room = Room(
-        capacity=jnp.array([static.appearance_slots] * 2),
-        merge=jnp.stack([t.appearance.merge, t.appearance.stable_merge]),
-        redundant=jnp.array(
-            [
-                static.appearance_evict == "redundant",
-                static.appearance_stable_evict == "redundant",
-            ]
-        ),
-        cap=t.appearance.merge_cap if static.appearance_merge == "capped" else None,
-    )
-    return place(banks, arrival, room, now)
-
-
-def _observe_rings(
-    banks: DualBank,
-    d: Descriptors,
-    permit: Permit,
-    now: Int[Array, ""],
-    static: Static,
-    t: Thresholds,
-) -> DualBank:
-    observe = functools.partial(observe_background, now=now, t=t.background)
-    quality = ring_quality(d.ring_patches, d.mask_quality, t.background)
-    capacity = jnp.array([static.inner_ring_slots, static.outer_ring_slots])
-    over_detections = jax.vmap(observe, in_axes=(0, 0, 0, 0, 0, None))
-    banks, arrival = jax.vmap(over_detections, in_axes=(0, 1, 1, 1, None, 0))(
-        banks, d.rings, d.rings_valid & t.background.enabled, quality, permit, capacity[:, 1]
-    )
-    room = Room(
-        capacity=capacity,
-        merge=jnp.stack([t.background.merge] * 2),
-        redundant=jnp.array([static.ring_evict == "redundant"] * 2),
-        cap=t.background.merge_cap,
-    )
-    return place(banks, arrival, room, now)
-
-
-def _observe_prototypes(
-    banks: DualBank,
-    d: Descriptors,
-    permit: Permit,
-    now: Int[Array, ""],
-    static: Static,
-    t: Thresholds,
-) -> DualBank:
-    patches = d.ring_prototypes
-    assert patches is not None, "there are banks for them"
-    patches = dataclasses.replace(patches, valid=patches.valid & t.background.enabled)
-    return observe_ring_prototypes(banks, patches, permit, now, static, t)
-
-
-def _observe_parts(
-    banks: DualBank,
-    d: Descriptors,
-    permit: Permit,
-    now: Int[Array, ""],
-    static: Static,
-    t: Thresholds,
-) -> DualBank:
-    """Parts of one detection arrive one after another, those of all detections together."""
-    observe = functools.partial(observe_part, now=now, static=static, t=t.parts)
-    over_detections = jax.vmap(observe)
-    over_channels = jax.vmap(over_detections, in_axes=(0, 0, 1, 1, None))
-    room = Room(
-        capacity=jnp.array([static.part_slots] * banks.work.size.shape[0]),
-        merge=jnp.stack([t.parts.merge, t.parts.stable_merge]),
-        redundant=jnp.array([static.part_evict == "redundant"] * 2),
-        cap=t.parts.merge_cap if static.part_merge == "capped" else None,
-    )
-
-    def show(carry: tuple[DualBank, Array], part: tuple[Array, Array]):
-        banks, used, arrival = over_channels(*carry, *part, permit)
-        return (place(banks, arrival, room, now), used), None
-
-    used = jnp.zeros(banks.work.hits.shape, bool)
-    parts = (jnp.moveaxis(d.parts, 2, 0), jnp.moveaxis(d.parts_valid, 2, 0))
-    (banks, _), _ = jax.lax.scan(show, (banks, used), parts)
-    return banks

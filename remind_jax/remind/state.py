@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import NEVER, NO_ID, Decisions, Overflow, no_decisions
+from remind_jax.decision import Decisions, Overflow, no_decisions
 from remind_jax.method import extend
+from remind_jax.numerics.absent import NEVER, NO_ID
 from remind_jax.numerics.constant_arrays import full, number
-from remind_jax.remind.memory.bank import DualBank, empty_bank
 from remind_jax.remind.memory.cooccurrence import (
     CooccurrenceGraph,
     empty_cooccurrence,
@@ -26,6 +26,7 @@ from remind_jax.remind.memory.cooccurrence import (
 from remind_jax.remind.memory.distances import DistanceGraph, empty_distances, reorder_distances
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.memory.pending import Kind, PendingTracks, no_pending
+from remind_jax.remind.memory.prototypes import DualBank, empty_bank
 from remind_jax.static import Static
 
 NUM_APPEARANCE_CHANNELS = 2

@@ -16,26 +16,24 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import NO_ID
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment, dummy_scores
 from remind_jax.remind.association.diagnosis import Evidence, top_two
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import term_weights
-from remind_jax.remind.context.evidence import NeighbourEvidence
+from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.context.veto import expect_neighbours, plausibly_in_view
 from remind_jax.remind.disambiguation.distance_evidence import (
-    distance_evidence,
-    frame_relations,
     tabulate_edges,
 )
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.settlement import Settlement
-from remind_jax.remind.undecided.temporal import Account, temporal_score
+from remind_jax.remind.undecided.temporal import PairTable, temporal_score
 from remind_jax.static import Static
 
 
@@ -168,9 +166,9 @@ class Deliberation:
     relations: Relations
     evidence: Evidence
     anchors: Bool[Array, "N O"]
-    neighbours: NeighbourEvidence
+    view: FrameView
     reasoning: Reasoning
-    account: Account
+    table: PairTable
     assignment: Assignment
     settlement: Settlement
     visual_gate: Float[Array, ""]
@@ -193,7 +191,7 @@ def collect_trace(deliberation: Deliberation, static: Static, t: Thresholds) -> 
 
 
 def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> DetectionTrace:
-    comparison, objects = d.account.comparison, d.state.objects
+    comparison, objects = d.table.comparison, d.state.objects
     influence, q = d.reasoning.influence, d.quality
     num = comparison.candidate.shape[0]
     seen = plausibly_in_view(comparison.candidate, comparison.score, d.visual_gate)
@@ -204,8 +202,8 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
     stable = d.settlement.stabilised
     member = jnp.argmax(comparison.candidate, axis=1)  # any object of the class
     some = jnp.any(comparison.candidate, axis=1)
-    comparable = temporal_score(d.account, d.account.plausible)
-    backed = d.account.plausible & d.account.context.supported[None]
+    comparable = temporal_score(d.table, d.table.plausible)
+    backed = d.table.plausible & d.table.context.supported[None]
     num_backed = jnp.sum(backed, axis=1, dtype=jnp.int32)
     first, backed_score, _ = top_two(comparable, backed)
     return DetectionTrace(
@@ -232,7 +230,7 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
 
 def _choose_candidates(d: Deliberation, static: Static) -> Int[Array, "N C"]:
     """Slots of the candidates to show: those named by a rule, then the visually best."""
-    comparison, s = d.account.comparison, d.settlement
+    comparison, s = d.table.comparison, d.settlement
     num, width = comparison.candidate.shape
     asked = jnp.moveaxis(s.rounds.entries.slot, 0, 1).reshape(num, -1)
     single = jnp.stack([d.assignment.slot, s.guarded, s.slot], axis=1)
@@ -259,9 +257,9 @@ def _trace_candidates(
     static: Static,
     t: Thresholds,
 ) -> CandidateTrace:
-    comparison, pairs, influence = d.account.comparison, d.assignment.pairs, d.reasoning.influence
+    comparison, pairs, influence = d.table.comparison, d.assignment.pairs, d.reasoning.influence
     shape, at = comparison.candidate.shape, jnp.maximum(rows, 0)
-    expected = expect_neighbours(d.neighbours, t.sets.min_link, static, t.veto)
+    expected = expect_neighbours(d.view, t.sets.min_link, static, t.veto)
     common = seen.astype(jnp.float32) @ expected.T.astype(jnp.float32)
 
     def take(values: Array) -> Array:
@@ -294,10 +292,10 @@ def _trace_candidates(
         final=take(pairs.score_final),
         known=take(pairs.score_known),
         eligible=take(pairs.eligible),
-        plausible=take(d.account.plausible),
+        plausible=take(d.table.plausible),
         gate=take(pairs.gate),
         veto=take(d.reasoning.veto),
-        supported=take(d.account.context.supported),
+        supported=take(d.table.context.supported),
         support=take(influence.support),
         contradiction=take(influence.contradiction),
         relative_support=take(influence.compat_rel),
@@ -308,11 +306,11 @@ def _trace_candidates(
 
 def _find_rivals(d: Deliberation) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
     """The other plausible detection most like the object assigned, or like the best candidate."""
-    comparison = d.account.comparison
+    comparison = d.table.comparison
     best = jnp.argmax(jnp.where(comparison.candidate, comparison.score, -jnp.inf), axis=1)
     slot = jnp.where(d.assignment.slot >= 0, d.assignment.slot, best)
     num = slot.shape[0]
-    others = d.account.plausible[:, slot].T & ~jnp.eye(num, dtype=bool)
+    others = d.table.plausible[:, slot].T & ~jnp.eye(num, dtype=bool)
     others = others & jnp.any(comparison.candidate, axis=1)[:, None]
     score = jnp.where(others, comparison.score[:, slot].T, -jnp.inf)
     some = jnp.any(others, axis=1)
@@ -324,9 +322,9 @@ def _trace_passes(d: Deliberation, t: Thresholds) -> PassTrace:
     s, ids = d.settlement, d.state.objects.id
     width, num = ids.shape[0], s.slot.shape[0]
     rounds, groups = s.rounds, s.groups
-    distances = distance_evidence(d.state.distances)
-    table = tabulate_edges(distances, t.known_sets)
-    now = frame_relations(d.relations).distance
+    edges = d.state.distances.edges
+    table = tabulate_edges(edges, t.known_sets)
+    now = d.relations.distance
 
     def name(slot: Array) -> Array:
         """Ids of slots, those of objects that the frame founds included."""
@@ -368,7 +366,7 @@ def _trace_passes(d: Deliberation, t: Thresholds) -> PassTrace:
         anchor_quality=of_group(groups.anchor_quality),
         distance=jnp.where(anchor >= 0, far, 0.0),
         remembered=jnp.where(known, table[source, target, 2], 0.0),
-        num_remembered=jnp.where(known, distances.rel_n[source, target], 0),
+        num_remembered=jnp.where(known, edges.count[source, target], 0),
     )
     return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1), by_pass)
 

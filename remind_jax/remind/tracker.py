@@ -15,7 +15,7 @@ from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.gating import read_context
 from remind_jax.remind.association.quality import assess
 from remind_jax.remind.association.similarity import compare, count_terms
-from remind_jax.remind.context.evidence import neighbour_evidence
+from remind_jax.remind.context.evidence import view_frame
 from remind_jax.remind.context.reasoning import reason
 from remind_jax.remind.outcome import decide
 from remind_jax.remind.perception.description import describe
@@ -24,9 +24,9 @@ from remind_jax.remind.remember import remember
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Deliberation, Trace, collect_trace
-from remind_jax.remind.undecided.provisional import support_births
+from remind_jax.remind.undecided.provisional_commit import support_births
 from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import Account
+from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
 
 __all__ = ["init", "step", "step_described", "step_described_traced", "step_traced"]
@@ -122,31 +122,29 @@ def _advance(
     )
     anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
     # Which tracks belong together here?
-    evidence_of_neighbours = neighbour_evidence(
-        state.cooccurrence, state.objects.exists, t.cooccurrence
-    )
+    view = view_frame(
+        state.cooccurrence, state.objects, jnp.any(anchors, axis=0), descriptors, masks,
+        t.cooccurrence,
+    )  # fmt: skip
     visual_gate = jnp.maximum(t.matching.match, t.matching.min_visual)
     reasoning = reason(
-        evidence_of_neighbours, state.objects.exists, state.objects.class_id,
-        jnp.any(anchors, axis=0), descriptors.class_id, masks.detector_score, descriptors.valid,
-        comparison.candidate, comparison.score,
-        visual_gate,
-        static, t.sets, t.influence, t.veto,
+        view, comparison.candidate, comparison.score, visual_gate, static, t.sets, t.influence,
+        t.veto,
     )  # fmt: skip
     context = read_context(reasoning, t.influence, t.ambiguous)
     # Who is who, jointly?
     assignment = associate(comparison, evidence, context, descriptors.class_id, static, t.matching)
     pairs = assignment.pairs
     # Who stays undecided?
-    account = Account(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
-    settlement = settle(account, assignment, state, descriptors, relations, static, t)
+    table = PairTable(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
+    settlement = settle(table, assignment, state, descriptors, relations, static, t)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, static.margin, t.diagnosis)
     decisions = decide(
-        state.objects, masks, descriptors, account, anchors, evidence, final, assignment,
+        state.objects, masks, descriptors, table, anchors, evidence, final, assignment,
         settlement, static,
     )  # fmt: skip
     birth_support = support_births(
-        pairs.score_known, account.plausible, state.objects, descriptors.class_id,
+        pairs.score_known, table.plausible, state.objects, descriptors.class_id,
         decisions.outcome == Outcome.NEW,
     )  # fmt: skip
     after = remember(
@@ -154,6 +152,6 @@ def _advance(
         relations, static, t,
     )  # fmt: skip
     return after, Deliberation(
-        state, descriptors, quality, relations, evidence, anchors, evidence_of_neighbours,
-        reasoning, account, assignment, settlement, visual_gate,
+        state, descriptors, quality, relations, evidence, anchors, view,
+        reasoning, table, assignment, settlement, visual_gate,
     )  # fmt: skip

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.errors import ConfigError
-from remind_jax.solvers.assignment_in_graph import FORBIDDEN_COST, UNASSIGNED, assign_in_graph
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.solvers.assignment_in_graph import FORBIDDEN_COST, assign_in_graph
 
 
 def assign(
@@ -79,7 +80,7 @@ def assign_groups(
     """NumPy and SciPy form of `assign` for one frame."""
     from scipy import optimize  # takes longer to import than all else here
 
-    column = np.full(len(group), UNASSIGNED, np.int32)
+    column = np.full(len(group), NO_SLOT, np.int32)
     active = allowed.any(axis=1)
     # A row without any allowed pair still takes a dummy in the original; as each row has its own
     # dummy at the same price for all, leaving it out changes nothing with dummies. Without them it

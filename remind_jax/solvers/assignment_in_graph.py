@@ -24,9 +24,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.solvers.lockstep import batch_max
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.control_flow import branch, repeat
 
-UNASSIGNED = -1
 FORBIDDEN_COST = 1e6
 _NO_KEY = 2**31 - 1
 
@@ -124,10 +124,10 @@ def _pose(
     place = jnp.pad(jnp.concatenate([place, last], axis=1), padding, constant_values=-1)
     priced = jnp.pad(jnp.concatenate([cost, dummy_cost[:, None]], axis=1), padding)
 
-    crossed, object_of, priced, place = lax.cond(
-        dummies,
-        lambda: (jnp.zeros(num, bool), jnp.zeros(num, jnp.int32), priced, place),
+    crossed, object_of, priced, place = branch(
+        ~dummies,
         lambda: _cross(cost, groups, priced, place),
+        lambda: (jnp.zeros(num, bool), jnp.zeros(num, jnp.int32), priced, place),
     )
     num_drivers = jnp.sum(groups.live, dtype=jnp.int32)
     return _Problem(priced, place, groups.start, num_drivers), crossed, object_of
@@ -187,8 +187,8 @@ def _search_in_double(problem, dummies, dummy_slot):
         settled=jnp.full(num, -1, jnp.int32),
     )
     no_owner = dummies & (jnp.arange(slots, dtype=jnp.int32) == dummy_slot)
-    state = lax.while_loop(
-        lambda state: batch_max(state.driver < problem.num_drivers),
+    state = repeat(
+        lambda state: state.driver < problem.num_drivers,
         lambda state: _visit(state, problem, no_owner),
         state,
     )
@@ -278,7 +278,7 @@ def _augment(
     """Passes every slot of the path on to the driver before it, back to `driver`."""
 
     def unfinished(carry):
-        return batch_max(carry[0] != driver)
+        return carry[0] != driver
 
     def pass_on(carry):
         holder, renewed = carry
@@ -289,7 +289,7 @@ def _augment(
 
     holder = jnp.where(ends, holder, driver)
     renewed = jnp.where(at_slot & ends, holder, owner)
-    return lax.while_loop(unfinished, pass_on, (holder, renewed))[1]
+    return repeat(unfinished, pass_on, (holder, renewed))[1]
 
 
 def _read_columns(
@@ -302,10 +302,10 @@ def _read_columns(
     num, columns = groups.allowed.shape
     index = jnp.arange(num, dtype=jnp.int32)
     taken = crossed[:, None] & (slot[:, None] == index)
-    column = jnp.max(jnp.where(taken, object_of[:, None], UNASSIGNED), axis=0)
+    column = jnp.max(jnp.where(taken, object_of[:, None], NO_SLOT), axis=0)
     column = jnp.where(crossed, column, slot)
     picked = jnp.arange(columns, dtype=jnp.int32) == column[:, None]
     fits = groups.live & jnp.any(picked & groups.allowed, axis=1)
-    column = jnp.where(fits, column, UNASSIGNED)
+    column = jnp.where(fits, column, NO_SLOT)
     here = groups.order == index[:, None]
-    return jnp.max(jnp.where(here, column, UNASSIGNED), axis=1).astype(jnp.int32)
+    return jnp.max(jnp.where(here, column, NO_SLOT), axis=1).astype(jnp.int32)

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.errors import ConfigError
-from remind_jax.solvers.clustering_in_graph import OUTSIDE, cluster_in_graph
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.solvers.clustering_in_graph import cluster_in_graph
 
 
 def kmeans(
@@ -98,7 +99,7 @@ def kmeans_with_centres(
 
     def cluster_batched(points, members, wanted):
         points, members, wanted = map(np.asarray, (points, members, wanted))
-        labels = np.full(members.shape, OUTSIDE, np.int8)
+        labels = np.full(members.shape, NO_SLOT, np.int8)
         centres = np.zeros((*wanted.shape, clusters, points.shape[-1]), points.dtype)
         for index in np.ndindex(*wanted.shape):
             inside = np.flatnonzero(members[index])
@@ -136,7 +137,7 @@ def cluster_points(
     least = np.inf
     for _ in range(restarts):
         centres = _spread_centres(points, norms, clusters, stream)
-        labels, reached = np.full(num, OUTSIDE, np.int8), norms
+        labels, reached = np.full(num, NO_SLOT, np.int8), norms
         for _ in range(iterations):
             distance = _squared_distances(points, norms, centres)
             nearest = distance.argmin(axis=1).astype(np.int8)

@@ -17,10 +17,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.control_flow import batch_max, repeat
 from remind_jax.solvers.assignment_in_graph import double_precision
-from remind_jax.solvers.lockstep import batch_max
-
-OUTSIDE = -1
 
 # If no set holds more than such a share of the points, members are gathered and each set is
 # compared with its own only; beyond, one product with all points is faster (12 sets of 100 in
@@ -90,7 +89,7 @@ def cluster_in_graph(
     too_small = batch_max(jnp.max(count)) > jnp.array(sizes)
     branches = [*(partial(gathered, size) for size in sizes), shared]
     labels, centres = lax.switch(jnp.sum(too_small, dtype=jnp.int32), branches)
-    return jnp.where(members, labels, OUTSIDE), jnp.where(exists[..., None], centres, 0.0)
+    return jnp.where(members, labels, NO_SLOT), jnp.where(exists[..., None], centres, 0.0)
 
 
 def _run_restarts(
@@ -150,7 +149,7 @@ def _refine(
 
     def unfinished(carry):
         turn, _, _, _, settled, _ = carry
-        return (turn < iterations) & batch_max(~jnp.all(settled))
+        return (turn < iterations) & ~jnp.all(settled)
 
     def advance(carry):
         turn, labels, centres, reached, settled, used = carry
@@ -164,11 +163,11 @@ def _refine(
         centres = jnp.where(settled[:, None, None], centres, means)
         return turn + 1, labels, centres, reached, settled, used
 
-    labels = jnp.full(sets.valid.shape, OUTSIDE, jnp.int32)
+    labels = jnp.full(sets.valid.shape, NO_SLOT, jnp.int32)
     reached = jnp.zeros(sets.valid.shape, centres.dtype)
     settled = ~jnp.any(sets.valid, axis=1)
     carry = (jnp.int32(0), labels, centres, reached, settled, used)
-    _, labels, centres, reached, _, used = lax.while_loop(unfinished, advance, carry)
+    _, labels, centres, reached, _, used = repeat(unfinished, advance, carry)
     return labels, centres, jnp.where(sets.valid, reached, 0.0), used
 
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.solvers.assignment_in_graph import UNASSIGNED
+from remind_jax.numerics.absent import NO_SLOT
 
 
 def assign_greedily(
@@ -40,6 +40,6 @@ def assign_greedily(
         gone = (jnp.arange(num_rows) == row)[:, None] | (jnp.arange(num_columns) == to)
         return column.astype(jnp.int32), jnp.where(gone, -jnp.inf, left)
 
-    nobody = jnp.full(num_rows, UNASSIGNED, jnp.int32)
+    nobody = jnp.full(num_rows, NO_SLOT, jnp.int32)
     start = (nobody, jnp.where(worth, scores, -jnp.inf))
     return jax.lax.fori_loop(0, min(num_rows, num_columns), give, start)[0]

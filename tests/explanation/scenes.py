@@ -25,7 +25,7 @@ from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.gating import read_context
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.association.similarity import Comparison, Terms
-from remind_jax.remind.context.evidence import neighbour_evidence
+from remind_jax.remind.context.evidence import view_frame
 from remind_jax.remind.context.hypotheses import no_hypotheses
 from remind_jax.remind.context.influence import no_influence
 from remind_jax.remind.context.reasoning import Reasoning
@@ -36,7 +36,7 @@ from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Deliberation, collect_trace
 from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import Account
+from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
 
 NUM, SLOTS = 3, 4
@@ -122,7 +122,7 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
         num_bad_patches=jnp.int32(0),
         patch_sum=jnp.full(NUM, 40.0),
     )
-    masks: Any = SimpleNamespace(valid=valid)
+    masks: Any = SimpleNamespace(valid=valid, detector_score=valid)
     num_terms = jnp.ones(NUM, jnp.int32)
     evidence = diagnose(comparison.score, candidate, num_terms, STATIC.margin, t.diagnosis)
     anchors = find_anchors(comparison.score, candidate, t.diagnosis)
@@ -133,18 +133,18 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     reasoning = Reasoning(felt, candidate & (veto == 0), veto, no_hypotheses(NUM, SLOTS, STATIC))
     verdict = read_context(reasoning, t.influence, t.ambiguous)
     assignment = associate(comparison, evidence, verdict, descriptors.class_id, STATIC, t.matching)
-    account = Account(
+    table = PairTable(
         comparison, assignment.pairs, verdict, t.similarity, t.ambiguous.known_set_score
     )
     apart, never = jnp.zeros((NUM, NUM)), jnp.zeros((NUM, NUM), bool)
     relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
-    settlement = settle(account, assignment, state, descriptors, relations, STATIC, t)
+    settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
     final = diagnose(
         assignment.pairs.score_final, assignment.pairs.eligible, num_terms, STATIC.margin,
         t.diagnosis,
     )  # fmt: skip
     decisions = decide(
-        objects, masks, descriptors, account, anchors, evidence, final, assignment, settlement,
+        objects, masks, descriptors, table, anchors, evidence, final, assignment, settlement,
         STATIC,
     )  # fmt: skip
     new = decisions.outcome == Outcome.NEW
@@ -154,7 +154,8 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     ones = jnp.ones(NUM)
     deliberation = Deliberation(
         state, descriptors, Quality(ones, ones, ones, ones, ones), relations, evidence, anchors,
-        neighbour_evidence(state.cooccurrence, exists, t.cooccurrence), reasoning, account,
+        view_frame(state.cooccurrence, objects, anchors[0], descriptors, masks, t.cooccurrence),
+        reasoning, table,
         assignment, settlement, jnp.float32(0.75),
     )  # fmt: skip
     return decisions, collect_trace(deliberation, STATIC, t)

@@ -7,9 +7,10 @@ import dataclasses
 import jax.numpy as jnp
 import pytest
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.decision import Choice, decide
 from remind_jax.plus.evidence import Rows, Shortlist
-from remind_jax.plus.state import NOWHERE, NUM_OWN_PARTS, init, no_tracklets
+from remind_jax.plus.state import NUM_OWN_PARTS, init, no_tracklets
 from remind_jax.plus.thresholds import Decision
 from remind_jax.static import Static
 
@@ -37,11 +38,11 @@ def decide_alone(age: int, odds: float, tentative: float) -> Choice:
 @pytest.mark.parametrize("age", [1, Decision().commit_age - 1])
 def test_in_doubt_an_early_answer_is_a_known_object(age):
     assert decide_alone(age, NEW - 0.3, tentative=0.5).slot == SLOT
-    assert decide_alone(age, NEW - 0.3, tentative=0.0).slot == NOWHERE
-    assert decide_alone(age, NEW - 0.7, tentative=0.5).slot == NOWHERE
+    assert decide_alone(age, NEW - 0.3, tentative=0.0).slot == NO_SLOT
+    assert decide_alone(age, NEW - 0.7, tentative=0.5).slot == NO_SLOT
 
 
 def test_the_last_answer_is_not_biased():
     choice = decide_alone(Decision().commit_age, NEW - 0.3, tentative=0.5)
-    assert choice.slot == NOWHERE
+    assert choice.slot == NO_SLOT
     assert choice.born

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.evidence import (
     Rows,
     admit,
@@ -18,7 +19,7 @@ from remind_jax.plus.evidence import (
     mix,
     shortlist,
 )
-from remind_jax.plus.state import NOWHERE, PARTS
+from remind_jax.plus.state import PARTS
 from remind_jax.plus.static import MISSED_FRAMES
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 
@@ -89,7 +90,7 @@ def test_rows_are_open_until_decided_and_late_for_some_frames():
         detections([[1, 1]] * 3),
         0,
         3,
-        slot=jnp.array([NOWHERE, 0, 1]),
+        slot=jnp.array([NO_SLOT, 0, 1]),
         fresh=fresh,
         age=jnp.array([1, int(T.decision.late_frames), int(T.decision.late_frames) + 1]),
     )

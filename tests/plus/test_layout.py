@@ -7,9 +7,10 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.evidence import Shortlist
 from remind_jax.plus.layout import weigh_jointly
-from remind_jax.plus.state import NOWHERE, NUM_OWN_PARTS, PARTS, init
+from remind_jax.plus.state import NUM_OWN_PARTS, PARTS, init
 from remind_jax.plus.static import NUM_CANDIDATES
 from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.test_vacancy import SIZE, seen
@@ -52,10 +53,10 @@ def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0))
     )
     t = PlusThresholds()
     t = dataclasses.replace(t, layout=dataclasses.replace(t.layout, witness=witness)).as_arrays()
-    nobody = jnp.full(num, NOWHERE)
+    nobody = jnp.full(num, NO_SLOT)
     sightings = seen(anchors=PLACES + np.asarray(moved, np.float32))
     odds, _, parts = weigh_jointly(
-        shortlist, nobody, nobody != NOWHERE, sightings, objects, pairs, t
+        shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, t
     )
     told = np.asarray(odds)[:NUM, 0]
     np.testing.assert_allclose(told, np.sum(parts, axis=-1)[:NUM, 0], rtol=1e-5)  # order of sums

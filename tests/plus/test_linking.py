@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.linking import advance_tracklets, carry, link, score_links
 from remind_jax.plus.observation import Motion
-from remind_jax.plus.state import NOWHERE
 from remind_jax.plus.static import MISSED_FRAMES
 from tests.plus.frames import T, detections, motion, tracklets_of
 
@@ -33,9 +33,9 @@ def test_detections_go_on_with_the_tracklets_where_they_lie():
 def test_nothing_goes_on_far_away_or_with_another_class():
     tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
     far = detections([[6, 4], [4, 1], [1, 4]])
-    assert join(far, tracklets, cosine=jnp.zeros((3, ROOM))).tolist() == [NOWHERE, 1, 2]
+    assert join(far, tracklets, cosine=jnp.zeros((3, ROOM))).tolist() == [NO_SLOT, 1, 2]
     other = detections([[1, 1], [4, 1], [1, 4]], class_id=jnp.array([1, 0, 0]))
-    assert join(other, tracklets).tolist() == [NOWHERE, 1, 2]
+    assert join(other, tracklets).tolist() == [NO_SLOT, 1, 2]
 
 
 def test_looks_decide_where_two_lie_alike():
@@ -59,7 +59,7 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     before = detections([[1, 1], [4, 1], [1, 4]])
     tracklets = tracklets_of(before, 0, ROOM)
     now = dataclasses.replace(before, look=before.look + 1.0)
-    origin = jnp.array([0, NOWHERE, 2])
+    origin = jnp.array([0, NO_SLOT, 2])
     after, next_id, step = advance_tracklets(
         tracklets, now, origin, jnp.int32(1), jnp.int32(7), T.linking
     )
@@ -77,7 +77,7 @@ def test_a_missed_tracklet_may_resume_for_some_frames(gap, waits):
     tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
     nothing = detections([[0, 0]] * 3, valid=jnp.zeros(3, bool))
     after, _, _ = advance_tracklets(
-        tracklets, nothing, jnp.full(3, NOWHERE), jnp.int32(gap), jnp.int32(3), T.linking
+        tracklets, nothing, jnp.full(3, NO_SLOT), jnp.int32(gap), jnp.int32(3), T.linking
     )
     assert bool(after.alive.any()) == waits
     assert not after.alive[:3].any()  # the first rows are those of the frame

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import remind_jax as rj
-from remind_jax.decision import NO_ID
 from remind_jax.errors import ConfigError
 from remind_jax.frame import Detections, Frame
 from remind_jax.metrics import evaluate_tracks
+from remind_jax.numerics.absent import NO_ID
 
 SIDE = 96
 COLOURS = ((220, 40, 40), (40, 200, 60), (50, 80, 230), (230, 210, 50), (200, 60, 220))

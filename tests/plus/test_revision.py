@@ -8,7 +8,8 @@ import types
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.decision import Outcome, Reason
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.tracks import Tracks
 

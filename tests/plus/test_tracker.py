@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import Outcome
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.state import PARTS, Stage, init
 from remind_jax.plus.thresholds import PlusThresholds

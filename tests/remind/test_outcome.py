@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Lock, Outcome, Source, no_decisions
+from remind_jax.decision import Lock, Outcome, Source, no_decisions
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.outcome import rank_candidates
 from remind_jax.remind.state import init

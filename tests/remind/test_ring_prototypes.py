@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.state import grow, init
 from remind_jax.remind.tracker import step_traced
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory

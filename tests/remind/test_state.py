@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import Outcome
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.state import TrackerState, grow, init
 from tests.tiny_world import STATIC
 

@@ -6,7 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.decision import NO_ID, Outcome
+from remind_jax.decision import Outcome
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.state import init
 from remind_jax.remind.tracker import step_traced
 from tests import tiny_world as world

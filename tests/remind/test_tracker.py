@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from remind_jax.compiled.frame_step import settle_types
-from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
+from remind_jax.decision import Decisions, Outcome, Reason
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.state import TrackerState, grow, init
 from remind_jax.remind.tracker import step
 from remind_jax.static import Static

@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from remind_jax.errors import ConfigError
-from remind_jax.solvers.assignment import UNASSIGNED, assign, assign_groups
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.solvers.assignment import assign, assign_groups
 
 SHAPES = ((1, 1), (3, 5), (6, 4), (16, 24))
 
@@ -102,7 +103,7 @@ def test_one_group_is_one_call_of_scipy(shape):
     for _ in range(30):
         scores = rng.integers(0, 4, shape).astype(np.float32)
         rows, columns = linear_sum_assignment(scores, maximize=True)
-        expected = np.full(shape[0], UNASSIGNED)
+        expected = np.full(shape[0], NO_SLOT)
         expected[rows] = columns
         everything = np.ones(shape, bool)
         one_group, dummy = np.zeros(shape[0], np.int32), np.zeros(shape[0], np.float32)
@@ -115,14 +116,14 @@ def test_uncertain_row_gives_way():
     scores = np.array([[0.80], [0.79]], np.float32)
     dummy = np.array([0.249752, 0.203938], np.float32)
     rest = np.ones((2, 1), bool), np.zeros(2, np.int32), dummy, np.bool_(True)
-    assert twin()(scores, *rest).tolist() == [UNASSIGNED, 0]
+    assert twin()(scores, *rest).tolist() == [NO_SLOT, 0]
 
 
 def test_invalid_score_ends():
     """SciPy refuses such a table; the twin leaves rows without a column, and comes back."""
     scores = np.full((3, 4), np.nan, np.float32)
     rest = np.ones((3, 4), bool), np.zeros(3, np.int32), np.zeros(3, np.float32), np.bool_(False)
-    assert twin()(scores, *rest).tolist() == [UNASSIGNED] * 3
+    assert twin()(scores, *rest).tolist() == [NO_SLOT] * 3
 
 
 @pytest.mark.parametrize("swept", [False, True])

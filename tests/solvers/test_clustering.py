@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from remind_jax.errors import ConfigError
-from remind_jax.solvers.clustering import OUTSIDE, cluster_points, kmeans, kmeans_with_centres
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.solvers.clustering import cluster_points, kmeans, kmeans_with_centres
 from remind_jax.solvers.clustering_in_graph import _draw_numbers, _multiply
 
 # Centres are float32 means of unit vectors, added in another order.
@@ -105,7 +106,7 @@ def test_few_points_get_a_cluster_each():
     labels = np.asarray(solve("jax", PARTS, points, members)[0])
     for size in range(5):
         assert sorted(labels[size, members[size]]) == list(range(size))
-    assert (labels[~members] == OUTSIDE).all()
+    assert (labels[~members] == NO_SLOT).all()
 
 
 def test_every_set_has_its_own_number_of_clusters():

@@ -12,11 +12,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Lock
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, top_two
 from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.thresholds.association import Matching
-from remind_jax.solvers.assignment import UNASSIGNED, assign
+from remind_jax.solvers.assignment import assign
 from remind_jax.solvers.greedy import assign_greedily
 from remind_jax.static import Static
 
@@ -74,8 +75,8 @@ def associate(
     at = jnp.maximum(column, 0)
     final = jnp.take_along_axis(pairs.score_final, at[:, None], axis=1)[:, 0]
     visual = jnp.take_along_axis(score, at[:, None], axis=1)[:, 0]
-    accepted = (column != UNASSIGNED) & (final >= t.match) & (visual >= t.min_visual)
-    solved = jnp.where(accepted, column, UNASSIGNED)  # method.md#acceptance
+    accepted = (column != NO_SLOT) & (final >= t.match) & (visual >= t.min_visual)
+    solved = jnp.where(accepted, column, NO_SLOT)  # method.md#acceptance
     return Assignment(
         slot=jnp.where(free, solved, jnp.argmax(locked, axis=1).astype(jnp.int32)),
         score=jnp.where(free, jnp.where(accepted, final, 0.0), locked_score),

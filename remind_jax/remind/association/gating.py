@@ -67,17 +67,17 @@ def read_context(
       influence: Thresholds of its influence.
       ambiguous: Thresholds of support that counts (method.md#context-support).
     """
-    felt = reasoning.influence
-    some = (felt.support > _TINY) | (felt.score_sets > _TINY)
-    strong = (felt.compat_rel >= ambiguous.min_relative_support) & (
-        felt.kernel_raw >= influence.min_kernel
+    said = reasoning.influence
+    some = (said.support > _TINY) | (said.score_sets > _TINY)
+    strong = (said.compat_rel >= ambiguous.min_relative_support) & (
+        said.kernel_raw >= influence.min_kernel
     )
-    supported = some & (felt.compat_band | strong)
+    supported = some & (said.compat_band | strong)
     return ContextVerdict(
         plausible=reasoning.plausible,
         veto=reasoning.veto,
-        bonus_raw=felt.bonus_raw,
-        supported=supported | (felt.score_sets >= ambiguous.min_net_support),
+        bonus_raw=said.bonus_raw,
+        supported=supported | (said.score_sets >= ambiguous.min_net_support),
         influences=influence.enabled,
         on_strong=influence.on_strong,
         on_ambiguous=influence.on_ambiguous,

@@ -21,7 +21,7 @@ from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality
-from remind_jax.remind.memory.bank import Bank, DualBank, confidence, mean_quality
+from remind_jax.remind.memory.prototypes import Bank, DualBank, confidence, mean_quality
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static

@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.chunks import by_chunks
-from remind_jax.remind.context.evidence import Links, NeighbourEvidence
+from remind_jax.remind.context.evidence import FrameView, Links
 from remind_jax.remind.context.frame_classes import FrameClasses
 from remind_jax.remind.context.growth import (
     choice_mask,
@@ -21,13 +22,7 @@ from remind_jax.remind.context.growth import (
     join_chosen,
     members_by_choice,
 )
-from remind_jax.remind.context.member_sets import (
-    NOBODY,
-    MemberSet,
-    empty_set,
-    rate_cohesion,
-    rate_trust,
-)
+from remind_jax.remind.context.member_sets import MemberSet, empty_set, rate_cohesion, rate_trust
 from remind_jax.remind.context.options import (
     Menu,
     Options,
@@ -97,8 +92,7 @@ def expand_by_class(
     classes: FrameClasses,
     step: Int[Array, ""],
     total: Int[Array, ""],
-    evidence: NeighbourEvidence,
-    anchors: Bool[Array, "O"],
+    view: FrameView,
     links: Links,
     static: Static,
     t: Sets,
@@ -110,8 +104,7 @@ def expand_by_class(
       classes: The classes in view.
       step: Which of them to take up.
       total: Detections of the frame.
-      evidence: Who was seen with whom.
-      anchors: Objects that are surely in view.
+      view: Memory and detections.
       links: Ties between objects.
       static: Sizes of the search.
       t: Thresholds.
@@ -123,9 +116,7 @@ def expand_by_class(
 
     def rate(rows: tuple[MemberSet, Tally]) -> tuple[Options, Rating, Array]:
         sets, tally = rows
-        support, has_kernel = support_by_kernel(
-            sets.members, anchors, pool, evidence, links.maturity, static, t
-        )
+        support, has_kernel = support_by_kernel(sets.members, pool, view, links.maturity, static, t)
         options = list_options(support, has_kernel, pool, menu, t)
         rating = _rate_choices(sets, tally, options, menu, scale, links, t)
         return options, rating, rank_choices(options.support, menu.allowed)
@@ -174,8 +165,8 @@ def _rate_choices(
 def _chosen_objects(
     ranked: Int[Array, "W K+1"], count: Int[Array, "W"], variant: Int[Array, "W"]
 ) -> Int[Array, "W K"]:
-    """The objects of a choice, NOBODY behind them."""
+    """The objects of a choice, NO_SLOT behind them."""
     place = jnp.arange(ranked.shape[1] - 1)
     last = jnp.take_along_axis(ranked, jnp.maximum(count - 1 + variant, 0)[:, None], axis=1)
     chosen = jnp.where(place == (count - 1)[:, None], last, ranked[:, :-1])
-    return jnp.where(place < count[:, None], chosen, NOBODY)
+    return jnp.where(place < count[:, None], chosen, NO_SLOT)

@@ -11,7 +11,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.memory.cooccurrence import CooccurrenceGraph, conditional
+from remind_jax.remind.memory.objects import Objects
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.static import Static
@@ -21,29 +23,38 @@ ROUNDED_OBJECTS = 160  # up to so many in question, link strengths have float32 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class NeighbourEvidence:
-    """The co-occurrence graph as the context reads it; rows are the objects that remember."""
+class FrameView:
+    """What the context reads: the memory before the frame, and what is in view."""
 
+    graph: CooccurrenceGraph  # who was seen with whom
     conditional: Float[Array, "O O"]  # P(column in view | row in view), smoothed, [0, 1]
-    count: Int[Array, "O O"]  # common episodes in the row's account; 0: no edge
-    episodes: Int[Array, "O"]  # episodes of each object
-    weight: Float[Array, "O O"]  # decayed count, first sort key of a neighbour list
-    last_seen: Int[Array, "O O"]  # frame of the last common episode, second sort key
-    order: Int[Array, "O O"]  # position of the edge in its list, third sort key, ascending
+    exists: Bool[Array, "O"]  # object slots in use, ordered by rising id
+    object_class: Int[Array, "O"]
+    anchors: Bool[Array, "O"]  # objects that are surely in view
+    det_class: Int[Array, "N"]  # any whole numbers
+    det_score: Float[Array, "N"]  # of the detector
+    det_valid: Bool[Array, "N"]  # detections in use
 
 
-def neighbour_evidence(
-    graph: CooccurrenceGraph, exists: Bool[Array, "O"], t: Cooccurrence
-) -> NeighbourEvidence:
-    """The graph as the context reads it; all objects in memory count, seen in company or not."""
-    num_objects = jnp.sum(exists, dtype=jnp.int32)
-    return NeighbourEvidence(
+def view_frame(
+    graph: CooccurrenceGraph,
+    objects: Objects,
+    anchors: Bool[Array, "O"],
+    descriptors: Descriptors,
+    masks: Masks,
+    t: Cooccurrence,
+) -> FrameView:
+    """Gathers what the context reads; all objects in memory count, seen in company or not."""
+    num_objects = jnp.sum(objects.exists, dtype=jnp.int32)
+    return FrameView(
+        graph=graph,
         conditional=conditional(graph, num_objects, t),
-        count=graph.count,
-        episodes=graph.episodes,
-        weight=graph.weight,
-        last_seen=graph.edge_time,
-        order=graph.edge_order,
+        exists=objects.exists,
+        object_class=objects.class_id,
+        anchors=anchors,
+        det_class=descriptors.class_id,
+        det_score=masks.detector_score,
+        det_valid=descriptors.valid,
     )
 
 
@@ -52,7 +63,7 @@ def neighbour_evidence(
 class Links:
     """Ties between objects, both directions joined."""
 
-    maturity: Float[Array, "O"]  # trust in an object's account, [0, 1)
+    maturity: Float[Array, "O"]  # trust in what an object remembers, [0, 1)
     strength: Float[Array, "O O"]  # [0, 1], 0 on the diagonal and, if so ruled, for weak ties
     present: Bool[Array, "O O"]  # pairs seen together at least once and not weakly
 
@@ -62,27 +73,25 @@ def maturity(episodes: Int[Array, "O"], t: Sets) -> Float[Array, "O"]:
     return 1.0 - jnp.exp(-t.maturity_rate * episodes.astype(t.maturity_rate.dtype))
 
 
-def join_links(
-    evidence: NeighbourEvidence, num_in_question: Int[Array, ""], static: Static, t: Sets
-) -> Links:
+def join_links(view: FrameView, num_in_question: Int[Array, ""], static: Static, t: Sets) -> Links:
     """Joins what two objects remember of each other into one tie (method.md#member-sets).
 
     Args:
-      evidence: Both accounts.
+      view: What both remember.
       num_in_question: Objects that any hypothesis of the frame may contain.
       static: Whether the joint strength is the geometric or the arithmetic mean.
       t: Thresholds.
     """
-    forth, back = evidence.conditional, evidence.conditional.T
+    forth, back = view.conditional, view.conditional.T
     joint = jnp.sqrt(forth * back) if static.mutual_links else 0.5 * (forth + back)
     other = ~jnp.eye(joint.shape[0], dtype=bool)
     strong = (jnp.clip(joint, 0.0, 1.0) >= t.min_link) & other
     counts = strong | (other & ~t.drop_weak_links)
-    seen = (evidence.count > 0) | (evidence.count.T > 0)
+    seen = (view.graph.count > 0) | (view.graph.count.T > 0)
     strength = jnp.where(counts, jnp.clip(joint, 0.0, 1.0), 0.0)
     rounded = jax.lax.reduce_precision(strength, exponent_bits=8, mantissa_bits=23)
     return Links(
-        maturity=maturity(evidence.episodes, t),
+        maturity=maturity(view.graph.episodes, t),
         strength=jnp.where(num_in_question <= ROUNDED_OBJECTS, rounded, strength),
         present=strong & seen,
     )

@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.chunks import by_chunks
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.context.member_sets import (
-    NOBODY,
     LinkCounts,
     MemberSet,
     extend_paths,
@@ -119,7 +119,7 @@ def join_chosen(
     Args:
       sets: Sets before the choice.
       parent: The set that each new set grows from.
-      chosen: The objects that join it, NOBODY behind them.
+      chosen: The objects that join it, NO_SLOT behind them.
       largest: Most objects that join a set.
       num_sets: How many new sets there are.
       links: Ties between objects.
@@ -130,7 +130,7 @@ def join_chosen(
         start = jax.tree.map(lambda leaf: leaf[parent], sets)
         slot = jax.vmap(line_up)(start, chosen)
         strength = _strengths(chosen, slot, links)
-        entry = jnp.where(chosen != NOBODY, start.size[:, None] + jnp.arange(chosen.shape[1]), -1)
+        entry = jnp.where(chosen != NO_SLOT, start.size[:, None] + jnp.arange(chosen.shape[1]), -1)
         path = jax.lax.fori_loop(
             0,
             largest,
@@ -138,7 +138,7 @@ def join_chosen(
             start.path,
         )
         named = chosen[:, :, None] == jnp.arange(start.members.shape[1])
-        size = start.size + jnp.sum(chosen != NOBODY, axis=1, dtype=jnp.int32)
+        size = start.size + jnp.sum(chosen != NO_SLOT, axis=1, dtype=jnp.int32)
         return MemberSet(start.members | jnp.any(named, axis=1), slot, size, path)
 
     return by_chunks(grow, (parent, chosen), num_sets)

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
-from remind_jax.remind.context.evidence import NeighbourEvidence, join_links
+from remind_jax.remind.context.evidence import FrameView, join_links
 from remind_jax.remind.context.frame_classes import group_by_class
 from remind_jax.remind.context.set_score import rate_coverage
 from remind_jax.remind.thresholds.context import Sets
@@ -52,43 +52,25 @@ def no_hypotheses(num: int, slots: int, static: Static) -> Hypotheses:
     )
 
 
-def find_hypotheses(
-    evidence: NeighbourEvidence,
-    exists: Bool[Array, "O"],
-    object_class: Int[Array, "O"],
-    anchors: Bool[Array, "O"],
-    det_class: Int[Array, "N"],
-    det_score: Float[Array, "N"],
-    det_valid: Bool[Array, "N"],
-    static: Static,
-    t: Sets,
-) -> Hypotheses:
+def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
     """Searches the sets of objects that explain the frame best.
 
     Args:
-      evidence: Who was seen with whom.
-      exists: Object slots in use, ordered by rising id.
-      object_class: Class of each object.
-      anchors: Objects that are surely in view.
-      det_class: Class of each detection; any whole numbers.
-      det_score: Detector score of each detection.
-      det_valid: Detections in use.
+      view: Memory and detections.
       static: Sizes of the search.
       t: Thresholds.
 
     Returns:
       The hypotheses, best first; equal scores keep the order of the search.
     """
-    classes = group_by_class(
-        evidence, exists, object_class, anchors, det_class, det_score, det_valid, static, t
-    )
-    links = join_links(evidence, jnp.sum(classes.pool_size), static, t)
-    total = jnp.sum(det_valid, dtype=jnp.int32)
+    classes = group_by_class(view, static, t)
+    links = join_links(view, jnp.sum(classes.pool_size), static, t)
+    total = jnp.sum(view.det_valid, dtype=jnp.int32)
 
     def expand(step: Array, beam: Beam) -> Beam:
-        return expand_by_class(beam, classes, step, total, evidence, anchors, links, static, t)
+        return expand_by_class(beam, classes, step, total, view, links, static, t)
 
-    num, slots = det_valid.shape[0], exists.shape[0]
+    num, slots = view.det_valid.shape[0], view.exists.shape[0]
     beam = jax.lax.fori_loop(0, classes.num, expand, empty_beam(num, slots, static))
     return _best_of_beam(beam, total, classes.num > 0, static, t)
 

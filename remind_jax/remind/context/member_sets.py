@@ -15,11 +15,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.rounding import divide, sum_in_order
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.thresholds.context import Sets
 
-NOBODY = -1  # instead of an object slot
 _OWN = 2.0  # strength of the path to oneself, above every link
 _NO_PATH = -1.0  # below every link
 _FLOOR = 1e-12  # of a maturity, before powers are taken
@@ -31,7 +31,7 @@ class MemberSet:
     """One set of objects."""
 
     members: Bool[Array, "O"]
-    slot: Int[Array, "M"]  # members in order of entry, NOBODY behind them
+    slot: Int[Array, "M"]  # members in order of entry, NO_SLOT behind them
     size: Int[Array, ""]
     path: Float[Array, "M M"]  # strength of the best path between two members, by entry
 
@@ -68,7 +68,7 @@ def empty_set(num_members: int, num_objects: int, scalar: jnp.dtype) -> MemberSe
     """The set without members."""
     return MemberSet(
         members=jnp.zeros(num_objects, bool),
-        slot=jnp.full(num_members, NOBODY, jnp.int32),
+        slot=jnp.full(num_members, NO_SLOT, jnp.int32),
         size=jnp.int32(0),
         path=jnp.full((num_members, num_members), _NO_PATH, scalar),
     )
@@ -84,9 +84,9 @@ def line_up(one: MemberSet, newcomers: Int[Array, "J"]) -> Int[Array, "M"]:
 def link_strengths(
     newcomers: Int[Array, "J"], slot: Int[Array, "M"], links: Links
 ) -> Float[Array, "J M"]:
-    """Strength of the link of each newcomer to each slot; NOBODY has none."""
+    """Strength of the link of each newcomer to each slot; NO_SLOT has none."""
     strength = links.strength[jnp.maximum(newcomers, 0)[:, None], jnp.maximum(slot, 0)]
-    return jnp.where((newcomers != NOBODY)[:, None], strength, _NO_PATH)
+    return jnp.where((newcomers != NO_SLOT)[:, None], strength, _NO_PATH)
 
 
 def extend_paths(
@@ -97,7 +97,7 @@ def extend_paths(
     Args:
       path: Paths between the members.
       link: Link of the newcomer to each of them; what it says of others does not count.
-      entry: Position that the newcomer takes, or NOBODY.
+      entry: Position that the newcomer takes, or NO_SLOT.
     """
     # The matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
     reach = jnp.max(jnp.minimum(link[:, None], path), axis=0)

@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.rounding import divide, sum_in_order
-from remind_jax.remind.context.evidence import NeighbourEvidence
-from remind_jax.remind.context.member_sets import NOBODY
+from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
 
@@ -44,7 +44,7 @@ class Menu:
 class Options:
     """The choices of one class as the sets of the beam see them."""
 
-    ranked: Int[Array, "W K+1"]  # objects of the class, best supported first, NOBODY behind them
+    ranked: Int[Array, "W K+1"]  # objects of the class, best supported first, NO_SLOT behind them
     support: Float[Array, "W K+1 2"]  # of the choice of k objects, by object variant
     target: Float[Array, "W"]  # objects of the class that one should expect
     stability: Float[Array, "W"]  # [0, 1], how unevenly the class is supported
@@ -79,9 +79,8 @@ def largest_choice(menu: Menu) -> Int[Array, ""]:
 
 def support_by_kernel(
     members: Bool[Array, "W O"],
-    anchors: Bool[Array, "O"],
     pool: Int[Array, "L"],
-    evidence: NeighbourEvidence,
+    view: FrameView,
     maturity: Float[Array, "O"],
     static: Static,
     t: Sets,
@@ -96,18 +95,18 @@ def support_by_kernel(
     Returns:
       The support, the maturity of the object if there is no kernel; and which sets have a kernel.
     """
-    slots = anchors.shape[0]
+    slots = view.anchors.shape[0]
     slot = jnp.arange(slots)
     # float32 holds these keys exactly and has a fast top_k.
-    key = jnp.where(anchors, slot, jnp.where(members, slots + slot, 2 * slots))
+    key = jnp.where(view.anchors, slot, jnp.where(members, slots + slot, 2 * slots))
     key = key.astype(jnp.float32)
     found, kernel = jax.lax.top_k(-key, min(static.set_kernel or slots, slots))
     speaks = -found < 2 * slots
     at = jnp.maximum(pool, 0)
-    told = evidence.conditional[:, at][kernel]
-    heard = (told >= t.min_link) & speaks[:, :, None]
-    count = jnp.sum(heard, axis=1, dtype=jnp.int32)
-    total = sum_in_order(jnp.moveaxis(told, 1, 0), jnp.moveaxis(heard, 1, 0))
+    link = view.conditional[:, at][kernel]
+    counted = (link >= t.min_link) & speaks[:, :, None]
+    count = jnp.sum(counted, axis=1, dtype=jnp.int32)
+    total = sum_in_order(jnp.moveaxis(link, 1, 0), jnp.moveaxis(counted, 1, 0))
     support = total / jnp.maximum(count, 1).astype(total.dtype)
     has_kernel = jnp.any(speaks, axis=1)
     return jnp.where(has_kernel[:, None], support, maturity[at][None]), has_kernel
@@ -131,10 +130,10 @@ def list_options(
     """
     most = menu.info.shape[0] - 1
     scalar = support.dtype
-    included = pool != NOBODY
+    included = pool != NO_SLOT
     # The pool lists late objects first, so that a stable order breaks ties towards them.
     best, at = jax.lax.top_k(jnp.where(included, support, -jnp.inf), most + 1)
-    ranked = jnp.where(best >= 0.0, pool[at], NOBODY)
+    ranked = jnp.where(best >= 0.0, pool[at], NO_SLOT)
     value = jnp.maximum(best, 0.0)
 
     plausible = included & (support + _SLACK >= t.plausible_share * value[:, :1])

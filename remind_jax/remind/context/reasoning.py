@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.remind.context.evidence import NeighbourEvidence
+from remind_jax.numerics.control_flow import branch
+from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses, find_hypotheses, no_hypotheses
 from remind_jax.remind.context.influence import Influence, no_influence, weigh_influence
 from remind_jax.remind.context.summary import summarize
@@ -31,13 +32,7 @@ class Reasoning:
 
 
 def reason(
-    evidence: NeighbourEvidence,
-    exists: Bool[Array, "O"],
-    object_class: Int[Array, "O"],
-    anchors: Bool[Array, "O"],
-    det_class: Int[Array, "N"],
-    det_score: Float[Array, "N"],
-    det_valid: Bool[Array, "N"],
+    view: FrameView,
     candidate: Bool[Array, "N O"],
     score: Float[Array, "N O"],
     visual_gate: Float[Array, ""],
@@ -49,13 +44,7 @@ def reason(
     """Reads the memory of who was seen with whom, before it learns from this frame.
 
     Args:
-      evidence: Co-occurrence up to the last frame.
-      exists: Object slots in use, ordered by rising id.
-      object_class: Class of each object.
-      anchors: Objects that are surely in view.
-      det_class: Class of each detection; any whole numbers.
-      det_score: Detector score of each detection.
-      det_valid: Detections in use.
+      view: Memory up to the last frame, and the detections.
       candidate: Pairs of one class.
       score: Visual score of each pair.
       visual_gate: Least visual score of an object that is plausibly in view.
@@ -66,20 +55,16 @@ def reason(
     """
     num, slots = candidate.shape
 
-    def think() -> Reasoning:
-        hypotheses = find_hypotheses(
-            evidence, exists, object_class, anchors, det_class, det_score, det_valid, static, sets
-        )
-        context = summarize(
-            hypotheses, evidence, exists, object_class, anchors, static, sets, influence
-        )
-        felt = weigh_influence(context, exists, influence)
+    def read_context() -> Reasoning:
+        hypotheses = find_hypotheses(view, static, sets)
+        context = summarize(hypotheses, view, static, sets, influence)
+        weighed = weigh_influence(context, view.exists, influence)
         ruled_out = veto_pairs(
-            felt, evidence, candidate, score, visual_gate, sets.min_link, static, veto
+            weighed, view, candidate, score, visual_gate, sets.min_link, static, veto
         )
-        return Reasoning(felt, candidate & (ruled_out == Veto.NONE), ruled_out, hypotheses)
+        return Reasoning(weighed, candidate & (ruled_out == Veto.NONE), ruled_out, hypotheses)
 
-    def rest() -> Reasoning:
+    def leave_out() -> Reasoning:
         return Reasoning(
             influence=no_influence(slots, static.scalar),
             plausible=candidate,
@@ -87,4 +72,4 @@ def reason(
             hypotheses=no_hypotheses(num, slots, static),
         )
 
-    return jax.lax.cond(influence.enabled, think, rest)
+    return branch(influence.enabled, read_context, leave_out)

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.remind.context.evidence import NeighbourEvidence
+from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.thresholds.context import Influence, Sets
 from remind_jax.static import Static
@@ -65,10 +65,7 @@ class Context:
 
 def summarize(
     hypotheses: Hypotheses,
-    evidence: NeighbourEvidence,
-    exists: Bool[Array, "O"],
-    object_class: Int[Array, "O"],
-    anchors: Bool[Array, "O"],
+    view: FrameView,
     static: Static,
     sets: Sets,
     t: Influence,
@@ -77,22 +74,20 @@ def summarize(
 
     Args:
       hypotheses: Best first.
-      evidence: Who was seen with whom.
-      exists: Object slots in use.
-      object_class: Class of each object.
-      anchors: Objects that are surely in view.
+      view: Memory and detections.
       static: Sizes of kernels.
       sets: Thresholds of links and short lists.
       t: Thresholds of standings and quality.
     """
-    same = (object_class[:, None] == object_class[None]) & exists[:, None] & exists[None]
-    kernels = find_kernels(hypotheses, same, anchors, static)
-    told = evidence.conditional.T
-    heard = kernels & (told >= sets.min_link)
-    hits = jnp.sum(heard, axis=1, dtype=jnp.int32)
-    scalar = told.dtype
+    exists, of_class = view.exists, view.object_class
+    same = (of_class[:, None] == of_class[None]) & exists[:, None] & exists[None]
+    kernels = find_kernels(hypotheses, same, view.anchors, static)
+    link = view.conditional.T
+    counted = kernels & (link >= sets.min_link)
+    hits = jnp.sum(counted, axis=1, dtype=jnp.int32)
+    scalar = link.dtype
     count = hits.astype(scalar)
-    kernel = jnp.sum(jnp.where(heard, told, 0.0), axis=1) / jnp.maximum(count, 1.0)
+    kernel = jnp.sum(jnp.where(counted, link, 0.0), axis=1) / jnp.maximum(count, 1.0)
     share = count / jnp.maximum(jnp.sum(kernels, axis=1, dtype=jnp.int32), 1).astype(scalar)
     covered = exists & (hits >= t.min_hits) & (share >= t.min_hit_share)
 

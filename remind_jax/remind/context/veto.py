@@ -10,7 +10,7 @@ import enum
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.remind.context.evidence import NeighbourEvidence
+from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.influence import Influence
 from remind_jax.remind.memory.cooccurrence import neighbour_rank, ranked_neighbours
 from remind_jax.remind.thresholds.context import Veto as Rules
@@ -30,7 +30,7 @@ class Veto(enum.IntEnum):
 
 def veto_pairs(
     influence: Influence,
-    evidence: NeighbourEvidence,
+    view: FrameView,
     candidate: Bool[Array, "N O"],
     score: Float[Array, "N O"],
     visual_gate: Float[Array, ""],
@@ -42,7 +42,7 @@ def veto_pairs(
 
     Args:
       influence: What the context says about each object.
-      evidence: Who was seen with whom.
+      view: Memory and detections.
       candidate: Pairs of one class.
       score: Visual score of each pair.
       visual_gate: Least visual score of an object that is plausibly in view.
@@ -52,9 +52,9 @@ def veto_pairs(
     """
     open_to = t.enabled & influence.enabled & influence.has_pack
     open_to = open_to & ~(influence.soft_supported | influence.shortlist | influence.compat_band)
-    expected = expect_neighbours(evidence, min_link, static, t)
+    expected = expect_neighbours(view, min_link, static, t)
     seen = plausibly_in_view(candidate, score, visual_gate)
-    local = _contradicts_neighbours(influence.quality, expected, seen, evidence.episodes, t)
+    local = _contradicts_neighbours(influence.quality, expected, seen, view.graph.episodes, t)
     outside = (influence.compat_rel <= t.max_support) & (influence.score_sets <= t.max_score)
     outside = outside & influence.global_ok & (influence.quality >= t.min_quality)
     outside = outside & (influence.kept_count > 0) & (influence.kept_count <= t.max_supported)
@@ -66,22 +66,23 @@ def veto_pairs(
 
 
 def expect_neighbours(
-    evidence: NeighbourEvidence, min_link: Float[Array, ""], static: Static, t: Rules
+    view: FrameView, min_link: Float[Array, ""], static: Static, t: Rules
 ) -> Bool[Array, "O O"]:
     """Neighbours that one expects to see with each row object (method.md#expected-neighbors).
 
     The closest and latest first, until the list is full, or long enough and likely to contain
     something that is in view.
     """
-    slots = evidence.episodes.shape[0]
+    graph = view.graph
+    slots = graph.episodes.shape[0]
     length = min(static.max_neighbours or slots, slots)
-    neighbour = evidence.count > 0
-    keys = (evidence.weight, evidence.last_seen)
-    order, known = ranked_neighbours(neighbour_rank(neighbour, keys, evidence.order), length)
-    told = jnp.take_along_axis(evidence.conditional, order, axis=1)
-    taken = known & (told >= min_link)
+    neighbour = graph.count > 0
+    keys = (graph.weight, graph.edge_time)
+    order, known = ranked_neighbours(neighbour_rank(neighbour, keys, graph.edge_order), length)
+    link = jnp.take_along_axis(view.conditional, order, axis=1)
+    taken = known & (link >= min_link)
     number = jnp.cumsum(taken, axis=1, dtype=jnp.int32)
-    mass = jnp.cumsum(jnp.where(taken, told, 0.0), axis=1)
+    mass = jnp.cumsum(jnp.where(taken, link, 0.0), axis=1)
     enough = (number >= max(1, static.context_hypotheses)) & (mass >= t.local_mass)
     ends = taken & (enough | (number >= static.expected_neighbours))
     ended_before = jnp.cumsum(ends, axis=1, dtype=jnp.int32) - ends > 0

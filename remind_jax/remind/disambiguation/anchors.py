@@ -15,14 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.disambiguation.distance_evidence import (
     INFORMATIVENESS_FLOOR,
     TINY,
-    Edges,
-    FrameRelations,
+    KnownDistances,
     PairOrders,
     rate_difference,
 )
+from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
@@ -32,16 +33,6 @@ SPAN_SHARE, ORDER_SHARE, SEPARATION_SHARE = 0.58, 0.17, 0.25
 SINGLE_EDGE = 0.50
 # The limits of pairs and of group anchors never go below (method.md#voter-selection).
 FEWEST_ANCHORS = 2
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class KnownScores:
-    """Scores of the detections for the objects in memory."""
-
-    score: Float[Array, "N O"]  # score_known
-    candidate: Bool[Array, "N O"]  # pairs that were compared at all; the others score 0
-    eligible: Bool[Array, "N O"]  # pairs open to assignment
 
 
 @jax.tree_util.register_dataclass
@@ -88,7 +79,8 @@ def find_voters(
     matched_slot: Int[Array, "N"],
     matched_pass: Int[Array, "N"],
     object_exists: Bool[Array, "O"],
-    scores: KnownScores,
+    candidate: Bool[Array, "N O"],
+    pairs: Pairs,
     static: Static,
     t: KnownSets,
 ) -> Voters:
@@ -100,16 +92,17 @@ def find_voters(
       matched_pass: Pass that made the match. Of two detections of one object the later pass lends
         its geometry, then the later detection.
       object_exists: Slots in use.
-      scores: Scores of all pairs.
+      candidate: Pairs that were compared at all.
+      pairs: Their scores.
       static: Number of likely objects.
       t: Thresholds.
     """
     num = matched_slot.shape[0]
     decided = (matched_slot >= 0) & ~undecided
-    pair_ok = scores.candidate & scores.eligible & object_exists
-    pair_ok = pair_ok & (scores.score >= t.soft_min_score) & t.soft_anchors
+    pair_ok = candidate & pairs.eligible & object_exists
+    pair_ok = pair_ok & (pairs.score_known >= t.soft_min_score) & t.soft_anchors
     pair_ok = pair_ok & ~(decided | undecided)[:, None]
-    masked = jnp.where(pair_ok, scores.score, -jnp.inf)
+    masked = jnp.where(pair_ok, pairs.score_known, -jnp.inf)
     # The last of equal objects has the highest id; the first of equal detections wins.
     best = masked.shape[1] - 1 - jnp.argmax(masked[:, ::-1], axis=1)
     claims = pair_ok & (jnp.arange(masked.shape[1]) == best[:, None])
@@ -172,9 +165,9 @@ def choose_anchors(
 def rate_anchors(
     group: Group,
     voters: Voters,
-    edges: Edges,
+    edges: KnownDistances,
     orders: PairOrders,
-    relations: FrameRelations,
+    relations: Relations,
     t: KnownSets,
 ) -> Float[Array, "V"]:
     """How well each voter separates the group, by history and in this frame.
@@ -201,7 +194,7 @@ def rate_anchors(
     return jnp.where(weight > TINY, mean, 0.5 * (history + frame))
 
 
-def _rate_history(edges: Edges, orders: PairOrders, t: KnownSets) -> Float[Array, "V"]:
+def _rate_history(edges: KnownDistances, orders: PairOrders, t: KnownSets) -> Float[Array, "V"]:
     """How well anchors used to separate the candidates."""
     usable = edges.has_gap
     count = jnp.sum(usable, axis=0)

@@ -1,6 +1,6 @@
-"""What is known about distances: remembered ones, those of this frame, and how telling they are.
+"""Remembered distances of chosen objects, and how far they can be relied on.
 
-Letters: `O` object slots, `N` detections. Contact codes: near 0, overlap 1, separate 2, touch 3.
+Letters: `O` object slots.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.remind.memory.distances import DistanceGraph
-from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.memory.distances import DistanceGraph, Edges
 from remind_jax.remind.thresholds.known_sets import KnownSets
 
 FULL_RELIABILITY_EPISODES = 6  # method.md#distance-evidence
@@ -25,74 +24,7 @@ _TINY_REF = 1e-6
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class DistanceEvidence:
-    """Remembered distances; the edge from `o` to `a` is row o, column a.
-
-    Rules: method.md#episodes, method.md#distance-episodes.
-
-    What an anchor knows of two others is laid out as in `memory.distances`: `[anchor, x, y]`.
-    """
-
-    rel_n: Int[Array, "O O"]  # episodes that saw both; 0: no edge
-    gap_n: Int[Array, "O O"]  # of these, with a valid gap
-    gap_mean: Float[Array, "O O"]  # mean gap, object sizes
-    centre_mean: Float[Array, "O O"]  # mean distance of the centres, object sizes
-    support_mean: Float[Array, "O O"]  # how much one looked like standing on the other, [0, 1]
-    contact: Int[Array, "O O 4"]  # episodes by contact
-    nearer: Int[Array, "O O O"]  # episodes with x nearer than y
-    margin: Float[Array, "O O O"]  # difference of both distances; x < y: mean, x > y: squares
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class FrameRelations:
-    """Relations between the detections of this frame (method.md#relations); symmetric."""
-
-    gap: Float[Array, "N N"]  # gap of the masks, object sizes; negative where they overlap
-    gap_valid: Bool[Array, "N N"]
-    centre: Float[Array, "N N"]  # distance of the centres, object sizes
-    gap_quality: Float[Array, "N N"]  # [0, 1]
-    truncation: Float[Array, "N N"]  # 1 where a mask touches the frame's border
-    state: Int[Array, "N N"]  # contact code
-    support_like: Float[Array, "N N"]  # how much one looks like standing on the other, [0, 1]
-
-    @property
-    def distance(self) -> Float[Array, "N N"]:
-        """The gap where it is valid, else the distance of the centres."""
-        return jnp.where(self.gap_valid, self.gap, self.centre)
-
-
-def distance_evidence(graph: DistanceGraph) -> DistanceEvidence:
-    """The evidence that the distance graph holds."""
-    edges = graph.edges
-    return DistanceEvidence(
-        rel_n=edges.count,
-        gap_n=edges.gap_count,
-        gap_mean=edges.gap_mean,
-        centre_mean=edges.center_mean,
-        support_mean=edges.support_mean,
-        contact=edges.contact_count,
-        nearer=graph.nearer,
-        margin=graph.margin,
-    )
-
-
-def frame_relations(relations: Relations) -> FrameRelations:
-    """The relations of this frame as the disambiguation reads them."""
-    return FrameRelations(
-        gap=relations.gap,
-        gap_valid=relations.gap_valid,
-        centre=relations.center_distance,
-        gap_quality=relations.gap_quality,
-        truncation=relations.truncated.astype(relations.gap.dtype),
-        state=relations.contact,
-        support_like=relations.support,
-    )
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Edges:
+class KnownDistances:
     """Remembered distances of selected pairs of objects; the fields share one shape."""
 
     reliability: Float[Array, "..."]  # [0, 1]; 0: not seen together often enough
@@ -134,14 +66,14 @@ def rate_difference(
     return (1.0 - jnp.exp(-scaled)) ** t.strength_power
 
 
-def tabulate_edges(evidence: DistanceEvidence, t: KnownSets) -> Float[Array, "O O 4"]:
-    """All edges with the fields of `Edges` side by side, so that `read_edges` is one gather."""
-    scalar = evidence.gap_mean.dtype
-    reliability = rate_reliability(evidence.rel_n, scalar)
+def tabulate_edges(edges: Edges, t: KnownSets) -> Float[Array, "O O 4"]:
+    """All edges, the fields of `KnownDistances` side by side: `read_edges` is one gather."""
+    scalar = edges.gap_mean.dtype
+    reliability = rate_reliability(edges.count, scalar)
     reliability = jnp.where(reliability >= t.min_reliability, reliability, 0.0)
-    has_gap = evidence.gap_n > 0
-    distance = jnp.where(has_gap, evidence.gap_mean, evidence.centre_mean)
-    columns = (reliability, has_gap.astype(scalar), distance, evidence.support_mean)
+    has_gap = edges.gap_count > 0
+    distance = jnp.where(has_gap, edges.gap_mean, edges.center_mean)
+    columns = (reliability, has_gap.astype(scalar), distance, edges.support_mean)
     return jnp.stack(columns, axis=-1)
 
 
@@ -150,7 +82,7 @@ def read_edges(
     source: Int[Array, "..."],
     target: Int[Array, "..."],
     known: Bool[Array, "..."],
-) -> Edges:
+) -> KnownDistances:
     """Distances remembered by objects `source` to objects `target` (slots that broadcast).
 
     `known` marks the pairs of objects in memory; the others get no edge.
@@ -158,7 +90,7 @@ def read_edges(
     row = jnp.where(known, source * table.shape[0] + target, 0)
     value = table.reshape(-1, table.shape[-1])[row]
     reliability = jnp.where(known, value[..., 0], 0.0)
-    return Edges(
+    return KnownDistances(
         reliability=reliability,
         has_gap=(value[..., 1] > 0) & (reliability > 0),
         distance=value[..., 2],
@@ -167,7 +99,7 @@ def read_edges(
 
 
 def read_orders(
-    evidence: DistanceEvidence,
+    graph: DistanceGraph,
     anchor: Int[Array, "..."],
     x: Int[Array, "..."],
     y: Int[Array, "..."],
@@ -178,17 +110,17 @@ def read_orders(
 
     `known` marks the pairs of two objects in memory; the others were never seen.
     """
-    scalar, size = evidence.margin.dtype, evidence.margin.shape[0]
+    scalar, size = graph.margin.dtype, graph.margin.shape[0]
     low, high = jnp.minimum(x, y), jnp.maximum(x, y)
     cell = jnp.where(known, (anchor * size + low) * size + high, 0)
     mirror = jnp.where(known, (anchor * size + high) * size + low, 0)
-    first = evidence.nearer.reshape(-1)[cell]
-    count = jnp.where(known, first + evidence.nearer.reshape(-1)[mirror], 0)
+    first = graph.nearer.reshape(-1)[cell]
+    count = jnp.where(known, first + graph.nearer.reshape(-1)[mirror], 0)
     seen = count > 0
     first = jnp.where(seen, first.astype(scalar), 0.0) / jnp.maximum(1, count).astype(scalar)
     consistency = jnp.maximum(first, 1.0 - first)
-    margin = jnp.where(seen, evidence.margin.reshape(-1)[cell], 0.0)
-    squares = jnp.maximum(0.0, evidence.margin.reshape(-1)[mirror])
+    margin = jnp.where(seen, graph.margin.reshape(-1)[cell], 0.0)
+    squares = jnp.maximum(0.0, graph.margin.reshape(-1)[mirror])
     variance = squares / jnp.maximum(1, count - 1).astype(scalar)
     deviation = jnp.where(count > 1, jnp.sqrt(variance), 0.0)
     stable = margin / jnp.maximum(_TINY_REF, margin + deviation)

@@ -20,21 +20,23 @@ from remind_jax.remind.disambiguation.distance_evidence import (
     AGREEMENT_SUPPORT,
     INFORMATIVENESS_FLOOR,
     INFORMATIVENESS_SUPPORT,
-    FrameRelations,
     read_edges,
 )
+from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Entries:
-    """Undecided detections and the objects that each of them may be."""
+class Undecided:
+    """Detections that stay undecided, with the objects that each of them could be."""
 
     present: Bool[Array, "N"]
-    candidates: Int[Array, "N C"]  # object slots, virtual numbers from O on, -1 padding
-    class_id: Int[Array, "N"]  # class of the detection and of all its candidates
+    slot: Int[Array, "N C"]  # object slots, -1 padding; `O + n`: the object that detection n founds
+    score: Float[Array, "N C"]
+    best: Float[Array, "N"]
+    reason: Int[Array, "N"]  # decision.Reason
 
 
 @jax.tree_util.register_dataclass
@@ -53,18 +55,19 @@ class Groups:
 
 
 def form_groups(
-    entries: Entries,
+    undecided: Undecided,
+    class_id: Int[Array, "N"],
     object_exists: Bool[Array, "O"],
-    relations: FrameRelations,
+    relations: Relations,
     edge_table: Float[Array, "O O 4"],
     contact: Int[Array, "O O 4"],
     static: Static,
     t: KnownSets,
 ) -> Groups:
     """Joins entries that compete for objects or stand as remembered objects stood."""
-    candidates = entries.candidates
+    candidates = undecided.slot
     num, width = candidates.shape
-    filled = (candidates >= 0) & entries.present[:, None]
+    filled = (candidates >= 0) & undecided.present[:, None]
     slot = jnp.where(filled & (candidates < object_exists.shape[0]), candidates, 0)
     stored = filled & (candidates < object_exists.shape[0]) & object_exists[slot]
     same = candidates[:, :, None] == candidates[:, None, :]
@@ -75,7 +78,7 @@ def form_groups(
     near = measure_affinity(slot, stored, relations, edge_table, contact, t) >= t.link_score
     linked = near | _share_candidates(candidates, filled)
     some = jnp.any(stored, axis=1)
-    other_class = entries.class_id[:, None] != entries.class_id
+    other_class = class_id[:, None] != class_id
     linked = linked & ~(other_class & some[:, None] & some)
     root = jnp.where(takes_part, _label_components(linked, takes_part), -1)
 
@@ -113,7 +116,7 @@ def form_groups(
 def measure_affinity(
     slot: Int[Array, "N C"],
     stored: Bool[Array, "N C"],
-    relations: FrameRelations,
+    relations: Relations,
     edge_table: Float[Array, "O O 4"],
     contact: Int[Array, "O O 4"],
     t: KnownSets,
@@ -133,10 +136,10 @@ def measure_affinity(
     sigma = jnp.where(edges.has_gap, t.gap_sigma, t.centre_sigma)
     similarity = jnp.exp(-jnp.abs(spread(relations.distance) - edges.distance) / sigma)
     episodes = contact[source, target]
-    same = jnp.arange(episodes.shape[-1]) == spread(relations.state)[..., None]
+    same = jnp.arange(episodes.shape[-1]) == spread(relations.contact)[..., None]
     hits = jnp.sum(jnp.where(same, episodes, 0), axis=-1)
     contact_share = hits / jnp.maximum(1, jnp.sum(episodes, axis=-1)).astype(similarity.dtype)
-    support = spread(relations.support_like)
+    support = spread(relations.support)
     agreement = AGREEMENT_BASE + AGREEMENT_CONTACT * contact_share
     unlike = jnp.abs(support - edges.support)
     agreement = agreement + AGREEMENT_SUPPORT * jnp.maximum(0.0, 1.0 - unlike)
@@ -145,8 +148,8 @@ def measure_affinity(
     informative = informative * jnp.maximum(floor, 1.0 - t.support_penalty * support)
     quality = 1.0 - t.gap_quality_weight
     quality = quality + t.gap_quality_weight * jnp.clip(relations.gap_quality, 0.0, 1.0)
-    truncation = jnp.clip(relations.truncation, 0.0, 1.0)
-    quality = quality * jnp.maximum(floor, 1.0 - t.truncation_penalty * truncation)
+    truncated = relations.truncated.astype(quality.dtype)
+    quality = quality * jnp.maximum(floor, 1.0 - t.truncation_penalty * truncated)
     weight = edges.reliability * jnp.maximum(floor, informative) * agreement * spread(quality)
     one_way = jnp.where(edges.usable, similarity * weight, 0.0)
     strength = 0.5 * (one_way + jnp.transpose(one_way, (2, 3, 0, 1)))

@@ -23,10 +23,10 @@ from remind_jax.errors import ConfigError
 from remind_jax.remind.disambiguation.anchors import Anchors, Group
 from remind_jax.remind.disambiguation.distance_evidence import (
     TINY,
-    Edges,
-    FrameRelations,
+    KnownDistances,
     PairOrders,
 )
+from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 
 ROBUSTNESS_FLOOR = 0.10  # weight of an order that was never robust (method.md#known-set-distances)
@@ -180,9 +180,9 @@ def settle(scores: AssignmentScores, t: KnownSets) -> Solution:
 def vote_by_pairs(
     group: Group,
     anchors: Anchors,
-    edges: Edges,
+    edges: KnownDistances,
     orders: PairOrders,
-    relations: FrameRelations,
+    relations: Relations,
     t: KnownSets,
 ) -> tuple[Float[Array, "P U U A"], Float[Array, "P U U A"]]:
     """How well two candidates fit two detections as an anchor sees it, and the weight of that.

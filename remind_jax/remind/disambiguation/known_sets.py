@@ -6,30 +6,29 @@ Letters: `N` detections, `O` object slots, `G` detections and `U` candidates of 
 from __future__ import annotations
 
 import dataclasses
-import enum
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.decision import Source
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.disambiguation.anchors import (
     FEWEST_ANCHORS,
     Group,
-    KnownScores,
     Voters,
     choose_anchors,
     find_voters,
     rate_anchors,
 )
 from remind_jax.remind.disambiguation.distance_evidence import (
-    DistanceEvidence,
-    FrameRelations,
     read_edges,
     read_orders,
     tabulate_edges,
 )
-from remind_jax.remind.disambiguation.groups import Entries, Groups, form_groups
+from remind_jax.remind.disambiguation.groups import Groups, Undecided, form_groups
 from remind_jax.remind.disambiguation.joint_assignments import (
     NUMBERS,
     GroupStatus,
@@ -37,23 +36,15 @@ from remind_jax.remind.disambiguation.joint_assignments import (
     settle,
     vote_by_pairs,
 )
+from remind_jax.remind.memory.distances import DistanceGraph
+from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
-
-NO_SLOT = -1
-
-
-class Source(enum.IntEnum):
-    """What settled a detection here."""
-
-    NONE = 0
-    FULL = 1
-    PARTIAL = 2
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class GroupAccount:
+class GroupOutcome:
     """What became of each group; one row per detection, used by the root of a group.
 
     Numbers are 0 where a group was skipped before scoring.
@@ -82,21 +73,23 @@ class Settled:
 
     resolved_slot: Int[Array, "N"]  # object, -1 none
     resolved_score: Float[Array, "N"]  # score_known of that object, 0 without any
-    source: Int[Array, "N"]  # Source
+    source: Int[Array, "N"]  # decision.Source
     remaining: Bool[Array, "N"]  # entries that stay undecided; one given a virtual object does not
     root: Int[Array, "N"]  # root of the group of each entry, -1 outside groups
     proposed: Int[Array, "N"]  # candidate in the best assignment of the group, -1 if not scored
-    groups: GroupAccount
+    groups: GroupOutcome
 
 
 def settle_known_sets(
-    entries: Entries,
+    undecided: Undecided,
+    class_id: Int[Array, "N"],
     matched_slot: Int[Array, "N"],
     matched_pass: Int[Array, "N"],
-    scores: KnownScores,
+    candidate: Bool[Array, "N O"],
+    pairs: Pairs,
     object_exists: Bool[Array, "O"],
-    relations: FrameRelations,
-    evidence: DistanceEvidence,
+    relations: Relations,
+    graph: DistanceGraph,
     static: Static,
     t: KnownSets,
 ) -> Settled:
@@ -107,45 +100,50 @@ def settle_known_sets(
     is matched to another detection already.
 
     Args:
-      entries: Undecided detections and their candidates.
+      undecided: Entries to decide.
+      class_id: Class of each detection, and of all its candidates.
       matched_slot: Current object of each detection, -1 none; that of an entry does not vote.
       matched_pass: Pass that made the match, 0 for the assignment. It only matters where two
         detections have the same object: the later match lends the object its place.
-      scores: Scores of all detections for all objects.
+      candidate: Pairs that were compared at all; the others score 0.
+      pairs: Scores of all detections for all objects.
       object_exists: Slots in use.
-      relations: Distances between the detections of this frame.
-      evidence: Distances remembered before this frame.
+      relations: How the detections of this frame lie to each other.
+      graph: Distances remembered before this frame.
       static: Limits of groups and anchors.
       t: Thresholds.
     """
-    scalar = scores.score.dtype
+    scalar = pairs.score_known.dtype
 
     def solve() -> Settled:
-        edge_table = tabulate_edges(evidence, t)
+        edge_table = tabulate_edges(graph.edges, t)
         groups = form_groups(
-            entries, object_exists, relations, edge_table, evidence.contact, static, t
-        )
+            undecided, class_id, object_exists, relations, edge_table, graph.edges.contact_count,
+            static, t,
+        )  # fmt: skip
         voters = find_voters(
-            entries.present, matched_slot, matched_pass, object_exists, scores, static, t
-        )
+            undecided.present, matched_slot, matched_pass, object_exists, candidate, pairs,
+            static, t,
+        )  # fmt: skip
+        known_score = jnp.where(candidate, pairs.score_known, 0.0)
         pending = groups.fits & groups.closed
         order = jnp.cumsum(pending, dtype=jnp.int32)
 
         def solve_next(number: Int[Array, ""], solved: _Solved) -> _Solved:
             root = jnp.argmax(order == number + 1).astype(jnp.int32)
-            group = extract_group(root, entries, groups, static)
+            group = extract_group(root, undecided, groups, static)
             return _solve_group(
-                root, group, solved, voters, scores, relations, edge_table, evidence, static, t
+                root, group, solved, voters, known_score, relations, edge_table, graph, static, t
             )
 
         start = _unsolved(groups, static, scalar)
         solved = jax.lax.fori_loop(0, order[-1], solve_next, start)
-        return _account(solved, entries, groups, scores, object_exists)
+        return _conclude(solved, undecided, groups, known_score, object_exists)
 
     def skip() -> Settled:
-        return _untouched(entries, static, scalar)
+        return _untouched(undecided, static, scalar)
 
-    return branch(t.enabled & jnp.any(entries.present), solve, skip)
+    return branch(t.enabled & jnp.any(undecided.present), solve, skip)
 
 
 @jax.tree_util.register_dataclass
@@ -188,10 +186,10 @@ def _solve_group(
     group: Group,
     solved: _Solved,
     voters: Voters,
-    scores: KnownScores,
-    relations: FrameRelations,
+    known_score: Float[Array, "N O"],
+    relations: Relations,
     edge_table: Float[Array, "O O 4"],
-    evidence: DistanceEvidence,
+    graph: DistanceGraph,
     static: Static,
     t: KnownSets,
 ) -> _Solved:
@@ -200,14 +198,13 @@ def _solve_group(
     edges = read_edges(edge_table, slot[:, None], voters.slot, stored[:, None])
     pair_stored = (stored[:, None] & stored)[..., None]
     orders = read_orders(
-        evidence, voters.slot, slot[:, None, None], slot[None, :, None], pair_stored, t
+        graph, voters.slot, slot[:, None, None], slot[None, :, None], pair_stored, t
     )
     quality = rate_anchors(group, voters, edges, orders, relations, t)
     anchors = choose_anchors(group, voters, quality, static, t)
     edges, orders = jax.tree.map(lambda field: field[..., anchors.voter], (edges, orders))
     vote, weight = vote_by_pairs(group, anchors, edges, orders, relations, t)
-    at = (group.detection[:, None], slot)
-    visual = jnp.where(scores.candidate[at], scores.score[at], 0.0)
+    visual = known_score[group.detection[:, None], slot]
     best = settle(score_assignments(group, vote, weight, anchors, visual, t), t)
 
     num = solved.status.shape[0]
@@ -231,11 +228,11 @@ def _solve_group(
     )
 
 
-def _account(
+def _conclude(
     solved: _Solved,
-    entries: Entries,
+    undecided: Undecided,
     groups: Groups,
-    scores: KnownScores,
+    known_score: Float[Array, "N O"],
     object_exists: Bool[Array, "O"],
 ) -> Settled:
     """What the solved groups mean for every detection."""
@@ -243,20 +240,19 @@ def _account(
     status = jnp.where(in_group, solved.status[jnp.maximum(groups.root, 0)], 0)
     full = status == GroupStatus.RESOLVED
     partial = status == GroupStatus.PARTIAL_RESOLVED
-    source = jnp.where(full, Source.FULL, jnp.where(partial, Source.PARTIAL, Source.NONE))
+    source = jnp.where(full, Source.DISTANCE_FULL, Source.DISTANCE_PARTIAL)
     real = (solved.proposed >= 0) & (solved.proposed < object_exists.shape[0])
     slot = jnp.where(real, solved.proposed, 0)
     real = real & object_exists[slot] & (full | partial)
     row = jnp.arange(slot.shape[0], dtype=jnp.int32)
-    known = real & scores.candidate[row, slot]
     return Settled(
         resolved_slot=jnp.where(real, slot, NO_SLOT),
-        resolved_score=jnp.where(known, scores.score[row, slot], 0.0),
+        resolved_score=jnp.where(real, known_score[row, slot], 0.0),
         source=jnp.where(real, source, Source.NONE).astype(jnp.int32),
-        remaining=entries.present & ~(full | partial),
+        remaining=undecided.present & ~(full | partial),
         root=groups.root,
         proposed=solved.proposed,
-        groups=GroupAccount(
+        groups=GroupOutcome(
             jnp.where(groups.num_detections > 0, row, -1),
             solved.status,
             groups.num_detections,
@@ -270,18 +266,20 @@ def _account(
     )
 
 
-def _untouched(entries: Entries, static: Static, scalar: jnp.dtype) -> Settled:
+def _untouched(undecided: Undecided, static: Static, scalar: jnp.dtype) -> Settled:
     """The answer where there is nothing to settle."""
-    num = entries.present.shape[0]
+    num = undecided.present.shape[0]
     none, zero = jnp.full(num, NO_SLOT, jnp.int32), jnp.zeros(num, jnp.int32)
     real = jnp.zeros(num, scalar)
     numbers = dict.fromkeys(NUMBERS, real)
     anchors = _no_anchors(num, static, scalar)
-    account = GroupAccount(none, zero, zero, zero, zero, **numbers, **anchors)
-    return Settled(none, real, zero, entries.present, none, none, account)
+    nothing = GroupOutcome(none, zero, zero, zero, zero, **numbers, **anchors)
+    return Settled(none, real, zero, undecided.present, none, none, nothing)
 
 
-def extract_group(root: Int[Array, ""], entries: Entries, groups: Groups, static: Static) -> Group:
+def extract_group(
+    root: Int[Array, ""], undecided: Undecided, groups: Groups, static: Static
+) -> Group:
     """Detections and candidates of one group, ascending."""
     num = groups.root.shape[0]
     none = jnp.iinfo(jnp.int32).max
@@ -296,12 +294,12 @@ def extract_group(root: Int[Array, ""], entries: Entries, groups: Groups, static
     detection = jnp.where(is_detection, detection, 0)
 
     fresh = (groups.fresh & member[:, None]).reshape(-1)
-    flat = jnp.where(fresh, entries.candidates.reshape(-1), none)
+    flat = jnp.where(fresh, undecided.slot.reshape(-1), none)
     flat = jnp.pad(flat, (0, room), constant_values=none)
     candidate = jnp.sort(flat)[:room]
     is_candidate = candidate != none
     same = (groups.distinct & member[:, None])[:, :, None]
-    same = same & (entries.candidates[:, :, None] == candidate)
+    same = same & (undecided.slot[:, :, None] == candidate)
     stored = jnp.any(same & groups.stored[:, :, None], axis=(0, 1))
     allowed = jnp.any(same, axis=1)[detection]
     return Group(

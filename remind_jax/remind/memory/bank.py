@@ -1,49 +1,45 @@
-"""The one prototype bank of all channels: ordered slots, work and stable (paper III-C, III-F).
+"""What an observation does to the prototype banks of an object: the one rule of all channels.
 
-A bank is an ordered list in fixed slots: the first `size` are live, removal shifts the later ones
-down, so that every rule "first among equals" means the older entry. Functions take one bank; map
-them over objects with `jax.vmap`. Letters: `S` slots, `D` dimensions.
+An observation refreshes the prototype that it resembles, or founds one in the work bank
+(method.md#banks). A work prototype that proved itself is promoted (method.md#bank-promotion): as a
+whole or a ring, it moves to the stable bank; as a part or a patch of a ring, it stays and feeds
+the stable bank. A full bank merges its closest pair, or gives up its weakest prototype
+(method.md#bank-room). What differs between the channels is data: a `Channel`, see `channels`.
+
+Letters: `C` channels of a kind, `N` detections, `S` slots, `D` dimensions.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import NEVER
-from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pooling import to_unit
+from remind_jax.remind.memory.prototypes import (
+    Bank,
+    DualBank,
+    append,
+    closest_pair,
+    count_quality,
+    entry,
+    live,
+    mean_quality,
+    move_towards,
+    nearest,
+    new_entry,
+    remove,
+    similarities,
+    similarity_rate,
+    write,
+)
 
-_QUALITY_RATE_MIN, _QUALITY_RATE_MAX = 0.08, 0.30
 _TIE = 1e-6
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Bank:
-    """Prototypes of one kind, oldest first; leading axes are objects and channels."""
-
-    embedding: Float[Array, "... S D"]  # unit vectors, float32
-    hits: Int[Array, "... S"]  # observations that agreed
-    last_seen: Int[Array, "... S"]  # frame
-    quality_recent: Float[Array, "... S"]  # exponential mean of the observation quality, [0, 1]
-    quality_sum: Float[Array, "... S"]  # sum of the observation qualities
-    num_qualities: Int[Array, "... S"]  # number of qualities in the sum
-    size: Int[Array, "..."]  # live slots
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class DualBank:
-    """Fresh prototypes, and those that proved themselves."""
-
-    work: Bank
-    stable: Bank
+_FIRST = 0  # the entry that is longest in a bank
 
 
 @jax.tree_util.register_dataclass
@@ -55,197 +51,17 @@ class Permit:
     rate: Float[Array, ""]  # share of the step, [0, 1]
 
 
-def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype) -> Bank:
-    """A bank without prototypes for each entry of the leading axes."""
-    shape = (*leading, slots)
-    return Bank(
-        embedding=zeros((*shape, dim), np.float32),
-        hits=zeros(shape, np.int32),
-        last_seen=full(shape, NEVER, np.int32),
-        quality_recent=zeros(shape, scalar),
-        quality_sum=zeros(shape, scalar),
-        num_qualities=zeros(shape, np.int32),
-        size=zeros(leading, np.int32),
-    )
-
-
-def live(bank: Bank) -> Bool[Array, "... S"]:
-    """Slots that hold a prototype."""
-    return jnp.arange(bank.hits.shape[-1]) < bank.size[..., None]
-
-
-def mean_quality(bank: Bank) -> Float[Array, "... S"]:
-    """Mean observation quality of each prototype, [0, 1] (method.md#prototype-quality)."""
-    return jnp.clip(bank.quality_sum / jnp.maximum(1, bank.num_qualities), 0.0, 1.0)
-
-
-def confidence(bank: Bank, promote_hits: Int[Array, ""]) -> Float[Array, "... S"]:
-    """How far each prototype has proved itself, [0, 1] (method.md#prototype-quality)."""
-    needed = jnp.where(promote_hits > 0, promote_hits, 4)
-    share = jnp.minimum(1.0, bank.hits / needed.astype(bank.quality_sum.dtype))
-    return jnp.clip(share * jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
-
-
-def nearest(bank: Bank, vector: Float[Array, "D"]) -> tuple[Int[Array, ""], Float[Array, ""]]:
-    """The most similar prototype and its cosine, -inf for an empty bank (method.md#banks)."""
-    similarity = similarities(bank, vector)
-    index = jnp.argmax(similarity)
-    return index, similarity[index]
-
-
-def similarities(bank: Bank, vector: Float[Array, "D"]) -> Float[Array, "S"]:
-    """Cosine of a unit vector with every prototype, -inf in free slots."""
-    cosine = dot(vector[None], bank.embedding)[0].astype(bank.quality_sum.dtype)
-    return jnp.where(live(bank), cosine, -jnp.inf)
-
-
-def entry(bank: Bank, index: Int[Array, ""]) -> Bank:
-    """One prototype as a bank without the slot axis."""
-    return jax.tree.map(lambda leaf: leaf[index] if leaf.ndim else leaf, bank)
-
-
-def new_entry(vector: Float[Array, "D"], quality: Float[Array, ""], now: Int[Array, ""]) -> Bank:
-    """The prototype that one observation founds."""
-    one = jnp.int32(1)
-    return Bank(vector, one, now.astype(jnp.int32), quality, quality, one, one)
-
-
-def write(bank: Bank, index: Int[Array, ""], value: Bank, when: Bool[Array, ""]) -> Bank:
-    """Replaces one prototype if `when` holds; the size stays."""
-    chosen = (jnp.arange(bank.hits.shape[-1]) == index) & when
-    return _blend(chosen, jax.tree.map(lambda leaf: leaf[None], value), bank)
-
-
-def append(bank: Bank, value: Bank, when: Bool[Array, ""]) -> Bank:
-    """Adds a prototype at the end if `when` holds; the caller made room."""
-    bank = write(bank, bank.size, value, when)
-    return dataclasses.replace(bank, size=bank.size + when.astype(jnp.int32))
-
-
-def remove(bank: Bank, index: Int[Array, ""], when: Bool[Array, ""]) -> Bank:
-    """Takes a prototype out if `when` holds and closes the gap."""
-    later = (jnp.arange(bank.hits.shape[-1]) >= index) & when
-    moved = jax.tree.map(lambda leaf: jnp.roll(leaf, -1, axis=0) if leaf.ndim else leaf, bank)
-    bank = _blend(later, moved, bank)
-    return dataclasses.replace(bank, size=bank.size - when.astype(jnp.int32))
-
-
-def _blend(chosen: Bool[Array, "S"], new: Bank, old: Bank) -> Bank:
-    """Slots of `new` where chosen, else of `old`; the size of `old`.
-
-    A select over all slots fuses with its neighbours, where a scatter would not.
-    """
-
-    def pick(fresh: Array, kept: Array) -> Array:
-        if not kept.ndim:
-            return kept
-        return jnp.where(chosen.reshape(-1, *(1,) * (kept.ndim - 1)), fresh, kept)
-
-    return jax.tree.map(pick, new, old)
-
-
-def count_quality(value: Bank, quality: Float[Array, ""]) -> Bank:
-    """Adds one observation quality to a prototype's record (method.md#prototype-quality)."""
-    num = value.num_qualities + 1
-    rate = jnp.clip(1.0 / num.astype(quality.dtype), _QUALITY_RATE_MIN, _QUALITY_RATE_MAX)
-    return dataclasses.replace(
-        value,
-        quality_sum=value.quality_sum + quality,
-        num_qualities=num,
-        quality_recent=(1.0 - rate) * value.quality_recent + rate * quality,
-    )
-
-
-def move_towards(
-    embedding: Float[Array, "D"], vector: Float[Array, "D"], rate: Float[Array, ""]
-) -> Float[Array, "D"]:
-    """Steps from a prototype to an observation and back to unit length; rate 0 changes nothing."""
-    step = rate.astype(jnp.float32)
-    moved = to_unit((1.0 - step) * embedding + step * vector)
-    return jnp.where(rate > 0, moved, embedding)
-
-
-def similarity_rate(
-    similarity: Float[Array, ""],
-    duplicate: Float[Array, ""],
-    margin: Float[Array, ""],
-    low: Float[Array, ""],
-    high: Float[Array, ""],
-    scale: Float[Array, ""],
-) -> Float[Array, ""]:
-    """Step of a similarity-gated update: none in the margin, then from `low` to `high`.
-
-    Rule: method.md#similarity-step.
-    """
-    low, high = jnp.clip(low, 0.0, 1.0), jnp.clip(high, 0.0, 1.0)
-    low, high = jnp.minimum(low, high), jnp.maximum(low, high)
-    gate = duplicate + margin
-    ramp = jnp.clip((similarity - gate) / jnp.maximum(1e-6, 1.0 - gate), 0.0, 1.0)
-    rate = (low + (high - low) * ramp) * jnp.clip(scale, 0.0, 1.0)
-    return jnp.where(similarity < gate, 0.0, rate)
-
-
-def closest_pair(
-    bank: Bank,
-) -> tuple[Float[Array, ""], Int[Array, ""], Int[Array, ""], Float[Array, "S S"]]:
-    """Cosine and indices `i < j` of the closest pair, the first among equals; and all cosines.
-
-    The cosine is -1 for fewer than two prototypes (method.md#bank-room).
-    """
-    cosine = dot(bank.embedding, bank.embedding).astype(bank.quality_sum.dtype)
-    slots = bank.hits.shape[-1]
-    both = live(bank)[:, None] & live(bank)[None]
-    upper = jnp.triu(jnp.ones((slots, slots), bool), 1) & both
-    flat = jnp.where(upper, cosine, -1.0).ravel()
-    index = jnp.argmax(flat)
-    return flat[index], index // slots, index % slots, jnp.where(both, cosine, -1.0)
-
-
-def weakest(bank: Bank, cosine: Float[Array, "S S"], redundant: Bool[Array, ""]) -> Int[Array, ""]:
-    """The prototype to give up: the least recently seen of all, or of the most redundant ones.
-
-    method.md#bank-room; the first among equals.
-    """
-    alive = live(bank)
-    others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)
-    redundancy = jnp.max(others, axis=1)
-    redundancy = jnp.where(redundancy > -1.0, redundancy, 0.0)
-    top = jnp.max(jnp.where(alive, redundancy, -jnp.inf))
-    alive = alive & (~redundant | (jnp.abs(redundancy - top) < _TIE))
-    return jnp.argmin(jnp.where(alive, bank.last_seen, jnp.iinfo(jnp.int32).max))
-
-
-def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, ""] | None) -> Bank:
-    """Joins two prototypes; weights are equal, or the hits up to `cap`.
-
-    Rule: method.md#prototype-merge.
-    """
-    weights = [1.0, 1.0]
-    if cap is not None:
-        weights = [
-            jnp.minimum(side.hits, jnp.maximum(1, cap)).astype(jnp.float32)
-            for side in (left, right)
-        ]
-    joined = Bank(
-        embedding=to_unit(weights[0] * left.embedding + weights[1] * right.embedding),
-        hits=left.hits + right.hits,
-        last_seen=jnp.maximum(jnp.maximum(left.last_seen, right.last_seen), now),
-        quality_recent=left.quality_recent,
-        quality_sum=left.quality_sum + right.quality_sum,
-        num_qualities=left.num_qualities + right.num_qualities,
-        size=left.size,
-    )
-    return dataclasses.replace(joined, quality_recent=mean_quality(joined))
-
-
-@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Arrival:
-    """A prototype that enters one of the two banks, or none; leading axes as those of the banks."""
+class Refresh:
+    """How a prototype of one of the two banks follows an observation that it resembles."""
 
-    value: Bank
-    to_work: Bool[Array, "..."]
-    to_stable: Bool[Array, "..."]
+    duplicate: Float[Array, ""]  # from this cosine on
+    margin: Float[Array, ""]  # cosine above `duplicate` within which it does not move
+    rate_min: Float[Array, ""]  # step at that margin
+    rate_max: Float[Array, ""]  # step at cosine 1
+    min_quality: Float[Array, ""] | float = 0.0  # least quality that moves it
+    moves: Bool[Array, ""] | bool = True  # it moves at all
+    by_quality: Bool[Array, ""] | bool = False  # the step is the quality, whatever the cosine
 
 
 @jax.tree_util.register_dataclass
@@ -257,6 +73,286 @@ class Room:
     merge: Float[Array, "2"]  # the closest pair is joined from this cosine on
     redundant: Bool[Array, "2"]  # give up redundant prototypes, else the least recently seen
     cap: Int[Array, ""] | None  # weight of a joined prototype; None: equal weights
+
+
+@dataclasses.dataclass(frozen=True)
+class Channel:
+    """All that differs between the channels."""
+
+    work: Refresh
+    stable: Refresh
+    room: Room
+    promote_hits: Int[Array, ""]  # hits that prove a work prototype
+    promote_quality: Float[Array, ""] | float = 0.0  # least mean quality of a proven one
+    promotes: Bool[Array, ""] | bool = True
+    create_quality: Float[Array, ""] | float = 0.0  # least quality of what founds a prototype
+    refreshes_work: Bool[Array, ""] | bool = True  # a work duplicate counts
+    novel: Float[Array, ""] | None = None  # nothing closer founds a prototype; None: anything may
+    novel_when_full: bool = False  # that holds for a full work bank only
+    stable_waits: bool = False  # nothing moves to a full stable bank
+    one_to_one: Bool[Array, ""] | bool = False  # observations of one frame take different ones
+    # A full stable bank gives up its first entry, and joins its closest pair from this cosine on.
+    stable_merge: Float[Array, ""] | None = None
+
+
+def observe_one(
+    banks: DualBank,
+    vector: Float[Array, "C N D"],
+    present: Bool[Array, "C N"],
+    quality: Float[Array, "C N"],
+    permit: Permit,
+    now: Int[Array, ""],
+    channel: Channel,
+) -> DualBank:
+    """Shows one observation to each bank; proven work prototypes move to the stable bank.
+
+    Args:
+      banks: Work and stable banks, leading axes `[C N]`.
+      vector: Unit descriptors.
+      present: False leaves the banks as they are.
+      quality: Observation quality, [0, 1].
+      permit: What the update of each detection may do.
+      now: Frame.
+      channel: How the channel learns.
+    """
+    observe = functools.partial(_observe_one, now=now, c=channel)
+    over_detections = jax.vmap(observe, in_axes=(0, 0, 0, 0, 0, None))
+    banks, arrival = jax.vmap(over_detections, in_axes=(0, 0, 0, 0, None, 0))(
+        banks, vector, present, quality, permit, channel.room.capacity[:, 1]
+    )
+    return place(banks, arrival, channel.room, now)
+
+
+def _observe_one(
+    banks: DualBank,
+    vector: Float[Array, "D"],
+    present: Bool[Array, ""],
+    quality: Float[Array, ""],
+    permit: Permit,
+    stable_capacity: Int[Array, ""],
+    now: Int[Array, ""],
+    c: Channel,
+) -> tuple[DualBank, Arrival]:
+    """A stable duplicate hides the work bank; the banks, and what is to enter one of them."""
+    stable_at, stable_cosine = nearest(banks.stable, vector)
+    work_at, work_cosine = nearest(banks.work, vector)
+    in_stable = present & (stable_cosine >= c.stable.duplicate)
+    in_work = present & ~in_stable & (work_cosine >= c.work.duplicate)
+    again = in_work & c.refreshes_work
+    refresh = functools.partial(_refresh, vector=vector, quality=quality, permit=permit, now=now)
+    stable = refresh(banks.stable, stable_at, stable_cosine, rule=c.stable, when=in_stable)
+    work = refresh(banks.work, work_at, work_cosine, rule=c.work, when=again)
+
+    moved = entry(work, work_at)
+    proven = (moved.hits >= c.promote_hits) & (mean_quality(moved) >= c.promote_quality)
+    leaves = again & permit.insert & c.promotes & proven
+    twin, twin_cosine = nearest(stable, moved.embedding)
+    joins = twin_cosine >= c.stable.duplicate
+    if c.stable_waits:
+        leaves = leaves & (joins | (stable.size < stable_capacity))
+    joined = merge_entries(entry(stable, twin), moved, now, c.room.cap)
+    stable = write(stable, twin, joined, leaves & joins)
+    work = remove(work, work_at, leaves)
+
+    founds = present & ~in_stable & ~in_work & permit.insert & (quality >= c.create_quality)
+    if c.novel is not None:
+        founds = founds & (jnp.maximum(stable_cosine, work_cosine) <= c.novel)
+    fresh = new_entry(vector, quality, now)
+    value = jax.tree.map(lambda new, old: jnp.where(founds, new, old), fresh, moved)
+    return DualBank(work, stable), Arrival(value, founds, leaves & ~joins)
+
+
+def observe_several(
+    banks: DualBank,
+    vector: Float[Array, "K C N D"],
+    present: Bool[Array, "K C N"],
+    permit: Permit,
+    now: Int[Array, ""],
+    channel: Channel,
+) -> DualBank:
+    """Shows unrated observations to each bank in turn; proven work prototypes feed the stable bank.
+
+    Args:
+      banks: Work and stable banks, leading axes `[C N]`.
+      vector: Unit descriptors.
+      present: False leaves the banks as they are.
+      permit: What the update of each detection may do.
+      now: Frame.
+      channel: How the channel learns.
+    """
+    observe = _observe_part if channel.stable_merge is None else _observe_patch
+
+    def show(carry: tuple[DualBank, Array], one: tuple[Array, Array]):
+        return observe(*carry, *one, permit, now, channel), None
+
+    used = jnp.zeros(banks.work.hits.shape, bool)
+    return jax.lax.scan(show, (banks, used), (vector, present))[0][0]
+
+
+def _observe_part(
+    banks: DualBank,
+    used: Bool[Array, "C N S"],
+    vector: Float[Array, "C N D"],
+    present: Bool[Array, "C N"],
+    permit: Permit,
+    now: Int[Array, ""],
+    c: Channel,
+) -> tuple[DualBank, Bool[Array, "C N S"]]:
+    """What a part refreshed feeds the stable bank if it is proven."""
+
+    def meet(banks: DualBank, used: Array, vector: Array, present: Array, permit: Permit):
+        work, used, at, again, founds = _meet(banks.work, used, vector, present, permit, now, c)
+        proven = entry(work, at)
+        feeds = again & permit.insert & c.promotes & (proven.hits >= c.promote_hits)
+        stable, enters = _feed(banks.stable, proven, feeds, permit, now, c)
+        value = _unrated(work, jnp.where(founds, vector, proven.embedding), now)
+        return DualBank(work, stable), used, Arrival(value, founds, enters)
+
+    banks, used, arrival = _over_banks(meet)(banks, used, vector, present, permit)
+    return place(banks, arrival, c.room, now), used
+
+
+def _observe_patch(
+    banks: DualBank,
+    used: Bool[Array, "C N S"],
+    vector: Float[Array, "C N D"],
+    present: Bool[Array, "C N"],
+    permit: Permit,
+    now: Int[Array, ""],
+    c: Channel,
+) -> tuple[DualBank, Bool[Array, "C N S"]]:
+    """The work prototype nearest to a ring patch in the end feeds the stable bank if proven."""
+
+    def meet(banks: DualBank, used: Array, vector: Array, present: Array, permit: Permit):
+        work, used, _, _, founds = _meet(banks.work, used, vector, present, permit, now, c)
+        value = _unrated(work, vector, now)
+        return DualBank(work, banks.stable), used, Arrival(value, founds, jnp.zeros_like(founds))
+
+    def feed(banks: DualBank, vector: Array, present: Array, permit: Permit):
+        proven = entry(banks.work, nearest(banks.work, vector)[0])
+        feeds = present & (banks.work.size > 0) & permit.insert & (proven.hits >= c.promote_hits)
+        stable, enters = _feed(banks.stable, proven, feeds, permit, now, c)
+        return stable, _unrated(stable, proven.embedding, now), enters
+
+    def enter(bank: Bank, value: Bank, enters: Array, capacity: Array) -> Bank:
+        bank = remove(bank, jnp.int32(_FIRST), enters & (bank.size >= capacity))
+        return append(bank, value, enters)
+
+    def join(bank: Bank, when: Array) -> Bank:
+        cosine, i, j, _ = closest_pair(bank)
+        joins = when & (cosine >= jnp.asarray(c.stable_merge))
+        joined = merge_entries(entry(bank, i), entry(bank, j), now, c.room.cap)
+        return remove(write(bank, i, joined, joins), j, joins)
+
+    banks, used, arrival = _over_banks(meet)(banks, used, vector, present, permit)
+    banks = place(banks, arrival, c.room, now)
+    stable, value, enters = _over_banks(feed)(banks, vector, present, permit)
+    stable = jax.vmap(jax.vmap(enter, (0, 0, 0, None)))(
+        stable, value, enters, c.room.capacity[:, 1]
+    )
+    stable = branch(
+        jnp.any(enters), lambda: jax.vmap(jax.vmap(join))(stable, enters), lambda: stable
+    )
+    return DualBank(banks.work, stable), used
+
+
+def _over_banks(function):
+    """Maps over channels and detections; what is permitted, the last argument, is per detection."""
+
+    def mapped(*args):
+        axes = (*(0 for _ in args[:-1]), None)
+        return jax.vmap(jax.vmap(function), in_axes=axes)(*args)
+
+    return mapped
+
+
+def _meet(
+    work: Bank,
+    used: Bool[Array, "S"],
+    vector: Float[Array, "D"],
+    present: Bool[Array, ""],
+    permit: Permit,
+    now: Int[Array, ""],
+    c: Channel,
+) -> tuple[Bank, Bool[Array, "S"], Int[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
+    """Refreshes the most similar work prototype, if possible one that `used` does not mark.
+
+    Returns:
+      The work bank; which prototypes this detection refreshed; the most similar one; whether it was
+      refreshed; and whether the vector founds one instead.
+    """
+    cosines = similarities(work, vector)
+    best = jnp.argmax(cosines)
+    free = jnp.where(used, -jnp.inf, cosines)
+    other = jnp.argmax(free)
+    redirect = c.one_to_one & used[best] & (work.size > 1) & jnp.isfinite(free[other])
+    at = jnp.where(redirect, other, best)
+    cosine = cosines[at]
+    again = present & (cosine >= c.work.duplicate)
+    work = _refresh(work, at, cosine, vector, None, permit, now, c.work, again)
+    used = used | (again & (jnp.arange(used.shape[0]) == at))
+    founds = present & ~again & permit.insert
+    if c.novel is not None:
+        room = work.size < c.room.capacity[0, 0] if c.novel_when_full else False
+        founds = founds & (room | (cosine <= c.novel))
+    return work, used, at, again, founds
+
+
+def _feed(
+    stable: Bank,
+    proven: Bank,
+    feeds: Bool[Array, ""],
+    permit: Permit,
+    now: Int[Array, ""],
+    c: Channel,
+) -> tuple[Bank, Bool[Array, ""]]:
+    """Refreshes the twin of a proven prototype; without one, it is to enter the stable bank."""
+    twin, cosine = nearest(stable, proven.embedding)
+    known = cosine >= c.stable.duplicate
+    vector = proven.embedding
+    stable = _refresh(stable, twin, cosine, vector, None, permit, now, c.stable, feeds & known)
+    return stable, feeds & ~known
+
+
+def _refresh(
+    bank: Bank,
+    at: Int[Array, ""],
+    cosine: Float[Array, ""],
+    vector: Float[Array, "D"],
+    quality: Float[Array, ""] | None,
+    permit: Permit,
+    now: Int[Array, ""],
+    rule: Refresh,
+    when: Bool[Array, ""],
+) -> Bank:
+    """Counts a hit and steps towards the vector; an unrated one has no quality to count."""
+    old = entry(bank, at)
+    scale = permit.rate if quality is None else permit.rate * quality
+    rate = similarity_rate(cosine, rule.duplicate, rule.margin, rule.rate_min, rule.rate_max, scale)
+    if quality is not None:
+        rate = jnp.where(rule.by_quality, quality, rate)
+        rate = jnp.where((quality >= rule.min_quality) & rule.moves, rate, 0.0)
+        counted = count_quality(old, quality)
+    else:
+        rate, counted = jnp.where(rule.moves, rate, 0.0), old
+    embedding = move_towards(old.embedding, vector, rate)
+    new = dataclasses.replace(counted, embedding=embedding, hits=old.hits + 1, last_seen=now)
+    return write(bank, at, new, when)
+
+
+def _unrated(bank: Bank, vector: Float[Array, "D"], now: Int[Array, ""]) -> Bank:
+    """The prototype that an observation without a quality founds."""
+    return new_entry(vector, jnp.ones((), bank.quality_sum.dtype), now)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Arrival:
+    """A prototype that enters one of the two banks, or none; leading axes as those of the banks."""
+
+    value: Bank
+    to_work: Bool[Array, "..."]
+    to_stable: Bool[Array, "..."]
 
 
 def place(banks: DualBank, arrival: Arrival, room: Room, now: Int[Array, ""]) -> DualBank:
@@ -308,3 +404,40 @@ def make_room(
     joins = cosine >= merge
     bank = write(bank, i, merge_entries(entry(bank, i), entry(bank, j), now, cap), when & joins)
     return remove(bank, jnp.where(joins, j, weakest(bank, all_cosines, redundant)), when)
+
+
+def weakest(bank: Bank, cosine: Float[Array, "S S"], redundant: Bool[Array, ""]) -> Int[Array, ""]:
+    """The prototype to give up: the least recently seen of all, or of the most redundant ones.
+
+    method.md#bank-room; the first among equals.
+    """
+    alive = live(bank)
+    others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)
+    redundancy = jnp.max(others, axis=1)
+    redundancy = jnp.where(redundancy > -1.0, redundancy, 0.0)
+    top = jnp.max(jnp.where(alive, redundancy, -jnp.inf))
+    alive = alive & (~redundant | (jnp.abs(redundancy - top) < _TIE))
+    return jnp.argmin(jnp.where(alive, bank.last_seen, jnp.iinfo(jnp.int32).max))
+
+
+def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, ""] | None) -> Bank:
+    """Joins two prototypes; weights are equal, or the hits up to `cap`.
+
+    Rule: method.md#prototype-merge.
+    """
+    weights = [1.0, 1.0]
+    if cap is not None:
+        weights = [
+            jnp.minimum(side.hits, jnp.maximum(1, cap)).astype(jnp.float32)
+            for side in (left, right)
+        ]
+    joined = Bank(
+        embedding=to_unit(weights[0] * left.embedding + weights[1] * right.embedding),
+        hits=left.hits + right.hits,
+        last_seen=jnp.maximum(jnp.maximum(left.last_seen, right.last_seen), now),
+        quality_recent=left.quality_recent,
+        quality_sum=left.quality_sum + right.quality_sum,
+        num_qualities=left.num_qualities + right.num_qualities,
+        size=left.size,
+    )
+    return dataclasses.replace(joined, quality_recent=mean_quality(joined))

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Num
 
-from remind_jax.decision import NEVER
+from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.rounding import divide

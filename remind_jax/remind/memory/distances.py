@@ -58,20 +58,6 @@ class Edges:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class PairOrder:
-    """What an object knows of the distances to two others, a and b.
-
-    Rule: method.md#distance-evidence.
-    """
-
-    count: Int[Array, "..."]  # episodes with both
-    first_share: Float[Array, "..."]  # share of them in which a was nearer than b
-    margin_mean: Float[Array, "..."]  # of the difference of the two distances, without sign
-    margin_deviation: Float[Array, "..."]  # its sample standard deviation
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
 class DistanceGraph:
     """Distances around every object (method.md#distance-episodes).
 
@@ -83,23 +69,6 @@ class DistanceGraph:
     edges: Edges  # leading axes [O O]
     nearer: Int[Array, "O O O"]  # episodes with a nearer than b; of equals the later slot is nearer
     margin: Float[Array, "O O O"]  # difference of both distances; a < b: mean, a > b: squares
-
-
-def read_pair_order(
-    graph: DistanceGraph, owner: Int[Array, "..."], a: Int[Array, "..."], b: Int[Array, "..."]
-) -> PairOrder:
-    """What the objects `owner` know of `a` and `b`; slots broadcast together."""
-    scalar = graph.margin.dtype
-    low, high = jnp.minimum(a, b), jnp.maximum(a, b)
-    first = graph.nearer[owner, a, b]
-    count = first + graph.nearer[owner, b, a]
-    spread = graph.margin[owner, high, low] / jnp.maximum(1, count - 1).astype(scalar)
-    return PairOrder(
-        count=count,
-        first_share=first.astype(scalar) / jnp.maximum(1, count).astype(scalar),
-        margin_mean=graph.margin[owner, low, high],
-        margin_deviation=jnp.where(count > 1, jnp.sqrt(jnp.maximum(0.0, spread)), 0.0),
-    )
 
 
 def empty_distances(

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import NO_ID
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
 
 

@@ -14,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import NO_ID, NUM_OPTIONS
+from remind_jax.decision import NUM_OPTIONS
+from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.remind.thresholds.outcome import Pending as Rules
-from remind_jax.solvers.assignment import UNASSIGNED, assign
+from remind_jax.solvers.assignment import assign
 
 _TINY = 1e-12
 
@@ -102,10 +103,10 @@ def join_tracks(
     def solve() -> Int[Array, "N"]:
         pairs = (affinity[:, age], valid[:, age], group, nothing, jnp.zeros((), bool))
         column = assign(*pairs, same[:, age], solver=solver)
-        return jnp.where(column == UNASSIGNED, UNASSIGNED, age[column])
+        return jnp.where(column == NO_SLOT, NO_SLOT, age[column])
 
     def skip() -> Int[Array, "N"]:
-        return jnp.full(len(group), UNASSIGNED, jnp.int32)
+        return jnp.full(len(group), NO_SLOT, jnp.int32)
 
     return branch(jnp.any(valid), solve, skip)
 
@@ -117,7 +118,7 @@ def _affinity(
     ambiguous = (items.kind == Kind.AMBIGUOUS)[:, None]
     same = (items.kind[:, None] == tracks.kind[None]) & (items.kind != Kind.FREE)[:, None]
     same = same & (items.class_id[:, None] == tracks.class_id[None])
-    overlap, one_sided, neither = _dice(items.known_id, tracks.known_id)
+    overlap, one_sided, neither = dice(items.known_id, tracks.known_id)
     scores = _score_overlap(items, tracks)
     scores = jnp.where(
         neither, jnp.where(~ambiguous & rules.provisional_without_parent, 1.0, 0.0), scores
@@ -150,7 +151,7 @@ def _creation_order(tracks: PendingTracks) -> Int[Array, "P"]:
     return jnp.where(tracks.kind == Kind.FREE, jnp.iinfo(jnp.int32).max, tracks.id)
 
 
-def _dice(
+def dice(
     left: Int[Array, "N K"], right: Int[Array, "P K"]
 ) -> tuple[Float[Array, "N P"], Bool[Array, "N P"], Bool[Array, "N P"]]:
     """Dice overlap of two sets of ids, whether exactly one is empty, and whether both are."""
@@ -196,21 +197,21 @@ def open_tracks(
       the slots needed in all.
     """
     slots = tracks.kind.shape[0]
-    fresh = (items.kind != Kind.FREE) & (joined == UNASSIGNED)
+    fresh = (items.kind != Kind.FREE) & (joined == NO_SLOT)
     free = tracks.kind == Kind.FREE
     order = jnp.argsort(~free, stable=True).astype(jnp.int32)
     turn = jnp.cumsum(fresh, dtype=jnp.int32) - 1
     num_free = jnp.sum(free, dtype=jnp.int32)
     opened = jnp.where(fresh & (turn < num_free), order[jnp.clip(turn, 0, slots - 1)], slots)
     needed = slots - num_free + jnp.sum(fresh, dtype=jnp.int32)
-    return jnp.where(joined == UNASSIGNED, opened, joined), needed
+    return jnp.where(joined == NO_SLOT, opened, joined), needed
 
 
 def write_tracks(
     tracks: PendingTracks, items: Items, slot: Int[Array, "N"], joined: Int[Array, "N"]
 ) -> PendingTracks:
     """Notes the undecided detections in their tracks; new tracks get ids by rising detection."""
-    fresh = joined == UNASSIGNED
+    fresh = joined == NO_SLOT
     new_id = jnp.zeros_like(slot)
     next_id = tracks.next_id
     for position, kind in enumerate((Kind.AMBIGUOUS, Kind.PROVISIONAL)):
@@ -236,48 +237,6 @@ def write_tracks(
         area=put(tracks.area, items.area),
         next_id=next_id,
     )
-
-
-def claim_origins(
-    tracks: PendingTracks,
-    is_new: Bool[Array, "N"],
-    class_id: Int[Array, "N"],
-    support_id: Int[Array, "N K"],
-    rules: Rules,
-) -> Bool[Array, "P"]:
-    """Provisional tracks that end because a new object grows out of them (method.md#birth-origins).
-
-    Args:
-      tracks: Tracks before the frame.
-      is_new: Detections that found an object.
-      class_id: Class of each detection.
-      support_id: Known objects that speak for each, -1 padding.
-      rules: Least overlap of support.
-    """
-    slots = tracks.kind.shape[0]
-
-    def claim(free: Bool[Array, "P"], one: tuple[Array, Array, Array]):
-        born, kind_of, support = one
-        same = free & (tracks.class_id == kind_of) & born
-        overlap, _, _ = _dice(support[None], tracks.known_id)
-        fits = same & (overlap[0] >= rules.origin_min_overlap)
-        # On equal overlap the later track wins.
-        best = fits & (overlap[0] == jnp.max(jnp.where(fits, overlap[0], -1.0)))
-        latest = jnp.argmax(jnp.where(best, tracks.id, NO_ID))
-        alone = same & ~tracks.from_parent
-        named = jnp.any(support >= 0)
-        by_name = fits & (jnp.arange(slots) == latest) & named
-        by_class = alone & ~named & (jnp.sum(alone) == 1)
-        return free & ~(by_name | by_class), None
-
-    waiting = tracks.kind == Kind.PROVISIONAL
-
-    def run() -> Bool[Array, "P"]:
-        free, _ = jax.lax.scan(claim, waiting, (is_new, class_id, support_id))
-        return waiting & ~free
-
-    needed = jnp.any(waiting) & jnp.any(is_new)
-    return branch(needed, run, lambda: jnp.zeros(slots, bool))
 
 
 def end_tracks(tracks: PendingTracks, ended: Bool[Array, "P"]) -> PendingTracks:

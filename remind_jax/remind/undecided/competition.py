@@ -11,10 +11,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import NO_ID, Reason
+from remind_jax.decision import Reason
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.thresholds.outcome import Competition
-from remind_jax.remind.undecided.temporal import NO_SLOT, Account, Entries, temporal_score
+from remind_jax.remind.undecided.provisional_commit import reserve_ids
+from remind_jax.remind.undecided.temporal import PairTable, temporal_score
 
 
 @jax.tree_util.register_dataclass
@@ -22,12 +25,12 @@ from remind_jax.remind.undecided.temporal import NO_SLOT, Account, Entries, temp
 class Rivalry:
     """Competitions of a frame, and what they found (method.md#provisional-commit)."""
 
-    entries: Entries
+    entries: Undecided
     reserved_id: Int[Array, "N"]  # id of the object that a detection founds, -1 none
 
 
 def find_competitions(
-    account: Account,
+    table: PairTable,
     objects: Objects,
     slot: Int[Array, "N"],
     creates: Bool[Array, "N"],
@@ -37,18 +40,18 @@ def find_competitions(
     """Finds new detections that score nearly as a matched detection does on its object.
 
     Args:
-      account: Scores and gates of all pairs.
+      table: Scores and gates of all pairs.
       objects: Objects known before the frame.
       slot: Matched object of each detection, -1 none.
       creates: Detections that would found an object.
       next_id: Next free object id.
       t: Thresholds.
     """
-    num, width = account.pairs.eligible.shape
-    known = account.pairs.score_known
+    num, width = table.pairs.eligible.shape
+    known = table.pairs.score_known
     holds = slot[:, None] == jnp.arange(width)
     held = jnp.any(holds, axis=0)
-    open_parents = account.comparison.candidate & held[None]
+    open_parents = table.comparison.candidate & held[None]
     parent = jnp.argmax(jnp.where(open_parents, known, -jnp.inf), axis=1)
     has_parent = jnp.any(open_parents, axis=1) & creates & t.enabled
     holder = jnp.argmax(holds, axis=0)[parent]
@@ -60,7 +63,7 @@ def find_competitions(
     fit = jnp.where(is_confirmed, t.confirmed_parents, (lifecycle <= Lifecycle.TENTATIVE) & young)
     least = jnp.where(is_confirmed, t.confirmed_min_score, t.min_score)
     widest = jnp.where(is_confirmed, t.confirmed_max_gap, t.max_gap)
-    blocked = at(account.plausible) & ~at(account.pairs.eligible)
+    blocked = at(table.plausible) & ~at(table.pairs.eligible)
     least = jnp.where(blocked, jnp.minimum(least, t.min_score), least)
     widest = jnp.where(blocked, jnp.maximum(widest, t.max_gap), widest)
     mine = at(known)
@@ -68,14 +71,14 @@ def find_competitions(
     ok = has_parent & fit & (mine >= least) & (theirs >= least)
     ok = ok & (jnp.abs(theirs - mine) <= widest)
 
-    supported = account.plausible & account.context.supported[None]
-    rival_score = jnp.maximum(known, temporal_score(account, supported))
+    supported = table.plausible & table.context.supported[None]
+    rival_score = jnp.maximum(known, temporal_score(table, supported))
 
     def has_rival(row: Int[Array, "N"]) -> Bool[Array, "N"]:
         """Another supported candidate of that detection is good enough as well."""
         among = supported[row]
         is_parent = parent[:, None] == jnp.arange(width)
-        asked = (jnp.sum(account.plausible[row], axis=1) >= 2) & (jnp.sum(among, axis=1) >= 2)
+        asked = (jnp.sum(table.plausible[row], axis=1) >= 2) & (jnp.sum(among, axis=1) >= 2)
         asked = asked & jnp.any(among & is_parent, axis=1)
         return asked & jnp.any(among & ~is_parent & (rival_score[row] >= least[:, None]), axis=1)
 
@@ -84,12 +87,6 @@ def find_competitions(
     crowded = (jnp.sum(claims, axis=0) > 1) & t.single_create
     best = jnp.argmax(jnp.where(claims, mine[:, None], -jnp.inf), axis=0)
     seed = ok & ~crowded[parent] & (best[parent] == jnp.arange(num))
-
-    # Ids are reserved by rising parent, behind all other births that the frame may bring.
-    by_parent = jnp.zeros(width, bool).at[jnp.where(seed, parent, width)].set(True, mode="drop")
-    turn = (jnp.cumsum(by_parent, dtype=jnp.int32) - 1)[parent]
-    others = jnp.sum(creates & ~seed, dtype=jnp.int32)
-    reserved = jnp.where(seed, next_id + others + turn, NO_ID)
 
     score = jnp.maximum(mine, theirs)
     virtual = width + jnp.arange(num)
@@ -104,11 +101,11 @@ def find_competitions(
         return own.at[of_seed].set(values, mode="drop")
 
     present = seed.at[of_seed].set(True, mode="drop")
-    entries = Entries(
+    entries = Undecided(
         present=present,
         slot=jnp.where(present[:, None], spread(pair), NO_SLOT),
         score=spread(scores),
         best=spread(score),
         reason=jnp.full(num, Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION, jnp.int32),
     )
-    return Rivalry(entries, reserved)
+    return Rivalry(entries, reserve_ids(seed, parent, creates, next_id, width))

@@ -9,16 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason, Status
-from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.set_order import iteration_rank
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.association.diagnosis import admit_by_status, top_two
-from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.association import Diagnosis, Matching
 from remind_jax.remind.thresholds.outcome import Provisional
 from remind_jax.remind.undecided.temporal import (
-    NO_SLOT,
-    Account,
-    Entries,
+    PairTable,
     is_close,
     judge,
     rank,
@@ -32,7 +29,7 @@ from remind_jax.remind.undecided.temporal import (
 class Doubts:
     """Unmatched detections that may be known after all."""
 
-    ambiguous: Entries  # several known objects
+    ambiguous: Undecided  # several known objects
     present: Bool[Array, "N"]  # provisional
     reason: Int[Array, "N"]  # decision.Reason
     best: Float[Array, "N"]
@@ -41,7 +38,7 @@ class Doubts:
     blocked: Bool[Array, "N K"]  # support that another detection holds
 
 
-def no_doubts(entries: Entries) -> Doubts:
+def no_doubts(entries: Undecided) -> Doubts:
     """No doubt about any of the detections that `entries` is about."""
     nothing = jax.tree.map(jnp.zeros_like, entries)
     nowhere = jnp.full_like(entries.slot, NO_SLOT)
@@ -57,7 +54,7 @@ def no_doubts(entries: Entries) -> Doubts:
 
 
 def question_births(
-    account: Account,
+    table: PairTable,
     creates: Bool[Array, "N"],
     held: Bool[Array, "O"],
     max_candidates: Int[Array, ""],
@@ -68,7 +65,7 @@ def question_births(
     """Asks of every detection that would found an object whether it could be a known one.
 
     Args:
-      account: Scores and gates of all pairs.
+      table: Scores and gates of all pairs.
       creates: Detections in question.
       held: Objects that some detection holds.
       max_candidates: Most candidates of an ambiguous detection.
@@ -76,11 +73,11 @@ def question_births(
       matching: Thresholds of a match.
       diagnosis: Thresholds of the visual diagnosis.
     """
-    candidate, plausible = account.comparison.candidate, account.plausible
-    visual = account.comparison.score
-    score = temporal_score(account, plausible)
-    raw_score = temporal_score(account, candidate)
-    supported = plausible & account.context.supported[None]
+    candidate, plausible = table.comparison.candidate, table.plausible
+    visual = table.comparison.score
+    score = temporal_score(table, plausible)
+    raw_score = temporal_score(table, candidate)
+    supported = plausible & table.context.supported[None]
     some = jnp.any(supported, axis=1)
     several = jnp.sum(supported, axis=1, keepdims=True) >= 2
     status, _, _ = judge(
@@ -142,46 +139,6 @@ def question_births(
         support_score=jnp.where(is_provisional[:, None], known_score, 0.0),
         blocked=blocked & is_provisional[:, None],
     )
-
-
-def support_births(
-    score: Float[Array, "N O"],
-    plausible: Bool[Array, "N O"],
-    objects: Objects,
-    class_id: Int[Array, "N"],
-    is_new: Bool[Array, "N"],
-) -> Int[Array, "N K"]:
-    """Slots of the known objects that speak for each new detection, the best first.
-
-    Rule: method.md#birth-origins.
-
-    Which of equals are named follows the order of the original's set of a class
-    (method.md#set-order); without any evidence all are equal.
-
-    Args:
-      score: Known score of each pair.
-      plausible: Pairs that context did not veto.
-      objects: Objects in memory.
-      class_id: Class of each detection.
-      is_new: Detections that found an object.
-    """
-    by_id, _ = rank(score, plausible)
-    last = jnp.take_along_axis(score, jnp.maximum(by_id[:, -1:], 0), axis=1)
-    equal, named = plausible & (score == last), to_mask(by_id, score.shape[1])
-    tie = is_new & (by_id[:, -1] != NO_SLOT) & jnp.any(equal & ~named, axis=1)
-
-    def by_set() -> Array:
-        same = objects.exists & (objects.class_id == class_id[:, None])
-        members = jnp.argsort(~same, axis=1, stable=True)
-        place = jax.vmap(iteration_rank)(objects.id[members], jnp.sum(same, axis=1))
-        order = jnp.take_along_axis(members, jnp.argsort(place, axis=1), axis=1)
-        at, _ = rank(
-            jnp.take_along_axis(score, order, axis=1), jnp.take_along_axis(plausible, order, axis=1)
-        )
-        slot = jnp.take_along_axis(order, jnp.maximum(at, 0), axis=1)
-        return jnp.where(at == NO_SLOT, NO_SLOT, slot).astype(jnp.int32)
-
-    return branch(jnp.any(tie), by_set, lambda: by_id)
 
 
 def _is_near_miss(
@@ -254,7 +211,7 @@ def _as_entries(
     present: Bool[Array, "N"],
     best: Float[Array, "N"],
     max_candidates: Int[Array, ""],
-) -> Entries:
+) -> Undecided:
     """Support of at least two as ambiguous candidates, by score, then the larger id."""
     named = known != NO_SLOT
     key = jnp.where(named, known_score, -jnp.inf)
@@ -269,7 +226,7 @@ def _as_entries(
         Reason.KNOWN_BUT_AMBIGUOUS_CONTEXTUAL_FALLBACK,
     )
     scores = jnp.take_along_axis(known_score, order, axis=1)
-    return Entries(
+    return Undecided(
         present=present,
         slot=slots,
         score=jnp.where(slots != NO_SLOT, scores, 0.0),

@@ -12,13 +12,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Source
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
-from remind_jax.remind.disambiguation.anchors import KnownScores
-from remind_jax.remind.disambiguation.distance_evidence import distance_evidence, frame_relations
-from remind_jax.remind.disambiguation.groups import Entries as Undecided
-from remind_jax.remind.disambiguation.known_sets import GroupAccount, settle_known_sets
-from remind_jax.remind.disambiguation.known_sets import Source as LayoutSource
+from remind_jax.remind.disambiguation.groups import Undecided
+from remind_jax.remind.disambiguation.known_sets import GroupOutcome, settle_known_sets
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
@@ -26,7 +24,7 @@ from remind_jax.remind.undecided.ambiguity import find_ambiguous
 from remind_jax.remind.undecided.competition import find_competitions
 from remind_jax.remind.undecided.provisional import Doubts, no_doubts, question_births
 from remind_jax.remind.undecided.stability import Stabilised, doubt_entries, stabilise
-from remind_jax.remind.undecided.temporal import NO_SLOT, Account, Entries, prefer
+from remind_jax.remind.undecided.temporal import PairTable, prefer
 from remind_jax.remind.undecided.uniqueness import withdraw_second_claims
 from remind_jax.static import Static
 
@@ -36,7 +34,7 @@ from remind_jax.static import Static
 class Round:
     """The question and the answer of one pass of the reconciliation."""
 
-    entries: Entries  # undecided at its start
+    entries: Undecided  # undecided at its start
     root: Int[Array, "N"]  # first detection of the closed group of each entry, -1 none
     proposed: Int[Array, "N"]  # candidate in the best assignment of that group, -1 if not scored
 
@@ -51,16 +49,16 @@ class Settlement:
     source: Int[Array, "N"]  # decision.Source of the match
     guarded: Int[Array, "N"]  # matched object after the guard of look-alikes
     creates: Bool[Array, "N"]  # founds an object unless it is ambiguous or provisional
-    ambiguous: Entries
+    ambiguous: Undecided
     doubts: Doubts
     reserved_id: Int[Array, "N"]  # id of the object that an ambiguous detection founds, -1 none
-    groups: GroupAccount  # what became of closed groups, leading axis: passes
+    groups: GroupOutcome  # what became of closed groups, leading axis: passes
     rounds: Round  # what each pass was asked and proposed, leading axis: passes
     stabilised: Stabilised  # what the guard of look-alikes saw
 
 
 def settle(
-    account: Account,
+    table: PairTable,
     assignment: Assignment,
     state: TrackerState,
     descriptors: Descriptors,
@@ -71,7 +69,7 @@ def settle(
     """Withdraws what is too close to call, lets layout decide, and asks again of what is new.
 
     Args:
-      account: Scores and gates of all pairs.
+      table: Scores and gates of all pairs.
       assignment: Result of the joint assignment.
       state: Memory before the frame.
       descriptors: Detections of the frame.
@@ -80,16 +78,16 @@ def settle(
       t: Thresholds.
     """
     objects, next_id = state.objects, state.next_id
-    stable = stabilise(account, assignment.slot, t.stability)
+    stable = stabilise(table, assignment.slot, t.stability)
     slot = stable.slot
     creates = descriptors.valid & (slot < 0)
-    doubtful = doubt_entries(account, stable, t.matching.min_visual, t.ambiguous.max_candidates)
+    doubtful = doubt_entries(table, stable, t.matching.min_visual, t.ambiguous.max_candidates)
     creates = creates & ~doubtful.present
-    rivalry = find_competitions(account, objects, slot, creates, next_id, t.competition)
-    policy = find_ambiguous(account, slot, creates, t.ambiguous)
+    rivalry = find_competitions(table, objects, slot, creates, next_id, t.competition)
+    policy = find_ambiguous(table, slot, creates, t.ambiguous)
     entries = prefer(rivalry.entries, prefer(doubtful, policy))
 
-    score = jnp.take_along_axis(account.pairs.score_final, jnp.maximum(slot, 0)[:, None], axis=1)
+    score = jnp.take_along_axis(table.pairs.score_final, jnp.maximum(slot, 0)[:, None], axis=1)
     open_ = _Open(
         slot=slot,
         score=jnp.where(slot >= 0, score[:, 0], 0.0),
@@ -100,14 +98,14 @@ def settle(
         doubts=no_doubts(entries),
     )
 
-    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[GroupAccount, Round]]:
-        return _reconcile(open_, turn, account, state, descriptors, relations, static, t)
+    def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[GroupOutcome, Round]]:
+        return _reconcile(open_, turn, table, state, descriptors, relations, static, t)
 
     turns = jnp.arange(static.max_passes, dtype=jnp.int32)
     open_, (groups, rounds) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
     second = withdraw_second_claims(
-        account, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
+        table, jnp.where(undecided, NO_SLOT, open_.slot), open_.score,
         t.matching.one_detection_each, t.ambiguous.max_candidates,
     )  # fmt: skip
     entries = prefer(open_.entries, second)
@@ -137,51 +135,48 @@ class _Open:
     source: Int[Array, "N"]
     turn: Int[Array, "N"]  # pass that made the match, 0 for the assignment
     creates: Bool[Array, "N"]
-    entries: Entries
+    entries: Undecided
     doubts: Doubts
 
 
 def _reconcile(
     open_: _Open,
     turn: Int[Array, ""],
-    account: Account,
+    table: PairTable,
     state: TrackerState,
     descriptors: Descriptors,
     relations: Relations,
     static: Static,
     t: Thresholds,
-) -> tuple[_Open, tuple[GroupAccount, Round]]:
+) -> tuple[_Open, tuple[GroupOutcome, Round]]:
     """One pass: layout settles closed groups, then births are questioned.
 
     Rule: method.md#settlement-rounds.
     """
     entries = open_.entries
     settled = settle_known_sets(
-        Undecided(entries.present, entries.slot, descriptors.class_id),
+        entries,
+        descriptors.class_id,
         open_.slot,
         open_.turn,
-        KnownScores(
-            account.pairs.score_known, account.comparison.candidate, account.pairs.eligible
-        ),
+        table.comparison.candidate,
+        table.pairs,
         state.objects.exists,
-        frame_relations(relations),
-        distance_evidence(state.distances),
+        relations,
+        state.distances,
         static,
         t.known_sets,
     )
     found = settled.resolved_slot >= 0
-    by_layout = jnp.where(
-        settled.source == LayoutSource.FULL, Source.DISTANCE_FULL, Source.DISTANCE_PARTIAL
-    )
     late = Source.DISTANCE_FULL_POSTCREATE - Source.DISTANCE_FULL
-    by_layout = by_layout + jnp.where(turn > 0, late, 0)
+    by_layout = settled.source + jnp.where(turn > 0, late, 0)
     slot = jnp.where(found, settled.resolved_slot, open_.slot)
     creates = open_.creates & ~found
     entries = dataclasses.replace(entries, present=settled.remaining)
 
-    held = jnp.any(slot[:, None] == jnp.arange(account.plausible.shape[1]), axis=0)
+    held = jnp.any(slot[:, None] == jnp.arange(table.plausible.shape[1]), axis=0)
     doubts = question_births(
-        account, creates & ~entries.present, held, t.ambiguous.max_candidates, t.provisional,
+        table, creates & ~entries.present, held, t.ambiguous.max_candidates, t.provisional,
         t.matching, t.diagnosis,
     )  # fmt: skip
     after = _Open(

@@ -19,10 +19,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.remind.association.gating import Gate
+from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.outcome import Stability
-from remind_jax.remind.undecided.temporal import NO_SLOT, Account, Entries, rank, temporal_score
+from remind_jax.remind.undecided.temporal import PairTable, rank, temporal_score
 
 MAX_MEMBERS = 4
 _ORDERS = np.array(list(itertools.permutations(range(MAX_MEMBERS))), np.int32)
@@ -51,17 +53,17 @@ class _Components:
     contested: Bool[Array, "N"]  # at least two detections and two objects
 
 
-def stabilise(account: Account, slot: Int[Array, "N"], t: Stability) -> Stabilised:
+def stabilise(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabilised:
     """Withdraws matches that a slightly different score would have swapped.
 
     Args:
-      account: Scores and gates of all pairs.
+      table: Scores and gates of all pairs.
       slot: Matched object of each detection, -1 none.
       t: Thresholds.
     """
-    parts = _find_components(account, slot)
+    parts = _find_components(table, slot)
     contested = parts.contested & t.enabled
-    first, second, close, gap = _compare_assignments(account, parts, t)
+    first, second, close, gap = _compare_assignments(table, parts, t)
     settled = contested & close
     undecided = settled & (first != second)
     current = slot[:, None] == jnp.arange(parts.edge.shape[1])
@@ -70,10 +72,10 @@ def stabilise(account: Account, slot: Int[Array, "N"], t: Stability) -> Stabilis
     rivals = jnp.where(few, parts.objects, named & parts.objects)
 
     slot_after = jnp.where(settled, jnp.where(undecided, NO_SLOT, first), slot)
-    fragile = _is_fragile(account, parts, slot, t) & contested & ~settled
+    fragile = _is_fragile(table, parts, slot, t) & contested & ~settled
 
     def solve() -> tuple[Array, Array]:
-        kept = _solve_greedily(account, parts, fragile, t)
+        kept = _solve_greedily(table, parts, fragile, t)
         has = jnp.any(kept, axis=1)
         return has, jnp.where(has, jnp.argmax(kept, axis=1).astype(jnp.int32), NO_SLOT)
 
@@ -94,20 +96,20 @@ def stabilise(account: Account, slot: Int[Array, "N"], t: Stability) -> Stabilis
 
 
 def doubt_entries(
-    account: Account,
+    table: PairTable,
     stabilised: Stabilised,
     min_visual: Float[Array, ""],
     max_candidates: Int[Array, ""],
-) -> Entries:
+) -> Undecided:
     """Turns doubtful detections into ambiguous ones, if two plausible rivals remain.
 
     Rule: method.md#stability-entries.
     """
-    members = stabilised.rivals & account.plausible & stabilised.doubtful[:, None]
-    score = temporal_score(account, members)
+    members = stabilised.rivals & table.plausible & stabilised.doubtful[:, None]
+    score = temporal_score(table, members)
     members = members & (score >= min_visual)
     slots, scores = rank(score, members, max_candidates, later_first=True)
-    return Entries(
+    return Undecided(
         present=jnp.sum(members, axis=1) >= 2,
         slot=slots,
         score=scores,
@@ -120,12 +122,12 @@ def _one_hot(slots: Int[Array, "N"], like: Bool[Array, "N O"]) -> Bool[Array, "N
     return slots[:, None] == jnp.arange(like.shape[1])
 
 
-def _find_components(account: Account, slot: Int[Array, "N"]) -> _Components:
+def _find_components(table: PairTable, slot: Int[Array, "N"]) -> _Components:
     """Connects matched detections through the eligible pairs with matched objects."""
-    num, width = account.pairs.eligible.shape
+    num, width = table.pairs.eligible.shape
     matched = slot >= 0
     taken = jnp.any(slot[:, None] == jnp.arange(width), axis=0)
-    edge = account.pairs.eligible & matched[:, None] & taken[None]
+    edge = table.pairs.eligible & matched[:, None] & taken[None]
     links = edge.astype(jnp.float32)
     reach = (links @ links.T) > 0
     for _ in range(max(1, (num - 1).bit_length())):
@@ -139,7 +141,7 @@ def _find_components(account: Account, slot: Int[Array, "N"]) -> _Components:
 
 
 def _compare_assignments(
-    account: Account, parts: _Components, t: Stability
+    table: PairTable, parts: _Components, t: Stability
 ) -> tuple[Int[Array, "N"], Int[Array, "N"], Bool[Array, "N"], Float[Array, "N"]]:
     """The two best complete assignments of each small component.
 
@@ -148,7 +150,7 @@ def _compare_assignments(
       component has two and they are too close, and how far the best one leads.
     """
     num, width = parts.edge.shape
-    known = account.pairs.score_known
+    known = table.pairs.score_known
     roots = jnp.arange(num)
     in_part = parts.root[None] == roots[:, None]
     objects = parts.objects & (parts.root == roots)[:, None]
@@ -207,12 +209,12 @@ def _pad_columns(index: Int[Array, "N X"], width: int) -> Int[Array, "N W"]:
 
 
 def _is_fragile(
-    account: Account, parts: _Components, slot: Int[Array, "N"], t: Stability
+    table: PairTable, parts: _Components, slot: Int[Array, "N"], t: Stability
 ) -> Bool[Array, "N"]:
     """Components with a fragile match that a rival pair beats (method.md#gating-fragile)."""
-    known, width = account.pairs.score_known, parts.edge.shape[1]
+    known, width = table.pairs.score_known, parts.edge.shape[1]
     current = slot[:, None] == jnp.arange(width)
-    gate = account.pairs.gate
+    gate = table.pairs.gate
     weak = t.rescued_fragile & (gate == Gate.SETS_RESCUE)
     weak = weak | (t.passed_fragile & (gate == Gate.PASS_MATCH_THR))
     fragile = jnp.any(current & weak & parts.edge, axis=1)
@@ -227,16 +229,16 @@ def _is_fragile(
 
 
 def _solve_greedily(
-    account: Account, parts: _Components, fragile: Bool[Array, "N"], t: Stability
+    table: PairTable, parts: _Components, fragile: Bool[Array, "N"], t: Stability
 ) -> Bool[Array, "N O"]:
     """Takes pairs by falling score; rescued ones must lead their rivals.
 
     Rule: method.md#gating-fragile.
     """
-    known, num = account.pairs.score_known, len(fragile)
+    known, num = table.pairs.score_known, len(fragile)
     edge = parts.edge & fragile[:, None]
     order = jnp.lexsort(
-        (-account.comparison.score.ravel(), -jnp.where(edge, known, -jnp.inf).ravel())
+        (-table.comparison.score.ravel(), -jnp.where(edge, known, -jnp.inf).ravel())
     )
     place = jnp.argsort(order, stable=True).reshape(edge.shape)
     last = jnp.iinfo(place.dtype).max
@@ -262,5 +264,5 @@ def _solve_greedily(
         return jnp.where(is_top & single, rest, top)
 
     rival = jnp.maximum(best_other(0), best_other(1))
-    stands = (account.pairs.gate == Gate.PASS_MATCH_THR) | (known >= rival + t.keep_margin)
+    stands = (table.pairs.gate == Gate.PASS_MATCH_THR) | (known >= rival + t.keep_margin)
     return taken & stands

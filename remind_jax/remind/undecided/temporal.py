@@ -12,18 +12,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import NUM_OPTIONS, Status
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.association.diagnosis import top_two
 from remind_jax.remind.association.gating import ContextVerdict, Pairs
 from remind_jax.remind.association.similarity import Comparison, comparable_score
+from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.association import Similarity
 
-NO_SLOT = -1
 _TINY = 1e-12
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Account:
+class PairTable:
     """All that the rules may ask about the pairs of a frame."""
 
     comparison: Comparison
@@ -38,30 +39,7 @@ class Account:
         return self.comparison.candidate & self.context.plausible
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Entries:
-    """Detections that stay ambiguous, with the objects that they could be."""
-
-    present: Bool[Array, "N"]
-    slot: Int[Array, "N K"]  # object slots, -1 padding; `O + n`: the object that detection n founds
-    score: Float[Array, "N K"]
-    best: Float[Array, "N"]
-    reason: Int[Array, "N"]  # decision.Reason
-
-
-def no_entries(num: int, scalar: jnp.dtype) -> Entries:
-    """No ambiguous detection."""
-    return Entries(
-        jnp.zeros(num, bool),
-        jnp.full((num, NUM_OPTIONS), NO_SLOT, jnp.int32),
-        jnp.zeros((num, NUM_OPTIONS), scalar),
-        jnp.zeros(num, scalar),
-        jnp.zeros(num, jnp.int32),
-    )
-
-
-def prefer(first: Entries, second: Entries) -> Entries:
+def prefer(first: Undecided, second: Undecided) -> Undecided:
     """Entries of both; where both have one, that of the first."""
 
     def pick(a: Array, b: Array) -> Array:
@@ -71,11 +49,11 @@ def prefer(first: Entries, second: Entries) -> Entries:
     return dataclasses.replace(merged, present=first.present | second.present)
 
 
-def temporal_score(account: Account, members: Bool[Array, "N O"]) -> Float[Array, "N O"]:
+def temporal_score(table: PairTable, members: Bool[Array, "N O"]) -> Float[Array, "N O"]:
     """T: the final score, or the score comparable within a set of candidates and its context."""
-    comparable = comparable_score(account.comparison, members, account.similarity)
-    known = jnp.maximum(account.pairs.score_final, comparable + account.context.bonus_raw[None])
-    return jnp.where(account.known_set_score, known, account.pairs.score_final)
+    comparable = comparable_score(table.comparison, members, table.similarity)
+    known = jnp.maximum(table.pairs.score_final, comparable + table.context.bonus_raw[None])
+    return jnp.where(table.known_set_score, known, table.pairs.score_final)
 
 
 def is_close(

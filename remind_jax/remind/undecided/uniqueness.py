@@ -10,29 +10,31 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason
-from remind_jax.remind.undecided.temporal import NO_SLOT, Account, Entries, rank, temporal_score
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.remind.disambiguation.groups import Undecided
+from remind_jax.remind.undecided.temporal import PairTable, rank, temporal_score
 
 
 def withdraw_second_claims(
-    account: Account,
+    table: PairTable,
     slot: Int[Array, "N"],
     score: Float[Array, "N"],
     enabled: Bool[Array, ""],
     most: Int[Array, ""],
-) -> Entries:
+) -> Undecided:
     """Finds detections whose object another detection holds with a better score.
 
     They become ambiguous between that object and their other plausible candidates. Among equals
     the first detection keeps the object.
 
     Args:
-      account: Scores and gates of all pairs.
+      table: Scores and gates of all pairs.
       slot: Matched object of each detection, -1 none.
       score: Of the match.
       enabled: Whether anything is withdrawn.
       most: Largest number of candidates named.
     """
-    num, width = account.plausible.shape
+    num, width = table.plausible.shape
     first = jnp.arange(num)
     rival = (slot[:, None] == slot[None]) & (slot >= 0)[:, None]
     better = score[None] > score[:, None]
@@ -40,9 +42,9 @@ def withdraw_second_claims(
     loses = jnp.any(rival & better, axis=1) & enabled
 
     claimed = slot[:, None] == jnp.arange(width)
-    others = account.plausible & ~claimed
-    slots, scores = rank(temporal_score(account, others), others, most - 1)
-    return Entries(
+    others = table.plausible & ~claimed
+    slots, scores = rank(temporal_score(table, others), others, most - 1)
+    return Undecided(
         present=loses,
         slot=jnp.concatenate([slot[:, None], slots[:, :-1]], axis=1),
         score=jnp.concatenate([score[:, None], scores[:, :-1]], axis=1),

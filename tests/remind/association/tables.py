@@ -31,7 +31,7 @@ from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import Account
+from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
 
 NUM, SLOTS, PENDING = 5, 8, 1  # detections, objects, undecided tracks
@@ -185,14 +185,14 @@ def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
     context = read_context(reasoning, rules, t.ambiguous)
     assignment = associate(comparison, evidence, context, frame.class_id, STATIC, t.matching)
     pairs = assignment.pairs
-    account = Account(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
+    table = PairTable(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
     apart = jnp.zeros((NUM, NUM), STATIC.scalar)
     never = jnp.zeros((NUM, NUM), bool)
     relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
-    settlement = settle(account, assignment, state, descriptors, relations, STATIC, t)
+    settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, STATIC.margin, t.diagnosis)
     decisions = decide(
-        objects, masks, descriptors, account, anchors, evidence, final, assignment, settlement,
+        objects, masks, descriptors, table, anchors, evidence, final, assignment, settlement,
         STATIC,
     )  # fmt: skip
     return Verdict(decisions, comparison, assignment, anchors)

@@ -24,7 +24,7 @@ from remind_jax.remind.association.similarity import (
     Score,
     Terms,
 )
-from remind_jax.remind.memory.bank import Bank, empty_bank
+from remind_jax.remind.memory.prototypes import Bank, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static

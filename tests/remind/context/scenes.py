@@ -19,9 +19,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.remind.context.evidence import NeighbourEvidence, neighbour_evidence
+from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.reasoning import Reasoning, reason
-from remind_jax.remind.memory.cooccurrence import empty_cooccurrence
+from remind_jax.remind.memory.cooccurrence import conditional, empty_cooccurrence
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 
@@ -95,15 +95,24 @@ def thresholds(precision: str = "float64", **changed: dict[str, Any]) -> Thresho
     )
 
 
-def evidence_of(conditional: np.ndarray, **changed: Any) -> NeighbourEvidence:
-    """A memory of which only the conditional probabilities matter, unless more is given."""
-    square, row = np.zeros(conditional.shape, np.int32), np.zeros(len(conditional), np.int32)
-    evidence = NeighbourEvidence(conditional, square, row, square.astype(float), square, square)  # pyright: ignore[reportArgumentType]
-    return dataclasses.replace(evidence, **changed)
+def view_of(
+    shares: Any,
+    *,
+    exists: Any = None,
+    object_class: Any = None,
+    anchors: Any = None,
+    detections: Any = (None, None, None),
+    **graph: Any,
+) -> FrameView:
+    """A view of which only the conditional probabilities matter, unless more is given."""
+    empty = empty_cooccurrence(len(shares), np.dtype("float64"))
+    return FrameView(
+        dataclasses.replace(empty, **graph), shares, exists, object_class, anchors, *detections
+    )
 
 
-def read_evidence(scene: Scene, t: Thresholds, static: Static) -> NeighbourEvidence:
-    """What the memory of a scene tells."""
+def read_view(scene: Scene, t: Thresholds, static: Static) -> FrameView:
+    """What the context reads of a scene."""
     graph = empty_cooccurrence(scene.episodes.shape[0], static.scalar)
     graph = dataclasses.replace(
         graph,
@@ -113,37 +122,35 @@ def read_evidence(scene: Scene, t: Thresholds, static: Static) -> NeighbourEvide
         edge_time=scene.edge_time,
         edge_order=scene.edge_order,
     )
-    return neighbour_evidence(graph, scene.object_class >= 0, t.cooccurrence)
-
-
-def think(scene: Scene, t: Thresholds, static: Static) -> Reasoning:
-    """The whole package on one scene."""
-    exists, det_valid = scene.object_class >= 0, scene.det_class >= 0
-    candidate = (scene.det_class[:, None] == scene.object_class) & det_valid[:, None] & exists
-    return reason(
-        read_evidence(scene, t, static),
-        exists,
-        scene.object_class,
-        scene.anchors,
-        scene.det_class,
-        scene.det_score.astype(static.scalar),
-        det_valid,
-        candidate,
-        scene.score.astype(static.scalar),
-        jnp.asarray(VISUAL_GATE, static.scalar),
-        static,
-        t.sets,
-        t.influence,
-        t.veto,
+    exists = scene.object_class >= 0
+    return FrameView(
+        graph=graph,
+        conditional=conditional(graph, jnp.sum(exists, dtype=jnp.int32), t.cooccurrence),
+        exists=exists,
+        object_class=scene.object_class,
+        anchors=scene.anchors,
+        det_class=scene.det_class,
+        det_score=scene.det_score.astype(static.scalar),
+        det_valid=scene.det_class >= 0,
     )
 
 
-_think = jax.jit(think, static_argnames="static")
+def read_context(scene: Scene, t: Thresholds, static: Static) -> Reasoning:
+    """The whole package on one scene."""
+    view = read_view(scene, t, static)
+    candidate = scene.det_class[:, None] == scene.object_class
+    candidate = candidate & view.det_valid[:, None] & view.exists
+    gate = jnp.asarray(VISUAL_GATE, static.scalar)
+    score = scene.score.astype(static.scalar)
+    return reason(view, candidate, score, gate, static, t.sets, t.influence, t.veto)
 
 
-def think_on(scene: Scene, static: Static = STATIC, **changed: dict[str, Any]) -> Reasoning:
+_read = jax.jit(read_context, static_argnames="static")
+
+
+def read_on(scene: Scene, static: Static = STATIC, **changed: dict[str, Any]) -> Reasoning:
     """The whole package on one scene, on the host; thresholds as in `thresholds`."""
-    return jax.device_get(_think(scene, thresholds(**changed), static))
+    return jax.device_get(_read(scene, thresholds(**changed), static))
 
 
 def example() -> Scene:

@@ -11,7 +11,7 @@ from remind_jax.remind.context.evidence import join_links
 from remind_jax.remind.context.frame_classes import group_by_class
 from remind_jax.static import Static
 
-from .scenes import Scene, example, read_evidence, thresholds
+from .scenes import Scene, example, read_view, thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
 NUM, SLOTS = 3, 5
@@ -20,14 +20,10 @@ STATIC = Static(precision="float64", beam_width=10)
 
 @functools.partial(jax.jit, static_argnames="static")
 def _prepare(scene, t, static):
-    evidence = read_evidence(scene, t, static)
-    exists, det_valid = scene.object_class >= 0, scene.det_class >= 0
-    classes = group_by_class(
-        evidence, exists, scene.object_class, scene.anchors, scene.det_class, scene.det_score,
-        det_valid, static, t.sets,
-    )  # fmt: skip
-    links = join_links(evidence, np.int32(1), static, t.sets)
-    return classes, np.sum(det_valid, dtype=np.int32), evidence, links
+    view = read_view(scene, t, static)
+    classes = group_by_class(view, static, t.sets)
+    links = join_links(view, np.int32(1), static, t.sets)
+    return classes, np.sum(view.det_valid, dtype=np.int32), view, links
 
 
 _expand = jax.jit(expand_by_class, static_argnames="static")
@@ -46,15 +42,12 @@ def small_example(**changed) -> Scene:
 def walk(scene: Scene) -> list[Beam]:
     """The beam after every class."""
     t = thresholds()
-    classes, total, evidence, links = _prepare(scene, t, static=STATIC)
+    classes, total, view, links = _prepare(scene, t, static=STATIC)
     beams = [empty_beam(NUM, SLOTS, STATIC)]
     for step in range(int(classes.num)):
         beams.append(
-            _expand(
-                beams[-1], classes, np.int32(step), total, evidence, scene.anchors, links,
-                static=STATIC, t=t.sets,
-            )
-        )  # fmt: skip
+            _expand(beams[-1], classes, np.int32(step), total, view, links, static=STATIC, t=t.sets)
+        )
     return jax.device_get(beams[1:])
 
 

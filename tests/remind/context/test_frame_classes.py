@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.frame_classes import FrameClasses, group_by_class
-from remind_jax.remind.context.member_sets import NOBODY
 from remind_jax.static import Static
 
-from .scenes import evidence_of, thresholds
+from .scenes import thresholds, view_of
 
 NUM, SLOTS = 5, 7
 SMALL = Static(num_detections=NUM, num_objects=SLOTS, class_pool=3, class_detections=2)
@@ -23,8 +23,12 @@ _group = jax.jit(group_by_class, static_argnames="static")
 
 def group(memory, detections, static=SMALL) -> FrameClasses:
     conditional, episodes, *objects = memory
-    evidence = evidence_of(conditional, episodes=episodes)
-    return jax.device_get(_group(evidence, *objects, *detections, static=static, t=_rules()))
+    exists, object_class, anchors = objects
+    view = view_of(
+        conditional, episodes=episodes, exists=exists, object_class=object_class, anchors=anchors,
+        detections=detections,
+    )  # fmt: skip
+    return jax.device_get(_group(view, static=static, t=_rules()))
 
 
 @functools.cache
@@ -99,8 +103,8 @@ def test_classes_come_as_by_a_plain_sort(frame):
         assert found.pool_size[row] == len(pool)
         assert found.detections[row, : len(shown)].tolist() == shown
         assert found.pool[row, : len(pool)].tolist() == pool
-        assert np.all(found.detections[row, len(shown) :] == NOBODY)
-        assert np.all(found.pool[row, len(pool) :] == NOBODY)
+        assert np.all(found.detections[row, len(shown) :] == NO_SLOT)
+        assert np.all(found.pool[row, len(pool) :] == NO_SLOT)
     assert not np.any(found.pool_size[len(plain) :])
 
 

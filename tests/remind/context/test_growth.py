@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.context.growth import (
     choice_mask,
@@ -15,7 +16,7 @@ from remind_jax.remind.context.growth import (
     join_chosen,
     members_by_choice,
 )
-from remind_jax.remind.context.member_sets import NOBODY, MemberSet, empty_set
+from remind_jax.remind.context.member_sets import MemberSet, empty_set
 
 from .scenes import thresholds
 from .test_member_sets import weigh_plainly
@@ -25,7 +26,8 @@ SLOTS, MEMBERS, MOST = 9, 6, 3  # object slots, most members, most newcomers
 ROUNDING = 1e-12  # float64 sums of at most five links
 STARTS = [[], [4], [8, 0], [2, 7, 5], [0, 1, 8]]  # sets before the choice, by order of entry
 RANKED = np.array(  # objects to choose from
-    [[3, 6, 1, 5], [6, 3, 0, 8], [1, 3, 6, 2], [6, 0, 1, NOBODY], [6, 3, NOBODY, NOBODY]], np.int32
+    [[3, 6, 1, 5], [6, 3, 0, 8], [1, 3, 6, 2], [6, 0, 1, NO_SLOT], [6, 3, NO_SLOT, NO_SLOT]],
+    np.int32,
 )
 
 
@@ -50,7 +52,7 @@ def make_sets() -> MemberSet:
     num = len(STARTS)
     one = jax.device_get(empty_set(MEMBERS, SLOTS, jnp.dtype("float64")))
     empty = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (num, *leaf.shape)), one)
-    chosen = np.full((num, MOST), NOBODY, np.int32)
+    chosen = np.full((num, MOST), NO_SLOT, np.int32)
     for row, members in enumerate(STARTS):
         chosen[row, : len(members)] = members
     parent = np.zeros(num, np.int32)
@@ -66,7 +68,7 @@ def list_choices():
                 chosen = [*RANKED[row, : max(count - 1, 0)]]
                 if count:
                     chosen.append(RANKED[row, count - 1 + variant])
-                if NOBODY not in chosen:
+                if NO_SLOT not in chosen:
                     yield row, count, variant, start + [int(one) for one in chosen]
 
 
@@ -80,7 +82,7 @@ def test_joined_sets_know_their_members():
 
 def test_sets_may_share_a_parent():
     """The first and the third new set grow from one parent, the second from another."""
-    chosen = np.full((len(STARTS), MOST), NOBODY, np.int32)
+    chosen = np.full((len(STARTS), MOST), NO_SLOT, np.int32)
     chosen[0, 0], chosen[1, :2], chosen[2, 0] = 3, [6, 3], 6
     parent = np.array([2, 1, 2, 0, 0], np.int32)
     grown = jax.device_get(

@@ -10,7 +10,7 @@ import pytest
 from remind_jax.remind.context.hypotheses import find_hypotheses, no_hypotheses
 from remind_jax.static import Static
 
-from .scenes import read_evidence, thresholds
+from .scenes import read_view, thresholds
 from .test_beam import NUM, SLOTS, list_rows, small_example, two_alike, walk
 
 pytestmark = pytest.mark.usefixtures("x64")
@@ -19,17 +19,7 @@ STATIC = Static(precision="float64", beam_width=10, num_hypotheses=5)
 
 @functools.partial(jax.jit, static_argnames="static")
 def _find(scene, t, static):
-    return find_hypotheses(
-        read_evidence(scene, t, static),
-        scene.object_class >= 0,
-        scene.object_class,
-        scene.anchors,
-        scene.det_class,
-        scene.det_score,
-        scene.det_class >= 0,
-        static,
-        t.sets,
-    )
+    return find_hypotheses(read_view(scene, t, static), static, t.sets)
 
 
 def find(scene, **changed):

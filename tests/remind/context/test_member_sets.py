@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import minimum_spanning_tree
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.context.member_sets import (
-    NOBODY,
     LinkCounts,
     empty_set,
     extend_paths,
@@ -44,14 +44,14 @@ def weigh_plainly(strength):
 
 @jax.jit
 def _weigh_in_order(strength, order):
-    """Tree of the objects that enter one after the other; NOBODY ends the list."""
+    """Tree of the objects that enter one after the other; NO_SLOT ends the list."""
     blank = jnp.zeros_like(strength, bool)
     links = Links(maturity=strength[0], strength=strength, present=blank)
     start = empty_set(OBJECTS, OBJECTS, strength.dtype)
     slot = line_up(start, order)
     path = start.path
     for entry, link in enumerate(link_strengths(order, slot, links)):
-        path = extend_paths(path, link, jnp.where(order[entry] == NOBODY, NOBODY, entry))
+        path = extend_paths(path, link, jnp.where(order[entry] == NO_SLOT, NO_SLOT, entry))
     return slot, weigh_tree(path)
 
 
@@ -65,7 +65,7 @@ def test_paths_yield_the_maximum_spanning_tree(strengths, order, count):
     strength = np.zeros((OBJECTS, OBJECTS))
     strength[np.triu_indices(OBJECTS, 1)] = strengths
     strength += strength.T
-    newcomers = np.where(np.arange(OBJECTS) < count, order, NOBODY).astype(np.int32)
+    newcomers = np.where(np.arange(OBJECTS) < count, order, NO_SLOT).astype(np.int32)
     slot, weight = jax.device_get(_weigh_in_order(strength, newcomers))
     np.testing.assert_array_equal(slot, newcomers)
     members = np.array(order[:count], int)
@@ -76,10 +76,10 @@ def test_paths_yield_the_maximum_spanning_tree(strengths, order, count):
 def test_newcomers_line_up_behind_the_members():
     one = dataclasses.replace(
         empty_set(4, 9, jnp.dtype("float64")),
-        slot=jnp.array([7, 2, NOBODY, NOBODY]),
+        slot=jnp.array([7, 2, NO_SLOT, NO_SLOT]),
         size=jnp.int32(2),
     )
-    np.testing.assert_array_equal(line_up(one, jnp.array([5, NOBODY])), [7, 2, 5, NOBODY])
+    np.testing.assert_array_equal(line_up(one, jnp.array([5, NO_SLOT])), [7, 2, 5, NO_SLOT])
     np.testing.assert_array_equal(line_up(one, jnp.array([5, 8, 1])), [7, 2, 5, 8])
 
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from remind_jax.remind.context.member_sets import NOBODY
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.options import (
     largest_choice,
     list_options,
@@ -21,7 +21,7 @@ from remind_jax.remind.context.options import (
 )
 from remind_jax.static import Static
 
-from .scenes import evidence_of, thresholds
+from .scenes import thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
 MOST, POOL = 3, 5  # most detections of a class; most objects of it
@@ -47,7 +47,7 @@ def _list(support, has_kernel, pool, pool_size, num_detections, t, most, static)
 def choices(support, has_kernel, pool, num_detections, most=MOST, static=SMALL):
     """Options of one set, its menu, and most objects that can be chosen; `pool` latest first."""
     place = np.arange(static.class_pool + 1)
-    listed = np.where(place < len(pool), np.resize(pool, len(place)), NOBODY).astype(np.int32)
+    listed = np.where(place < len(pool), np.resize(pool, len(place)), NO_SLOT).astype(np.int32)
     told = np.where(place < len(pool), np.resize(support, len(place)), 0.0)
     options, menu, largest = jax.device_get(
         _list(
@@ -100,7 +100,7 @@ def test_choices_are_rated_by_the_rules(support, has_kernel, num_detections):
     places = MOST + 1
     known = min(places, len(pool))
     assert options.ranked[:known].tolist() == ranked[:known]
-    assert np.all(options.ranked[known:] == NOBODY)
+    assert np.all(options.ranked[known:] == NO_SLOT)
     assert options.target == target
     assert largest == min(num_detections, len(pool))
     assert_close(options.stability, stability)
@@ -147,8 +147,8 @@ def test_equal_support_prefers_late_objects():
 
 @functools.partial(jax.jit, static_argnames="static")
 def _support(members, anchors, pool, conditional, maturity, t, static):
-    evidence = evidence_of(conditional)
-    return support_by_kernel(members, anchors, pool, evidence, maturity, static, t)
+    view = view_of(conditional, anchors=anchors)
+    return support_by_kernel(members, pool, view, maturity, static, t)
 
 
 def support_plainly(members, anchors, one, conditional, maturity, kernel_size):
@@ -166,7 +166,7 @@ def test_support_by_the_kernel():
     generator = np.random.default_rng(0)
     slots, sets, kernel_size = 7, 40, 3
     static = Static(precision="float64", set_kernel=kernel_size)
-    pool = np.array([6, 4, 1, NOBODY], np.int32)
+    pool = np.array([6, 4, 1, NO_SLOT], np.int32)
     conditional = generator.choice([0.0, 0.04, 0.05, 0.3, 0.7], (slots, slots))
     maturity = generator.random(slots)
     members = generator.random((sets, slots)) < generator.random((sets, 1))

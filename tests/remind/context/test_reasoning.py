@@ -20,8 +20,8 @@ from .scenes import (
     list_scenes,
     load_expected,
     load_scenes,
-    think,
-    think_on,
+    read_context,
+    read_on,
     thresholds,
 )
 
@@ -61,7 +61,7 @@ def assert_silent(influence: Influence) -> None:
 def test_frozen_scenes_are_read_as_by_the_plain_rules():
     expected = load_expected()
     for index, scene in enumerate(list_scenes()):
-        found = think_on(scene)
+        found = read_on(scene)
         want = {name: values[index] for name, values in expected.items()}
         hypotheses, influence = found.hypotheses, found.influence
         np.testing.assert_array_equal(hypotheses.valid, want["hyp_valid"])
@@ -121,9 +121,9 @@ def test_padding_and_batches_change_nothing():
         det_score=widen(scenes.det_score, (1, dets)),
         score=widen(scenes.score, (1, dets), (2, more)),
     )
-    read = jax.jit(jax.vmap(functools.partial(think, static=STATIC), in_axes=(0, None)))
+    read = jax.jit(jax.vmap(functools.partial(read_context, static=STATIC), in_axes=(0, None)))
     together = jax.device_get(read(wide, thresholds()))
-    alone = [think_on(scene) for scene in list_scenes()]
+    alone = [read_on(scene) for scene in list_scenes()]
     alone = jax.tree.map(lambda *leaves: np.stack(leaves), *alone)
 
     def compare(path, narrow, broad):
@@ -139,7 +139,7 @@ def test_padding_and_batches_change_nothing():
 
 def test_worked_example():
     """method.md#example-company; rounded to six places."""
-    found = think_on(example())
+    found = read_on(example())
     hypotheses, influence = found.hypotheses, found.influence
     assert hypotheses.valid.sum() == 7
     sets = [set(np.flatnonzero(row)) for row in hypotheses.members[:7]]
@@ -162,7 +162,7 @@ def test_worked_example():
 
 def test_empty_memory():
     scene = dataclasses.replace(empty_scene(), det_class=example().det_class)
-    found = think_on(scene)
+    found = read_on(scene)
     assert_nothing_found(found.hypotheses)
     assert_silent(found.influence)
     assert found.influence.enabled
@@ -174,7 +174,7 @@ def test_empty_memory():
 def test_no_detection_of_a_known_class(det_class):
     """No detection at all, or only of a class that no object has: classes are still summed up."""
     scene = dataclasses.replace(example(), det_class=np.full(NUM, det_class, np.int32))
-    found = think_on(scene)
+    found = read_on(scene)
     assert_nothing_found(found.hypotheses)
     assert_silent(found.influence)
     # Anchors 0 and 3 speak for object 1 alone: one of two objects of its class is ruled out, and
@@ -191,7 +191,7 @@ def test_one_detection_is_explained_by_nothing_or_one_object():
     scene = dataclasses.replace(
         scene, det_class=np.where(np.arange(NUM) == 1, 1, -1).astype(np.int32)
     )
-    found = think_on(scene)
+    found = read_on(scene)
     sizes = found.hypotheses.size[found.hypotheses.valid]
     assert sorted(sizes) == [0, 1, 1]
     np.testing.assert_array_equal(found.hypotheses.detections.any(0), np.arange(NUM) == 1)
@@ -202,7 +202,7 @@ def test_objects_without_episodes_make_sets_of_score_zero():
     scene = dataclasses.replace(
         example(), count=np.zeros((SLOTS, SLOTS), np.int32), episodes=np.zeros(SLOTS, np.int32)
     )
-    found = think_on(scene)
+    found = read_on(scene)
     assert found.hypotheses.valid.sum() == 7
     assert not np.any(found.hypotheses.score)
     # The best score is 0, so every member is as good as the best.
@@ -212,7 +212,7 @@ def test_objects_without_episodes_make_sets_of_score_zero():
 
 def test_switched_off_nothing_is_said():
     scene = list_scenes()[0]
-    found = think_on(scene, influence={"enabled": False})
+    found = read_on(scene, influence={"enabled": False})
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(found.influence))
     assert_nothing_found(found.hypotheses)
     assert not np.any(found.veto)

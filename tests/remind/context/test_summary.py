@@ -21,7 +21,7 @@ from .scenes import (
     example,
     list_scenes,
     load_expected,
-    read_evidence,
+    read_view,
     thresholds,
 )
 
@@ -32,16 +32,7 @@ assert_close = functools.partial(np.testing.assert_allclose, rtol=0, atol=ROUNDI
 
 @functools.partial(jax.jit, static_argnames="static")
 def _summarize(hypotheses, scene, t, static):
-    return summarize(
-        hypotheses,
-        read_evidence(scene, t, static),
-        scene.object_class >= 0,
-        scene.object_class,
-        scene.anchors,
-        static,
-        t.sets,
-        t.influence,
-    )
+    return summarize(hypotheses, read_view(scene, t, static), static, t.sets, t.influence)
 
 
 def summarize_on(hypotheses, scene, **changed):

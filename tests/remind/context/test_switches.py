@@ -23,7 +23,7 @@ from remind_jax.config.dotted_keys import nest
 from remind_jax.remind.context.veto import expect_neighbours
 from remind_jax.static import Static
 
-from .scenes import GOLDEN, STATIC, UNIT, Scene, read_evidence, think
+from .scenes import GOLDEN, STATIC, UNIT, Scene, read_context, read_view
 
 pytestmark = pytest.mark.usefixtures("x64")
 ROUNDING = 1e-12  # float64 sums and products of some tens of numbers below 1
@@ -70,7 +70,7 @@ def configure(settings: dict[str, Any]) -> Config:
     return Config.from_reference(nest(settings))
 
 
-_think = jax.jit(think, static_argnames="static")
+_think = jax.jit(read_context, static_argnames="static")
 
 
 def answer_on(scene: Scene, settings: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -121,8 +121,8 @@ def expected_by(scene: Scene, config: Config) -> np.ndarray:
         name: getattr(config.static, name) for name in ("expected_neighbours", "context_hypotheses")
     }
     static = dataclasses.replace(STATIC, **listed)
-    evidence = read_evidence(scene, t, static)
-    return np.asarray(_expect(evidence, t.sets.min_link, static=static, t=t.veto))
+    view = read_view(scene, t, static)
+    return np.asarray(_expect(view, t.sets.min_link, static=static, t=t.veto))
 
 
 def test_length_of_the_list_of_expected_neighbours():

@@ -11,7 +11,7 @@ from remind_jax.remind.context.veto import Veto, expect_neighbours, plausibly_in
 from remind_jax.remind.thresholds.context import Veto as Rules
 from remind_jax.static import Static
 
-from .scenes import evidence_of, thresholds
+from .scenes import thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
 SHORT = Static(precision="float64", expected_neighbours=4, context_hypotheses=2)
@@ -46,8 +46,8 @@ def test_expected_neighbours():
     time = generator.integers(0, 3, (slots, slots)).astype(np.int32)
     order = generator.permuted(np.tile(np.arange(slots, dtype=np.int32), (slots, 1)), axis=1)
     told = generator.choice([0.02, 0.05, 0.2, 0.3, 0.6], (slots, slots))
-    evidence = evidence_of(told, count=count, weight=weight, last_seen=time, order=order)
-    found = np.asarray(_expect(evidence, LEAST, static=SHORT, t=thresholds().veto))
+    view = view_of(told, count=count, weight=weight, edge_time=time, edge_order=order)
+    found = np.asarray(_expect(view, LEAST, static=SHORT, t=thresholds().veto))
     lengths = set()
     for row in range(slots):
         keys = weight[row], time[row], order[row]
@@ -62,8 +62,8 @@ def test_only_the_first_edges_count():
     static = Static(precision="float64", max_neighbours=2)
     told, count = np.full((6, 6), 0.3), np.ones((6, 6), np.int32)
     order = np.tile(np.arange(6, dtype=np.int32), (6, 1))
-    evidence = evidence_of(told, count=count, order=order)
-    found = np.asarray(_expect(evidence, LEAST, static=static, t=thresholds().veto))
+    view = view_of(told, count=count, edge_order=order)
+    found = np.asarray(_expect(view, LEAST, static=static, t=thresholds().veto))
     np.testing.assert_array_equal(found, np.tile(np.arange(6) < 2, (6, 1)))
 
 
@@ -138,11 +138,11 @@ def is_outside_plainly(felt: Influence, one: int, t: Rules) -> bool:
 )
 def test_objects_outside_the_context(quality, changed, vetoes):
     felt = draw_influence(quality)
-    evidence = evidence_of(np.zeros((OBJECTS, OBJECTS)))
+    view = view_of(np.zeros((OBJECTS, OBJECTS)))
     candidate = np.stack([np.ones(OBJECTS, bool), np.arange(OBJECTS) % 2 == 0])
     found = np.asarray(
         _veto(
-            felt, evidence, candidate, np.zeros(candidate.shape), GATE, LEAST,
+            felt, view, candidate, np.zeros(candidate.shape), GATE, LEAST,
             static=Static(precision="float64", max_neighbours=1), t=thresholds(veto=changed).veto,
         )
     )  # fmt: skip
@@ -167,11 +167,11 @@ def meet(expected: int, hits: int, *, episodes=4, seen=3, quality=0.45, felt=(),
     told = np.zeros((MANY, MANY))
     told[0, 1 : expected + 1] = 0.5
     count = (told > 0).astype(np.int32)
-    evidence = evidence_of(
+    view = view_of(
         told,
         count=count,
         episodes=np.full(MANY, episodes, np.int32),
-        order=np.cumsum(count, axis=1),
+        edge_order=np.cumsum(count, axis=1),
     )
     influence = dataclasses.replace(
         no_influence(MANY, np.dtype("float64")),
@@ -187,7 +187,7 @@ def meet(expected: int, hits: int, *, episodes=4, seen=3, quality=0.45, felt=(),
     score[0, :] = 0.95  # its own candidates do not count
     rules = thresholds(veto={**MASS, **changed}).veto
     found = _veto(
-        influence, evidence, np.ones((MANY, MANY), bool), score, GATE, LEAST,
+        influence, view, np.ones((MANY, MANY), bool), score, GATE, LEAST,
         static=Static(precision="float64"), t=rules,
     )  # fmt: skip
     return Veto(int(np.asarray(found)[0, 0]))

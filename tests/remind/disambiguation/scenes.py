@@ -15,10 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.remind.disambiguation.anchors import KnownScores
-from remind_jax.remind.disambiguation.distance_evidence import DistanceEvidence, FrameRelations
-from remind_jax.remind.disambiguation.groups import Entries
+from remind_jax.remind.association.gating import Pairs, initial_pairs
+from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.disambiguation.known_sets import settle_known_sets
+from remind_jax.remind.memory.distances import DistanceGraph, Edges, empty_distances
+from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
@@ -30,13 +31,15 @@ NUM_OBJECTS = 8
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    entries: Any
+    undecided: Any
+    class_id: Any
     matched_slot: Any
     matched_pass: Any
-    scores: Any
+    candidate: Any
+    pairs: Any
     object_exists: Any
     relations: Any
-    evidence: Any
+    graph: Any
 
 
 @functools.cache
@@ -54,10 +57,6 @@ def load_scenes(precision: str = "float64") -> Scene:
             return (value / UNIT).astype(precision)
         return value if value.dtype == bool else value.astype(np.int32)
 
-    def read_all(kind: type, prefix: str) -> Any:
-        names = [field.name for field in dataclasses.fields(kind)]
-        return kind(**{name: read(prefix + name) for name in names})
-
     low, high = np.triu_indices(NUM_OBJECTS, 1)
 
     def unfold(above: np.ndarray, below: np.ndarray) -> np.ndarray:
@@ -65,20 +64,73 @@ def load_scenes(precision: str = "float64") -> Scene:
         cube[..., low, high], cube[..., high, low] = above, below
         return cube
 
-    names = [field.name for field in dataclasses.fields(DistanceEvidence)][:-2]
-    squares = {name: read("evidence." + name) for name in names}
     first = read("evidence.pair_first")
     nearer = unfold(first, read("evidence.pair_n") - first)
     mean, squares_sum = (read(f"evidence.pair_margin_{name}") for name in ("mean", "m2"))
     return Scene(
-        Entries(read("present"), read("candidates"), read("class_id")),
+        undecided(read("present"), read("candidates")),
+        read("class_id"),
         read("matched_slot"),
         read("matched_pass"),
-        read_all(KnownScores, ""),
+        read("candidate"),
+        known_pairs(read("score"), read("eligible")),
         read("object_exists"),
-        read_all(FrameRelations, "relations."),
-        DistanceEvidence(**squares, nearer=nearer, margin=unfold(mean, squares_sum)),
+        relations_of(
+            read("relations.gap"),
+            gap_valid=read("relations.gap_valid"),
+            center_distance=read("relations.centre"),
+            gap_quality=read("relations.gap_quality"),
+            truncated=read("relations.truncation") > 0,
+            contact=read("relations.state"),
+            support=read("relations.support_like"),
+        ),
+        graph_of(
+            Edges(
+                contact_count=read("evidence.contact"),
+                gap_count=read("evidence.gap_n"),
+                gap_mean=read("evidence.gap_mean"),
+                center_mean=read("evidence.centre_mean"),
+                support_mean=read("evidence.support_mean"),
+            ),
+            nearer,
+            unfold(mean, squares_sum),
+        ),
     )
+
+
+def undecided(present: Any, slot: Any) -> Undecided:
+    """Entries of which only the options matter."""
+    slot = np.asarray(slot, np.int32)
+    row = np.zeros(slot.shape[:-1], np.int32)
+    return Undecided(np.asarray(present), slot, np.zeros(slot.shape), row * 0.0, row)  # pyright: ignore[reportArgumentType]
+
+
+def known_pairs(score: Any, eligible: Any) -> Pairs:
+    """Pairs of which only the known score matters."""
+    return dataclasses.replace(initial_pairs(score), eligible=eligible)
+
+
+def relations_of(gap: Any, **changed: Any) -> Relations:
+    """Detections that lie apart by these gaps, clearly seen."""
+    gap = np.asarray(gap)
+    plain = Relations(
+        gap=gap,  # pyright: ignore[reportArgumentType]
+        center_distance=np.zeros_like(gap),  # pyright: ignore[reportArgumentType]
+        contact=np.zeros(gap.shape, np.int32),  # pyright: ignore[reportArgumentType]
+        support=np.zeros_like(gap),  # pyright: ignore[reportArgumentType]
+        gap_valid=np.ones(gap.shape, bool),  # pyright: ignore[reportArgumentType]
+        gap_quality=np.ones_like(gap),  # pyright: ignore[reportArgumentType]
+        truncated=np.zeros(gap.shape, bool),  # pyright: ignore[reportArgumentType]
+        valid=np.ones(gap.shape, bool),  # pyright: ignore[reportArgumentType]
+    )
+    return dataclasses.replace(plain, **changed)
+
+
+def graph_of(edges: Edges, nearer: Any, margin: Any) -> DistanceGraph:
+    """A memory of distances, without relations that wait for an episode."""
+    pending = empty_distances(1, np.dtype("float64")).pending
+    waiting = jax.tree.map(lambda leaf: np.zeros((*nearer.shape[:-3], *leaf.shape)), pending)
+    return DistanceGraph(waiting, edges, nearer, margin)
 
 
 def thresholds(precision: str = "float64", **changes: Any) -> KnownSets:

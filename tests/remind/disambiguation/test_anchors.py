@@ -5,17 +5,15 @@ import pytest
 
 from remind_jax.remind.disambiguation.anchors import (
     Group,
-    KnownScores,
     Voters,
     choose_anchors,
     find_voters,
     rate_anchors,
 )
-from remind_jax.remind.disambiguation.distance_evidence import Edges, PairOrders
+from remind_jax.remind.disambiguation.distance_evidence import KnownDistances, PairOrders
 from remind_jax.static import Static
 
-from .scenes import thresholds
-from .test_groups import relations_at
+from .scenes import known_pairs, relations_of, thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
 
@@ -42,7 +40,7 @@ def voters(slots, factor=1.0):
 
 def test_usefulness_of_the_lamp_of_the_page():
     """method.md#example-lamp, from the distances in millionths that are given there."""
-    edges = Edges(
+    edges = KnownDistances(
         reliability=jnp.full((2, 1), 0.5**0.5),
         has_gap=jnp.ones((2, 1), bool),
         distance=jnp.array([[3.033333], [1.010708]]),
@@ -52,7 +50,7 @@ def test_usefulness_of_the_lamp_of_the_page():
     orders = PairOrders(share > 0, 0 * share, share, 2.022625 * share, 0.706447 * share)
     distance = np.array([[0.0, 0.0, 0.978875], [0.0, 0.0, 2.75], [0.978875, 2.75, 0.0]])
     lamp = Voters(jnp.array([True]), jnp.array([2]), jnp.array([2]), jnp.ones(1))
-    relations = relations_at(distance)
+    relations = relations_of(distance)
     quality = rate_anchors(pair_group(), lamp, edges, orders, relations, thresholds())
     np.testing.assert_allclose(quality, 0.867661, atol=2e-6)
 
@@ -97,7 +95,8 @@ def find(known, matched_slot, *, undecided=(), matched_pass=None, eligible=None,
         np.array(matched_slot),
         np.zeros(num, np.int32) if matched_pass is None else np.array(matched_pass),
         np.ones(num_objects, bool),
-        KnownScores(known, np.ones(known.shape, bool), open_pairs),
+        np.ones(known.shape, bool),
+        known_pairs(known, open_pairs),
         Static(soft_anchors=soft_limit),
         thresholds(),
     )

@@ -7,28 +7,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
-from remind_jax.remind.disambiguation.distance_evidence import FrameRelations
-from remind_jax.remind.disambiguation.groups import Entries, form_groups, measure_affinity
+from remind_jax.remind.disambiguation.groups import form_groups, measure_affinity
 from remind_jax.static import Static
 
-from .scenes import thresholds
+from .scenes import relations_of, thresholds, undecided
 
 NUM_DETECTIONS, NUM_OBJECTS = 7, 6
 _form = jax.jit(form_groups, static_argnames="static")
 _measure = jax.jit(measure_affinity)
-
-
-def relations_at(distance):
-    shape = np.shape(distance)
-    return FrameRelations(
-        gap=np.asarray(distance, np.float32),
-        gap_valid=np.ones(shape, bool),
-        centre=np.zeros(shape, np.float32),
-        gap_quality=np.ones(shape, np.float32),
-        truncation=np.zeros(shape, np.float32),
-        state=np.zeros(shape, np.int32),
-        support_like=np.zeros(shape, np.float32),
-    )
 
 
 def edge_table(*edges, num=NUM_OBJECTS):
@@ -44,9 +30,10 @@ def form(present, candidates, class_id, *, exists=None, table=None, distance=Non
     distance = np.full((num, num), 9.0) if distance is None else distance
     return jax.device_get(
         _form(
-            Entries(np.array(present), np.array(candidates, np.int32), np.array(class_id)),
+            undecided(present, candidates),
+            np.array(class_id),
             np.ones(NUM_OBJECTS, bool) if exists is None else exists,
-            relations_at(distance),
+            relations_of(distance.astype(np.float32)),
             edge_table() if table is None else table,
             np.zeros((NUM_OBJECTS, NUM_OBJECTS, 4), np.int32),
             Static(),
@@ -120,16 +107,16 @@ def test_repeated_and_missing_candidates():
     [
         ({}, 1.0),
         ({"gap_quality": 0.0}, 0.65),
-        ({"truncation": 1.0}, 0.5),
+        ({"truncated": True}, 0.5),
         # support 0.5: informative 1 - 0.4, agreement 0.5 + 0.25 * 0.5 instead of 0.75
-        ({"support_like": 0.5}, 0.6 * 0.625 / 0.75),
+        ({"support": 0.5}, 0.6 * 0.625 / 0.75),
         # touching in 4 of 4 episodes: agreement 1 instead of 0.75
-        ({"state": 3}, 1.0 / 0.75),
+        ({"contact": 3}, 1.0 / 0.75),
     ],
 )
 def test_affinity_weighs_what_was_seen(change, factor):
     """method.md#undecided-groups, one edge in one direction: half its similarity times weight."""
-    relations = relations_at(np.full((2, 2), 0.6))
+    relations = relations_of(np.full((2, 2), 0.6, np.float32))
     for name, value in change.items():
         old = getattr(relations, name)
         relations = dataclasses.replace(relations, **{name: np.full_like(old, value)})

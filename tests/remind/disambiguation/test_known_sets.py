@@ -6,14 +6,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.remind.disambiguation.anchors import KnownScores
-from remind_jax.remind.disambiguation.distance_evidence import DistanceEvidence, FrameRelations
-from remind_jax.remind.disambiguation.groups import Entries
+from remind_jax.decision import Source
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus
-from remind_jax.remind.disambiguation.known_sets import Source, settle_known_sets
+from remind_jax.remind.disambiguation.known_sets import settle_known_sets
+from remind_jax.remind.memory.distances import Edges
+from remind_jax.remind.perception.relations import Contact
 from remind_jax.static import Static
 
-from .scenes import NUM_OBJECTS, Scene, load_scenes, load_stored, settle_scenes, thresholds
+from .scenes import (
+    NUM_OBJECTS,
+    Scene,
+    graph_of,
+    known_pairs,
+    load_scenes,
+    load_stored,
+    relations_of,
+    settle_scenes,
+    thresholds,
+    undecided,
+)
 
 ROUNDING = 1e-12  # float64 sums of a hundred terms below 30 in another order
 
@@ -27,7 +38,8 @@ def test_frozen_scenes_are_settled_as_by_the_plain_rules():
     settled = settle_scenes(load_scenes())
     np.testing.assert_array_equal(settled.resolved_slot, expected("resolved_slot"))
     np.testing.assert_array_equal(settled.remaining, expected("remaining"))
-    np.testing.assert_array_equal(settled.source, expected("full"))
+    sources = np.array([Source.NONE, Source.DISTANCE_FULL, Source.DISTANCE_PARTIAL])
+    np.testing.assert_array_equal(settled.source, sources[expected("full")])
     np.testing.assert_array_equal(settled.root, expected("root"))
     np.testing.assert_array_equal(settled.groups.status, expected("status"))
     np.testing.assert_array_equal(settled.groups.num_detections, expected("n_det"))
@@ -57,13 +69,13 @@ def test_decisions_hold_in_float32():
 def test_answers_are_consistent():
     scenes = load_scenes("float32")
     settled = settle_scenes(scenes, "float32")
-    entries, slot = scenes.entries, settled.resolved_slot
+    entries, slot = scenes.undecided, settled.resolved_slot
     resolved = slot >= 0
     assert not np.any(resolved & ~entries.present)
     assert not np.any(resolved & settled.remaining)
     assert not np.any(settled.remaining & ~entries.present)
     np.testing.assert_array_equal(resolved, settled.source != Source.NONE)
-    named = np.any(entries.candidates == slot[..., None], axis=-1)
+    named = np.any(entries.slot == slot[..., None], axis=-1)
     assert np.all(named[resolved])
     for objects, roots in zip(slot, settled.root, strict=True):
         for root in np.unique(roots[objects >= 0]):
@@ -88,34 +100,29 @@ def test_capacities_and_padding_do_not_matter():
         old = np.pad(np.ones(value.shape, bool), pad)
         return np.where(old, wide, noise.integers(0, 2, wide.shape).astype(value.dtype))
 
-    def evidence_axes(name):
-        return [(axis, more) for axis in ((1, 2, 3) if name in ("nearer", "margin") else (1, 2))]
-
-    candidates = widen(scenes.entries.candidates, (1, dets))
+    entries, graph = scenes.undecided, scenes.graph
+    candidates = widen(entries.slot, (1, dets))
     virtual = candidates >= NUM_OBJECTS
-    evidence = {
-        field.name: widen(getattr(scenes.evidence, field.name), *evidence_axes(field.name))
-        for field in dataclasses.fields(scenes.evidence)
-    }
+    cube = [(axis, more) for axis in (1, 2, 3)]
     never = lambda value, axis, count: np.pad(  # noqa: E731
         value, [(0, count if i == axis else 0) for i in range(value.ndim)]
     )
     wide = Scene(
-        Entries(
-            never(scenes.entries.present, 1, dets),
-            np.where(virtual, candidates + more, candidates),
-            widen(scenes.entries.class_id, (1, dets)),
+        undecided(
+            never(entries.present, 1, dets), np.where(virtual, candidates + more, candidates)
         ),
+        widen(scenes.class_id, (1, dets)),
         np.pad(scenes.matched_slot, ((0, 0), (0, dets)), constant_values=-1),
         widen(scenes.matched_pass, (1, dets)),
-        KnownScores(
-            widen(scenes.scores.score, (1, dets), (2, more)),
-            never(widen(scenes.scores.candidate, (2, more)), 1, dets),
-            widen(scenes.scores.eligible, (1, dets), (2, more)),
-        ),
+        never(widen(scenes.candidate, (2, more)), 1, dets),
+        jax.tree.map(lambda value: widen(value, (1, dets), (2, more)), scenes.pairs),
         never(scenes.object_exists, 1, more),
         jax.tree.map(lambda value: widen(value, (1, dets), (2, dets)), scenes.relations),
-        DistanceEvidence(**evidence),
+        graph_of(
+            jax.tree.map(lambda value: widen(value, (1, more), (2, more)), graph.edges),
+            widen(graph.nearer, *cube),
+            widen(graph.margin, *cube),
+        ),
     )
     plain, grown = settle_scenes(scenes, "float32"), settle_scenes(wide, "float32")
     num = plain.root.shape[1]
@@ -135,11 +142,13 @@ def test_order_of_detections_does_not_matter(random):
     rows = lambda value: value[:, order]  # noqa: E731
     shuffled = dataclasses.replace(
         scenes,
-        entries=jax.tree.map(rows, scenes.entries),
+        undecided=jax.tree.map(rows, scenes.undecided),
+        class_id=rows(scenes.class_id),
         matched_slot=rows(scenes.matched_slot),
         # Of two matches of one object the later lends its place; ranks keep who is later.
         matched_pass=rows(scenes.matched_pass * len(order) + np.arange(len(order), dtype=np.int32)),
-        scores=jax.tree.map(rows, scenes.scores),
+        candidate=rows(scenes.candidate),
+        pairs=jax.tree.map(rows, scenes.pairs),
         relations=jax.tree.map(lambda value: value[:, order][:, :, order], scenes.relations),
     )
     plain, mixed = settle_scenes(scenes, "float32"), settle_scenes(shuffled, "float32")
@@ -152,13 +161,13 @@ def test_nothing_happens(why):
     scenes = load_scenes("float32")
     changes = {"enabled": False} if why == "disabled" else {}
     if why == "no entries":
-        none = np.zeros_like(scenes.entries.present)
+        none = np.zeros_like(scenes.undecided.present)
         scenes = dataclasses.replace(
-            scenes, entries=dataclasses.replace(scenes.entries, present=none)
+            scenes, undecided=dataclasses.replace(scenes.undecided, present=none)
         )
     settled = settle_scenes(scenes, "float32", **changes)
     assert np.all(settled.resolved_slot == -1)
-    np.testing.assert_array_equal(settled.remaining, scenes.entries.present)
+    np.testing.assert_array_equal(settled.remaining, scenes.undecided.present)
     assert np.all(settled.groups.status == GroupStatus.NONE)
 
 
@@ -205,42 +214,31 @@ def chairs_and_lamp(chair_scores):
             table[cell] = value
         return table
 
-    evidence = DistanceEvidence(
-        rel_n=put(square, {(0, 2): 3, (1, 2): 3}, np.int32),
-        gap_n=put(square, {(0, 2): 3, (1, 2): 3}, np.int32),
+    apart = Contact.SEPARATE
+    edges = Edges(
+        contact_count=put((*square, 4), {(0, 2, apart): 3, (1, 2, apart): 3}, np.int32),
+        gap_count=put(square, {(0, 2): 3, (1, 2): 3}, np.int32),
         gap_mean=put(square, {(0, 2): 3.033333, (1, 2): 1.010708}),
-        centre_mean=np.zeros(square),
-        support_mean=np.zeros(square),
-        contact=np.zeros((*square, 4), np.int32),
-        nearer=put(cube, {(2, 1, 0): 3}, np.int32),
-        margin=put(cube, {(2, 0, 1): 2.022625, (2, 1, 0): 2 * 0.002598**2}),
+        center_mean=np.zeros(square),  # pyright: ignore[reportArgumentType]
+        support_mean=np.zeros(square),  # pyright: ignore[reportArgumentType]
     )
+    nearer = put(cube, {(2, 1, 0): 3}, np.int32)
+    margin = put(cube, {(2, 0, 1): 2.022625, (2, 1, 0): 2 * 0.002598**2})
     gaps = {(0, 2): 0.978875, (2, 0): 0.978875, (1, 2): 2.75, (2, 1): 2.75}
     frame = (num_detections,) * 2
-    relations = FrameRelations(
-        gap=put(frame, gaps),
-        gap_valid=np.ones(frame, bool),
-        centre=np.zeros(frame),
-        gap_quality=np.ones(frame),
-        truncation=np.zeros(frame),
-        state=np.zeros(frame, np.int32),
-        support_like=np.zeros(frame),
-    )
     score, candidate = np.zeros((2, num_detections, num_objects))
     score[:2, :2], score[2, 2] = chair_scores, 0.9
     candidate[:2, :2] = candidate[2, 2] = 1
     return Scene(
-        Entries(
-            np.array([True, True, False, False]),
-            np.array([[0, 1, -1], [1, 0, -1], [-1] * 3, [-1] * 3], np.int32),
-            np.array([0, 0, 1, -1], np.int32),
-        ),
+        undecided([True, True, False, False], [[0, 1, -1], [1, 0, -1], [-1] * 3, [-1] * 3]),
+        np.array([0, 0, 1, -1], np.int32),
         np.array([-1, -1, 2, -1], np.int32),
         np.zeros(num_detections, np.int32),
-        KnownScores(score, candidate > 0, candidate > 0),
+        candidate > 0,
+        known_pairs(score, candidate > 0),
         np.array([True, True, True, False]),
-        relations,
-        evidence,
+        relations_of(put(frame, gaps)),
+        graph_of(edges, nearer, margin),
     )
 
 
@@ -282,12 +280,12 @@ def test_looks_do_not_overrule_the_layout():
 
 def likely_lamp(scene, score, threshold):
     """The lamp's detection is not matched, but it may be the lamp."""
-    known = scene.scores.score.copy()
+    known = scene.pairs.score_known.copy()
     known[2, 2] = score
     open_scene = dataclasses.replace(
         scene,
         matched_slot=np.full(4, -1, np.int32),
-        scores=dataclasses.replace(scene.scores, score=known),
+        pairs=known_pairs(known, scene.pairs.eligible),
     )
     return settle_one(open_scene, thresholds(soft_min_score=threshold))
 
@@ -306,9 +304,9 @@ def test_a_likely_object_votes_at_its_full_quality():
 @pytest.mark.usefixtures("x64")
 def test_a_decided_object_that_is_likely_elsewhere_votes_twice():
     scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
-    known, candidate = scene.scores.score.copy(), scene.scores.candidate.copy()
+    known, candidate = scene.pairs.score_known.copy(), scene.candidate.copy()
     known[3, 2], candidate[3, 2] = 0.9, True
-    twice = dataclasses.replace(scene, scores=KnownScores(known, candidate, candidate))
+    twice = dataclasses.replace(scene, candidate=candidate, pairs=known_pairs(known, candidate))
     once, settled = settle_one(scene, thresholds()), settle_one(twice, thresholds())
     assert settled.groups.num_anchors[0] == 2
     np.testing.assert_allclose(settled.groups.evidence[0], 2 * once.groups.evidence[0])
@@ -319,18 +317,16 @@ def test_a_decided_object_that_is_likely_elsewhere_votes_twice():
 def test_an_open_group_stays_undecided():
     """A third chair opens the group: the layout cannot say which one is absent."""
     scene = chairs_and_lamp([[0.80, 0.79], [0.81, 0.80]])
-    candidates = scene.entries.candidates.copy()
+    candidates = scene.undecided.slot.copy()
     candidates[0, 2] = 3
     opened = dataclasses.replace(
         scene,
-        entries=dataclasses.replace(scene.entries, candidates=candidates),
+        undecided=undecided(scene.undecided.present, candidates),
         object_exists=np.ones(4, bool),
     )
     virtual = dataclasses.replace(
         scene,
-        entries=dataclasses.replace(
-            scene.entries, candidates=np.where(candidates == 3, 4, candidates)
-        ),
+        undecided=undecided(scene.undecided.present, np.where(candidates == 3, 4, candidates)),
     )
     assert settle_one(opened, thresholds()).groups.status[0] == GroupStatus.NOT_CLOSED
     closed = settle_one(virtual, thresholds())

@@ -354,7 +354,9 @@ def descriptors_of(num: int, **fields):
     """Descriptors of `num` detections with nothing in them but the given fields."""
     from remind_jax.observation import Descriptors
 
-    dim = max([v.shape[-1] for k, v in fields.items() if k in ("appearance", "parts", "rings")])
+    dim = max(
+        [v.shape[-1] for k, v in fields.items() if k in ("appearance", "parts", "rings")], default=1
+    )
     empty = dict(
         appearance=np.zeros((num, 2, dim), np.float32),
         appearance_valid=np.zeros((num, 2), bool),

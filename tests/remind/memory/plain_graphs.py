@@ -4,8 +4,11 @@ Rules: method.md#episodes, method.md#distance-episodes.
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+
+from remind_jax.remind.memory.distances import DistanceGraph
 
 
 @dataclasses.dataclass
@@ -93,3 +96,24 @@ class PlainDistances:
 
 def _median(values) -> float:
     return float(np.median(np.asarray(values, np.float32)))
+
+
+@dataclasses.dataclass
+class PairOrder:
+    """What an object remembers of the distances to two others (method.md#distance-evidence)."""
+
+    count: np.ndarray  # episodes with both
+    first_share: np.ndarray  # share of them in which the first was nearer
+    margin_mean: np.ndarray
+    margin_deviation: np.ndarray  # sample standard deviation
+
+
+def read_order(graph: DistanceGraph, owner: Any, first: Any, second: Any) -> PairOrder:
+    """Reads the cube of a distance graph; slots broadcast together."""
+    nearer, margin = np.asarray(graph.nearer), np.asarray(graph.margin)
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    won = nearer[owner, first, second]
+    count = won + nearer[owner, second, first]
+    spread = margin[owner, high, low] / np.maximum(1, count - 1)
+    deviation = np.where(count > 1, np.sqrt(np.maximum(0, spread)), 0)
+    return PairOrder(count, won / np.maximum(1, count), margin[owner, low, high], deviation)

@@ -6,9 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.remind.memory.appearance import GLOBAL, TRIMMED, appearance_quality
-from remind_jax.remind.memory.bank import DualBank, Permit, confidence, empty_bank
-from remind_jax.remind.remember import _observe_appearance
+from remind_jax.remind.memory.bank import Permit
+from remind_jax.remind.memory.channels import (
+    GLOBAL,
+    TRIMMED,
+    appearance_quality,
+    observe_appearance,
+)
+from remind_jax.remind.memory.prototypes import DualBank, confidence, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Appearance
 from remind_jax.static import Static
@@ -40,7 +45,7 @@ def watch(banks, views, patch_sum, permit, thresholds, static):
         seen = jnp.ones(view.shape[:2], bool)
         num = view.shape[0]
         shown = descriptors_of(num, appearance=view, appearance_valid=seen, patch_sum=patches)
-        banks = _observe_appearance(banks, shown, permit, now, static, thresholds)
+        banks = observe_appearance(banks, shown, permit, now, static, thresholds)
         return banks, banks
 
     now = jnp.arange(len(views), dtype=jnp.int32)

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.remind.memory.background import ring_quality
-from remind_jax.remind.memory.bank import Bank, DualBank, Permit, empty_bank
-from remind_jax.remind.remember import _observe_rings
+from remind_jax.remind.memory.bank import Permit
+from remind_jax.remind.memory.channels import observe_rings, ring_quality
+from remind_jax.remind.memory.prototypes import Bank, DualBank, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
 from remind_jax.static import Static
@@ -43,7 +43,7 @@ def watch(banks, views, ring_patches, solidity, permit, thresholds, static):
             view.shape[0], rings=view, rings_valid=patches > 0, ring_patches=patches,
             mask_quality=solid,
         )  # fmt: skip
-        banks = _observe_rings(banks, shown, permit, now, static, thresholds)
+        banks = observe_rings(banks, shown, permit, now, static, thresholds)
         return banks, banks
 
     now = jnp.arange(len(views), dtype=jnp.int32)

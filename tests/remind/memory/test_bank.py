@@ -5,28 +5,30 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from remind_jax.numerics.absent import NEVER
 from remind_jax.remind.memory.bank import (
-    NEVER,
     Arrival,
-    DualBank,
     Room,
+    make_room,
+    merge_entries,
+    place,
+    weakest,
+)
+from remind_jax.remind.memory.prototypes import (
+    DualBank,
     append,
     closest_pair,
     confidence,
     count_quality,
     empty_bank,
     live,
-    make_room,
     mean_quality,
-    merge_entries,
     move_towards,
     nearest,
     new_entry,
-    place,
     remove,
     similarities,
     similarity_rate,
-    weakest,
     write,
 )
 

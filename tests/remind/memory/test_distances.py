@@ -17,7 +17,6 @@ from remind_jax.remind.memory.cooccurrence import (
 )
 from remind_jax.remind.memory.distances import (
     empty_distances,
-    read_pair_order,
     reorder_distances,
     update_distances,
 )
@@ -26,7 +25,7 @@ from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.remind.thresholds.relations import Relations as Rules
 from remind_jax.static import Static
 
-from .plain_graphs import PlainDistances
+from .plain_graphs import PlainDistances, read_order
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "graphs" / "layout_graph_alt.npz"
 WELFORD = 1e-5  # float32 running means of up to some dozen values of order ten
@@ -124,7 +123,7 @@ def test_chairs_and_lamp_of_the_page(x64):
     np.testing.assert_array_equal(edges.count[:2, 2], [3, 3])
     # printed with six decimals; the gaps come from float32 distance transforms
     np.testing.assert_allclose(edges.gap_mean[:2, 2], [3.033333, 1.010708], atol=2e-6)
-    order = read_pair_order(graph, jnp.int32(2), jnp.int32(0), jnp.int32(1))
+    order = read_order(graph, 2, 0, 1)
     np.testing.assert_array_equal([order.count, order.first_share], [3, 0])
     np.testing.assert_allclose(order.margin_mean, 2.022625, atol=2e-6)
     np.testing.assert_allclose(order.margin_deviation, 0.002598, atol=2e-6)
@@ -135,7 +134,7 @@ def test_order_statistics_of_the_page():
     for first, second in [(0.2, 0.5), (0.2, 0.7), (0.3, 0.2), (0.1, 0.5)]:
         near = relate(symmetric((0, 2, first), (1, 2, second)))
         graph = update(graph, near, [0, 1, 2], [False, False, True])
-    order = read_pair_order(graph, jnp.int32(2), jnp.array([0, 1]), jnp.array([1, 0]))
+    order = read_order(graph, 2, np.array([0, 1]), np.array([1, 0]))
     np.testing.assert_array_equal(order.count, [4, 4])
     np.testing.assert_array_equal(order.first_share, [0.75, 0.25])
     np.testing.assert_allclose(order.margin_mean, [0.325, 0.325], atol=1e-6)  # float32
@@ -342,7 +341,7 @@ def test_graphs_of_the_original(x64):
     for name in ("gap", "center", "support"):
         ours = getattr(edges, f"{name}_mean")[edge]
         np.testing.assert_allclose(ours, data[f"dist_{name}"], **close)
-    order = read_pair_order(graph, *slots_of("pair", "src", "first", "second"))
+    order = read_order(graph, *slots_of("pair", "src", "first", "second"))
     np.testing.assert_array_equal(order.count, data["pair_count"])
     first = np.round(order.first_share * order.count)
     np.testing.assert_array_equal(first, data["pair_first_before"])

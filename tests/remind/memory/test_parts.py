@@ -6,8 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.remind.memory.bank import DualBank, Permit, empty_bank
-from remind_jax.remind.remember import _observe_parts
+from remind_jax.remind.memory.bank import Permit
+from remind_jax.remind.memory.channels import observe_parts
+from remind_jax.remind.memory.prototypes import DualBank, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Parts
 from remind_jax.static import Static
@@ -39,7 +40,7 @@ def watch(banks, parts, valid, permit, thresholds, static):
         shown = descriptors_of(
             vectors.shape[0], parts=vectors[:, None], parts_valid=exists[:, None]
         )
-        banks = _observe_parts(banks, shown, permit, now, static, thresholds)
+        banks = observe_parts(banks, shown, permit, now, static, thresholds)
         return banks, banks
 
     now = jnp.arange(len(parts), dtype=jnp.int32)

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from remind_jax.decision import NO_ID, NUM_OPTIONS
+from remind_jax.decision import NUM_OPTIONS
+from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.memory.pending import (
     Items,
     Kind,
-    claim_origins,
     end_tracks,
     join_tracks,
     no_pending,
@@ -27,6 +27,7 @@ from remind_jax.remind.memory.pending import (
 )
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.outcome import Pending
+from remind_jax.remind.undecided.provisional_commit import claim_origins
 
 pytestmark = pytest.mark.usefixtures("x64")
 

@@ -7,13 +7,20 @@ import numpy as np
 import pytest
 
 from remind_jax.observation import RingPatches
-from remind_jax.remind.memory.bank import DualBank, Permit, empty_bank
-from remind_jax.remind.memory.ring_prototypes import observe_ring_prototypes
+from remind_jax.remind.memory.bank import Permit
+from remind_jax.remind.memory.channels import observe_ring_prototypes
+from remind_jax.remind.memory.prototypes import DualBank, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
 from remind_jax.remind.thresholds.perception import RingPrototypes
 from remind_jax.static import Static
-from tests.remind.memory.list_banks import Banks, assert_same, random_views, update_ring_prototypes
+from tests.remind.memory.list_banks import (
+    Banks,
+    assert_same,
+    descriptors_of,
+    random_views,
+    update_ring_prototypes,
+)
 
 pytestmark = pytest.mark.usefixtures("x64")
 
@@ -42,8 +49,8 @@ def watch(vectors, valid, permit, thresholds, static):
 
     def see(banks, frame):
         now, seen, exists, permit = frame
-        patches = RingPatches(seen, exists)
-        banks = observe_ring_prototypes(banks, patches, permit, now, static, thresholds)
+        shown = descriptors_of(len(seen), ring_prototypes=RingPatches(seen, exists))
+        banks = observe_ring_prototypes(banks, shown, permit, now, static, thresholds)
         return banks, banks
 
     slots = max(*static.inner_prototype_slots, *static.outer_prototype_slots)

@@ -10,16 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.decision import NUM_OPTIONS, Status
-from remind_jax.remind.undecided.temporal import (
-    NO_SLOT,
-    Entries,
-    is_close,
-    judge,
-    no_entries,
-    prefer,
-    rank,
-    to_mask,
-)
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.remind.disambiguation.groups import Undecided
+from remind_jax.remind.undecided.temporal import is_close, judge, prefer, rank, to_mask
 
 AMBIGUOUS = (0.45, 0.40, 0.05, 0.10, 1e-4)  # least top and candidate score, gaps, slack
 JUDGE = jax.jit(judge)
@@ -100,10 +93,8 @@ def test_padding_and_virtual_slots_mark_nothing():
 
 def test_the_first_entry_stands():
     def entries(present, number):
-        empty = no_entries(3, jnp.dtype("float32"))
-        return Entries(
-            jnp.array(present), *(jnp.full_like(v, number) for v in jax.tree.leaves(empty)[1:])
-        )
+        options, row = jnp.full((3, NUM_OPTIONS), number), jnp.full(3, number)
+        return Undecided(jnp.array(present), options, options.astype(float), row.astype(float), row)
 
     merged = prefer(entries([True, False, False], 1), entries([True, True, False], 2))
     assert merged.present.tolist() == [True, True, False]

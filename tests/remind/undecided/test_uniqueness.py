@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from remind_jax.decision import Reason
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.undecided import uniqueness
-from remind_jax.remind.undecided.temporal import NO_SLOT
 
 NUM, SLOTS = 6, 4
 
