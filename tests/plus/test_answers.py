@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.answers import tell
-from remind_jax.plus.state import NOWHERE, no_verdicts
+from remind_jax.plus.state import no_verdicts
 from remind_jax.plus.static import NUM_CANDIDATES
 from tests.plus.frames import STATIC, T, detections, tracklets_of
 
@@ -40,7 +41,7 @@ def report(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
         0,
         3,
         named=jnp.array([named, False, False]),
-        slot=jnp.full(3, NOWHERE),
+        slot=jnp.full(3, NO_SLOT),
     )
     present = jnp.array([True, False, False])
     base = jnp.zeros_like(beliefs)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.learning import (
     absorb,
     create_objects,
@@ -15,7 +16,7 @@ from remind_jax.plus.learning import (
     keep_looks,
     learn_relations,
 )
-from remind_jax.plus.state import NOWHERE, UNRELATED
+from remind_jax.plus.state import UNRELATED
 from tests.plus.frames import STATIC, T, detections, empty_state, objects_of, tracklets_of
 
 X, Y = np.eye(3, dtype=np.float32)[:2]
@@ -63,7 +64,7 @@ def test_new_objects_take_the_lowest_free_slots():
     objects = objects_of([X, Y])
     gap = dataclasses.replace(objects, id=jnp.array([4, -1, 5, -1]))
     begun = tracklets_of(
-        detections([[1, 1], [2, 2], [3, 3]]), 6, 3, slot=jnp.array([NOWHERE, 2, NOWHERE])
+        detections([[1, 1], [2, 2], [3, 3]]), 6, 3, slot=jnp.array([NO_SLOT, 2, NO_SLOT])
     )
     born = jnp.array([True, False, True])
     after, pairs, slot = create_objects(gap, empty_state().pairs, begun, born, jnp.full(3, 0.2))
@@ -108,7 +109,7 @@ def test_an_absorbed_object_hands_over_its_counts_and_frees_its_slot():
     objects, pairs = related_pairs()
     absorbed = jnp.array([True, False, False])
     after, left = absorb(
-        objects, pairs, jnp.array([2, 1, 0]), jnp.array([0, NOWHERE, NOWHERE]), absorbed
+        objects, pairs, jnp.array([2, 1, 0]), jnp.array([0, NO_SLOT, NO_SLOT]), absorbed
     )
     assert after.id.tolist() == [0, 1, -1, -1]
     assert after.seen[0] == objects.seen[0] + objects.seen[2]
