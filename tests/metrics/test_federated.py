@@ -112,7 +112,7 @@ def test_predictions_without_classes_are_told(tmp_path: Path):
 
 
 def test_best_detections_of_an_image_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("remind_jax.metrics.formats.tao.MAX_DETECTIONS", 2)
+    monkeypatch.setattr("remind_jax.metrics.formats.json_tracks.MAX_DETECTIONS", 2)
     answers = read_json(FOLDER / "tao_rules" / "pred.json")
     first = [row for row in answers if row["image_id"] == 100]
     for place, row in enumerate(first):

@@ -22,12 +22,11 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from remind_jax.errors import RemindError, SourceError
-from remind_jax.metrics.formats.coco_video import read_coco_video
 from remind_jax.metrics.formats.json_index import JsonIndex, index_json
+from remind_jax.metrics.formats.json_tracks import group_by_video, index_burst, read_video
 from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
 from remind_jax.metrics.formats.rows import TrackRows
 from remind_jax.metrics.formats.run_folder import RUN_FILE, read_run_rows
-from remind_jax.metrics.formats.tao import group_by_video, index_burst, read_burst, read_tao
 from remind_jax.metrics.formats.text import FileFormat, read_text_rows, recognize_format
 
 Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
@@ -158,7 +157,7 @@ def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> Sce
         raise SourceError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path} is not valid JSON: {error}") from None
-    found = format or _recognise_json(path, content, truth)
+    found = format or _recognize_json(path, content, truth)
     with _told_incomplete(path, found):
         return _json_scenes(path, content, found, truth)
 
@@ -175,53 +174,35 @@ def _told_incomplete(path: Path, format: Format) -> Iterator[None]:
         ) from error
 
 
-def _json_scenes(path: Path, content: Any, format: Format, truth: SceneSet | None) -> SceneSet:
-    if format == "burst":
-        index = index_burst(content)
-        sequences = content["sequences"]
-        read = {
-            video.name: functools.partial(read_burst, sequences[place], index, place, str(path))
-            for place, video in index.videos.items()
-        }
+def _json_scenes(path: Path, content: Any, format: Any, truth: SceneSet | None) -> SceneSet:
+    is_list = isinstance(content, list) and format != "burst"
+    if is_list and (truth is None or not truth.index.videos):
+        raise SourceError(
+            f"{path} is a list of results, which names videos by number only; give truth in "
+            "the JSON of the same data set"
+        )
+    if is_list and truth is not None:
+        index = truth.index
     else:
-        is_list = isinstance(content, list)
-        if is_list and (truth is None or not truth.index.videos):
-            raise SourceError(
-                f"{path} is a list of results, which names videos by number only; give truth in "
-                "the JSON of the same data set"
-            )
-        index = truth.index if is_list and truth is not None else index_json(dict(content))
-        annotations = content if is_list else content["annotations"]
-        if format == "coco-video":
-            read = {
-                video.name: functools.partial(
-                    read_coco_video, annotations, index, number, str(path)
-                )
-                for number, video in index.videos.items()
-            }
-        else:
-            groups = group_by_video(annotations, index)
-            read = {
-                video.name: functools.partial(
-                    read_tao,
-                    groups.get(number, []),
-                    index,
-                    number,
-                    str(path),
-                    is_results=is_list,
-                )
-                for number, video in index.videos.items()
-            }
-    told = {scene: functools.partial(_read_told, path, format, read[scene]) for scene in read}
-    return SceneSet(path, format, told, dict.fromkeys(read, path), index)
+        index = index_burst(dict(content)) if format == "burst" else index_json(dict(content))
+    groups = group_by_video(content, format, index)
+    read = {
+        video.name: functools.partial(
+            _read_told, path, groups.get(number, []), format, index, number, is_list
+        )
+        for number, video in index.videos.items()
+    }
+    return SceneSet(path, format, read, dict.fromkeys(read, path), index)
 
 
-def _read_told(path: Path, format: Format, read: Callable[[], TrackRows]) -> TrackRows:
+def _read_told(
+    path: Path, entries: list[Any], format: Any, index: JsonIndex, video_id: Any, is_list: bool
+) -> TrackRows:
     with _told_incomplete(path, format):
-        return read()
+        return read_video(entries, format, index, video_id, str(path), is_results=is_list)
 
 
-def _recognise_json(path: Path, content: Any, truth: SceneSet | None) -> Format:
+def _recognize_json(path: Path, content: Any, truth: SceneSet | None) -> Format:
     if isinstance(content, dict) and "sequences" in content:
         return "burst"
     is_set = isinstance(content, list) or (isinstance(content, dict) and "videos" in content)

@@ -1,0 +1,190 @@
+"""Tracks in JSON: COCO-video and YouTube-VIS, TAO and CocoVID, BURST.
+
+* `coco-video`: one annotation per track, one mask or box or null per frame. Predictions may be the
+  list of results that YouTube-VIS asks for (`video_id`, `category_id`, `segmentations`), in
+  which every entry is a track of its own.
+* `tao`: one annotation per object and image; predictions may be a list of results.
+* `burst`: masks per frame of every sequence.
+
+Only annotated frames are evaluated. TAO and BURST truth is federated: not every class is labeled in
+every video, and each video says which classes are known (`neg_category_ids`,
+`not_exhaustive_category_ids`); `metrics.federated` takes that into account.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+from remind_jax.errors import SourceError
+from remind_jax.metrics.formats.json_index import (
+    JsonIndex,
+    Video,
+    read_federation,
+    to_box,
+    to_rle,
+)
+from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
+from remind_jax.tracks import Rle
+
+JsonFormat = Literal["coco-video", "tao", "burst"]
+
+# Of a list of results for federated truth TAO takes the best-scored of an image.
+MAX_DETECTIONS = 300
+
+# Categories of BURST that only distract: neither evaluated nor ever wrong.
+# fmt: off
+BURST_DISTRACTORS = frozenset((
+    20, 63, 108, 180, 188, 204, 212, 247, 303, 403, 407, 415, 490, 504, 507, 513, 529, 567, 569,
+    588, 672, 691, 702, 708, 711, 720, 736, 737, 798, 813, 815, 827, 831, 851, 877, 883, 912, 971,
+    976, 1130, 1133, 1134, 1169, 1184, 1220,
+))
+# fmt: on
+
+Entry = Mapping[str, Any]
+Row = tuple[int, Any, Any, Rle | None, list[float] | None]  # frame, id, category, mask, box
+
+
+def index_burst(content: Entry) -> JsonIndex:
+    """Videos (by place in `sequences`) and categories of a BURST file.
+
+    Raises:
+      SourceError: If a sequence has no list of annotated images.
+    """
+    categories = {c["id"]: str(c.get("name", c["id"])) for c in content.get("categories") or ()}
+    videos: dict[Any, Video] = {}
+    for place, sequence in enumerate(content["sequences"]):
+        name = "/".join(str(sequence[k]) for k in ("dataset", "seq_name") if k in sequence)
+        frames = sequence.get("annotated_image_paths")
+        if frames is None:
+            raise SourceError(f"BURST sequence '{name}' has no 'annotated_image_paths'")
+        size = int(sequence["height"]), int(sequence["width"])
+        federation = read_federation(sequence, categories, BURST_DISTRACTORS)
+        videos[place] = Video(name, len(frames), tuple(frames), size, federation)
+    return JsonIndex(videos, {}, categories)
+
+
+def group_by_video(content: Any, format: JsonFormat, index: JsonIndex) -> dict[Any, list[Entry]]:
+    """What each video is made of, by its id; annotations on unknown images are left out."""
+    if format == "burst":
+        return {place: [sequence] for place, sequence in enumerate(content["sequences"])}
+    groups: dict[Any, list[Entry]] = {}
+    annotations = content if isinstance(content, list) else content["annotations"]
+    for number, annotation in enumerate(annotations, 1):
+        if format == "tao":
+            video_id, _ = index.images.get(annotation.get("image_id"), (None, 0))
+        else:
+            video_id, annotation = annotation.get("video_id"), {"id": number, **annotation}
+        groups.setdefault(video_id, []).append(annotation)
+    return groups
+
+
+def read_video(
+    entries: Sequence[Entry],
+    format: JsonFormat,
+    index: JsonIndex,
+    video_id: Any,
+    file: str,
+    *,
+    is_results: bool = False,
+) -> TrackRows:
+    """Reads the tracks of one video.
+
+    Args:
+      entries: Of the video, see `group_by_video`.
+      format: Of the file.
+      index: Of the file, or of the truth for a list of results.
+      video_id: Which video.
+      file: For messages.
+      is_results: Whether they are of a list of results.
+
+    Raises:
+      SourceError: If an entry is incomplete or malformed.
+    """
+    video = index.videos[video_id]
+    if format == "tao" and is_results and video.federation is not None:
+        entries = _keep_best(entries)
+    rows = RowCollector()
+    for entry in entries:
+        for frame, track_id, category, rle, box in _ROWS[format](entry, video, index, file):
+            class_id = index.class_index(category, UNKNOWN_CLASS)
+            rows.add(frame, int(track_id), class_id, rle=rle, box=box)
+    return rows.finish(
+        video.name,
+        video.num_frames,
+        class_names=index.class_names,
+        frame_names=video.frame_names,
+        frame_size=video.size,
+        federation=video.federation,
+    )
+
+
+def _read_track(track: Entry, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
+    """Rows of a track of COCO-video."""
+    place = f"{file}, track {int(track['id'])}"
+    masks = track.get("segmentations")
+    shapes = track.get("bboxes") if masks is None else masks
+    if shapes is None:
+        raise SourceError(f"{place} has neither 'segmentations' nor 'bboxes'")
+    if len(shapes) > video.num_frames:
+        raise SourceError(
+            f"{place} has {len(shapes)} frames, its video '{video.name}' {video.num_frames}"
+        )
+    for frame, shape in enumerate(shapes):
+        if not shape:
+            continue
+        rle = None if masks is None else to_rle(shape, video.size, place)
+        box = to_box(shape) if masks is None else None
+        yield frame, track["id"], track.get("category_id"), rle, box
+
+
+def _read_annotation(entry: Entry, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
+    """The row of an annotation of TAO."""
+    _, frame = index.images[entry.get("image_id")]
+    track_id = entry.get("track_id", entry.get("instance_id"))
+    place = f"{file}, image {entry.get('image_id')}"
+    if track_id is None:
+        raise SourceError(f"{place}: an annotation has no 'track_id'")
+    code = entry.get("segmentation")
+    if not code and "bbox" not in entry:
+        raise SourceError(f"{place}: an annotation has neither 'bbox' nor 'segmentation'")
+    # TAO compares its boxes as they are written; its masks are only drawn from them.
+    has_own_box = "bbox" in entry and (not code or video.federation is not None)
+    rle = to_rle(code, video.size, place) if code else None
+    box = to_box(entry["bbox"]) if has_own_box else None
+    yield frame, track_id, entry.get("category_id"), rle, box
+
+
+def _read_sequence(sequence: Entry, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
+    """Rows of a sequence of BURST."""
+    category_of = sequence.get("track_category_ids") or {}
+    for frame, tracks in enumerate(sequence["segmentations"][: video.num_frames]):
+        for track_id, entry in tracks.items():
+            is_told = isinstance(entry, Mapping)
+            code = entry.get("rle") if is_told else entry
+            category = entry.get("category_id") if is_told else None
+            category = category_of.get(track_id) if category is None else category
+            if code:
+                rle = to_rle(code, video.size, f"{file}, {video.name}, frame {frame}")
+                yield frame, track_id, category, rle, None
+
+
+_ROWS: dict[JsonFormat, Callable[[Entry, Video, JsonIndex, str], Iterator[Row]]] = {
+    "coco-video": _read_track,
+    "tao": _read_annotation,
+    "burst": _read_sequence,
+}
+
+
+def _keep_best(annotations: Sequence[Entry]) -> list[Entry]:
+    """The `MAX_DETECTIONS` best-scored annotations of every image, in their order."""
+    of_image: dict[Any, list[int]] = {}
+    for row, annotation in enumerate(annotations):
+        of_image.setdefault(annotation.get("image_id"), []).append(row)
+    kept: list[int] = []
+    for rows in of_image.values():
+        kept += heapq.nlargest(
+            MAX_DETECTIONS, rows, key=lambda row: float(annotations[row].get("score", 0.0))
+        )
+    return [annotations[row] for row in sorted(kept)]
