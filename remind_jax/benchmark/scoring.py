@@ -14,12 +14,8 @@ from remind_jax.benchmark.scenes import Scene
 from remind_jax.errors import RemindError
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics.columns import Interval
-from remind_jax.metrics.combine import bootstrap_intervals, stack_counts, sum_counts
-from remind_jax.metrics.evaluation import Evaluation, pool_evaluations
+from remind_jax.metrics.evaluation import Evaluation, pool_evaluations, scene_intervals
 from remind_jax.metrics.formats.rows import RowCollector, TrackRows
-from remind_jax.metrics.hota import hota_scores
-from remind_jax.metrics.identity import identity_scores
-from remind_jax.metrics.recovery import recovery_scores
 from remind_jax.metrics.run_evaluation import evaluate_run
 from remind_jax.outputs.store import DETECTIONS_NAME, read_detections
 from remind_jax.sources.sampling import Sampling
@@ -114,13 +110,7 @@ def _resources(records: Sequence[Record]) -> dict[str, float]:
 def _intervals(evaluations: Sequence[Evaluation]) -> dict[str, Interval]:
     if len(evaluations) < MIN_SCENES:
         return {}
-    found: dict[str, Interval] = {
-        **bootstrap_intervals(stack_counts([e.identity for e in evaluations]), identity_scores),
-        **bootstrap_intervals(stack_counts([e.hota for e in evaluations]), hota_scores),
-        **bootstrap_intervals(
-            stack_counts([sum_counts(e.recovery) for e in evaluations]), recovery_scores
-        ),
-    }
+    found = scene_intervals(evaluations)
     return {name: found[name] for name in _RESAMPLED}
 
 

@@ -50,12 +50,8 @@ def count_breakdowns(
 ) -> dict[str, Breakdown]:
     """Breakdowns of one sequence: `visible`, and what else is known of the truth.
 
-    Args:
-      sequence: Truth and predictions.
-      area_share: Area of each observation over that of its frame; without it no `size`.
-      gt_class: Class of each observation; without it no `distractors` and no `class`.
-      class_names: What the classes mean.
-      min_similarity: Least overlap of an answer.
+    The share of its frame that each observation covers gives `size`, the class of each gives
+    `distractors` and `class`.
     """
     answers = collect_answers(sequence, min_similarity)
     frame = sequence.gt_frame

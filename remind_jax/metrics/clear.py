@@ -41,12 +41,7 @@ class ClearCounts:
 
 
 def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) -> ClearCounts:
-    """Matches one sequence frame by frame and counts what CLEAR needs.
-
-    Args:
-      sequence: Ground truth and predictions.
-      threshold: Least similarity of a match.
-    """
+    """Matches one sequence frame by frame and counts what CLEAR needs."""
     matches = match_clear(sequence, threshold)
     of_objects, rest = _count_by_object(sequence, matches)
     counts = add_counts(sum_counts(of_objects), rest)

@@ -62,11 +62,9 @@ def collapse_published(
 ) -> Int[np.ndarray, "N"]:
     """The id that the original scores each detection of a frame with.
 
-    Args:
-      decisions: Of the frame.
-      iou: Overlap of each detection with its object, -1 without one.
-      method: `hungarian` settles ambiguous detections jointly and leaves all others their first
-        option, conflicts included; `greedy` lets the losers of a conflict move on.
+    `iou` is the overlap of each detection with its object, -1 without one. `hungarian` settles
+    ambiguous detections jointly and leaves all others their first option, conflicts included;
+    `greedy` lets the losers of a conflict move on.
 
     Returns:
       An id of a known object, `BORN_BASE` plus the id of a created one, `PROVISIONAL_BASE` plus a
@@ -85,16 +83,10 @@ def collapse_published(
 def settle_candidates(
     options: Sequence[Sequence[Option]], taken: Collection[int]
 ) -> Int[np.ndarray, "N"]:
-    """Gives undecided detections one of their own candidates each, in one assignment.
+    """Gives undecided detections one of their own candidates each that is not taken; else NO_ID.
 
-    As many as possible get one; among these solutions the total score is largest.
-
-    Args:
-      options: Candidates of each detection with their scores.
-      taken: Ids that are not to be had.
-
-    Returns:
-      The id of each, NO_ID where nothing was left.
+    All in one assignment: as many as possible get one; among these solutions the total score is
+    largest.
     """
     label = np.full(len(options), NO_ID, np.int64)
     pairs = [

@@ -71,10 +71,7 @@ def ratio(part: Any, whole: Any) -> Float[np.ndarray, "*batch"]:
 def resample_counts(counts: Counts, num_resamples: int = 1000, seed: int = 0) -> Counts:
     """Draws the units of the leading axis with replacement and pools every draw.
 
-    Args:
-      counts: Leading axis over units.
-      num_resamples: Leading axis of the result.
-      seed: Same seed, same draws, whatever the kind of counts.
+    The same seed gives the same draws, whatever the kind of counts.
     """
     num_units = len(np.asarray(getattr(counts, dataclasses.fields(counts)[0].name)))
     rng = np.random.default_rng(seed)

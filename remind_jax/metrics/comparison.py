@@ -195,13 +195,7 @@ class ComparisonTable(Printable):
         return any(row.note for row in self.rows)
 
     def _cells(self, escape: Callable[[str], str], best: str, interval: str) -> list[list[str]]:
-        """Cells by row, the heads first.
-
-        Args:
-          escape: What makes names and notes plain text in the format.
-          best: Around the best score of a column.
-          interval: Around a score and its interval.
-        """
+        """Cells by row, the heads first, with marks around best scores and intervals."""
         columns = self.resolved_columns
 
         def show(row: Row, column: Column) -> str:

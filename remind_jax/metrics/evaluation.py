@@ -77,17 +77,10 @@ class Evaluation(Printable):
         Names are TrackEval's where it has one. `...Majority` uses the majority reference.
         """
         majority = recovery_scores(sum_counts(self.majority_recovery))
-        sizes = self.sizes
         fields = {
-            **hota_scores(self.hota),
-            **clear_scores(self.clear, pooled=self.is_pooled),
-            **identity_scores(self.identity),
-            "Dets": sizes.predicted_rows,
-            "GT_Dets": sizes.gt_rows,
-            "IDs": sizes.predicted_ids,
-            "GT_IDs": sizes.gt_ids,
-            "Frames": sizes.frames,
-            "RepeatedIDs": sizes.repeated_ids,
+            **self.standard_fields(),
+            "Frames": self.sizes.frames,
+            "RepeatedIDs": self.sizes.repeated_ids,
             **recovery_scores(sum_counts(self.recovery)),
             "RecoveryMajority": majority["Recovery"],
             "HardRecoveryMajority": majority["HardRecovery"],
@@ -96,12 +89,25 @@ class Evaluation(Printable):
             fields |= uncertainty_scores(self.uncertainty)
         return fields
 
+    def standard_fields(self) -> dict[str, Any]:
+        """The fields that TrackEval reports."""
+        sizes = self.sizes
+        return {
+            **hota_scores(self.hota),
+            **clear_scores(self.clear, pooled=self.is_pooled),
+            **identity_scores(self.identity),
+            "Dets": sizes.predicted_rows,
+            "GT_Dets": sizes.gt_rows,
+            "IDs": sizes.predicted_ids,
+            "GT_IDs": sizes.gt_ids,
+        }
+
     def scores(self) -> dict[str, float]:
         """One number per field (HOTA averaged over thresholds); fractions, not percent.
 
         NaN where undefined, such as recovery where nothing returned.
         """
-        return {name: float(np.mean(value)) for name, value in self.fields().items()}
+        return mean_fields(self.fields())
 
     def intervals(self, **options: Any) -> Intervals:
         """Bootstrap intervals over the objects, if their counts were kept; see `UnitCounts`."""
@@ -220,9 +226,7 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
 def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Intervals:
     """Bootstrap intervals of the pooled scores over scenes; over objects where there is one scene.
 
-    Args:
-      evaluations: Of the scenes.
-      **options: `level`, `num_resamples`, `seed`, as `UnitCounts.intervals` takes them.
+    Options are those of `UnitCounts.intervals`.
     """
     if len(evaluations) == 1:
         return evaluations[0].intervals(**options)
@@ -233,6 +237,11 @@ def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Interv
     ]
     num_families = min(map(len, families))
     return split_by_scene([family[:num_families] for family in families]).intervals(**options)
+
+
+def mean_fields(fields: Mapping[str, Any]) -> dict[str, float]:
+    """Fields averaged over thresholds, where they are of many."""
+    return {name: float(np.mean(value)) for name, value in fields.items()}
 
 
 def without_nan(scores: Mapping[str, float]) -> dict[str, float | None]:

@@ -14,24 +14,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
-from remind_jax.metrics.clear import clear_scores
 from remind_jax.metrics.combine import average_classes
-from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
+from remind_jax.metrics.evaluation import (
+    Evaluation,
+    evaluate_sequence,
+    mean_fields,
+    pool_evaluations,
+)
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, Federation
-from remind_jax.metrics.hota import hota_scores
-from remind_jax.metrics.identity import identity_scores
-from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.pairing import PairedScene, class_key
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.printing.small_table import Printable, SmallTable
-
-# Overlap at which a prediction is one of a labelled object.
-MATCH_THRESHOLD = 0.5
 
 NO_COMMON_CLASS = (
     "predictions name no class of the truth, which leaves objects unlabelled: "
@@ -51,11 +48,11 @@ class FederatedScores(Printable):
 
     def class_averaged(self) -> dict[str, float]:
         """Ratios averaged over classes, counts added: rare classes weigh as much as others."""
-        return _mean(average_classes([_standard_fields(e) for e in self.by_class.values()]))
+        return mean_fields(average_classes([e.standard_fields() for e in self.by_class.values()]))
 
     def detection_averaged(self) -> dict[str, float]:
         """Counts of all classes added, then the formulas: detections weigh alike."""
-        return _mean(_standard_fields(pool_evaluations(list(self.by_class.values()))))
+        return mean_fields(pool_evaluations(list(self.by_class.values())).standard_fields())
 
     def rows(self) -> list[tuple[str, ...]]:
         """The main scores, in percent: name, mean of classes, over detections."""
@@ -71,14 +68,13 @@ class FederatedScores(Printable):
 
     def classes(self) -> dict[str, dict[str, float]]:
         """Scores of each class."""
-        return {label: _mean(_standard_fields(e)) for label, e in self.by_class.items()}
+        return {label: mean_fields(e.standard_fields()) for label, e in self.by_class.items()}
 
 
 def name_categories(paired: PairedScene) -> TrackingSequence | None:
     """The scene with the truth's categories as classes, UNKNOWN_CLASS for predictions of others.
 
-    Returns:
-      Nothing if the truth is not federated, or no prediction is of one of its categories.
+    Nothing if the truth is not federated, or no prediction is of one of its categories.
     """
     truth, prediction = paired.truth, paired.prediction
     if truth.federation is None:
@@ -103,10 +99,7 @@ def evaluate_federated(
 ) -> dict[str, Evaluation]:
     """Scores of each class that has truth or a prediction that counts.
 
-    Args:
-      sequence: Of `name_categories`.
-      federation: Of the scene's truth.
-      firm: The same with firm answers only, for recovery; `sequence` itself if left out.
+    `sequence` is of `name_categories`; `firm` is the same with firm answers only, for recovery.
     """
     found = np.union1d(sequence.gt_class, sequence.pred_class).tolist()
     evaluations = {}
@@ -126,7 +119,8 @@ def select_labelled(
     is_used = ~np.isin(sequence.gt_class, list(federation.unused))
     has_truth = np.isin(sequence.pred_frame, sequence.gt_frame[is_used])
     part = sequence.select(sequence.gt_class == place, (sequence.pred_class == place) & has_truth)
-    is_judged = _find_matched(part)
+    is_judged = np.zeros(len(part.pred_id), bool)
+    is_judged[match_detections(part)[1]] = True
     if place not in federation.incomplete:
         is_known = np.full(len(part.pred_id), place in federation.absent)
         is_judged |= is_known | (part.gt_counts[part.pred_frame] > 0)
@@ -136,8 +130,7 @@ def select_labelled(
 def pool_federated(scenes: Sequence[Evaluation]) -> FederatedScores | None:
     """Adds the counts of scenes, class by class; classes without any truth are left out.
 
-    Returns:
-      Nothing if no scene was scored as federated.
+    Nothing if no scene was scored as federated.
     """
     labels = dict.fromkeys(label for scene in scenes for label in scene.federated)
     parts = {
@@ -150,29 +143,3 @@ def pool_federated(scenes: Sequence[Evaluation]) -> FederatedScores | None:
         if any(evaluation.sizes.gt_rows > 0 for evaluation in found)
     }
     return FederatedScores(known) if known else None
-
-
-def _find_matched(sequence: TrackingSequence) -> Bool[np.ndarray, "P"]:
-    similarity = sequence.pair_similarity
-    admitted = np.where(similarity >= MATCH_THRESHOLD - EPSILON, similarity, 0.0)
-    is_matched = np.zeros(len(sequence.pred_id), bool)
-    is_matched[sequence.pair_pred[match_frames(sequence, admitted)]] = True
-    return is_matched
-
-
-def _standard_fields(evaluation: Evaluation) -> dict[str, Any]:
-    """What TrackEval reports of classes."""
-    sizes = evaluation.sizes
-    return {
-        **hota_scores(evaluation.hota),
-        **clear_scores(evaluation.clear, pooled=True),
-        **identity_scores(evaluation.identity),
-        "Dets": sizes.predicted_rows,
-        "GT_Dets": sizes.gt_rows,
-        "IDs": sizes.predicted_ids,
-        "GT_IDs": sizes.gt_ids,
-    }
-
-
-def _mean(fields: Mapping[str, Any]) -> dict[str, float]:
-    return {name: float(np.mean(value)) for name, value in fields.items()}

@@ -57,9 +57,7 @@ def split_hota(
 ) -> tuple[HotaCounts, HotaCounts]:
     """Counts of each object, and what belongs to none; together those of the sequence.
 
-    Args:
-      sequence: Ground truth and predictions.
-      chosen: Of `match_hota`.
+    `chosen` are the pairs of `match_hota`.
     """
     num = len(sequence.gt_objects)
     object_of, _, _ = sequence.id_pairs

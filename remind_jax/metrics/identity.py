@@ -32,11 +32,7 @@ def count_identity(
 ) -> IdentityCounts:
     """Gives each object at most one predicted id for the whole sequence and counts agreement.
 
-    Maximising the common frames is the same as minimising false positives plus false negatives.
-
-    Args:
-      sequence: Ground truth and predictions.
-      threshold: Least similarity at which a pair counts as common.
+    Maximizing the common frames is the same as minimizing false positives plus false negatives.
     """
     num_right = int(count_right(sequence, threshold).sum())
     return IdentityCounts(

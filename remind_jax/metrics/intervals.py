@@ -69,12 +69,7 @@ class UnitCounts:
 
 
 def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> UnitCounts:
-    """The counts of one sequence by true object; units and remainder add up to the whole.
-
-    Args:
-      sequence: Truth and predictions.
-      recovery: Of its objects, ascending.
-    """
+    """The counts of one sequence by true object; units and remainder add up to the whole."""
     chosen = match_hota(sequence)
     hota, hota_rest = split_hota(sequence, chosen)
     clear, clear_rest = split_clear(sequence)
@@ -98,11 +93,7 @@ def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> Uni
 
 
 def split_by_scene(families: Sequence[tuple[Any, ...]]) -> UnitCounts:
-    """Counts with an axis over scenes.
-
-    Args:
-      families: Per scene its counts: HOTA, CLEAR, identity, recovery (summed), ...
-    """
+    """Counts with an axis over scenes, from the counts of each: HOTA, CLEAR, identity, ..."""
     stacked = tuple(stack_counts(column) for column in zip(*families, strict=True))
     nothing = tuple(map_counts(np.zeros_like, sum_counts(counts)) for counts in stacked)
     return UnitCounts(stacked, nothing, "scene")

@@ -10,6 +10,9 @@ from remind_jax.metrics.sequence import TrackingSequence
 
 EPSILON = float(np.finfo(np.float64).eps)
 
+# Overlap at which a prediction is one of an object.
+MATCH_THRESHOLD = 0.5
+
 # Relative lead below which a pair counts as in doubt: far above rounding of the sums compared.
 _DOUBT = 1e-9
 
@@ -23,14 +26,8 @@ def match_frames(
     """Chooses in every frame the one-to-one set of pairs with the largest total score.
 
     Most pairs are settled for the whole sequence at once; frames in which something is left in
-    doubt are solved one by one.
-
-    Args:
-      sequence: Where the pairs come from.
-      score: Worth of each pair; pairs without a positive score are never chosen.
-
-    Returns:
-      Whether each pair was chosen. Exact ties depend on the order of rows, as in TrackEval.
+    doubt are solved one by one. Pairs without a positive score are never chosen. Exact ties depend
+    on the order of rows, as in TrackEval.
     """
     chosen, doubtful = _settle_sure_pairs(sequence, score)
     frames = np.unique(sequence.pair_frame[doubtful])
@@ -40,6 +37,24 @@ def match_frames(
         pairs = np.arange(start, stop)[score[start:stop] > 0]
         chosen[pairs] = assign_frame(sequence, int(frame), pairs, score[pairs])
     return chosen
+
+
+def match_detections(
+    sequence: TrackingSequence,
+    min_similarity: float = MATCH_THRESHOLD,
+    *,
+    within_class: bool = False,
+) -> tuple[Int[np.ndarray, "M"], Int[np.ndarray, "M"], Float[np.ndarray, "M"]]:
+    """One-to-one matches of largest total similarity: rows of truth, of predictions, similarity.
+
+    Pairs below the least similarity, or on request of two classes, never match.
+    """
+    gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
+    is_admitted = similarity >= min_similarity - EPSILON
+    if within_class:
+        is_admitted &= sequence.gt_class[gt] == sequence.pred_class[pred]
+    chosen = match_frames(sequence, np.where(is_admitted, similarity, 0.0))
+    return gt[chosen], pred[chosen], similarity[chosen]
 
 
 def _settle_sure_pairs(
@@ -83,7 +98,8 @@ def assign_frame(
     Rows without any pair stay in the matrix, so that ties break as in a program that solves the
     full matrix.
     """
-    row, column = sequence.pair_row[pairs], sequence.pair_column[pairs]
+    row = sequence.pair_gt[pairs] - sequence.gt_start[frame]
+    column = sequence.pair_pred[pairs] - sequence.pred_start[frame]
     matrix = np.zeros((sequence.gt_counts[frame], sequence.pred_counts[frame]))
     matrix[row, column] = score
     rows, columns = linear_sum_assignment(matrix, maximize=True)

@@ -22,7 +22,7 @@ from remind_jax.errors import SourceError
 from remind_jax.masks.run_length import decode_mask, encode_masks
 from remind_jax.metrics.breakdowns import Breakdown, count_breakdowns
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
-from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.matching import EPSILON, match_detections
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.similarity import Pairs, covered_share, merge_rles, pair_boxes, rle_iou
 from remind_jax.sources.file_tree import last_number
@@ -35,7 +35,6 @@ _coco: Any = coco_mask
 MAX_ASPECT_DIFFERENCE = 0.01
 NOT_ALIGNED = -1
 
-_MATCH_THRESHOLD = 0.5
 _IGNORED_SHARE = 0.5
 
 
@@ -80,9 +79,7 @@ def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
     if truth.is_void or not len(truth.ignored_frame) or prediction.rles is None:
         return PairedScene(sequence, truth, prediction, notes)
     keep = ~_find_ignored(truth, prediction)
-    similarity = sequence.pair_similarity
-    admitted = np.where(similarity >= _MATCH_THRESHOLD - EPSILON, similarity, 0.0)
-    keep[sequence.pair_pred[match_frames(sequence, admitted)]] = True
+    keep[match_detections(sequence)[1]] = True
     everything = np.ones(len(truth), bool)
     return PairedScene(sequence.select(everything, keep), truth, prediction.select(keep), notes)
 
@@ -90,12 +87,9 @@ def pair_scene(truth: TrackRows, prediction: TrackRows) -> PairedScene:
 def break_down(
     sequence: TrackingSequence, truth: TrackRows, area_share: Float[np.ndarray, "N"] | None = None
 ) -> dict[str, Breakdown]:
-    """Breakdowns of a scene, as far as its truth allows.
+    """Breakdowns of a scene under any labels, as far as its truth (rows as in it) allows.
 
-    Args:
-      sequence: The scene, with any labels.
-      truth: Its truth, rows as in the sequence.
-      area_share: Share of the frame that each row of truth covers; by the truth if left out.
+    The share of the frame that each row of truth covers follows from the truth, if not given.
     """
     if area_share is None and truth.frame_size is not None:
         area_share = truth.areas / max(1, int(np.prod(truth.frame_size)))

@@ -22,7 +22,7 @@ from remind_jax.metrics.evaluation import without_nan
 from remind_jax.metrics.formats.opening import Format, SceneSet
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows
 from remind_jax.metrics.formats.run_folder import number_detections, read_tracks
-from remind_jax.metrics.matching import match_frames
+from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.paper import Sightings, count_generic, count_remind
 from remind_jax.metrics.paper_scores import (
@@ -107,14 +107,7 @@ def evaluate_paper(
 ) -> tuple[PaperEvaluation, ...]:
     """Scores one set of predictions; a run of remind by both paths, REMIND's first.
 
-    Args:
-      truth: Ground truth.
-      prediction: Output of any tracker.
-      collapse: How undecided detections of a run get one id.
-      format: Of the predictions, and of the truth if that is text too; recognised if left out.
-      truth_format: Of the truth; recognised if left out.
-      name: Of the predictions.
-      progress: Called with the name of every scene before it is scored.
+    `collapse` is how undecided detections of a run get one id; the rest is as in `evaluate`.
 
     Raises:
       SourceError: If nothing can be read, or every scene failed.
@@ -160,23 +153,14 @@ def _sight(
 ) -> tuple[Sightings, list[str]]:
     """Matches detections with the truth, by the rule of the paper.
 
-    Args:
-      truth: Of the scene.
-      prediction: Of any tracker, or the numbered detections of a run.
-      tracks: Of the run.
-
-    Raises:
-      SourceError: If frames or their sizes do not fit.
+    Predictions are those of any tracker, or the numbered detections of a run with its tracks.
     """
     paired = pair_scene(_without_ignored(truth), _without_ignored(prediction))
     sequence = paired.sequence
-    gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
-    fits = sequence.gt_class[gt] == sequence.pred_class[pred]
-    chosen = match_frames(sequence, np.where(fits, similarity, 0.0))
+    gt, pred, similarity = match_detections(sequence, 0.0, within_class=True)
     row = np.full(len(sequence.pred_id), NO_ROW)
     iou = np.zeros(len(sequence.pred_id))
-    row[pred[chosen]] = gt[chosen]
-    iou[pred[chosen]] = similarity[chosen]
+    row[pred], iou[pred] = gt, similarity
     ids = sequence.pred_id
     sightings = Sightings(
         gt_frame=sequence.gt_frame,

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from remind_jax.metrics.combine import ratio
-from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.sequence import TrackingSequence, number_ids
 
 NO_LABEL = -1
@@ -62,22 +62,15 @@ class RecoveryCounts:
 def collect_answers(sequence: TrackingSequence, min_similarity: float = 0.5) -> Answers:
     """Matches predictions with ground truth and keeps what each visible object was called.
 
-    Within a frame the total similarity of pairs of one class is maximised. Labels are positions in
-    `sequence.pred_objects`; the class of a label is that of its first row.
-
-    Args:
-      sequence: Ground truth and firm predictions.
-      min_similarity: Least similarity of a match; 0 admits any overlap, as the paper does.
+    Within a frame the total similarity of pairs of one class is maximized; `min_similarity` 0
+    admits any overlap, as the paper does. Labels are positions in `sequence.pred_objects`; the
+    class of a label is that of its first row.
     """
-    gt, pred = sequence.pair_gt, sequence.pair_pred
-    similarity = sequence.pair_similarity
-    is_admitted = similarity >= min_similarity - EPSILON
-    is_admitted &= sequence.gt_class[gt] == sequence.pred_class[pred]
-    chosen = match_frames(sequence, np.where(is_admitted, similarity, 0.0))
+    gt, pred, similarity = match_detections(sequence, min_similarity, within_class=True)
     label = np.full(len(sequence.gt_id), NO_LABEL)
-    label[gt[chosen]] = sequence.pred_index[pred[chosen]]
+    label[gt] = sequence.pred_index[pred]
     overlap = np.zeros(len(sequence.gt_id))
-    overlap[gt[chosen]] = similarity[chosen]
+    overlap[gt] = similarity
     label_class = np.full(len(sequence.pred_objects), ANY_CLASS)
     label_class[sequence.pred_index[::-1]] = sequence.pred_class[::-1]
     return Answers(
@@ -86,17 +79,12 @@ def collect_answers(sequence: TrackingSequence, min_similarity: float = 0.5) -> 
 
 
 def find_reference(answers: Answers, kind: Reference = "one_to_one") -> Int[np.ndarray, "objects"]:
-    """The label that counts as right for each object, over the whole sequence.
+    """The label that counts as right for each object, NO_LABEL if there is none.
 
-    Args:
-      answers: Firm answers.
-      kind: `one_to_one` assigns each label to at most one object, per class, by common frames, then
-        overlap (the original's evaluator; a tracker gains nothing by calling everything alike).
-        `majority` takes the most frequent label of each object (the paper's words); ties go to the
-        larger overlap, then to the earlier first use, then to the smaller label.
-
-    Returns:
-      Label per object in the order of `answers.objects`, NO_LABEL if there is none.
+    `one_to_one` assigns each label to at most one object, per class, by common frames, then overlap
+    (the original's evaluator; a tracker gains nothing by calling everything alike). `majority`
+    takes the most frequent label of each object (the paper's words); ties go to the larger overlap,
+    then to the earlier first use, then to the smaller label.
     """
     if kind == "majority":
         return _majority_reference(answers)
@@ -104,11 +92,7 @@ def find_reference(answers: Answers, kind: Reference = "one_to_one") -> Int[np.n
 
 
 def count_recovery(answers: Answers, reference: Int[np.ndarray, "objects"]) -> RecoveryCounts:
-    """Counts the returns of every object and how many of them were recovered.
-
-    Returns:
-      Counts per object, in the order of `answers.objects`.
-    """
+    """Counts the returns of every object, in the order of `answers.objects`, and the recovered."""
     objects, index = number_ids(answers.gt_id)
     order = np.lexsort((answers.frame, index))
     index, frame = index[order], answers.frame[order]

@@ -29,15 +29,13 @@ from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate
 from remind_jax.metrics.federated import NO_COMMON_CLASS, evaluate_federated, name_categories
 from remind_jax.metrics.formats.rows import TrackRows
 from remind_jax.metrics.formats.run_folder import number_detections
-from remind_jax.metrics.matching import EPSILON, match_frames
+from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.pairing import PairedScene, break_down, pair_scene
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import UncertaintyCounts, count_uncertainty
 from remind_jax.tracks import Tracks
 
 Undecided = Literal["strict", "collapse"]
-
-_MATCH_THRESHOLD = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,20 +114,11 @@ def evaluate_run(
     by_class: bool = False,
     by_object: bool = False,
 ) -> tuple[Evaluation, tuple[str, ...]]:
-    """Scores a run against truth that it did not carry itself.
+    """Scores a run against truth that it did not carry itself; also notes about what was left out.
 
     All detections are matched with the truth once, undecided ones too; firm and settled identities,
-    and how the undecided ones are to be judged, follow from that.
-
-    Args:
-      tracks: Its frames, in order.
-      truth: Of the same scene; frames that the run did not process are not evaluated.
-      undecided: See the head of this module.
-      by_class: Also score every class apart.
-      by_object: Keep the counts of every object, for intervals over them.
-
-    Returns:
-      The evaluation, and notes about what was left out.
+    and how the undecided ones are to be judged, follow from that. Frames that the run did not
+    process are not evaluated.
 
     Raises:
       SourceError: If frames or their sizes do not fit.
@@ -149,13 +138,13 @@ def evaluate_pair(
     by_object: bool = False,
     area_share: Float[np.ndarray, "N"] | None = None,
 ) -> tuple[Evaluation, tuple[str, ...]]:
-    """Scores a paired scene, and says what was left out.
+    """Scores a paired scene; also notes about what was left out.
 
     Args:
       paired: Truth and predictions.
       tracks: Of a run, whose detections `paired` has under their numbers.
       undecided: See the head of this module.
-      by_class: Also score every class apart.
+      by_class: Also score every class separately.
       by_object: Keep the counts of every object, for intervals over them.
       area_share: Share of the frame that each row of truth covers; by the truth if left out.
     """
@@ -260,11 +249,8 @@ def _pair_with_instances(
 
 def _judge(sequence: TrackingSequence, tracks: Sequence[Tracks]) -> UncertaintyCounts:
     """Counts undecided answers by the numbered detection that shows each observation."""
-    gt, pred, similarity = sequence.pair_gt, sequence.pair_pred, sequence.pair_similarity
-    fits = similarity >= _MATCH_THRESHOLD - EPSILON
-    fits &= sequence.gt_class[gt] == sequence.pred_class[pred]
-    chosen = match_frames(sequence, np.where(fits, similarity, 0.0))
+    gt, pred, _ = match_detections(sequence, within_class=True)
     number = np.full(len(sequence.gt_id), NO_ROW)
-    number[gt[chosen]] = sequence.pred_id[pred[chosen]]
+    number[gt] = sequence.pred_id[pred]
     decisions = Decisions.of_tracks(tracks).take(number)
     return count_uncertainty(sequence.gt_frame, sequence.gt_id, decisions)

@@ -56,8 +56,8 @@ def compare(
     Args:
       truth: Ground truth in any known format.
       predictions: Files or folders by name, or alone: then they are named after their paths.
-      format: Of the predictions; each is recognised if left out, and may be of another format.
-      truth_format: Of the truth; recognised if left out.
+      format: Of the predictions; each is recognized if left out, and may be of another format.
+      truth_format: Of the truth; recognized if left out.
       options: See `SceneOptions`.
       num_resamples: Draws of the bootstrap; 0 for no intervals.
       progress: Called with the name of every prediction and scene.
@@ -91,14 +91,9 @@ def table_of(
     title: str = "",
     columns: Sequence[str] | None = None,
 ) -> ComparisonTable:
-    """Sets of predictions that were scored, as a table.
+    """Scored sets of predictions as a table, a row each.
 
-    Args:
-      evaluations: One per row.
-      num_resamples: Draws of the bootstrap; 0 for no intervals.
-      title: Over the table.
-      columns: Names of scores; `COLUMNS`, and how undecided answers fare where there are any, if
-        left out.
+    Columns are `COLUMNS`, if not given, and how undecided answers fare where there are any.
     """
     rows = [_row(evaluation, num_resamples) for evaluation in evaluations]
     if columns is None:

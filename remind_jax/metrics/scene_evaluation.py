@@ -80,8 +80,7 @@ class SetEvaluation(Printable):
     def intervals(self, **options: Any) -> Intervals:
         """Bootstrap intervals by score, over scenes, or over the objects of a single scene.
 
-        Args:
-          **options: `level`, `num_resamples`, `seed`.
+        Options are `level`, `num_resamples` and `seed`.
         """
         return scene_intervals(self.scenes, **options)
 
@@ -143,8 +142,8 @@ def evaluate(
       truth: Ground truth: a file, a folder of one scene, a folder of scenes.
       prediction: Output of any tracker; scenes are matched by name (one scene with one scene
         whatever their names).
-      format: Of the predictions, and of the truth if that is text too; recognised if left out.
-      truth_format: Of the truth; recognised if left out.
+      format: Of the predictions, and of the truth if that is text too; recognized if left out.
+      truth_format: Of the truth; recognized if left out.
       name: Of the predictions, for tables; the file's or folder's if left out.
       options: See `SceneOptions`.
       progress: Called with the name of every scene before it is scored.
@@ -235,16 +234,7 @@ def evaluate_files(
 ) -> Evaluation:
     """Scores one file or folder of predictions; `evaluate` says more about several scenes.
 
-    Args:
-      gt_path: Ground truth.
-      pred_path: Predictions of any tracker.
-      format: Of both; recognised if left out.
-      num_frames: Length of the sequence; up to the last frame of either file if left out.
-      class_id: Class to evaluate. `mot`: all classes if left out; MOTS: 2, pedestrian.
-
-    Raises:
-      SourceError: If a file cannot be read or breaks the rules of its format.
-      RemindError: If the format is unknown.
+    Arguments and errors are those of `evaluate`; `format` is that of both sides.
     """
     options = SceneOptions(num_frames=num_frames, class_id=class_id)
     return evaluate(gt_path, pred_path, format=format, options=options).pooled

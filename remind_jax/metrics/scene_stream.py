@@ -50,12 +50,9 @@ class SceneStream:
         score_scene: Callable[[str, str], tuple[Score, list[str]]],
         progress: Callable[[str], None] | None = None,
     ) -> ScoredScenes[Score]:
-        """Scores all scenes.
+        """Scores all scenes, each by its names in the truth and in the predictions.
 
-        Args:
-          score_scene: Takes the names of a scene in the truth and in the predictions; gives a
-            result and what is to be told about it.
-          progress: Called with the name of every scene before it is scored.
+        `score_scene` gives a result and notes; `progress` is told the name of every scene before.
 
         Raises:
           RemindError: What a scene raised, if it is the only one.
@@ -96,18 +93,11 @@ def open_stream(
     truth_format: Format | None = None,
     name: str | None = None,
 ) -> SceneStream:
-    """Opens both sides and matches their scenes.
-
-    Args:
-      truth: Ground truth, as a path or opened.
-      prediction: Predictions.
-      format: Of the predictions, and of the truth if that is text too; recognised if left out.
-      truth_format: Of the truth; recognised if left out.
-      name: Of the predictions; the file's or folder's if left out.
+    """Opens both sides and matches their scenes; arguments are those of `evaluate`.
 
     Raises:
       RemindError: If a format is unknown.
-      SourceError: If a side cannot be read or is not recognised.
+      SourceError: If a side cannot be read or is not recognized.
     """
     for given in (format, truth_format):
         if given is not None and given not in FORMATS:

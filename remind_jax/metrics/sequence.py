@@ -183,16 +183,6 @@ class TrackingSequence:
         return self.gt_frame[self.pair_gt]
 
     @cached_property
-    def pair_row(self) -> Int[np.ndarray, "K"]:
-        """Position of each pair's ground truth among those of its frame."""
-        return self.pair_gt - self.gt_start[self.pair_frame]
-
-    @cached_property
-    def pair_column(self) -> Int[np.ndarray, "K"]:
-        """Position of each pair's prediction among those of its frame."""
-        return self.pair_pred - self.pred_start[self.pair_frame]
-
-    @cached_property
     def gt_counts(self) -> Int[np.ndarray, "T"]:
         """Ground-truth rows of each frame."""
         return np.diff(self.gt_start)
@@ -308,11 +298,7 @@ def _classes_or_zero(classes: Any, num: int) -> np.ndarray:
 def check_rows(
     side: str, name: str, num_frames: int, frame: np.ndarray, ids: np.ndarray, first_frame: int
 ) -> None:
-    """Refuses rows that are not ordered by frame, and ids that occur twice in a frame.
-
-    Raises:
-      SourceError: As it says.
-    """
+    """Refuses rows that are not ordered by frame, and ids that occur twice in a frame."""
     if frame.shape != ids.shape or frame.ndim != 1:
         raise SourceError(f"{name}: {len(frame)} frames were given for {len(ids)} {side} ids")
     if not len(frame):

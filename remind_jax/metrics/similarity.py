@@ -40,12 +40,7 @@ def pair_boxes(
 ) -> Pairs:
     """Overlapping boxes of a whole sequence: row of each, and their intersection over union.
 
-    Args:
-      gt_frame: Frame of each ground truth, not falling.
-      gt_boxes: Left, top, right, bottom; right and bottom excluded.
-      pred_frame: Frame of each prediction, not falling.
-      pred_boxes: As `gt_boxes`.
-      num_frames: Length of the sequence.
+    Frames do not fall; boxes are left, top, right, bottom; right and bottom excluded.
     """
     gt_start, pred_start = frame_starts(gt_frame, num_frames), frame_starts(pred_frame, num_frames)
     gt_edges = np.vstack([gt_boxes.reshape(-1, 4), _NOWHERE]).T

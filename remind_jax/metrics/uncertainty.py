@@ -37,10 +37,7 @@ def count_uncertainty(
 ) -> UncertaintyCounts:
     """Judges firm answers and candidate sets by who owns the ids, see `find_owners`.
 
-    Args:
-      frame: Frame of each observation.
-      gt_id: Its object.
-      decisions: On its detection; `Outcome.EMPTY` without one.
+    Decisions are those on the detection of each observation, `Outcome.EMPTY` without one.
     """
     is_firm = np.isin(decisions.outcome, FIRM)
     is_ambiguous = decisions.outcome == Outcome.AMBIGUOUS

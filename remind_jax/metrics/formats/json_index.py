@@ -89,12 +89,9 @@ def index_json(content: Mapping[str, Any]) -> JsonIndex:
 def read_federation(
     video: Mapping[str, Any], categories: Mapping[int, str], unused: Collection[int] = ()
 ) -> Federation | None:
-    """What a video's truth says of its labelling; None where it says nothing.
+    """What a video's truth says of its labeling; None where it says nothing.
 
-    Args:
-      video: With `neg_category_ids` and `not_exhaustive_category_ids`, if it is federated.
-      categories: By number.
-      unused: Categories that are not evaluated.
+    `unused` are categories that are not evaluated.
     """
     keys = ("neg_category_ids", "not_exhaustive_category_ids")
     if not any(key in video for key in keys):
@@ -113,12 +110,9 @@ def place_categories(categories: Mapping[int, str]) -> dict[int, int]:
 
 
 def to_rle(segmentation: Any, size: tuple[int, int] | None, place: str) -> Rle:
-    """A COCO segmentation as compressed run-length code.
+    """A COCO segmentation as compressed run-length code: code, plain counts or polygons.
 
-    Args:
-      segmentation: Compressed code as text, code with plain counts, or polygons.
-      size: Height and width, for codes that do not tell and polygons.
-      place: Where it stands, for messages.
+    `size` (height, width) serves codes that do not tell it and polygons; `place` is for messages.
 
     Raises:
       SourceError: If it is malformed.

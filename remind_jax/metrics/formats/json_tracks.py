@@ -89,15 +89,9 @@ def read_video(
     *,
     is_results: bool = False,
 ) -> TrackRows:
-    """Reads the tracks of one video.
+    """Reads the tracks of one video from its entries, see `group_by_video`.
 
-    Args:
-      entries: Of the video, see `group_by_video`.
-      format: Of the file.
-      index: Of the file, or of the truth for a list of results.
-      video_id: Which video.
-      file: For messages.
-      is_results: Whether they are of a list of results.
+    `index` is that of the file, or of the truth for a list of results.
 
     Raises:
       SourceError: If an entry is incomplete or malformed.

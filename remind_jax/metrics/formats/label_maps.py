@@ -73,13 +73,9 @@ def find_classes(folder: Path, name: str) -> ClassNames | None:
 def read_label_maps(
     folder: Path, name: str, *, is_truth: bool, classes: ClassNames | None = None
 ) -> TrackRows:
-    """Reads one scene; a map at a time is in memory.
+    """Reads one scene, a map at a time; the order of files by name is that of the frames.
 
-    Args:
-      folder: Of the maps; their order by name is that of the frames.
-      name: Of the scene.
-      is_truth: Whether 255 in an 8-bit map is void.
-      classes: Class of each instance; an instance of class null is left out, as it is in a run.
+    In 8-bit maps of truth, 255 is void. An instance of class null is left out, as it is in a run.
 
     Raises:
       SourceError: If there is no map, one cannot be read, or an instance is not listed.

@@ -18,22 +18,14 @@ RUN_FILE = "detections.jsonl"
 
 
 def read_tracks(folder: Path) -> Sequence[Tracks]:
-    """The frames of a run.
-
-    Raises:
-      SourceError: If its file cannot be read.
-    """
+    """The frames of a run."""
     from remind_jax.outputs.store import read_detections
 
     return read_detections(folder / RUN_FILE)[1]
 
 
 def read_run_rows(folder: Path, name: str) -> TrackRows:
-    """The firm identities of a run.
-
-    Raises:
-      SourceError: If its file cannot be read.
-    """
+    """The firm identities of a run."""
     tracks = read_tracks(folder)
     return rows_of_tracks(tracks, [frame.object_id for frame in tracks], name)
 
@@ -50,10 +42,7 @@ def rows_of_tracks(
 ) -> TrackRows:
     """The detections of a run that carry an id, each id once per frame (the better score).
 
-    Args:
-      tracks: Frames of the run; frames that it skipped keep their place.
-      labels: Id per detection of every frame, NO_ID without one.
-      name: Of the scene.
+    Ids are given per frame; frames that the run skipped keep their place.
     """
     class_names = sorted({label for frame in tracks for label in frame.labels})
     index = {label: place for place, label in enumerate(class_names)}

@@ -67,11 +67,7 @@ def recognize_format(*paths: str | Path) -> FileFormat:
 def read_text_rows(path: str | Path, name: str, format: FileFormat, *, is_truth: bool) -> TrackRows:
     """Reads one file, which may be empty.
 
-    Args:
-      path: The file.
-      name: Of the scene.
-      format: Its format.
-      is_truth: Whether flag 0 means "to be ignored" (MOT) and class 10 is an ignore region (MOTS).
+    In truth, flag 0 means "to be ignored" (MOT) and class 10 is an ignore region (MOTS).
 
     Raises:
       SourceError: If it cannot be read or breaks the rules of its format.
@@ -88,14 +84,10 @@ def fit_texts(
     num_frames: int | None = None,
     class_id: int | None = None,
 ) -> tuple[TrackRows, TrackRows]:
-    """Two files of one format as TrackEval compares them: of one class and one length.
+    """Two files of one format as TrackEval compares them: of one length and one class.
 
-    Args:
-      truth: Of `read_text_rows`.
-      prediction: Likewise.
-      num_frames: Length of the sequence; up to the last row of either side if left out.
-      class_id: Class to keep. MOT: of the truth, all if left out. MOTS: of both sides, 2
-        (pedestrian) if left out.
+    The length is that up to the last row of either side, if it is not given. The class is that to
+    keep, in MOT of the truth (all if left out), in MOTS of both sides (2, pedestrian, if left out).
 
     Raises:
       SourceError: If a row lies beyond the length, masks of one frame overlap, or all rows are of
