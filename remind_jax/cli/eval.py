@@ -176,13 +176,12 @@ def print_evaluation(evaluation: SetEvaluation) -> None:
     print_scores(evaluation.scores())
     if evaluation.federated is not None:
         print_federated(evaluation.federated)
-    num_scenes = _num_scenes(evaluation)
     lines = [f"note: {note}" for note in evaluation.notes]
     if evaluation.failed:
         reasons = [f"  {scene}: {why}" for scene, why in evaluation.failed.items()]
-        lines = [f"{len(evaluation.failed)} of {num_scenes} scenes failed:", *reasons, *lines]
-    elif num_scenes > 1:
-        lines = [f"{num_scenes} scenes, counts added", *lines]
+        lines = [f"{evaluation.failure_note}:", *reasons, *lines]
+    elif evaluation.num_scenes > 1:
+        lines = [f"{evaluation.num_scenes} scenes, counts added", *lines]
     print_lines(lines)
 
 
@@ -200,10 +199,6 @@ def print_federated(scores: FederatedScores) -> None:
 
     title = f"only what the labels judge, {len(scores.by_class)} classes"
     print_table([FEDERATED_HEADS, *scores.rows()], title)
-
-
-def _num_scenes(evaluation: SetEvaluation) -> int:
-    return len(evaluation.scenes) + len(evaluation.failed)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -17,10 +17,10 @@ from jaxtyping import Int
 
 from remind_jax.metrics.breakdowns import Breakdown, pool_breakdowns
 from remind_jax.metrics.clear import ClearCounts, clear_scores, count_clear
-from remind_jax.metrics.combine import map_counts, pool_counts, sum_counts
+from remind_jax.metrics.combine import map_counts, pool_counts, stack_counts, sum_counts
 from remind_jax.metrics.hota import HotaCounts, count_hota, hota_scores
 from remind_jax.metrics.identity import IdentityCounts, count_identity, identity_scores
-from remind_jax.metrics.intervals import Intervals, UnitCounts, split_by_object, split_by_scene
+from remind_jax.metrics.intervals import Family, Intervals, bootstrap_families, split_by_object
 from remind_jax.metrics.recovery import (
     RecoveryCounts,
     collect_answers,
@@ -68,7 +68,7 @@ class Evaluation(Printable):
     breakdowns: Mapping[str, Breakdown] = dataclasses.field(default_factory=dict)
     # Of one scene of federated truth, by class: without what its labels cannot judge.
     federated: Mapping[str, Evaluation] = dataclasses.field(default_factory=dict)
-    by_object: UnitCounts | None = None  # of one sequence, for intervals over its objects
+    by_object: Sequence[Family] | None = None  # of one sequence, for intervals over its objects
     is_pooled: bool = False
 
     def fields(self) -> dict[str, Any]:
@@ -110,8 +110,8 @@ class Evaluation(Printable):
         return mean_fields(self.fields())
 
     def intervals(self, **options: Any) -> Intervals:
-        """Bootstrap intervals over the objects, if their counts were kept; see `UnitCounts`."""
-        return {} if self.by_object is None else self.by_object.intervals(**options)
+        """Bootstrap intervals over the objects, if their counts were kept."""
+        return {} if self.by_object is None else bootstrap_families(self.by_object, **options)
 
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": scores}`, ready for `json.dump`; undefined scores are null."""
@@ -226,17 +226,19 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
 def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Intervals:
     """Bootstrap intervals of the pooled scores over scenes; over objects where there is one scene.
 
-    Options are those of `UnitCounts.intervals`.
+    Options are those of `combine.bootstrap_intervals`.
     """
     if len(evaluations) == 1:
         return evaluations[0].intervals(**options)
-    families = [
-        (e.hota, e.clear, e.identity, sum_counts(e.recovery))
-        + (() if e.uncertainty is None else (e.uncertainty,))
-        for e in evaluations
+    kinds: list[list[Any]] = [
+        [e.hota for e in evaluations],
+        [e.clear for e in evaluations],
+        [e.identity for e in evaluations],
+        [sum_counts(e.recovery) for e in evaluations],
+        [e.uncertainty for e in evaluations],
     ]
-    num_families = min(map(len, families))
-    return split_by_scene([family[:num_families] for family in families]).intervals(**options)
+    families = [(stack_counts(kind), None) for kind in kinds if None not in kind]
+    return bootstrap_families(families, **options)
 
 
 def mean_fields(fields: Mapping[str, Any]) -> dict[str, float]:

@@ -6,14 +6,13 @@ drawn with it; false positives on no object are the same in every draw.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from remind_jax.metrics.clear import ClearCounts, clear_scores, split_clear
-from remind_jax.metrics.combine import bootstrap_intervals, map_counts, stack_counts, sum_counts
+from remind_jax.metrics.combine import bootstrap_intervals
 from remind_jax.metrics.hota import HotaCounts, hota_scores, match_hota, split_hota
 from remind_jax.metrics.identity import (
     IDENTITY_THRESHOLD,
@@ -36,40 +35,26 @@ _SCORES: dict[type, Callable[[Any], Any]] = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class UnitCounts:
-    """Counts by unit (a leading axis), and what belongs to none."""
-
-    families: tuple[Any, ...]  # HotaCounts, ClearCounts, ... with an axis over units
-    remainders: tuple[Any, ...]  # the same without it
-    unit: str  # "scene" or "object"
-
-    @property
-    def num_units(self) -> int:
-        """How many there are to draw from."""
-        return len(self.families[0].true_positives)
-
-    def intervals(
-        self, *, level: float = 0.95, num_resamples: int = 1000, seed: int = 0
-    ) -> Intervals:
-        """Percentile bootstrap intervals by name of the score; none with fewer than two units."""
-        if self.num_units < 2:
-            return {}
-        found: Intervals = {}
-        for counts, remainder in zip(self.families, self.remainders, strict=True):
-            found |= bootstrap_intervals(
-                counts,
-                _SCORES[type(counts)],
-                remainder=remainder,
-                level=level,
-                num_resamples=num_resamples,
-                seed=seed,
-            )
-        return found
+# Counts with a leading axis over units, and those that belong to no unit, if there are any.
+Family = tuple[Any, Any]
 
 
-def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> UnitCounts:
-    """The counts of one sequence by true object; units and remainder add up to the whole."""
+def bootstrap_families(families: Sequence[Family], **options: Any) -> Intervals:
+    """Intervals of the scores of all kinds of counts; none with fewer than two units.
+
+    Options are those of `combine.bootstrap_intervals`.
+    """
+    if len(families[0][0].true_positives) < 2:
+        return {}
+    found: Intervals = {}
+    for counts, rest in families:
+        score = _SCORES[type(counts)]
+        found |= bootstrap_intervals(counts, score, remainder=rest, **options)
+    return found
+
+
+def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> list[Family]:
+    """The counts of one sequence by true object: HOTA, CLEAR, identity, recovery."""
     chosen = match_hota(sequence)
     hota, hota_rest = split_hota(sequence, chosen)
     clear, clear_rest = split_clear(sequence)
@@ -78,22 +63,11 @@ def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> Uni
     num_claimed = np.bincount(owner, minlength=len(sequence.gt_objects))
     right = count_right(sequence)
     identity = IdentityCounts(right, sequence.gt_lengths - right, num_claimed - right)
-    unclaimed = len(sequence.pred_id) - num_claimed.sum()
+    unclaimed = np.asarray(len(sequence.pred_id) - num_claimed.sum())
     nothing = np.zeros((), np.int64)
-    return UnitCounts(
-        (hota, clear, identity, recovery),
-        (
-            hota_rest,
-            clear_rest,
-            IdentityCounts(nothing, nothing, np.asarray(unclaimed)),
-            RecoveryCounts(nothing, nothing, nothing),
-        ),
-        "object",
-    )
-
-
-def split_by_scene(families: Sequence[tuple[Any, ...]]) -> UnitCounts:
-    """Counts with an axis over scenes, from the counts of each: HOTA, CLEAR, identity, ..."""
-    stacked = tuple(stack_counts(column) for column in zip(*families, strict=True))
-    nothing = tuple(map_counts(np.zeros_like, sum_counts(counts)) for counts in stacked)
-    return UnitCounts(stacked, nothing, "scene")
+    return [
+        (hota, hota_rest),
+        (clear, clear_rest),
+        (identity, IdentityCounts(nothing, nothing, unclaimed)),
+        (recovery, None),
+    ]

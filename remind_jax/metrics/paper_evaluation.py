@@ -32,8 +32,8 @@ from remind_jax.metrics.paper_scores import (
     PaperCounts,
     paper_scores,
 )
-from remind_jax.metrics.scene_stream import SceneStream, open_stream
-from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
+from remind_jax.printing.small_table import SmallTable
 from remind_jax.tracks import Tracks
 
 COLUMNS = ("IDF1", "Recovery", "HardRecovery", "IDSWRate", "DetA", "AssA", "IDP", "IDR")
@@ -41,14 +41,11 @@ _UNCERTAIN = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate",
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class PaperEvaluation(Printable):
+class PaperEvaluation(SceneScores):
     """One set of predictions under one path of the original."""
 
-    name: str
-    is_remind: bool  # formulas for REMIND; else those for every other tracker
     scenes: Mapping[str, PaperCounts]
-    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)  # scene: why
-    notes: tuple[str, ...] = ()
+    is_remind: bool = False  # formulas for REMIND; else those for every other tracker
 
     @property
     def legend(self) -> tuple[str, ...]:
@@ -61,10 +58,8 @@ class PaperEvaluation(Printable):
         Other trackers than REMIND have no shares of firm and ambiguous answers.
         """
         scores = paper_scores(pool_counts(self.scenes.values()))
-        num_scenes = len(self.scenes) + len(self.failed)
-        counted = {"Scenes": num_scenes, "FailedScenes": len(self.failed)}
         left_out = () if self.is_remind else (*_UNCERTAIN, "WeakShare")
-        named = {**scores, **counted}
+        named = {**scores, **self.scene_counts()}
         return {name: float(value) for name, value in named.items() if name not in left_out}
 
     def _summarize(self) -> SmallTable:
@@ -77,16 +72,12 @@ class PaperEvaluation(Printable):
 
     def to_json(self) -> dict[str, Any]:
         """`{"metrics": ..., "protocol": "paper", "legend": ...}`, `failed` and `notes`."""
-        content: dict[str, Any] = {
+        content = {
             "metrics": without_nan(self.scores()),
             "protocol": "paper",
             "legend": list(self.legend),
         }
-        if self.failed:
-            content["failed"] = dict(self.failed)
-        if self.notes:
-            content["notes"] = list(self.notes)
-        return content
+        return content | self.told_json()
 
     def intervals(self, **options: Any) -> dict[str, tuple[float, float]]:
         """Bootstrap intervals over scenes; none for one scene."""
@@ -113,16 +104,15 @@ def evaluate_paper(
       SourceError: If nothing can be read, or every scene failed.
     """
     stream = open_stream(truth, prediction, format=format, truth_format=truth_format, name=name)
-    is_run = stream.predictions.format == "run"
     scored = stream.score(lambda s, p: _count_scene(stream, s, p, collapse), progress)
+    rest = scored.failed, tuple(scored.notes)
     generic = {scene: counts[-1] for scene, counts in scored.results.items()}
-    notes = tuple(scored.notes)
-    if not is_run:
-        return (PaperEvaluation(stream.name, False, generic, scored.failed, notes),)
+    if stream.predictions.format != "run":
+        return (PaperEvaluation(stream.name, generic, *rest),)
     remind = {scene: counts[0] for scene, counts in scored.results.items()}
     return (
-        PaperEvaluation(stream.name, True, remind, scored.failed, notes),
-        PaperEvaluation(f"{stream.name}, generic formulas", False, generic, scored.failed),
+        PaperEvaluation(stream.name, remind, *rest, is_remind=True),
+        PaperEvaluation(f"{stream.name}, generic formulas", generic, scored.failed),
     )
 
 
@@ -132,17 +122,15 @@ def paper_table(
     """The paper's table of several predictions, every deviation from the standard in its legend."""
     rows = []
     for e in evaluations:
-        notes = ["REMIND's formulas" if e.is_remind else "generic formulas"]
-        if e.failed:
-            notes.append(f"{len(e.failed)} of {len(e.failed) + len(e.scenes)} scenes failed")
+        formulas = "REMIND's formulas" if e.is_remind else "generic formulas"
+        note = "; ".join(filter(None, (formulas, e.failure_note)))
         intervals = e.intervals(num_resamples=num_resamples) if num_resamples else {}
-        rows.append(Row(e.name, e.scores(), intervals, "; ".join(notes)))
+        rows.append(Row(e.name, e.scores(), intervals, note))
     legend = [sentence for e in evaluations for sentence in e.legend]
     if len({e.is_remind for e in evaluations}) > 1:
         legend.append("Rows of different formulas do not compare.")
     for e in evaluations:
-        legend += [f"{e.name}: scene '{s}' failed: {why}" for s, why in e.failed.items()]
-        legend += [f"{e.name}: {note}." for note in e.notes]
+        legend += [*e.list_failed(), *(f"{e.name}: {note}." for note in e.notes)]
     has_soft = any(row.scores.get("AmbiguousShare", 0.0) > 0 for row in rows)
     columns = COLUMNS + (_UNCERTAIN if has_soft else ())
     return ComparisonTable(rows, columns, tuple(dict.fromkeys(legend)), title)

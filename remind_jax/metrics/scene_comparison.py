@@ -111,16 +111,12 @@ def table_of(
 
 def _row(evaluation: SetEvaluation, num_resamples: int) -> Row:
     intervals = evaluation.intervals(num_resamples=num_resamples) if num_resamples else {}
-    notes = []
-    if evaluation.failed:
-        total = len(evaluation.scenes) + len(evaluation.failed)
-        notes.append(f"{len(evaluation.failed)} of {total} scenes failed")
     scores = evaluation.scores()
     federated = evaluation.federated
     if federated is not None:
         averaged = federated.class_averaged()
         scores |= {name: averaged[name.removeprefix("Class")] for name in FEDERATED_COLUMNS}
-    return Row(evaluation.name, scores, intervals, "; ".join(notes))
+    return Row(evaluation.name, scores, intervals, evaluation.failure_note)
 
 
 def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[str, ...]:
@@ -133,11 +129,7 @@ def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[
     if any(row.intervals for row in rows):
         unit = "scenes" if len(evaluations[0].scenes) > 1 else "objects"
         sentences.append(f"Ranges: 95 % bootstrap intervals over {unit}.")
-    for evaluation in evaluations:
-        sentences += [
-            f"{evaluation.name}: scene '{scene}' failed: {why}"
-            for scene, why in evaluation.failed.items()
-        ]
+    sentences += [line for evaluation in evaluations for line in evaluation.list_failed()]
     told = [note for evaluation in evaluations for note in evaluation.notes]
     for note in dict.fromkeys(told):
         names = ", ".join(e.name for e in evaluations if note in e.notes)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,8 @@ from remind_jax.metrics.formats.text import (
 from remind_jax.metrics.intervals import Intervals
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair
-from remind_jax.metrics.scene_stream import SceneStream, open_stream
-from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
+from remind_jax.printing.small_table import SmallTable
 
 _LEAST_MATCHED = 0.05  # of the detections of the side that has fewer
 
@@ -49,13 +49,10 @@ class SceneOptions:
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class SetEvaluation(Printable):
+class SetEvaluation(SceneScores):
     """One set of predictions: its scenes, and those that could not be scored."""
 
-    name: str
     scenes: tuple[Evaluation, ...]
-    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)  # scene: why
-    notes: tuple[str, ...] = ()
 
     @property
     def pooled(self) -> Evaluation:
@@ -71,11 +68,7 @@ class SetEvaluation(Printable):
 
     def scores(self) -> dict[str, float]:
         """Scores of all scenes together; of failed scenes nothing enters them."""
-        num_scenes = len(self.scenes) + len(self.failed)
-        return self.pooled.scores() | {
-            "Scenes": float(num_scenes),
-            "FailedScenes": float(len(self.failed)),
-        }
+        return self.pooled.scores() | self.scene_counts()
 
     def intervals(self, **options: Any) -> Intervals:
         """Bootstrap intervals by score, over scenes, or over the objects of a single scene.
@@ -119,11 +112,7 @@ class SetEvaluation(Printable):
             }
         if len(self.scenes) > 1:
             content["scenes"] = {e.name: without_nan(e.scores()) for e in self.scenes}
-        if self.failed:
-            content["failed"] = dict(self.failed)
-        if self.notes:
-            content["notes"] = list(self.notes)
-        return content
+        return content | self.told_json()
 
 
 def evaluate(

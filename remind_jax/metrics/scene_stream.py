@@ -6,7 +6,7 @@ A scene that cannot be scored, or has no prediction, is kept with the reason; it
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -19,11 +19,45 @@ from remind_jax.metrics.formats.opening import (
     holds_text,
     open_scenes,
 )
+from remind_jax.printing.small_table import Printable
 
 Score = TypeVar("Score")
 
 # Scenes that share a note are named up to this number, counted above it.
 MAX_NAMED = 3
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class SceneScores(Printable):
+    """One set of predictions: its scenes, and those that could not be scored."""
+
+    name: str
+    scenes: Sized
+    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)  # scene: why
+    notes: tuple[str, ...] = ()
+
+    @property
+    def num_scenes(self) -> int:
+        """All scenes, those that failed too."""
+        return len(self.scenes) + len(self.failed)
+
+    @property
+    def failure_note(self) -> str:
+        """How many scenes failed; nothing if none did."""
+        return f"{len(self.failed)} of {self.num_scenes} scenes failed" if self.failed else ""
+
+    def list_failed(self) -> list[str]:
+        """A sentence for every scene that failed."""
+        return [f"{self.name}: scene '{s}' failed: {why}" for s, why in self.failed.items()]
+
+    def scene_counts(self) -> dict[str, float]:
+        """How many scenes there are and how many failed, as scores."""
+        return {"Scenes": float(self.num_scenes), "FailedScenes": float(len(self.failed))}
+
+    def told_json(self) -> dict[str, Any]:
+        """`failed` and `notes`, where there are any, for JSON."""
+        told = {"failed": dict(self.failed), "notes": list(self.notes)}
+        return {name: value for name, value in told.items() if value}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -75,15 +75,14 @@ class TrackingSequence:
           SourceError: If an id occurs twice in one frame, a frame is outside of the sequence, a
             pair joins different frames, or a similarity is outside of [0, 1].
         """
-        gt_frame, gt_id = (np.asarray(column, np.int64) for column in ground_truth)
-        pred_frame, pred_id = (np.asarray(column, np.int64) for column in predictions)
-        pair_gt, pair_pred = (np.asarray(column, np.int64) for column in pairs[:2])
+        gt_frame, gt_id, pred_frame, pred_id, pair_gt, pair_pred = (
+            np.asarray(column, np.int64) for column in (*ground_truth, *predictions, *pairs[:2])
+        )
         similarity = np.asarray(pairs[2], np.float64)
         check_rows("ground truth", name, num_frames, gt_frame, gt_id, first_frame)
         check_rows("prediction", name, num_frames, pred_frame, pred_id, first_frame)
         _check_pairs(name, gt_frame, pred_frame, pair_gt, pair_pred, similarity)
-        overlaps = similarity > 0
-        order = np.flatnonzero(overlaps)
+        order = np.flatnonzero(similarity > 0)
         rank = pair_gt[order] * max(1, len(pred_frame)) + pair_pred[order]
         if np.any(np.diff(rank) <= 0):
             order = order[np.argsort(rank, kind="stable")]
@@ -128,24 +127,23 @@ class TrackingSequence:
                 f"{len(similarities)} of similarities were given; the lengths must agree"
             )
         gt_rows, pred_rows = _flatten(gt_ids), _flatten(pred_ids)
-        gt_start, pred_start = 0, 0
-        pairs: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        gt_start, pred_start = (frame_starts(rows[0], len(gt_ids)) for rows in (gt_rows, pred_rows))
+        pairs = [(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))]
         for frame, matrix in enumerate(similarities):
             shape = len(gt_ids[frame]), len(pred_ids[frame])
             matrix = np.asarray(matrix, np.float64)
             if matrix.size == 0 and 0 in shape:
-                matrix = matrix.reshape(shape)
+                continue
             if matrix.shape != shape:
                 raise SourceError(
                     f"{name}, frame {frame}: similarities have shape {matrix.shape}; "
                     f"{shape} is needed, one row per ground truth, one column per prediction"
                 )
             row, column = np.nonzero(matrix)
-            pairs.append((row + gt_start, column + pred_start, matrix[row, column]))
-            gt_start, pred_start = gt_start + shape[0], pred_start + shape[1]
-        columns = [np.concatenate(column) for column in zip(*pairs, strict=True)]
-        joined = (columns[0], columns[1], columns[2]) if columns else ([], [], [])
-        return cls.create(len(gt_ids), gt_rows, pred_rows, joined, name=name)
+            pairs.append((row + gt_start[frame], column + pred_start[frame], matrix[row, column]))
+        row, column, similarity = (np.concatenate(part) for part in zip(*pairs, strict=True))
+        rows = gt_rows, pred_rows
+        return cls.create(len(gt_ids), *rows, (row, column, similarity), name=name)
 
     @cached_property
     def gt_objects(self) -> Int[np.ndarray, "objects"]:

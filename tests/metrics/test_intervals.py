@@ -20,7 +20,7 @@ def test_objects_and_remainder_add_up(seed: int):
     evaluation = evaluate_sequence(sequence)
     parts = split_by_object(sequence, evaluation.recovery)
     whole = (count_hota(sequence), count_clear(sequence), count_identity(sequence))
-    for counts, rest, total in zip(parts.families, parts.remainders, whole, strict=False):
+    for (counts, rest), total in zip(parts, whole, strict=False):
         for field in dataclasses.fields(total):
             summed = getattr(counts, field.name).sum(axis=0) + getattr(rest, field.name)
             # Sums of a few dozen ratios in another order.
@@ -29,7 +29,7 @@ def test_objects_and_remainder_add_up(seed: int):
 
 def test_a_wrong_label_belongs_to_its_object():
     sequence = sequence_from_answers("aabb", "cccc")
-    identity = split_by_object(sequence, evaluate_sequence(sequence).recovery).families[2]
+    identity = split_by_object(sequence, evaluate_sequence(sequence).recovery)[2][0]
     assert identity.true_positives.tolist() == [2, 4]
     assert identity.false_positives.tolist() == [2, 0]
 
