@@ -46,14 +46,13 @@ def count_breakdowns(
     area_share: Float[np.ndarray, "N"] | None = None,
     gt_class: Int[np.ndarray, "N"] | None = None,
     class_names: Sequence[str] = (),
-    min_similarity: float = 0.5,
 ) -> dict[str, Breakdown]:
     """Breakdowns of one sequence: `visible`, and what else is known of the truth.
 
     The share of its frame that each observation covers gives `size`, the class of each gives
     `distractors` and `class`.
     """
-    answers = collect_answers(sequence, min_similarity)
+    answers = collect_answers(sequence)
     frame = sequence.gt_frame
     visible = np.bincount(frame, minlength=sequence.num_frames)[frame]
     breakdowns = {"visible": _count_bins(answers, VISIBLE_BINS, visible)}

@@ -13,10 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.metrics.combine import add_counts, map_counts, sum_counts
-from remind_jax.metrics.matching import EPSILON, assign_frame, has_rivals
+from remind_jax.metrics.matching import EPSILON, MATCH_THRESHOLD, assign_frame, has_rivals
 from remind_jax.metrics.sequence import TrackingSequence
 
-CLEAR_THRESHOLD = 0.5
 MOSTLY_TRACKED = 0.8  # above: MT
 MOSTLY_LOST = 0.2  # below: ML
 
@@ -40,9 +39,9 @@ class ClearCounts:
     frames: Float[np.ndarray, "*batch"]  # 0 if ground truth or predictions are empty
 
 
-def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) -> ClearCounts:
+def count_clear(sequence: TrackingSequence) -> ClearCounts:
     """Matches one sequence frame by frame and counts what CLEAR needs."""
-    matches = match_clear(sequence, threshold)
+    matches = _match_clear(sequence)
     of_objects, rest = _count_by_object(sequence, matches)
     counts = add_counts(sum_counts(of_objects), rest)
     similarity_sum = sequence.pair_similarity[matches].sum()
@@ -51,7 +50,7 @@ def count_clear(sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD) 
 
 def split_clear(sequence: TrackingSequence) -> tuple[ClearCounts, ClearCounts]:
     """Counts of each object, and what belongs to none; together those of the sequence."""
-    return _count_by_object(sequence, match_clear(sequence))
+    return _count_by_object(sequence, _match_clear(sequence))
 
 
 def _count_by_object(
@@ -86,11 +85,9 @@ def _count_by_object(
     return counts, rest
 
 
-def match_clear(
-    sequence: TrackingSequence, threshold: float = CLEAR_THRESHOLD
-) -> Int[np.ndarray, "M"]:
+def _match_clear(sequence: TrackingSequence) -> Int[np.ndarray, "M"]:
     """The pairs that CLEAR matches, as places in the table of pairs."""
-    pairs = np.flatnonzero(sequence.pair_similarity >= threshold - EPSILON)
+    pairs = np.flatnonzero(sequence.pair_similarity >= MATCH_THRESHOLD - EPSILON)
     return pairs[_match_continuously(sequence, pairs)]
 
 

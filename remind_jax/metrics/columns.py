@@ -77,9 +77,6 @@ _KNOWN: tuple[tuple[str, str | None, Kind, Better | None, str], ...] = (
     ("CandidateHitRate", "Set hit", "percent", "higher", "Candidate sets that hold the truth."),
     ("CollapseAccuracy", "Settled right", "percent", "higher", "Candidate sets settled rightly."),
     ("WeakShare", "Weak", "percent", "lower", "Observations with neither."),
-    ("ms_per_frame", "ms", "ms", "lower", "Mean time of a frame."),
-    ("p95_ms", "p95 ms", "ms", "lower", "95th percentile of the time of a frame."),
-    ("peak_rss_mib", "RSS MiB", "mib", "lower", "Largest resident memory of the process."),
 )
 # fmt: on
 

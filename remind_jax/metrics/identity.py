@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 
+from remind_jax.metrics.matching import MATCH_THRESHOLD
 from remind_jax.metrics.sequence import TrackingSequence
-
-IDENTITY_THRESHOLD = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,14 +26,12 @@ class IdentityCounts:
     false_positives: Float[np.ndarray, "*batch"]  # IDFP
 
 
-def count_identity(
-    sequence: TrackingSequence, threshold: float = IDENTITY_THRESHOLD
-) -> IdentityCounts:
+def count_identity(sequence: TrackingSequence) -> IdentityCounts:
     """Gives each object at most one predicted id for the whole sequence and counts agreement.
 
     Maximizing the common frames is the same as minimizing false positives plus false negatives.
     """
-    num_right = int(count_right(sequence, threshold).sum())
+    num_right = int(count_right(sequence).sum())
     return IdentityCounts(
         np.asarray(num_right),
         np.asarray(len(sequence.gt_id) - num_right),
@@ -42,12 +39,10 @@ def count_identity(
     )
 
 
-def count_right(
-    sequence: TrackingSequence, threshold: float = IDENTITY_THRESHOLD
-) -> Int[np.ndarray, "objects"]:
+def count_right(sequence: TrackingSequence) -> Int[np.ndarray, "objects"]:
     """Frames in which each object carries its one right label."""
     right = np.zeros(len(sequence.gt_objects), np.int64)
-    object_of, label_of, common = count_common_frames(sequence, threshold)
+    object_of, label_of, common = _count_common_frames(sequence)
     if len(common):
         matrix = np.zeros((object_of.max() + 1, label_of.max() + 1))
         matrix[object_of, label_of] = common
@@ -56,12 +51,12 @@ def count_right(
     return right
 
 
-def count_common_frames(
-    sequence: TrackingSequence, threshold: float = IDENTITY_THRESHOLD
+def _count_common_frames(
+    sequence: TrackingSequence,
 ) -> tuple[Int[np.ndarray, "I"], Int[np.ndarray, "I"], Int[np.ndarray, "I"]]:
     """Object, label and number of common frames of the id pairs that have any."""
     object_of, label_of, id_pair = sequence.id_pairs
-    is_common = sequence.pair_similarity >= threshold
+    is_common = sequence.pair_similarity >= MATCH_THRESHOLD
     common = np.bincount(id_pair[is_common], minlength=len(object_of))
     found = common > 0
     return object_of[found], label_of[found], common[found]

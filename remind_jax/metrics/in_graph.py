@@ -113,13 +113,8 @@ def _score_identity(
     common: Float[Array, "O L"], num_gt: Float[Array, ""], num_pred: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """IDF1, IDP, IDR from the frames that objects and labels share."""
-    column = assign_in_graph(
-        common,
-        common > 0,
-        jnp.zeros(len(common), jnp.int32),
-        jnp.zeros(len(common)),
-        jnp.asarray(True),
-    )
+    nothing = jnp.zeros(len(common), jnp.int32)
+    column = assign_in_graph(common, common > 0, nothing, nothing.astype(float), jnp.asarray(True))
     right = jnp.sum(jnp.where(column >= 0, _take(common, column), 0.0))
     total = jnp.maximum(1.0, 0.5 * (num_gt + num_pred))
     return right / total, right / jnp.maximum(1.0, num_pred), right / jnp.maximum(1.0, num_gt)

@@ -14,12 +14,8 @@ import numpy as np
 from remind_jax.metrics.clear import ClearCounts, clear_scores, split_clear
 from remind_jax.metrics.combine import bootstrap_intervals
 from remind_jax.metrics.hota import HotaCounts, hota_scores, match_hota, split_hota
-from remind_jax.metrics.identity import (
-    IDENTITY_THRESHOLD,
-    IdentityCounts,
-    count_right,
-    identity_scores,
-)
+from remind_jax.metrics.identity import IdentityCounts, count_right, identity_scores
+from remind_jax.metrics.matching import MATCH_THRESHOLD
 from remind_jax.metrics.recovery import RecoveryCounts, recovery_scores
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import UncertaintyCounts, uncertainty_scores
@@ -58,7 +54,7 @@ def split_by_object(sequence: TrackingSequence, recovery: RecoveryCounts) -> lis
     chosen = match_hota(sequence)
     hota, hota_rest = split_hota(sequence, chosen)
     clear, clear_rest = split_clear(sequence)
-    is_close = chosen & (sequence.pair_similarity >= IDENTITY_THRESHOLD)
+    is_close = chosen & (sequence.pair_similarity >= MATCH_THRESHOLD)
     owner = sequence.gt_index[sequence.pair_gt[is_close]]
     num_claimed = np.bincount(owner, minlength=len(sequence.gt_objects))
     right = count_right(sequence)

@@ -107,12 +107,7 @@ def evaluate_tracks(
 
 
 def evaluate_run(
-    tracks: Sequence[Tracks],
-    truth: TrackRows,
-    *,
-    undecided: Undecided = "strict",
-    by_class: bool = False,
-    by_object: bool = False,
+    tracks: Sequence[Tracks], truth: TrackRows, *, undecided: Undecided = "strict"
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """Scores a run against truth that it did not carry itself; also notes about what was left out.
 
@@ -124,9 +119,7 @@ def evaluate_run(
       SourceError: If frames or their sizes do not fit.
     """
     paired = pair_scene(truth, number_detections(tracks, truth.name))
-    return evaluate_pair(
-        paired, tracks, undecided=undecided, by_class=by_class, by_object=by_object
-    )
+    return evaluate_pair(paired, tracks, undecided=undecided)
 
 
 def evaluate_pair(

@@ -88,15 +88,13 @@ class TrackRows:
         )
 
 
-@dataclasses.dataclass
 class RowCollector:
     """Gathers rows in any order; `finish` sorts and checks them."""
 
-    frame: list[int] = dataclasses.field(default_factory=list)
-    track_id: list[int] = dataclasses.field(default_factory=list)
-    class_id: list[int] = dataclasses.field(default_factory=list)
-    boxes: list[Any] = dataclasses.field(default_factory=list)  # may be empty where masks are
-    rles: list[Rle] = dataclasses.field(default_factory=list)  # empty if no row has one
+    def __init__(self) -> None:
+        self._rows: list[tuple[int, int, int]] = []  # frame, id, class
+        self._boxes: list[Any] = []  # may be empty where masks are
+        self._rles: list[Rle] = []  # empty if no row has one
 
     def add(
         self,
@@ -108,13 +106,11 @@ class RowCollector:
         box: Any = None,
     ) -> None:
         """Adds one row with a mask, or a box (left, top, right, bottom), or both."""
-        self.frame.append(frame)
-        self.track_id.append(track_id)
-        self.class_id.append(class_id)
+        self._rows.append((frame, track_id, class_id))
         if rle is not None:
-            self.rles.append(rle)
+            self._rles.append(rle)
         if box is not None:
-            self.boxes.append(box)
+            self._boxes.append(box)
 
     def finish(
         self,
@@ -131,38 +127,36 @@ class RowCollector:
         Raises:
           SourceError: If only some rows have a mask, or a mask is damaged.
         """
-        has_masks = len(self.rles) == len(self.frame) and bool(self.frame)
-        if not has_masks and len(self.boxes) != len(self.frame):
+        rles, boxes, num = self._rles, self._boxes, len(self._rows)
+        has_masks = len(rles) == num > 0
+        if not has_masks and len(boxes) != num:
             raise SourceError(
-                f"{name}: {len(self.rles)} of {len(self.frame)} rows have a mask and "
-                f"{len(self.boxes)} a box; all rows need the one or the other"
+                f"{name}: {len(rles)} of {num} rows have a mask and {len(boxes)} a box; all rows "
+                "need the one or the other"
             )
-        wrong = find_malformed(self.rles) if has_masks else None
+        wrong = find_malformed(rles) if has_masks else None
         if wrong is not None:
+            frame, track_id, _ = self._rows[wrong]
             raise SourceError(
-                f"{name}, frame {self.frame[wrong]}, id {self.track_id[wrong]}: the run lengths "
-                f"are damaged or do not add up to a mask of "
-                f"{' x '.join(map(str, self.rles[wrong]['size']))} pixels (height x width)"
+                f"{name}, frame {frame}, id {track_id}: the run lengths are damaged or do not add "
+                f"up to a mask of {' x '.join(map(str, rles[wrong]['size']))} pixels "
+                "(height x width)"
             )
-        order = np.argsort(np.asarray(self.frame, np.int64), kind="stable")
-        rles = tuple(self.rles[row] for row in order) if has_masks else None
-        return TrackRows(
+        frame, track_id, class_id = np.array(self._rows, np.int64).reshape(-1, 3).T
+        rows = TrackRows(
             name=name,
             num_frames=num_frames,
-            frame=np.asarray(self.frame, np.int64)[order],
-            track_id=np.asarray(self.track_id, np.int64)[order],
-            boxes=(
-                np.asarray(self.boxes, float).reshape(-1, 4)[order]
-                if rles is None or len(self.boxes) == len(rles)
-                else boxes_of(rles)
-            ),
-            class_id=np.asarray(self.class_id, np.int64)[order],
+            frame=frame,
+            track_id=track_id,
+            boxes=np.array(boxes, float).reshape(-1, 4) if len(boxes) == num else boxes_of(rles),
+            class_id=class_id,
             class_names=tuple(class_names),
-            rles=rles,
+            rles=tuple(rles) if has_masks else None,
             frame_names=None if frame_names is None else tuple(frame_names),
-            frame_size=frame_size or (size_of(rles[0]) if rles else None),
             federation=federation,
-        )
+        ).select(np.argsort(frame, kind="stable"))
+        size = frame_size or (size_of(rows.rles[0]) if rows.rles else None)
+        return dataclasses.replace(rows, frame_size=size)
 
 
 def boxes_of(rles: Sequence[Rle]) -> Float[np.ndarray, "N 4"]:
