@@ -12,7 +12,6 @@ import pytest
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.masks.run_length import encode_label_map, encode_masks
 from remind_jax.metrics import SceneOptions, evaluate, evaluate_tracks
-from remind_jax.masks.run_length import encode_label_map
 from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
 from remind_jax.outputs.store import DETECTIONS_NAME, DetectionsWriter
 from remind_jax.tracks import Tracks
