@@ -1,0 +1,261 @@
+"""One small valid file of every format that enters, and how a user hands it over."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import yaml
+
+import remind_jax as rj
+from remind_jax import sweeps
+from remind_jax.baselines.bank import METHOD
+from remind_jax.cli.main import main
+from remind_jax.errors import RemindError
+from remind_jax.masks.run_length import encode_masks
+from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
+from tests.cli import scenes
+from tests.outputs import fake_run
+
+NUM_FRAMES = 3
+
+
+class Refused(Exception):
+    """The command said what is wrong; its sentence is on standard error."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Format:
+    """A kind of file."""
+
+    kind: str  # "json", "jsonl", "yaml", "text", "npz", "safetensors" or "bytes": how it is changed
+    write: Callable[[Path], Path]  # into an empty folder; gives the file that is changed
+    enter: Callable[[Path], Any]  # what a user does with it; raises where it is refused
+
+
+def remind(*words: object) -> None:
+    """The command line; exit code 0 or an exception."""
+    code = main([str(word) for word in words])
+    if code:
+        raise Refused(code)
+
+
+def _look_at(source, **options) -> None:
+    for frame in itertools.islice(rj.open_source(source, **options), NUM_FRAMES):
+        if frame.detections is not None:
+            _ = frame.detections.masks.sum()
+
+
+def _scene_beside(path: Path) -> Path:
+    """Images of the tiny scene, in the folder of the file."""
+    images = path.parent / "scene" / "images"
+    if not images.exists():
+        scenes.write_scene(path.parent / "scene", NUM_FRAMES)
+    return images
+
+
+def _rle(mask: np.ndarray) -> dict:
+    (code,) = encode_masks(mask[None])
+    return {"size": list(code["size"]), "counts": code["counts"].decode()}
+
+
+def _coco_results(folder: Path) -> Path:
+    found = []
+    for index in range(NUM_FRAMES):
+        labels = scenes.picture(index)[1]
+        found += [
+            {
+                "image_id": index,
+                "category_id": 1,
+                "segmentation": _rle((labels == instance).astype(np.uint8)),
+                "score": 0.9,
+                "track_id": instance,
+            }
+            for instance in scenes.FIRST_THREE
+        ]
+    path = folder / "results.json"
+    path.write_text(json.dumps(found))
+    return path
+
+
+def _coco_video(folder: Path) -> Path:
+    names = [f"{index:04d}.png" for index in range(NUM_FRAMES)]
+    maps = [scenes.picture(index)[1] for index in range(NUM_FRAMES)]
+    content = {
+        "videos": [
+            {
+                "id": 1,
+                "width": scenes.WIDTH_PX,
+                "height": scenes.HEIGHT_PX,
+                "length": NUM_FRAMES,
+                "file_names": names,
+            }
+        ],
+        "categories": [{"id": 1, "name": "cup"}],
+        "annotations": [
+            {
+                "id": instance,
+                "video_id": 1,
+                "category_id": 1,
+                "iscrowd": 0,
+                "segmentations": [_rle((labels == instance).astype(np.uint8)) for labels in maps],
+            }
+            for instance in scenes.FIRST_THREE
+        ],
+    }
+    path = folder / "video.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def _frame_lines(folder: Path) -> Path:
+    lines = [
+        json.dumps(
+            {
+                "frame": index,
+                "detections": [
+                    {
+                        "segmentation": _rle((scenes.picture(index)[1] == instance).astype("u1")),
+                        "label": "cup",
+                        "score": 0.5,
+                    }
+                    for instance in scenes.FIRST_THREE
+                ],
+            }
+        )
+        for index in range(NUM_FRAMES)
+    ]
+    path = folder / "frames.jsonl"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def _mot(folder: Path) -> Path:
+    rows = [
+        f"{frame},{track},{10 * track},{10 * track},20,20,1,1,1"
+        for frame in range(1, 4)
+        for track in (1, 2, 3)
+    ]
+    path = folder / "gt.txt"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def _metadata(folder: Path) -> Path:
+    scenes.write_scene(folder / "scene", NUM_FRAMES)
+    return folder / "scene" / "masks" / "metadata.json"
+
+
+def _run_file(name: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        _, result = fake_run.make_run(6, (48, 64), 3)
+        result.save(folder / "run")
+        return folder / "run" / name
+
+    return write
+
+
+def _config(folder: Path) -> Path:
+    path = folder / "config.yaml"
+    values = {"base": "default", "decision": {"new": 1.5}, "input": {"ignored_classes": ["wall"]}}
+    path.write_text(yaml.safe_dump({**values, "static": {"num_objects": 32}}))
+    return path
+
+
+def _sweep_settings(folder: Path) -> Path:
+    path = folder / "settings.json"
+    path.write_text(json.dumps([{"decision.new": 1.0}, {"decision.new": 1.5, "looks.gain": 0.7}]))
+    return path
+
+
+def _memory(folder: Path) -> Path:
+    static = rj.Static(num_detections=2, num_objects=3, feature_dim=4)
+    state = jax.device_get(METHOD.init(static))
+    path = folder / "memory.safetensors"
+    save_memory(path, SavedMemory(state, static, ("cup",), "fingerprint", METHOD.name))
+    return path
+
+
+def _features(folder: Path) -> Path:
+    path = folder / "features.npz"
+    features = np.zeros((NUM_FRAMES, 12, 16, 4), np.float32)
+    maps = np.stack([scenes.picture(index)[1] for index in range(NUM_FRAMES)])
+    ids, labels = np.array(list(scenes.CLASSES)), np.array(list(scenes.CLASSES.values()))
+    np.savez(path, features=features, masks=maps, ids=ids, labels=labels)
+    return path
+
+
+def _image(folder: Path) -> Path:
+    return next(iter(sorted(scenes.write_scene(folder / "scene", NUM_FRAMES)[0].iterdir())))
+
+
+def _map(folder: Path) -> Path:
+    return next(iter(sorted(scenes.write_scene(folder / "scene", NUM_FRAMES)[1].glob("*.png"))))
+
+
+def _tar(folder: Path) -> Path:
+    images, _ = scenes.write_scene(folder / "scene", NUM_FRAMES)
+    with tarfile.open(folder / "images.tar", "w") as archive:
+        archive.add(images, "images")
+    return folder / "images.tar"
+
+
+def _scene_with_masks(path: Path) -> None:
+    scene = path.parents[1]
+    _look_at(scene / "images", masks=scene / "masks")
+
+
+def _load_run(path: Path) -> None:
+    result = rj.Result.load(path.parent)
+    _ = result.objects(), str(result)
+
+
+def _read_settings(path: Path) -> None:
+    for setting in sweeps.read_settings(path):
+        rj.load_config("default").updated({"thresholds": dict(setting)})
+
+
+def refusal(error: BaseException) -> bool:
+    """Whether an exception is an answer to the user."""
+    return isinstance(error, (Refused, RemindError))
+
+
+FORMATS: dict[str, Format] = {
+    "coco results as masks": Format(
+        "json", _coco_results, lambda path: _look_at(_scene_beside(path), masks=path)
+    ),
+    "coco video scored": Format(
+        "json", _coco_video, lambda path: remind("eval", path, path, "--resamples", 0)
+    ),
+    "frame lines": Format(
+        "jsonl", _frame_lines, lambda path: _look_at(_scene_beside(path), masks=path)
+    ),
+    "mot scored": Format("text", _mot, lambda path: remind("eval", path, path, "--resamples", 0)),
+    "metadata of masks": Format("json", _metadata, _scene_with_masks),
+    "detections.jsonl viewed": Format(
+        "jsonl", _run_file("detections.jsonl"), lambda path: _load_run(path)
+    ),
+    "run.json": Format("json", _run_file("run.json"), lambda path: _load_run(path)),
+    "run scored": Format(
+        "jsonl",
+        _run_file("detections.jsonl"),
+        lambda path: remind("eval", path.parent, path.parent, "--resamples", 0),
+    ),
+    "configuration": Format("yaml", _config, lambda path: remind("config", "show", path)),
+    "sweep settings": Format("json", _sweep_settings, lambda path: _read_settings(path)),
+    "memory": Format("safetensors", _memory, load_memory),
+    "features": Format("npz", _features, _look_at),
+    "image": Format("bytes", _image, lambda path: _look_at(path.parent)),
+    "instance map": Format("bytes", _map, _scene_with_masks),
+    "tar of images": Format("bytes", _tar, _look_at),
+    "video": Format(
+        "bytes", lambda folder: scenes.write_video(folder / "v.mp4", NUM_FRAMES), _look_at
+    ),
+}

@@ -1,0 +1,76 @@
+"""A quick share of the fuzzer (`make fuzz`), and that it sees what it looks for."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from remind_jax.errors import SourceError
+from tests.corpus import judge
+from tests.corpus.mutations import change_file
+from tests.corpus.seeds import FORMATS, Format
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_unchanged_file_is_accepted(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = FORMATS[name].write(tmp_path)
+    FORMATS[name].enter(path)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_same_seed_makes_the_same_change(name, tmp_path):
+    made = []
+    for place in ("one", "other"):
+        (tmp_path / place).mkdir()
+        path = FORMATS[name].write(tmp_path / place)
+        change = change_file(path, FORMATS[name].kind, random.Random(3))
+        made.append((change, path.read_bytes() if path.is_file() else b""))
+    if FORMATS[name].kind not in ("npz", "bytes", "safetensors"):  # these hold times, or no order
+        assert made[0] == made[1]
+    assert made[0][0] == made[1][0]
+
+
+def _text(folder):
+    path = folder / "words.txt"
+    path.write_text("1,2\n")
+    return path
+
+
+def _refuse(path):
+    raise SourceError("it is no good; give another")
+
+
+def _break(path):
+    raise KeyError("x")
+
+
+def _print_escape(path):
+    print("\x1b[31m")
+
+
+def _sleep(path):
+    while True:
+        pass
+
+
+def _swallow(path):
+    bytearray(8 << 30)
+
+
+@pytest.mark.parametrize(
+    ("enter", "kind"),
+    [
+        (_refuse, "refused"),
+        (_break, "traceback"),
+        (_print_escape, "escape"),
+        (_sleep, "hang"),
+        (_swallow, "memory"),
+        (lambda path: None, "accepted"),
+    ],
+)
+def test_every_end_is_seen(enter, kind, monkeypatch):
+    monkeypatch.setitem(FORMATS, "made up", Format("bytes", _text, enter))
+    verdict = judge.run_case("made up", 1, limit_s=2.0)
+    assert verdict.kind == kind
