@@ -8,6 +8,7 @@ import json
 import os
 import random
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -82,12 +83,11 @@ def _change_yaml(path: Path, rng: random.Random) -> Change:
 
 def change_tree(content: Any, rng: random.Random) -> tuple[Any, Change]:
     """Changes one node of nested lists, mappings and values."""
-    places = list(_places(content))
+    places: list[tuple[Any, Any]] = list(_places(content))
     if not places:
         return rng.choice(OTHER_KINDS), Change("the whole is another kind", True)
-    holder: Any
     holder, key = rng.choice(places)
-    value: Any = holder[key]
+    value = holder[key]
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     options = ["another kind", "deep", "removed"]
     options += ["odd number", "not finite"] * 2 if is_number else []
@@ -119,7 +119,7 @@ def change_tree(content: Any, rng: random.Random) -> tuple[Any, Change]:
     return content, Change(f"{name} at {key!r}"[:80], name == "not finite")
 
 
-def _places(content: Any) -> Any:
+def _places(content: Any) -> Iterator[tuple[Any, Any]]:
     if isinstance(content, dict):
         for key, value in content.items():
             yield content, key
