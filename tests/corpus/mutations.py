@@ -88,13 +88,7 @@ def change_tree(content: Any, rng: random.Random) -> tuple[Any, Change]:
         return rng.choice(OTHER_KINDS), Change("the whole is another kind", True)
     holder, key = rng.choice(places)
     value = holder[key]
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    options = ["another kind", "deep", "removed"]
-    options += ["odd number", "not finite"] * 2 if is_number else []
-    options += ["odd text"] * 3 if isinstance(value, str) else []
-    options += ["longer", "shorter"] if isinstance(value, list) else []
-    options += ["extra key"] if isinstance(value, dict) else []
-    name = rng.choice(options)
+    name = rng.choice(_changes_of(value))
     if name == "another kind":
         holder[key] = rng.choice(OTHER_KINDS)
     elif name == "deep":
@@ -117,6 +111,16 @@ def change_tree(content: Any, rng: random.Random) -> tuple[Any, Change]:
     else:
         value[rng.choice(ODD_TEXTS)] = rng.choice(OTHER_KINDS)
     return content, Change(f"{name} at {key!r}"[:80], name == "not finite")
+
+
+def _changes_of(value: Any) -> list[str]:
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    options = ["another kind", "deep", "removed"]
+    options += ["odd number", "not finite"] * 2 if is_number else []
+    options += ["odd text"] * 3 if isinstance(value, str) else []
+    options += ["longer", "shorter"] if isinstance(value, list) else []
+    options += ["extra key"] if isinstance(value, dict) else []
+    return options
 
 
 def _places(content: Any) -> Iterator[tuple[Any, Any]]:
