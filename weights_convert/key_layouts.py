@@ -139,7 +139,7 @@ class NamedTensors:
 
 
 def name_tensors(tensors: Mapping[str, Any], file: str) -> NamedTensors:
-    """Recognises the layout of a file and names its tensors in our words.
+    """Recognizes the layout of a file and names its tensors in our words.
 
     Args:
       tensors: `StoredTensor` by key; mappings of them where a checkpoint holds several networks.

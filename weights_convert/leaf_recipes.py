@@ -49,12 +49,12 @@ def _outer_recipes(v: Variant, tensors: Mapping[str, StoredTensor]) -> list[Reci
         Recipe("patch_embed.kernel", (("patch_embed.weight", pixels),), _flatten_convolution),
         _same("patch_embed.bias", "patch_embed.bias", (v.width,)),
         Recipe("cls_token", (("cls_token", (1, 1, v.width)),), _first),
-        *_norm("norm", "norm", v.width),
+        *_norm("norm", v.width),
     ]
     if v.registers:
         made.append(Recipe("registers", (("registers", (1, v.registers, v.width)),), _first))
     if v.cls_norm:
-        made += _norm("cls_norm", "cls_norm", v.width)
+        made += _norm("cls_norm", v.width)
     if v.position != "rotary":
         shape = (1, 1 + v.table_side**2, v.width)
         made.append(Recipe("positions", (("positions", shape),), _first))
@@ -69,8 +69,8 @@ def _outer_recipes(v: Variant, tensors: Mapping[str, StoredTensor]) -> list[Reci
 def _block_recipes(v: Variant, block: str, tensors: Mapping[str, StoredTensor]) -> list[Recipe]:
     d, hidden = v.width, v.hidden
     made = [
-        *_norm(f"{block}norm1", f"{block}norm1", d),
-        *_norm(f"{block}norm2", f"{block}norm2", d),
+        *_norm(f"{block}norm1", d),
+        *_norm(f"{block}norm2", d),
         *_qkv(v, block, tensors),
         _matrix(f"{block}attention.proj.kernel", (f"{block}proj.weight", (d, d))),
         _same(f"{block}attention.proj.bias", f"{block}proj.bias", (d,)),
@@ -119,10 +119,10 @@ def _same(leaf: str, name: str, shape: Shape) -> Recipe:
     return Recipe(leaf, ((name, shape),), lambda array: array)
 
 
-def _norm(leaf: str, name: str, width: int) -> list[Recipe]:
+def _norm(name: str, width: int) -> list[Recipe]:
     return [
-        _same(f"{leaf}.scale", f"{name}.weight", (width,)),
-        _same(f"{leaf}.bias", f"{name}.bias", (width,)),
+        _same(f"{name}.scale", f"{name}.weight", (width,)),
+        _same(f"{name}.bias", f"{name}.bias", (width,)),
     ]
 
 
@@ -177,9 +177,9 @@ def check_complete(
             if name in tensors and tensors[name].shape != shape
         ],
     }
-    told = [f"{kind}: {', '.join(names)}" for kind, names in faults.items() if names]
-    if told:
-        raise WeightsError(f"'{file}' does not hold exactly '{network}': {'; '.join(told)}")
+    found = [f"{kind}: {', '.join(names)}" for kind, names in faults.items() if names]
+    if found:
+        raise WeightsError(f"'{file}' does not hold exactly '{network}': {'; '.join(found)}")
 
 
 def make_leaf(recipe: Recipe, tensors: Mapping[str, StoredTensor], file: str) -> Any:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import functools
 import io
 import pickle
 import zipfile
@@ -127,6 +126,8 @@ class Archive:
 def read_pickled(path: Path) -> Mapping[str, Any]:
     """What a `.pth` file holds: tensors, and mappings, numbers and texts of a checkpoint.
 
+    Tensors are `PickledTensor`s, in files that PyTorch itself has read its own.
+
     Raises:
       WeightsError: If it is damaged, cut short, no such file, or asks for anything but tensors.
     """
@@ -200,14 +201,6 @@ _REBUILD = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class _TorchTensor:
-    """A tensor that PyTorch has read."""
-
-    shape: tuple[int, ...]
-    read: Any
-
-
 def _read_with_torch(path: Path, start: bytes) -> Mapping[str, Any]:
     """Files of PyTorch before 1.6, which are pickles one after another."""
     if not start.startswith(b"\x80"):
@@ -224,26 +217,21 @@ def _read_with_torch(path: Path, start: bytes) -> Mapping[str, Any]:
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise WeightsError(
-            f"'{path}' is damaged or asks for more than tensors, so PyTorch refuses it: {reason}"
+            f"'{path}' is damaged or asks for more than tensors, so PyTorch refuses it: "
+            f"{first_line(error)}"
         ) from error
     if not isinstance(content, Mapping):
         raise WeightsError(f"'{path}' holds a {type(content).__name__}, no dictionary of tensors")
-    return _from_torch(content)
-
-
-def _from_torch(values: Mapping[str, Any]) -> dict[str, Any]:
-    kept: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            kept[str(key)] = _from_torch(value)
-        elif hasattr(value, "detach"):
-            read = functools.partial(lambda tensor: tensor.detach().float().numpy(), value)
-            kept[str(key)] = _TorchTensor(tuple(value.shape), read)
-    return kept
+    return content
 
 
 def _damaged(path: Path, error: Exception) -> WeightsError:
-    reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
-    return WeightsError(f"'{path}' is damaged or cut short ({reason}); download it again")
+    return WeightsError(
+        f"'{path}' is damaged or cut short ({first_line(error)}); download it again"
+    )
+
+
+def first_line(error: Exception) -> str:
+    """What an error says in one line."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -14,7 +14,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 
 from remind_jax.errors import WeightsError
-from weights_convert.pickled_tensors import read_pickled
+from weights_convert.pickled_tensors import PickledTensor, first_line, read_pickled
 
 INDEX_SUFFIX = ".safetensors.index.json"
 PICKLED_SUFFIXES = (".pth", ".pt", ".bin", ".ckpt")
@@ -96,7 +96,7 @@ def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
             tensors[name] = StoredTensor(shape, functools.partial(_read, file, name, path))
     except (SafetensorError, OSError) as error:
         raise WeightsError(
-            f"'{path}' is damaged, cut short or no safetensors file ({_first_line(error)}); "
+            f"'{path}' is damaged, cut short or no safetensors file ({first_line(error)}); "
             "download it again"
         ) from error
     return tensors
@@ -107,7 +107,7 @@ def _read(file: Any, name: str, path: Path) -> np.ndarray:
         return file.get_tensor(name)
     except (SafetensorError, OSError, TypeError, KeyError) as error:
         raise WeightsError(
-            f"tensor '{name}' of '{path}' cannot be read: {_first_line(error)}"
+            f"tensor '{name}' of '{path}' cannot be read: {first_line(error)}"
         ) from error
 
 
@@ -148,10 +148,12 @@ def _as_stored(values: Mapping[str, Any]) -> dict[str, Any]:
     for key, value in values.items():
         if isinstance(value, Mapping):
             kept[str(key)] = _as_stored(value)
-        elif hasattr(value, "shape") and hasattr(value, "read"):
-            kept[str(key)] = StoredTensor(tuple(value.shape), value.read)
+        elif isinstance(value, PickledTensor):
+            kept[str(key)] = StoredTensor(value.shape, value.read)
+        elif hasattr(value, "detach"):
+            kept[str(key)] = StoredTensor(tuple(value.shape), functools.partial(_from_torch, value))
     return kept
 
 
-def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+def _from_torch(tensor: Any) -> np.ndarray:
+    return tensor.detach().float().numpy()

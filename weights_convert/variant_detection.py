@@ -48,7 +48,7 @@ def detect_variant(
       file: For messages.
 
     Raises:
-      WeightsError: If a size cannot be told, or the network is not the expected or a published one.
+      WeightsError: If a size is not clear, or the network is not the expected or a published one.
       ConfigError: If the expected variant does not exist.
     """
     expected = None if wishes.variant is None else get_variant(wishes.variant)
@@ -100,7 +100,7 @@ def detect_variant(
 
 def _shape(tensors: Mapping[str, StoredTensor], name: str, ndim: int, file: str) -> tuple[int, ...]:
     if name not in tensors:
-        raise WeightsError(f"'{file}' holds no '{name}', without which no network is recognised")
+        raise WeightsError(f"'{file}' holds no '{name}', without which no network is recognized")
     shape = tensors[name].shape
     if len(shape) != ndim or 0 in shape:
         raise WeightsError(f"'{name}' in '{file}' has shape {shape}; it must have {ndim} axes")
@@ -191,8 +191,8 @@ def _differing(variant: Variant, known: Variant) -> list[str]:
 
 
 def _differences(variant: Variant, known: Variant) -> str:
-    told = [
+    differences = [
         f"{name} {getattr(variant, name)} instead of {getattr(known, name)}"
         for name in _differing(variant, known)
     ]
-    return f" ({', '.join(told)})" if told else ""
+    return f" ({', '.join(differences)})" if differences else ""

@@ -26,8 +26,8 @@ class Setting:
     theirs: Mapping[Any, Any] | None = None  # the original's values, and what they are here
     listed: str = ""  # the setting holds if the original's list has this name
     decided_by: tuple[str, ...] = ()  # keys of the original that decide it together
-    least: int | None = None  # allowed number
-    most: int | None = None  # allowed number
+    least: float | None = None  # allowed number
+    most: float | None = None  # allowed number
     why: str = ""  # not more
 
     @property

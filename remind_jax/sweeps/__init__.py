@@ -2,37 +2,21 @@
 
 from __future__ import annotations
 
-from remind_jax.sweeps.bench import SceneBench
-from remind_jax.sweeps.cross_validation import cross_validate, cross_validate_choice
-from remind_jax.sweeps.result import Standing, SweepResult
-from remind_jax.sweeps.search import hyperband, search
-from remind_jax.sweeps.sensitivity import (
-    PAPER_SPACE,
-    PLUS_SPACE,
-    estimate_sobol,
-    move_one_at_a_time,
-)
-from remind_jax.sweeps.settings import Setting, draw, grid, parse_values, read_settings
-from remind_jax.sweeps.sweeping import sweep
-from remind_jax.sweeps.worker import Progress
-
-__all__ = [
-    "PAPER_SPACE",
-    "PLUS_SPACE",
-    "Progress",
-    "SceneBench",
-    "Setting",
-    "Standing",
-    "SweepResult",
-    "cross_validate",
-    "cross_validate_choice",
-    "draw",
-    "estimate_sobol",
-    "grid",
-    "hyperband",
-    "move_one_at_a_time",
-    "parse_values",
-    "read_settings",
-    "search",
-    "sweep",
-]
+from remind_jax.sweeps.bench import SceneBench as SceneBench
+from remind_jax.sweeps.cross_validation import cross_validate as cross_validate
+from remind_jax.sweeps.cross_validation import cross_validate_choice as cross_validate_choice
+from remind_jax.sweeps.result import Standing as Standing
+from remind_jax.sweeps.result import SweepResult as SweepResult
+from remind_jax.sweeps.search import hyperband as hyperband
+from remind_jax.sweeps.search import search as search
+from remind_jax.sweeps.sensitivity import PAPER_SPACE as PAPER_SPACE
+from remind_jax.sweeps.sensitivity import PLUS_SPACE as PLUS_SPACE
+from remind_jax.sweeps.sensitivity import estimate_sobol as estimate_sobol
+from remind_jax.sweeps.sensitivity import move_one_at_a_time as move_one_at_a_time
+from remind_jax.sweeps.settings import Setting as Setting
+from remind_jax.sweeps.settings import draw as draw
+from remind_jax.sweeps.settings import grid as grid
+from remind_jax.sweeps.settings import parse_values as parse_values
+from remind_jax.sweeps.settings import read_settings as read_settings
+from remind_jax.sweeps.sweeping import sweep as sweep
+from remind_jax.sweeps.worker import Progress as Progress

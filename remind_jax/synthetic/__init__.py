@@ -4,42 +4,23 @@ Look-alikes on tables and shelves, a camera that leaves, lamps that go down, a r
 from another side: `render_sequence(demo_options())` gives it as frames with exact masks.
 """
 
-from remind_jax.synthetic.davis import write_davis
-from remind_jax.synthetic.detector_noise import DetectorNoise, add_detector_noise
-from remind_jax.synthetic.options import LookalikeGroup, SceneOptions, demo_options
-from remind_jax.synthetic.rendering import RenderedSequence, make_scene, render, render_sequence
-from remind_jax.synthetic.scene import (
-    CameraPath,
-    Furniture,
-    Light,
-    Look,
-    Placement,
-    Pose,
-    Room,
-    Scene,
-    SceneObject,
-    Sensor,
-)
-
-__all__ = [
-    "CameraPath",
-    "DetectorNoise",
-    "Furniture",
-    "Light",
-    "Look",
-    "LookalikeGroup",
-    "Placement",
-    "Pose",
-    "RenderedSequence",
-    "Room",
-    "Scene",
-    "SceneObject",
-    "SceneOptions",
-    "Sensor",
-    "add_detector_noise",
-    "demo_options",
-    "make_scene",
-    "render",
-    "render_sequence",
-    "write_davis",
-]
+from remind_jax.synthetic.davis import write_davis as write_davis
+from remind_jax.synthetic.detector_noise import DetectorNoise as DetectorNoise
+from remind_jax.synthetic.detector_noise import add_detector_noise as add_detector_noise
+from remind_jax.synthetic.options import LookalikeGroup as LookalikeGroup
+from remind_jax.synthetic.options import SceneOptions as SceneOptions
+from remind_jax.synthetic.options import demo_options as demo_options
+from remind_jax.synthetic.rendering import RenderedSequence as RenderedSequence
+from remind_jax.synthetic.rendering import make_scene as make_scene
+from remind_jax.synthetic.rendering import render as render
+from remind_jax.synthetic.rendering import render_sequence as render_sequence
+from remind_jax.synthetic.scene import CameraPath as CameraPath
+from remind_jax.synthetic.scene import Furniture as Furniture
+from remind_jax.synthetic.scene import Light as Light
+from remind_jax.synthetic.scene import Look as Look
+from remind_jax.synthetic.scene import Placement as Placement
+from remind_jax.synthetic.scene import Pose as Pose
+from remind_jax.synthetic.scene import Room as Room
+from remind_jax.synthetic.scene import Scene as Scene
+from remind_jax.synthetic.scene import SceneObject as SceneObject
+from remind_jax.synthetic.scene import Sensor as Sensor

@@ -18,7 +18,7 @@ class Atlas:
     """Packed images; level `k` is an image at `1 / 2^k` of its size."""
 
     pixels: UInt8[np.ndarray, "h w c"] | Float[np.ndarray, "h w c"]
-    origins: Float[np.ndarray, "n levels 2"]  # x, y of the upper left texel's centre
+    origins: Float[np.ndarray, "n levels 2"]  # x, y of the upper left texel's center
 
     @property
     def num_levels(self) -> int:

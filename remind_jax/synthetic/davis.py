@@ -24,7 +24,7 @@ def write_davis(
 ) -> Path:
     """Writes `<folder>/<name>` with `JPEGImages`, `Annotations` and two metadata files.
 
-    Annotations are 8-bit greyscale instance maps, 0 where nothing is annotated;
+    Annotations are 8-bit grayscale instance maps, 0 where nothing is annotated;
     `metadata_one_class.json` says the same with every object in class `object`. A scene is
     rendered frame by frame, so that long tours need little memory.
 

@@ -21,7 +21,7 @@ class DetectorNoise:
     jitter_px: float = 0.0  # spread of border growth and of shifts
     missing: float = 0.0
     split: float = 0.0  # one object as two detections, both with its instance id
-    merged: float = 0.0  # with its nearest neighbour, under the id and label of the larger
+    merged: float = 0.0  # with its nearest neighbor, under the id and label of the larger
     false: float = 0.0  # one more detection of nothing, instance id -1
     wrong_class: float = 0.0
     every: int = 1  # masks only in every n-th frame; the others have no detections

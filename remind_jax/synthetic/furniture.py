@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -15,6 +15,8 @@ TEXELS_PER_M = 200
 LAMP_GLOW = 2.5
 WINDOW_GLOW = 2.0
 _BOARD_M = 0.03
+_WOODS = ((196, 158, 108), (158, 112, 70), (112, 76, 50), (214, 190, 150), (134, 106, 82))
+_WALLS = ((206, 198, 180), (176, 190, 196), (190, 200, 176), (204, 184, 178), (190, 182, 204))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +49,9 @@ def build_room(room: Room, is_corridor: bool) -> list[Part]:
     """Floor, ceiling, walls with their openings and trims, lamp and window."""
     rng = np.random.default_rng([room.texture_seed, 4])
     (x0, x1), (y0, y1), height = room.x_m, room.y_m, room.height_m
-    wall_color = _wall_color(rng)
+    wall_color = _pick(rng, _WALLS)
     floor_pattern = textures.tiles if is_corridor or rng.integers(3) == 0 else textures.planks
-    floor_color = (150, 142, 132) if floor_pattern is textures.tiles else _wood_color(rng)
+    floor_color = (150, 142, 132) if floor_pattern is textures.tiles else _pick(rng, _WOODS)
     floor = _paint(rng, floor_pattern, x1 - x0, y1 - y0, [floor_color])
     ceiling = _paint(rng, textures.plain, 1, 1, [(228, 226, 220)])
     wall_seed = int(rng.integers(2**31))
@@ -129,7 +131,7 @@ def _window(room: Room, rng: np.random.Generator) -> Surface:
 def _table(rng: np.random.Generator, size: tuple[float, float, float]) -> list[Part]:
     w, d, h = size
     leg = 0.06
-    color = _wood_color(rng)
+    color = _pick(rng, _WOODS)
     top = _paint(rng, textures.wood, w, d, [color])
     edge = _paint(rng, textures.wood, w, 0.12, [color])
     parts = [box((w, d, 0.04), {"rest": edge, "top": top}, (0, 0, h - 0.02))]
@@ -142,7 +144,7 @@ def _table(rng: np.random.Generator, size: tuple[float, float, float]) -> list[P
 
 def _sideboard(rng: np.random.Generator, size: tuple[float, float, float]) -> list[Part]:
     w, d, h = size
-    color = _wood_color(rng) if rng.integers(2) else (205, 202, 194)
+    color = _pick(rng, _WOODS) if rng.integers(2) else (205, 202, 194)
     front = _paint(rng, textures.wood, w, h, [color])
     dark = tuple(0.45 * np.array(color))
     num_doors = max(2, round(w / 0.5))
@@ -159,7 +161,7 @@ def _sideboard(rng: np.random.Generator, size: tuple[float, float, float]) -> li
 
 def _shelf(rng: np.random.Generator, size: tuple[float, float, float]) -> list[Part]:
     w, d, h = size
-    color = _wood_color(rng)
+    color = _pick(rng, _WOODS)
     board = _paint(rng, textures.wood, w, d, [color])
     edge = _paint(rng, textures.wood, w, 0.12, [color])
     back = _paint(rng, textures.wood, w, h, [tuple(0.8 * np.array(color))])
@@ -194,13 +196,7 @@ def _shelf_levels(size: tuple[float, float, float]) -> list[Support]:
     return [*lower, Support(h, *half, 0.8)]
 
 
-def _wood_color(rng: np.random.Generator) -> tuple[float, float, float]:
-    shades = ((196, 158, 108), (158, 112, 70), (112, 76, 50), (214, 190, 150), (134, 106, 82))
-    return shades[int(rng.integers(len(shades)))]
-
-
-def _wall_color(rng: np.random.Generator) -> tuple[float, float, float]:
-    shades = ((206, 198, 180), (176, 190, 196), (190, 200, 176), (204, 184, 178), (190, 182, 204))
+def _pick(rng: np.random.Generator, shades: Sequence[textures.Color]) -> textures.Color:
     return shades[int(rng.integers(len(shades)))]
 
 

@@ -1,4 +1,4 @@
-"""Surfaces cut into flat faces, with what a rasteriser needs to know of each.
+"""Surfaces cut into flat faces, with what a rasterizer needs to know of each.
 
 Letters: `F` faces, `V` corners of all faces one after the other.
 """
@@ -24,7 +24,7 @@ class Mesh:
     plane: `texel_slope @ p + texel_start`.
     """
 
-    corners: Float[np.ndarray, "V 3"]  # metres
+    corners: Float[np.ndarray, "V 3"]  # meters
     starts: Int[np.ndarray, "F"]  # first corner of each face
     counts: Int[np.ndarray, "F"]  # corners of each face, at least 3
     normal: Float[np.ndarray, "F 3"]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import math
 
 from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.settings.record import setting, walk_settings
 from remind_jax.synthetic.shapes import CLASSES
 
 LOOKALIKE_KINDS = ("identical", "tint", "glaze", "pattern")
@@ -15,8 +16,8 @@ LOOKALIKE_KINDS = ("identical", "tint", "glaze", "pattern")
 class LookalikeGroup:
     """Several objects of one class that are easily confused.
 
-    Kinds: `identical` (the very same thing, only place and neighbours differ), `tint` (same
-    pattern, slightly other hue), `glaze` (same pattern, other colours), `pattern` (same colours,
+    Kinds: `identical` (the very same thing, only place and neighbors differ), `tint` (same
+    pattern, slightly other hue), `glaze` (same pattern, other colors), `pattern` (same colors,
     other pattern).
     """
 
@@ -31,48 +32,74 @@ class SceneOptions:
     """Options of `make_scene`; equal options give equal scenes and equal pixels."""
 
     name: str = "tour"
-    seed: int = 0
+    seed: int = setting(0, "of all that is drawn at random", least=0)
     # Space and objects.
-    num_rooms: int = 2  # in a row, joined by corridors; with 1 the camera waits in a corridor
-    objects_per_room: int = 10  # look-alikes included
+    num_rooms: int = setting(
+        2, "in a row, joined by corridors; with 1 the camera waits in a corridor", least=1, most=12
+    )
+    objects_per_room: int = setting(10, "look-alikes included", least=1)
     classes: tuple[str, ...] = tuple(CLASSES)
     lookalikes: tuple[LookalikeGroup, ...] = ()
-    gap_m: float = 0.05  # least gap between objects on the same furniture; smaller is denser
+    gap_m: float = setting(
+        0.05,
+        "least gap between objects on the same furniture; smaller is denser",
+        least=0.0,
+        most=1.0,
+    )
     # Tour.
-    frames: int = 120
-    absence_frames: int = 44  # frames of each absence from the first room; 0: never leaves it
-    returns: int = 1  # how often the camera comes back to the first room
-    fps: float = 5.0
-    pause_s: float = 180.0  # unrecorded time in the middle of each absence
-    horizontal_fov_deg: float = 70.0
-    shake: float = 1.0  # factor on the hand shake
+    frames: int = setting(120, "that are processed", least=1)
+    absence_frames: int = setting(
+        44, "frames of each absence from the first room; 0: never leaves it", least=0
+    )
+    returns: int = setting(1, "how often the camera comes back to the first room", least=1)
+    fps: float = setting(5.0, "frames per second", least=0.01, most=1000)
+    pause_s: float = setting(180.0, "unrecorded time in the middle of each absence", least=0)
+    horizontal_fov_deg: float = setting(70.0, "field of view of the camera", least=20, most=120)
+    shake: float = setting(1.0, "factor on the hand shake", least=0, most=20)
     # Light and sensor.
-    light_drop: float = 0.1  # lamp level after the drop, relative to before; 1: no drop
-    light_ramp_frames: int = 5
-    window_level: float = 0.2
-    width: int = 640
-    height: int = 480
-    noise: float = 2.0  # grey levels at normal gain
-    motion_blur: float = 0.15  # share of the frame interval
-    vignetting: float = 0.3
-    exposure_lag: float = 0.75
-    min_mask_px: int = 100
+    light_drop: float = setting(
+        0.1, "lamp level after the drop, relative to before; 1: no drop", least=0.001, most=1
+    )
+    light_ramp_frames: int = setting(5, "frames that the fall of the lamps takes", least=1)
+    window_level: float = setting(
+        0.2, "light of the windows, relative to lamps at full level", least=0, most=2
+    )
+    width: int = setting(640, "pixels", least=32, most=4096)
+    height: int = setting(480, "pixels", least=32, most=4096)
+    noise: float = setting(2.0, "gray levels at normal gain", least=0, most=50)
+    motion_blur: float = setting(0.15, "share of the frame interval", least=0, most=1)
+    vignetting: float = setting(0.3, "loss of light in the corners", least=0, most=0.9)
+    exposure_lag: float = setting(
+        0.75, "0: exposure follows at once, towards 1: never", least=0, most=0.99
+    )
+    min_mask_px: int = setting(100, "instances with fewer visible pixels are left out", least=1)
     # Changes in the first room while the camera is away, as shares of its objects.
-    moved: float = 0.0
-    removed: float = 0.0
-    added: float = 0.0
-    swapped: float = 0.0
+    moved: float = setting(0.0, "share of the objects", least=0, most=1)
+    removed: float = setting(0.0, "share of the objects", least=0, most=1)
+    added: float = setting(0.0, "share of the objects", least=0, most=1)
+    swapped: float = setting(0.0, "share of the objects", least=0, most=1)
     # Trouble with the camera.
-    roll_deg: float = 0.0  # amplitude of slow rolling
-    zoom: float = 1.0  # largest zoom factor, reached and left slowly
-    jumps: int = 0  # sudden small changes of view
-    dropped_frames: float = 0.0  # share of source frames that are missing
+    roll_deg: float = setting(0.0, "amplitude of slow rolling", least=0, most=45)
+    zoom: float = setting(1.0, "largest zoom factor, reached and left slowly", least=1, most=4)
+    jumps: int = setting(0, "sudden small changes of view", least=0)
+    dropped_frames: float = setting(
+        0.0, "share of source frames that are missing", least=0, most=0.9
+    )
 
     def __post_init__(self) -> None:
-        for name, (is_allowed, allowed) in _LIMITS.items():
-            value = getattr(self, name)
-            if not is_allowed(value):
+        for name, value, record in walk_settings(self):
+            least, most = record.least, record.most
+            if least is not None and not least <= value <= (math.inf if most is None else most):
+                allowed = f"{least:g} or more"
+                if most is not None:
+                    allowed = f"a number from {least:g} to {most:g}"
                 raise ConfigError(f"scene option {name}={value!r} is not allowed; give {allowed}")
+        if not self.name or set(self.name) & set("/\\") or self.name in (".", ".."):
+            raise ConfigError(
+                f"scene option name={self.name!r} is not allowed; give a name fit for a folder"
+            )
+        if not self.classes:
+            raise ConfigError("scene option classes=() is not allowed; give one class or more")
         self._check_tour()
         for label in (*self.classes, *(group.label for group in self.lookalikes)):
             if label not in CLASSES:
@@ -125,49 +152,3 @@ def demo_options(seed: int = 8) -> SceneOptions:
             LookalikeGroup("bottle", 2, "pattern", rooms=(0, 1)),
         ),
     )
-
-
-def _at_least(low: float) -> tuple[Callable[[float], bool], str]:
-    return (lambda value: value >= low), f"{low:g} or more"
-
-
-def _between(low: float, high: float) -> tuple[Callable[[float], bool], str]:
-    return (lambda value: low <= value <= high), f"a number from {low:g} to {high:g}"
-
-
-_LIMITS: dict[str, tuple[Callable[..., bool], str]] = {
-    "name": (
-        lambda name: bool(name) and not set(name) & set("/\\") and name not in (".", ".."),
-        "a name fit for a folder",
-    ),
-    "seed": _at_least(0),
-    "num_rooms": _between(1, 12),
-    "objects_per_room": _at_least(1),
-    "classes": (bool, "one class or more"),
-    "gap_m": _between(0.0, 1.0),
-    "frames": _at_least(1),
-    "absence_frames": _at_least(0),
-    "returns": _at_least(1),
-    "fps": _between(0.01, 1000),
-    "pause_s": _at_least(0),
-    "horizontal_fov_deg": _between(20, 120),
-    "shake": _between(0, 20),
-    "light_drop": _between(0.001, 1),
-    "light_ramp_frames": _at_least(1),
-    "window_level": _between(0, 2),
-    "width": _between(32, 4096),
-    "height": _between(32, 4096),
-    "noise": _between(0, 50),
-    "motion_blur": _between(0, 1),
-    "vignetting": _between(0, 0.9),
-    "exposure_lag": _between(0, 0.99),
-    "min_mask_px": _at_least(1),
-    "moved": _between(0, 1),
-    "removed": _between(0, 1),
-    "added": _between(0, 1),
-    "swapped": _between(0, 1),
-    "roll_deg": _between(0, 45),
-    "zoom": _between(1, 4),
-    "jumps": _at_least(0),
-    "dropped_frames": _between(0, 0.9),
-}

@@ -1,4 +1,4 @@
-"""Which face is seen at each pixel (z-buffer), and the colour and light found there."""
+"""Which face is seen at each pixel (z-buffer), and the color and light found there."""
 
 from __future__ import annotations
 
@@ -105,16 +105,16 @@ def shade(
     lights: Atlas,
     light_scale: Float[np.ndarray, "n 2"],
 ) -> tuple[UInt8[np.ndarray, "H W 3"], Float[np.ndarray, "H W 2"]]:
-    """Looks up the colour and the lamp and window light of every pixel.
+    """Looks up the color and the lamp and window light of every pixel.
 
     Args:
       mesh: The faces.
       projection: From `see_faces`.
       seen: From `see_faces`.
       camera: The same camera.
-      images: Colours, one image per surface.
+      images: Colors, one image per surface.
       lights: Light, one image per surface.
-      light_scale: Light texels per colour texel along u and v, per surface.
+      light_scale: Light texels per color texel along u and v, per surface.
     """
     face = np.maximum(seen, 0)
     depth = 1 / np.maximum(_evaluate(projection.inverse_depth, face), np.float32(1e-4))
@@ -230,7 +230,7 @@ def _scan(polygons: _Polygons, camera: Camera) -> _Spans:
     after[starts + counts - 1] = starts
     here, there = polygons.points, polygons.points[after]
     rises = there[:, 1] < here[:, 1]
-    # Edges run from their upper end, so that both neighbours of an edge find the same pixels.
+    # Edges run from their upper end, so that both neighbors of an edge find the same pixels.
     upper, lower = (np.where(rises[:, None], a, b) for a, b in ((there, here), (here, there)))
     rows = [
         np.ceil(np.clip(end[:, 1] - 0.5, 0, camera.height_px)).astype(int) for end in (upper, lower)

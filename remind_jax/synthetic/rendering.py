@@ -17,7 +17,7 @@ from remind_jax.synthetic.mesh import Mesh, build_mesh
 from remind_jax.synthetic.options import SceneOptions
 from remind_jax.synthetic.raster import NO_FACE, Camera, see_faces, shade
 from remind_jax.synthetic.scene import Pose, Scene, Sensor
-from remind_jax.synthetic.sensor import Developer, Exposure
+from remind_jax.synthetic.sensor import Developer
 from remind_jax.synthetic.shapes import build_object
 from remind_jax.synthetic.surfaces import Part
 from remind_jax.synthetic.tour import plan_path
@@ -42,7 +42,7 @@ class _World:
     mesh: Mesh
     images: Atlas
     lights: Atlas
-    light_scale: np.ndarray  # [surfaces, 2] light texels per colour texel
+    light_scale: np.ndarray  # [surfaces, 2] light texels per color texel
     face_instance: np.ndarray  # [F + 1]; 0 where unannotated, and at -1 for `NO_FACE`
 
 
@@ -81,7 +81,7 @@ def render(scene: Scene) -> Iterator[Frame]:
     """
     sensor, light = scene.sensor, scene.light
     developer = Developer(sensor, scene.seed)
-    exposure = Exposure()
+    gain = None
     labels = {item.instance_id: item.label for item in scene.objects}
     world, arrangement, last_pose = None, None, None
     for index, pose in enumerate(scene.path.poses):
@@ -94,12 +94,12 @@ def render(scene: Scene) -> Iterator[Frame]:
         color, received = shade(
             world.mesh, projection, seen, camera, world.images, world.lights, world.light_scale
         )
-        image, exposure = developer.develop(
+        image, gain = developer.develop(
             color,
             received,
             light.lamp_level(pose.source_index),
             light.window_level,
-            exposure,
+            gain,
             _image_motion_px(last_pose, pose, camera),
             index,
         )

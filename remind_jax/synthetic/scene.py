@@ -1,6 +1,6 @@
 """What a generated tour is made of: rooms, furniture, objects, camera poses, light, sensor.
 
-World frame: x east, y north, z up, metres. Yaw turns counter-clockwise from east, pitch is
+World frame: x east, y north, z up, meters. Yaw turns counter-clockwise from east, pitch is
 positive upwards. An object's or a piece of furniture's own frame has its origin in the middle of
 its foot and its front towards -y; things on a wall have their origin in the middle of their back.
 Everything here is plain data: two scenes made from equal options compare equal.
@@ -149,7 +149,7 @@ class Sensor:
 
     width_px: int
     height_px: int
-    noise: float  # standard deviation in grey levels at normal gain
+    noise: float  # standard deviation in gray levels at normal gain
     motion_blur: float  # share of the frame interval during which the shutter is open
     vignetting: float  # loss of light in the corners, 0 to 1
     exposure_lag: float  # 0: exposure follows at once, towards 1: never

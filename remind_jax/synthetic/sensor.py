@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -19,15 +17,8 @@ _LENS_BLUR_PX = 0.62  # at 640 pixels width
 _NOISE_POOL = 3
 
 
-@dataclasses.dataclass(frozen=True)
-class Exposure:
-    """The camera's gain, carried from frame to frame; None before the first."""
-
-    gain: float | None = None
-
-
 class Developer:
-    """Turns colour and light images into pictures; holds what is the same for all frames."""
+    """Turns color and light images into pictures; holds what is the same for all frames."""
 
     def __init__(self, sensor: Sensor, seed: int):
         self._sensor = sensor
@@ -47,18 +38,18 @@ class Developer:
         light: Float[np.ndarray, "H W 2"],
         lamp_level: float,
         window_level: float,
-        exposure: Exposure,
+        last_gain: float | None,
         motion_px: tuple[float, float],
         frame: int,
-    ) -> tuple[UInt8[np.ndarray, "H W 3"], Exposure]:
-        """The picture of one frame and the exposure to start the next one with.
+    ) -> tuple[UInt8[np.ndarray, "H W 3"], float]:
+        """The picture of one frame and the gain that it was taken with.
 
         Args:
-          color: Surface colours as display values (gamma 2).
+          color: Surface colors as display values (gamma 2).
           light: Light from lamps at full level and from windows, per pixel.
           lamp_level: Level of the lamps.
           window_level: Level of the windows.
-          exposure: State after the last frame.
+          last_gain: Gain of the last frame, which exposure follows; None before the first.
           motion_px: How far the image moves per frame, for the blur.
           frame: Number of the frame; picks the noise.
         """
@@ -66,12 +57,12 @@ class Developer:
         small = (slice(None, None, 8), slice(None, None, 8))
         # Highlights saturate in the meter as in the picture.
         radiance = (color[small].astype(np.float32) / 255) ** 2 * mixed[small]
-        gain = self._meter(float(np.minimum(radiance, 1.0).mean()), exposure.gain)
+        gain = self._meter(float(np.minimum(radiance, 1.0).mean()), last_gain)
         mixed *= gain * self._vignette
         picture = color.astype(np.float32) * np.sqrt(mixed, out=mixed)
         picture = self._blur(picture, motion_px, slow_shutter=lamp_level < 0.5)
         self._add_noise(picture, gain, frame)
-        return np.clip(picture + 0.5, 0, 255).astype(np.uint8), Exposure(gain)
+        return np.clip(picture + 0.5, 0, 255).astype(np.uint8), gain
 
     def _meter(self, mean: float, last_gain: float | None) -> float:
         wanted = (_KEY / max(mean, 1e-5)) ** _COMPENSATION

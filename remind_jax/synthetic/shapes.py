@@ -49,7 +49,7 @@ class _Paint:
         return textures.shift_hue(image, self.hue_shift_deg)
 
     def plain(self, color_index: int = 0, factor: float = 1.0) -> textures.Image:
-        """A small image of nearly one colour."""
+        """A small image of nearly one color."""
         red, green, blue = (factor * channel for channel in self.colors[color_index])
         image = textures.plain(self.rng, 24, 24, [(red, green, blue)])
         return textures.shift_hue(image, self.hue_shift_deg)

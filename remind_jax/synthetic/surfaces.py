@@ -17,7 +17,7 @@ Image = UInt8[np.ndarray, "h w 3"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Surface:
-    """A grid of `R x C` points, metres, with an image over it."""
+    """A grid of `R x C` points, meters, with an image over it."""
 
     points: Float[np.ndarray, "R C 3"]
     image: Image

@@ -1,6 +1,6 @@
 """Procedural textures: uint8 RGB images, each a pure function of a generator and a size.
 
-Colours are display values (gamma 2), so that light enters as a factor of its square root.
+Colors are display values (gamma 2), so that light enters as a factor of its square root.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Pattern = Callable[[np.random.Generator, int, int, Sequence[Color]], Image]
 
 
 def draw_palette(rng: np.random.Generator, num: int = 4) -> list[Color]:
-    """A main colour and partners that contrast with it in hue or in brightness."""
+    """A main color and partners that contrast with it in hue or in brightness."""
     hue = rng.uniform(0, 180)
     saturation, value = rng.uniform(90, 215), rng.uniform(110, 225)
     colors = [_from_hsv(hue, saturation, value)]
@@ -32,7 +32,7 @@ def draw_palette(rng: np.random.Generator, num: int = 4) -> list[Color]:
 
 
 def shift_hue(image: Image, shift_deg: float) -> Image:
-    """Turns all hues by an angle; greys stay grey."""
+    """Turns all hues by an angle; grays stay gray."""
     if shift_deg == 0.0:
         return image
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV_FULL).astype(np.int32)
@@ -56,7 +56,7 @@ def fractal_noise(
 
 
 def plain(rng: np.random.Generator, height: int, width: int, colors: Sequence[Color]) -> Image:
-    """One colour with slight wear."""
+    """One color with slight wear."""
     return _wear(rng, _fill(height, width, colors[0]), 7)
 
 
@@ -103,7 +103,7 @@ def checks(rng: np.random.Generator, height: int, width: int, colors: Sequence[C
 
 
 def blotches(rng: np.random.Generator, height: int, width: int, colors: Sequence[Color]) -> Image:
-    """A running glaze: two colours divided by a noisy border, with specks."""
+    """A running glaze: two colors divided by a noisy border, with specks."""
     noise = fractal_noise(rng, height, width, rng.uniform(3, 6))
     image = _fill(height, width, colors[0])
     image[noise > 0.08] = colors[1]
@@ -231,14 +231,14 @@ def wood(rng: np.random.Generator, height: int, width: int, colors: Sequence[Col
     across = np.linspace(0, rng.uniform(10, 18), height, dtype=np.float32)[:, None]
     bend = 1.6 * fractal_noise(rng, height, width, 2, 2)
     rings = np.sin(across + bend + 0.8 * fractal_noise(rng, height, width, 9, 2))
-    fibre = cv2.resize(rng.uniform(-1, 1, (height, max(2, width // 14))), (width, height))
-    factor = 1 + 0.09 * rings + 0.06 * fibre
+    fiber = cv2.resize(rng.uniform(-1, 1, (height, max(2, width // 14))), (width, height))
+    factor = 1 + 0.09 * rings + 0.06 * fiber
     image = np.clip(np.asarray(colors[0], np.float32) * factor[..., None], 0, 255).astype(np.uint8)
     return np.ascontiguousarray(image.swapaxes(0, 1)) if turned else image
 
 
 def planks(rng: np.random.Generator, height: int, width: int, colors: Sequence[Color]) -> Image:
-    """A floor of staggered boards; 200 texels are a metre."""
+    """A floor of staggered boards; 200 texels are a meter."""
     image = np.zeros((height, width, 3), np.uint8)
     board = 28
     for y in range(0, height, board):
@@ -257,7 +257,7 @@ def planks(rng: np.random.Generator, height: int, width: int, colors: Sequence[C
 
 
 def tiles(rng: np.random.Generator, height: int, width: int, colors: Sequence[Color]) -> Image:
-    """Square floor tiles with joints; 200 texels are a metre."""
+    """Square floor tiles with joints; 200 texels are a meter."""
     pitch = int(rng.integers(62, 90))
     shape = (height // pitch + 1, width // pitch + 1)
     shades = 1 + rng.uniform(-0.07, 0.07, shape).astype(np.float32)
@@ -323,7 +323,7 @@ def _fill(height: int, width: int, color: Color) -> Image:
 
 
 def _wear(rng: np.random.Generator, image: Image, strength: float) -> Image:
-    """Slow and fine variation of brightness, in grey levels."""
+    """Slow and fine variation of brightness, in gray levels."""
     height, width = image.shape[:2]
     noise = strength * fractal_noise(rng, height, width, 5, 5)[..., None]
     return np.clip(image + noise, 0, 255).astype(np.uint8)

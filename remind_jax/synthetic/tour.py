@@ -11,7 +11,7 @@ from remind_jax.synthetic.options import SceneOptions
 from remind_jax.synthetic.scene import CameraPath, Light, Pose
 
 _EYE_M = 1.38
-_DEG_PER_M = 20.0  # walking a metre takes as many frames as turning by this angle
+_DEG_PER_M = 20.0  # walking a meter takes as many frames as turning by this angle
 _SHAKE_DEG = 0.22
 _SHAKE_M = 0.004
 
@@ -111,7 +111,7 @@ def _divide_frames(options: SceneOptions) -> list[tuple[int, int]]:
 
 
 def _sections(options: SceneOptions) -> list[list[_View]]:
-    """Views of every span, in world coordinates, yaw unwrapped; neighbours share their border."""
+    """Views of every span, in world coordinates, yaw unwrapped; neighbors share their border."""
     if options.absence_frames == 0:
         return [list(_FIRST_LOOK)]
     east = (ROOM_WIDTH_M, DOOR_Y_M, 34.0, -7.0)
