@@ -30,7 +30,7 @@ from remind_jax.benchmark.contenders import make_contenders
 from remind_jax.benchmark.records import Record
 from remind_jax.benchmark.running import Setup, run_all
 from remind_jax.benchmark.scenes import Scene, find_scenes
-from remind_jax.benchmark.scoring import by_contender, read_truth, score, summarise
+from remind_jax.benchmark.scoring import by_contender, read_truth, score, summarize
 from remind_jax.benchmark.tours import FIRST_SEED, render_tours
 from remind_jax.metrics.columns import Column
 from remind_jax.metrics.comparison import ComparisonTable, Row
@@ -77,7 +77,7 @@ def compare(scenes: Sequence[Scene], title: str, starts: Starts) -> ComparisonTa
     titles = {contender.name: contender.title for contender in contenders}
     rows = []
     for name, own in by_contender(runs).items():
-        scores, _ = summarise(own)
+        scores, _ = summarize(own)
         if scores:
             scores["undecided"] = 1 - scores["FirmShare"]
         note = "; ".join(run.error for run in own if run.error)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -60,12 +61,12 @@ def make_folder(folder: Path) -> None:
 
 
 def replace_file(path: Path, content: bytes) -> None:
-    """Writes a file at once or not at all.
+    """Writes a file at once or not at all, also beside others who write the same.
 
     Raises:
       OutputError: If it cannot be written; an older file of this name is then kept.
     """
-    partial = path.with_name(path.name + ".part")
+    partial = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.part")
     try:
         with writing(path):
             partial.write_bytes(content)

@@ -55,7 +55,7 @@ class Conversion:
     def licence(self) -> str:
         """What the weights may be used for, and where to read it."""
         terms = TERMS[self.variant.family]
-        return f"{terms.licence}, {terms.licence_url}"
+        return f"{terms.license}, {terms.license_url}"
 
 
 def convert(
@@ -134,10 +134,10 @@ def _metadata(
         "source": source.path.name,
         "source_sha256": source.sha256,
         "source_layout": named.layout.name,
-        "licence": terms.licence,
+        "licence": terms.license,
         "licence_notice": (
-            f"Converted from {source.path.name}; the weights remain under the {terms.licence} of "
-            f"their publisher, {terms.licence_url}"
+            f"Converted from {source.path.name}; the weights remain under the {terms.license} of "
+            f"their publisher, {terms.license_url}"
         ),
         "converted_by": f"remind-jax {remind_jax.__version__}",
         "converted_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),

@@ -81,7 +81,7 @@ def smooth(
 def soft_bins(
     values: Float[Array, "*C H W"], low: float, high: float, num: int
 ) -> Float[Array, "*C K H W"]:
-    """Shares of `num` bins, centred from `low` to `high`, linear between neighbouring centres.
+    """Shares of `num` bins, centerd from `low` to `high`, linear between neighboring centers.
 
     They sum to one at every pixel; values beyond an end belong to its bin.
     """

@@ -10,8 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import os
-import tempfile
+import io
 from pathlib import Path
 
 import jax
@@ -20,8 +19,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.registry import Backbone
-from remind_jax.errors import OutputError
-from remind_jax.files import user_cache_folder
+from remind_jax.files import make_folder, replace_file, user_cache_folder
 
 
 def default_folder() -> Path:
@@ -51,10 +49,7 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
       OutputError: If the folder cannot be made.
     """
     folder, tally = Path(folder), tally or Tally()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make feature folder '{folder}': {error.strerror}") from error
+    make_folder(folder)
 
     def apply(images: UInt8[np.ndarray, "B H W 3"]) -> Float[jax.Array, "B Hp Wp D"]:
         images = np.asarray(images)
@@ -65,7 +60,8 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
         if missing:
             computed = np.asarray(backbone.apply(images[missing]))
             for i, new in zip(missing, computed, strict=True):
-                _save(files[i], new)
+                make_folder(files[i].parent)
+                replace_file(files[i], _as_file(new))
                 features[i] = new
         tally.num_computed += len(missing)
         tally.num_found += len(images) - len(missing)
@@ -93,16 +89,7 @@ def _load(file: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "Hp Wp D"] | 
     return None
 
 
-def _save(file: Path, features: Float[np.ndarray, "Hp Wp D"]) -> None:
-    try:
-        file.parent.mkdir(exist_ok=True)
-        # Several processes may fill one folder: each writes to a file of its own.
-        handle, unfinished = tempfile.mkstemp(dir=file.parent, prefix=".unfinished-")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.save(stream, features)
-            os.replace(unfinished, file)
-        finally:
-            Path(unfinished).unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write features to '{file}': {error.strerror}") from error
+def _as_file(features: Float[np.ndarray, "Hp Wp D"]) -> bytes:
+    content = io.BytesIO()
+    np.save(content, features)
+    return content.getvalue()

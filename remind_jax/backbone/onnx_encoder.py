@@ -1,6 +1,6 @@
 """Any exported image encoder as a backbone: `onnx:PATH`, run by onnxruntime on the CPU.
 
-What is what is told by shapes: the encoder is run once on a picture that is twice as wide as high,
+Shapes say what is what: the encoder is run once on a picture that is twice as wide as high,
 and an output counts if it is a grid of patches, or a sequence of tokens that ends in one.
 """
 
@@ -152,7 +152,7 @@ def _find_patches(
     found = [
         patches
         for name, array in outputs.items()
-        if (patches := recognise(name, array.shape, size)) is not None
+        if (patches := recognize(name, array.shape, size)) is not None
     ]
     if not found:
         raise WeightsError(
@@ -165,7 +165,7 @@ def _find_patches(
     return found[0]
 
 
-def recognise(name: str, shape: tuple[int, ...], size: tuple[int, int]) -> PatchOutput | None:
+def recognize(name: str, shape: tuple[int, ...], size: tuple[int, int]) -> PatchOutput | None:
     """What an output of this shape is, for one image of this size; None if it holds no patches.
 
     Args:

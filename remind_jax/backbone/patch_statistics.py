@@ -1,12 +1,12 @@
-"""The embedded default backbone: what colour, gradients and texture say about a patch.
+"""The embedded default backbone: what color, gradients and texture say about a patch.
 
 A pure function of the image without any weights. Each patch of 16 pixels is described by soft
 histograms of five quantities, taken at half resolution. Light is divided out where it enters:
 
-* hue and saturation: logarithms of colour ratios, with the offset of the logarithm tied to the
+* hue and saturation: logarithms of color ratios, with the offset of the logarithm tied to the
   brightness around, so that a dimmer lamp or a shorter exposure moves almost nothing;
 * chroma and luminance against the surrounding 7x7 patches, which cancels tinted and uneven light;
-* texture: both opposite neighbours darker, alike or brighter, in units of the local contrast;
+* texture: both opposite neighbors darker, alike or brighter, in units of the local contrast;
 * chroma gradients on a logarithmic scale.
 
 Hue and saturation enter at the scale of the patch, and everything at the scale of the 3x3 patches
@@ -57,10 +57,10 @@ SATURATION_MAX = 2.2
 RED_GREEN_MAX, BLUE_YELLOW_MAX, LUMINANCE_MAX = 0.3, 0.4, 1.0  # natural logarithms of ratios
 GRADIENT_MIN, GRADIENT_MAX = 0.01, 0.4  # the same per pixel
 
-SENSOR_OFFSET = 4.0  # grey levels; keeps noise in the dark from looking like colour
+SENSOR_OFFSET = 4.0  # gray levels; keeps noise in the dark from looking like color
 LOCAL_OFFSET = 0.2  # of the brightness around
 SURROUND_RADIUS = 3  # cells
-NEIGHBOUR_PX = 3  # at half resolution
+NEIGHBOR_PX = 3  # at half resolution
 DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))  # down, right
 
 
@@ -71,7 +71,7 @@ class Block:
     quantity: str  # key of `measure_cells` and of `typical_histograms`
     window_radius: int  # cells; 0: the patch alone
     weight: float
-    # Length of the mean square-root histogram over patches of random scenes (overlapping coloured
+    # Length of the mean square-root histogram over patches of random scenes (overlapping colored
     # ellipses with grain): below one, as a patch fills few of the bins.
     common_length: float
 
@@ -119,12 +119,12 @@ def describe_patches(image: UInt8[Array, "H W 3"], centering: float) -> Float[Ar
 
 def measure_cells(image: UInt8[Array, "H W 3"]) -> dict[str, Float[Array, "K Hp Wp"]]:
     """Histograms of the five quantities over each patch, each summing to one."""
-    colour = halve(jnp.moveaxis(image, -1, 0).astype(jnp.float32))
-    grey = colour.mean(0)
-    around = spread(window_mean(cell_mean(grey), 1))
-    red, green, blue = jnp.log(colour + SENSOR_OFFSET + LOCAL_OFFSET * around)
+    color = halve(jnp.moveaxis(image, -1, 0).astype(jnp.float32))
+    gray = color.mean(0)
+    around = spread(window_mean(cell_mean(gray), 1))
+    red, green, blue = jnp.log(color + SENSOR_OFFSET + LOCAL_OFFSET * around)
     chroma = jnp.stack([red - green, blue - (red + green) / 2])
-    luminance = jnp.log(grey + SENSOR_OFFSET)
+    luminance = jnp.log(gray + SENSOR_OFFSET)
     smoothed = smooth(jnp.stack([luminance, *chroma]), sigma_px=1.5, reach_px=4)
     chroma_above = above_surround(chroma, SURROUND_RADIUS)
     luminance_above = above_surround(luminance, SURROUND_RADIUS)
@@ -143,20 +143,20 @@ def measure_cells(image: UInt8[Array, "H W 3"]) -> dict[str, Float[Array, "K Hp 
 
 
 def _hue_saturation_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
-    """Hue by saturation; the least saturated bin has no hue, for the hue of grey is noise."""
+    """Hue by saturation; the least saturated bin has no hue, for the hue of gray is noise."""
     turns = jnp.arctan2(chroma[1], chroma[0]) / (2 * math.pi)
     saturation = jnp.log1p(8 * jnp.hypot(chroma[0], chroma[1]))
     shares = soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS)
-    coloured = joint_histogram(soft_bins_periodic(turns, NUM_HUES), shares[1:])
-    return jnp.concatenate([cell_mean(shares[:1]), coloured])
+    colored = joint_histogram(soft_bins_periodic(turns, NUM_HUES), shares[1:])
+    return jnp.concatenate([cell_mean(shares[:1]), colored])
 
 
 def _texture_histogram(luminance: Float[Array, "H W"]) -> Float[Array, "K Hp Wp"]:
-    """Soft ternary patterns of opposite neighbours in four directions, by local contrast."""
+    """Soft ternary patterns of opposite neighbors in four directions, by local contrast."""
     variance = cell_mean((luminance - spread(cell_mean(luminance))) ** 2)
     contrast = spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2))
 
-    there = [(down * NEIGHBOUR_PX, right * NEIGHBOUR_PX) for down, right in DIRECTIONS]
+    there = [(down * NEIGHBOR_PX, right * NEIGHBOR_PX) for down, right in DIRECTIONS]
     opposite = [(-down, -right) for down, right in there]
     difference = (shifts(luminance, there + opposite) - luminance) / (0.4 * contrast)
     shares = soft_bins(jnp.tanh(difference), -1.0, 1.0, NUM_CONTRAST)
@@ -184,12 +184,12 @@ def typical_histograms() -> dict[str, Float[np.ndarray, "K"]]:
         return np.exp(-np.abs(np.linspace(-highest, highest, num)) / scale)
 
     saturations = np.exp(-np.linspace(0.0, SATURATION_MAX, NUM_SATURATIONS) / 0.5)
-    coloured = np.tile(saturations[1:] / NUM_HUES, NUM_HUES)
+    colored = np.tile(saturations[1:] / NUM_HUES, NUM_HUES)
     patterns = np.ones((NUM_CONTRAST, NUM_CONTRAST))
     patterns[1, 1] = 2.0
     gradients = np.linspace(np.log(GRADIENT_MIN), np.log(GRADIENT_MAX), NUM_GRADIENT)
     counts = {
-        "hue_saturation": np.append(saturations[:1], coloured),
+        "hue_saturation": np.append(saturations[:1], colored),
         "surround_chroma": np.outer(
             decay(RED_GREEN_MAX, NUM_CHROMA, 0.08), decay(BLUE_YELLOW_MAX, NUM_CHROMA, 0.12)
         ).ravel(),

@@ -44,7 +44,7 @@ class Backbone:
     def extract(
         self, images: UInt8[np.ndarray, "B H W 3"] | UInt8[jax.Array, "B H W 3"]
     ) -> Float[jax.Array, "B Hp Wp D"]:
-        """Describes every patch of every image; raw features, not normalised.
+        """Describes every patch of every image; raw features, not normalized.
 
         Cropping to a multiple of the patch is the caller's part: it alone knows which part of the
         frame its masks belong to. Only shapes and types are checked, so this can be traced.
@@ -176,7 +176,7 @@ def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
     Args:
       name: A registered name, or `"NAME:TARGET"` for a backbone that reads `TARGET`, usually a
         file; the target becomes the first argument of its factory.
-      **options: What this backbone can be told; see its factory.
+      **options: Options of this backbone; see its factory.
 
     Raises:
       ConfigError: If there is no such backbone or it does not take such an option.

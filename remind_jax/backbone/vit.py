@@ -32,9 +32,10 @@ from remind_jax.backbone.vit_attention import (
 )
 from remind_jax.backbone.vit_positions import resample_table, rotary_tables, rotate
 from remind_jax.backbone.vit_variants import Variant
-from remind_jax.errors import ConfigError
 
 Rotation = tuple[Float[Array, "P E"], Float[Array, "P E"]]
+
+INTERMEDIATES = "intermediates"  # Flax's name of what is kept on the way
 
 # Of the depth, from the first block on, whose products are not rounded to bfloat16.
 _EARLY_SHARE = 0.25
@@ -77,19 +78,7 @@ class Tokens:
     cls: Float[Array, "B D"]
     registers: Float[Array, "B R D"]
     patches: Float[Array, "B Hp Wp D"]
-    intermediates: dict[str, Array]  # what was asked for by name
     object_attention: ObjectAttention | None  # where object patches were given
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class _Wanted:
-    """What every block has to keep for the caller."""
-
-    objects: Int[Array, "B K"] | None
-    heads: tuple[int, ...] | None = dataclasses.field(metadata={"static": True})
-    streams: bool = dataclasses.field(metadata={"static": True})
-    cls_attention: bool = dataclasses.field(metadata={"static": True})
 
 
 class Linear(nn.Module):
@@ -122,12 +111,16 @@ class Attention(nn.Module):
 
     variant: Variant
     numerics: Numerics
+    heads: tuple[int, ...] | None  # over which attention of objects is averaged; all if None
 
     @nn.compact
     def __call__(
-        self, x: Float[Array, "B N D"], rotation: Rotation | None, wanted: _Wanted
-    ) -> tuple[Array, ObjectAttention | None, Array | None]:
-        """Returns mixed tokens, and what is wanted of the attention."""
+        self,
+        x: Float[Array, "B N D"],
+        rotation: Rotation | None,
+        objects: Int[Array, "B K"] | None,
+    ) -> tuple[Array, ObjectAttention | None]:
+        """Returns mixed tokens, and the attention among patches of objects where they are given."""
         v, num = self.variant, self.numerics
         wide = functools.partial(Linear, numerics=num, out_dtype=jnp.float32)
         fused = wide(3 * v.width, use_bias=False, name="qkv")(x)
@@ -142,12 +135,12 @@ class Attention(nn.Module):
         mixed = attend(q, k, values, num.attention, num.precision)
         mixed = jnp.swapaxes(mixed, 1, 2).reshape(x.shape)
 
-        among = cls_row = None
-        if wanted.objects is not None:
-            among = attention_among(q, k, wanted.objects, v.num_prefix, wanted.heads, num.precision)
-        if wanted.cls_attention:
-            cls_row = attention_of_token(q[:, :, 0], k, num.precision)
-        return wide(v.width, name="proj")(mixed), among, cls_row
+        among = None
+        if objects is not None:
+            among = attention_among(q, k, objects, v.num_prefix, self.heads, num.precision)
+        if self.is_mutable_collection(INTERMEDIATES):
+            self.sow(INTERMEDIATES, "of_cls", attention_of_token(q[:, :, 0], k, num.precision))
+        return wide(v.width, name="proj")(mixed), among
 
     def _with_bias(self, fused: Float[Array, "B N 3D"]) -> Float[Array, "B N 3D"]:
         """Keys of DINOv3 have no bias: a common shift of rotated keys would not cancel."""
@@ -195,28 +188,27 @@ class Block(nn.Module):
 
     variant: Variant
     numerics: Numerics
+    heads: tuple[int, ...] | None
 
     @nn.compact
     def __call__(
         self,
         carry: tuple[Float[Array, "B N D"], ObjectAttention | None],
         rotation: Rotation | None,
-        wanted: _Wanted,
-    ) -> tuple[tuple[Array, ObjectAttention | None], dict[str, Array]]:
-        """Returns the new stream and the attention summed so far, and what is wanted of it."""
+        objects: Int[Array, "B K"] | None,
+    ) -> tuple[tuple[Array, ObjectAttention | None], None]:
+        """Returns the new stream and the attention summed so far."""
         stream, seen = carry
         v, num = self.variant, self.numerics
-        attention = Attention(v, num, name="attention")
-        mixed, among, cls_row = attention(_norm(v, "norm1")(stream), rotation, wanted)
+        attention = Attention(v, num, self.heads, name="attention")
+        mixed, among = attention(_norm(v, "norm1")(stream), rotation, objects)
         stream = stream + self._scaled("scale1", mixed)
         inner = FeedForward(v, num, name="mlp")(_norm(v, "norm2")(stream))
         stream = stream + self._scaled("scale2", inner)
         if seen is not None:
             seen = jax.tree.map(jnp.add, seen, among)
-        kept = {"stream": stream} if wanted.streams else {}
-        if cls_row is not None:
-            kept["cls_attention"] = cls_row
-        return (stream, seen), kept
+        self.sow(INTERMEDIATES, "stream", stream)
+        return (stream, seen), None
 
     def _scaled(self, name: str, x: Array) -> Array:
         if not self.variant.layer_scale:
@@ -225,7 +217,11 @@ class Block(nn.Module):
 
 
 class VisionTransformer(nn.Module):
-    """A whole network; weights come from `vit_weights.load_weights`."""
+    """A whole network; weights come from `vit_weights.load_weights`.
+
+    With `mutable=["intermediates"]`, `apply` also gives what Flax has collected: `embedding`, and
+    by stack of blocks the `stream` after each of them and its attention `of_cls`.
+    """
 
     variant: Variant
     numerics: Numerics = Numerics()
@@ -235,54 +231,38 @@ class VisionTransformer(nn.Module):
         self,
         images: Float[Array, "B H W 3"],
         *,
-        capture: tuple[str, ...] = (),
         objects: Int[Array, "B K"] | None = None,
         heads: tuple[int, ...] | None = None,
     ) -> Tokens:
-        """Describes normalised images; what does not fill a patch is left out.
+        """Describes normalized images; what does not fill a patch is left out.
 
         Args:
-          images: RGB, normalised (`preprocessing.normalise`).
-          capture: Intermediates to keep: `"embedding"` and `"block_3"` are the stream `[B, N, D]`
-            before the first and after the fourth block, not normalised; `"cls_attention_3"` is the
-            softmax row of cls `[B, H, N]` in that block.
+          images: RGB, normalized (`preprocessing.normalize`).
           objects: Raster numbers of patches whose attention is wanted, `NO_PATCH` in unused slots.
           heads: Heads that this attention is averaged over; all if left out.
-
-        Raises:
-          ConfigError: If an intermediate does not exist.
         """
         v = self.variant
         stream, grid = self._embed(images)
-        streams, cls_rows = (_blocks_named(kind, capture, v) for kind in _CAPTURED)
-        wanted = _Wanted(objects, heads, bool(streams), bool(cls_rows))
+        self.sow(INTERMEDIATES, "embedding", stream)
         rotation = None
         if v.position == "rotary":
             periods = self.param("periods", nn.initializers.ones, (v.head_width // 4,))
             rotation = rotary_tables(*grid, periods)
         seen = None if objects is None else ObjectAttention.zeros(*objects.shape)
-        kept = {"embedding": stream} if "embedding" in capture else {}
-
-        layers = []
         for name, length, numerics in self._stacks():
             scan: Any = nn.scan  # its annotation knows no broadcast
             blocks = scan(
                 Block,
-                variable_axes={"params": 0},
+                variable_axes={"params": 0, INTERMEDIATES: 0},
                 split_rngs={"params": True},
                 in_axes=nn.broadcast,
                 length=length,
             )
-            (stream, seen), kept_here = blocks(v, numerics, name=name)(
-                (stream, seen), rotation, wanted
-            )
-            layers.append(kept_here)
-        layers = jax.tree.map(lambda *parts: jnp.concatenate(parts), *layers)
-        kept |= {f"block_{i}": layers["stream"][i] for i in streams}
-        kept |= {f"cls_attention_{i}": layers["cls_attention"][i] for i in cls_rows}
+            run_blocks = blocks(v, numerics, heads, name=name)
+            (stream, seen), _ = run_blocks((stream, seen), rotation, objects)
         if seen is not None:
             seen = jax.tree.map(lambda total: total / v.depth, seen)
-        return self._read(stream, grid, kept, seen)
+        return self._read(stream, grid, seen)
 
     def _stacks(self) -> list[tuple[str, int, Numerics]]:
         """Name, number and numerics of the blocks that are scanned together."""
@@ -320,7 +300,6 @@ class VisionTransformer(nn.Module):
         self,
         stream: Float[Array, "B N D"],
         grid: tuple[int, int],
-        kept: dict[str, Array],
         seen: ObjectAttention | None,
     ) -> Tokens:
         """Takes the tokens apart after the final norm."""
@@ -333,7 +312,6 @@ class VisionTransformer(nn.Module):
             cls=prefix[:, 0],
             registers=prefix[:, 1:],
             patches=patches.reshape(len(patches), *grid, v.width),
-            intermediates=kept,
             object_attention=seen,
         )
 
@@ -345,14 +323,14 @@ def encode(
     numerics: Numerics | None = None,
     **wanted: Any,
 ) -> Tokens:
-    """Describes normalised images: a pure function of weights and images.
+    """Describes normalized images: a pure function of weights and images.
 
     Args:
       params: As `vit_weights.load_weights` gives them, or as `arrange_params` does.
-      images: RGB, normalised.
+      images: RGB, normalized.
       variant: The network.
       numerics: How it is computed; exact and plain if left out.
-      **wanted: `capture`, `objects` and `heads` of `VisionTransformer`.
+      **wanted: `objects` and `heads` of `VisionTransformer`.
     """
     numerics = numerics or Numerics()
     params = arrange_params(params, variant, numerics)
@@ -388,29 +366,7 @@ def _gelu(x: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def _norm(variant: Variant, name: str) -> nn.LayerNorm:
-    """Layer norm in float32 with the variance of centred values, as published."""
+    """Layer norm in float32 with the variance of centered values, as published."""
     return nn.LayerNorm(
         epsilon=variant.norm_eps, dtype=jnp.float32, use_fast_variance=False, name=name
     )
-
-
-_CAPTURED = ("block_", "cls_attention_")
-
-
-def _blocks_named(kind: str, capture: tuple[str, ...], variant: Variant) -> tuple[int, ...]:
-    """Numbers of the blocks that are captured under `kind`."""
-    found = []
-    for name in capture:
-        if name == "embedding":
-            continue
-        prefix, _, number = name.rpartition("_")
-        known = prefix + "_" in _CAPTURED and number.isdecimal() and int(number) < variant.depth
-        if not known:
-            last = variant.depth - 1
-            raise ConfigError(
-                f"there is no intermediate '{name}'; allowed: embedding, block_0 to block_{last}, "
-                f"cls_attention_0 to cls_attention_{last}"
-            )
-        if prefix + "_" == kind:
-            found.append(int(number))
-    return tuple(found)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import jax
 from jaxtyping import Array, Float, Int, UInt8
 
-from remind_jax.backbone.preprocessing import normalise
+from remind_jax.backbone.preprocessing import normalize
 from remind_jax.backbone.registry import Backbone
 from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
 from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
@@ -137,4 +137,4 @@ def _run(
         num_tokens = variant.num_prefix + rows * columns
         attention = choose_attention(variant, num_tokens, jax.default_backend())
     numerics = Numerics(DTYPES[precision], attention)
-    return encode(params, normalise(images), variant, numerics, objects=objects, heads=heads)
+    return encode(params, normalize(images), variant, numerics, objects=objects, heads=heads)

@@ -33,13 +33,13 @@ def rotary_tables(
 ) -> tuple[Float[Array, "P 4K"], Float[Array, "P 4K"]]:
     """Sine and cosine that rotate the patches of a grid, in raster order.
 
-    Angles are `2 pi coordinate / period` of the patch centre; both axes run inside (-1, 1). A row
+    Angles are `2 pi coordinate / period` of the patch center; both axes run inside (-1, 1). A row
     holds vertical angles, then horizontal ones, then both again (backbones.md#rotary-positions).
     """
     y = 2 * ((np.arange(rows, dtype=np.float32) + 0.5) / rows) - 1
     x = 2 * ((np.arange(columns, dtype=np.float32) + 0.5) / columns) - 1
-    centres = np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1).reshape(-1, 2, 1)
-    angles = np.float32(2 * np.pi) * centres.astype(np.float32) / periods.astype(jnp.float32)
+    centers = np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1).reshape(-1, 2, 1)
+    angles = np.float32(2 * np.pi) * centers.astype(np.float32) / periods.astype(jnp.float32)
     angles = jnp.tile(angles.reshape(rows * columns, -1), (1, 2))
     return jnp.sin(angles), jnp.cos(angles)
 
@@ -102,10 +102,10 @@ def _antialias_matrix(num_out: int, num_in: int) -> Float[np.ndarray, "O I"]:
     inverse = np.float32(1.0 / max(float(scale), 1.0))
     matrix = np.zeros((num_out, num_in))
     for i in range(num_out):
-        centre = np.float32(scale * np.float32(i + 0.5))
-        low = max(int(centre - support + 0.5), 0)
-        high = min(int(centre + support + 0.5), num_in)
-        distance = np.float32((np.arange(low, high) - np.float64(centre) + 0.5) * inverse)
+        center = np.float32(scale * np.float32(i + 0.5))
+        low = max(int(center - support + 0.5), 0)
+        high = min(int(center + support + 0.5), num_in)
+        distance = np.float32((np.arange(low, high) - np.float64(center) + 0.5) * inverse)
         weight = _cubic(np.asarray(distance, np.float64), _CUBIC_ANTIALIAS)
         matrix[i, low:high] = weight / weight.sum()
     return matrix.astype(np.float32)

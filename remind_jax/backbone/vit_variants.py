@@ -170,8 +170,8 @@ def name_of(variant: Variant) -> str:
 class Terms:
     """Where weights come from and what they may be used for."""
 
-    licence: str
-    licence_url: str
+    license: str
+    license_url: str
     source: str  # half a sentence: where to obtain them
 
 

@@ -1,7 +1,7 @@
 """Weight files of vision transformers: what they hold, where they lie, how they are read.
 
 One safetensors file per network, written by `remind convert`. Matrices are stored as `[in, out]`;
-the header says which network it is, where it comes from and under which licence, and holds the
+the header says which network it is, where it comes from and under which license, and holds the
 sha256 of all tensor bytes. Reading needs only NumPy and refuses a file with any leaf missing, left
 over or of another shape.
 """
@@ -52,7 +52,7 @@ class Weights:
     variant: Variant
     params: dict[str, Any]  # tree of arrays for `vit.VisionTransformer`, host memory
     sha256: str  # of the tensor bytes; names the weights wherever features are kept
-    header: Mapping[str, str]  # provenance and licence
+    header: Mapping[str, str]  # provenance and license
     path: Path
 
 
@@ -107,7 +107,7 @@ def find_weights(name: str, given: str | Path | None) -> Path:
         environment variable `REMIND_WEIGHTS` names, then the user's cache folder.
 
     Raises:
-      WeightsError: If there are none; says where to obtain them, and under which licence.
+      WeightsError: If there are none; says where to obtain them, and under which license.
     """
     tried = []
     for place in (given, os.environ.get(WEIGHTS_VARIABLE), default_folder()):
@@ -123,7 +123,7 @@ def find_weights(name: str, given: str | Path | None) -> Path:
     terms = TERMS[VARIANTS[name].family]
     raise WeightsError(
         f"there are no weights for '{name}' at {' or '.join(tried)}: {terms.source}; they are "
-        f"under the {terms.licence} ({terms.licence_url}); convert them once with 'remind convert "
+        f"under the {terms.license} ({terms.license_url}); convert them once with 'remind convert "
         f"SOURCE -o {default_folder() / f'{name}.safetensors'}', or name the converted file by "
         f"weights (--weights PATH) or the environment variable {WEIGHTS_VARIABLE}"
     )
@@ -233,10 +233,10 @@ def _check_leaves(shapes: Mapping[str, tuple[int, ...]], variant: Variant, path:
             name for name in set(needed) & set(shapes) if needed[name] != shapes[name]
         ),
     }
-    told = [f"{kind}: {_some(names)}" for kind, names in faults.items() if names]
-    if told:
+    found = [f"{kind}: {_some(names)}" for kind, names in faults.items() if names]
+    if found:
         raise WeightsError(
-            f"'{path}' does not hold the weights of '{variant.name}' ({'; '.join(told)}); convert "
+            f"'{path}' does not hold the weights of '{variant.name}' ({'; '.join(found)}); convert "
             "it again with 'remind convert'"
         )
 

@@ -11,23 +11,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
-import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from remind_jax.errors import OutputError
+from remind_jax.files import make_folder, replace_file
 
 RECORD_NAME = "record.json"
 Status = Literal["done", "failed"]
-
-
-@dataclasses.dataclass(frozen=True)
-class Timing:
-    """Milliseconds per frame."""
-
-    mean_ms: float
-    p95_ms: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,11 +31,12 @@ class Record:
     status: Status
     error: str = ""  # why it failed
     num_frames: int = 0
-    frame: Timing | None = None  # features, masks and step, without frames that compiled
-    frame_compiling: Timing | None = None  # with them
-    step: Timing | None = None  # the tracker alone, without frames that compiled
-    peak_rss_mib: float = math.nan
-    device_mib: float = math.nan
+    # Milliseconds per frame, mean and 95th percentile, as columns of the tables name them. `step`:
+    # the tracker alone; `frame`: detector, features, masks and step; `compiling`: with the frames
+    # that compiled, which the others leave out.
+    times_ms: dict[str, float] = dataclasses.field(default_factory=dict)
+    peak_rss_mib: float | None = None
+    device_mib: float | None = None
 
 
 def folder_of(out: Path, regime: str, contender: str, scene: str) -> Path:
@@ -59,30 +50,14 @@ def write_record(folder: Path, record: Record) -> None:
     Raises:
       OutputError: If it cannot be written.
     """
-    path = folder / RECORD_NAME
-    unfinished = path.with_name(path.name + ".part")
-    values = {k: _finite(v) for k, v in dataclasses.asdict(record).items()}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        unfinished.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
-        os.replace(unfinished, path)
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}': {error.strerror}") from error
+    make_folder(folder)
+    text = json.dumps(dataclasses.asdict(record), indent=1) + "\n"
+    replace_file(folder / RECORD_NAME, text.encode("utf-8"))
 
 
 def read_record(folder: Path) -> Record | None:
     """Reads a record; None if there is none, or none of this version."""
     try:
-        values: dict[str, Any] = json.loads((folder / RECORD_NAME).read_text(encoding="utf-8"))
-        for name in ("frame", "frame_compiling", "step"):
-            values[name] = None if values[name] is None else Timing(**values[name])
-        for name in ("peak_rss_mib", "device_mib"):
-            values[name] = math.nan if values[name] is None else values[name]
-        return Record(**values)
-    except (OSError, ValueError, KeyError, TypeError):
+        return Record(**json.loads((folder / RECORD_NAME).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
         return None
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows no NaN."""
-    return None if isinstance(value, float) and math.isnan(value) else value

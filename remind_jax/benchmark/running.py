@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import dataclasses
 import hashlib
 import itertools
 import json
+import os
+import resource
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,14 +25,7 @@ from remind_jax import __version__
 from remind_jax.backbone.feature_cache import cache_features, default_folder
 from remind_jax.backbone.registry import Backbone
 from remind_jax.benchmark.contenders import Contender
-from remind_jax.benchmark.memory_use import device_memory_mib, peak_rss_mib, reset_peak
-from remind_jax.benchmark.records import (
-    Record,
-    Timing,
-    folder_of,
-    read_record,
-    write_record,
-)
+from remind_jax.benchmark.records import Record, folder_of, read_record, write_record
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.detectors import DetectorOptions
 from remind_jax.errors import RemindError
@@ -38,6 +36,10 @@ from remind_jax.sources.sampling import Sampling
 
 Regime = Literal["masks", "detector"]
 _KILLED = "the process ended during this run"
+_MIB = 1024 * 1024
+_STATUS = Path("/proc/self/status")
+_CLEAR = Path("/proc/self/clear_refs")
+_RESET_PEAK = "5"  # see proc(5)
 _TIMED_FRAMES = 12  # frames on which the backbone is timed, the first not counted
 
 
@@ -126,9 +128,9 @@ def _run_one(
         blank,
         status="done",
         num_frames=len(result),
-        frame=_time(frame_ms[steady]),
-        frame_compiling=_time(frame_ms),
-        step=_time(step_ms[steady]),
+        times_ms=_mean_and_p95("frame", frame_ms[steady])
+        | _mean_and_p95("compiling", frame_ms)
+        | _mean_and_p95("step", step_ms[steady]),
         peak_rss_mib=peak_mib,
         device_mib=device_mib,
     )
@@ -146,10 +148,53 @@ def _compiling_frames(result: Result) -> set[int]:
     return grown | {result.tracks[0].frame_index} if len(result) else set()
 
 
-def _time(times_ms: np.ndarray) -> Timing | None:
+def _mean_and_p95(stage: str, times_ms: np.ndarray) -> dict[str, float]:
     if not len(times_ms):
+        return {}
+    p95_ms = float(np.percentile(times_ms, 95))
+    return {f"{stage}_ms": float(np.mean(times_ms)), f"{stage}_p95_ms": p95_ms}
+
+
+def reset_peak() -> bool:
+    """Starts the peak of resident memory anew; False where the system cannot: it only grows.
+
+    What a compiler has freed, gigabytes, first goes back to the system.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)  # glibc only
+    with contextlib.suppress(OSError):
+        _CLEAR.write_text(_RESET_PEAK)
+        return True
+    return False
+
+
+def peak_rss_mib() -> float:
+    """Largest resident memory since `reset_peak`, in MiB."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        for line in _STATUS.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    largest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return largest / _MIB if sys.platform == "darwin" else largest / 1024
+
+
+def device_memory_mib() -> float | None:
+    """Memory that this process holds on NVIDIA devices, in MiB, by their driver; None without one.
+
+    JAX gives memory back to the driver only at its end, so this is the peak so far; it reserves
+    three quarters of a device at its start unless XLA_PYTHON_CLIENT_PREALLOCATE is false.
+    """
+    query = ["nvidia-smi", "--query-compute-apps=pid,used_memory", "--format=csv,noheader,nounits"]
+    try:
+        listed = subprocess.run(query, capture_output=True, text=True, check=True, timeout=20)
+    except (OSError, subprocess.SubprocessError):
         return None
-    return Timing(float(np.mean(times_ms)), float(np.percentile(times_ms, 95)))
+    used = 0.0
+    for line in listed.stdout.splitlines():
+        pid, _, mib = line.partition(",")
+        if pid.strip() == str(os.getpid()) and mib.strip().isdigit():
+            used += float(mib)
+    return used or None
 
 
 def _prepare_features(setup: Setup, scene: Scene, contender: Contender) -> float:

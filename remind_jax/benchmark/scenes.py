@@ -64,7 +64,7 @@ def find_scenes(root: str | Path, metadata: str | None = None) -> tuple[Scene, .
         scenes = [scene for place in below for scene in _scenes_at(place, metadata)]
     if not scenes:
         raise SourceError(
-            f"'{root}' holds no scenes; recognised are JPEGImages/<sequence> (DAVIS), data/<scene> "
+            f"'{root}' holds no scenes; recognized are JPEGImages/<sequence> (DAVIS), data/<scene> "
             "(ScanNet++) and folders of these"
         )
     names = [scene.name for scene in scenes]

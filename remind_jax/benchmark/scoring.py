@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from remind_jax.benchmark.records import Record, Timing, folder_of
+from remind_jax.benchmark.records import Record, folder_of
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.errors import RemindError
 from remind_jax.masks.run_length import encode_masks
@@ -67,7 +67,7 @@ def score(out: Path, record: Record, truth: TrackRows) -> Scored:
     return Scored(record, strict, settled)
 
 
-def summarise(runs: Sequence[Scored]) -> tuple[dict[str, float], dict[str, Interval]]:
+def summarize(runs: Sequence[Scored]) -> tuple[dict[str, float], dict[str, Interval]]:
     """Scores of one contender over scenes, and their bootstrap intervals over these scenes.
 
     Counts of scenes are added before ratios are taken; times are means over frames, memory is the
@@ -85,26 +85,15 @@ def summarise(runs: Sequence[Scored]) -> tuple[dict[str, float], dict[str, Inter
 
 
 def _resources(records: Sequence[Record]) -> dict[str, float]:
-    frames = np.array([record.num_frames for record in records], float)
-
-    def pool(timings: Sequence[Timing | None], prefix: str) -> dict[str, float]:
-        known = [(t, n) for t, n in zip(timings, frames, strict=True) if t is not None]
-        if not known:
-            return {}
-        weights = [n for _, n in known]
-        return {
-            f"{prefix}_ms": float(np.average([t.mean_ms for t, _ in known], weights=weights)),
-            f"{prefix}_p95_ms": float(np.average([t.p95_ms for t, _ in known], weights=weights)),
-        }
-
-    device = [r.device_mib for r in records if not math.isnan(r.device_mib)]
-    return {
-        **pool([r.frame for r in records], "frame"),
-        **pool([r.frame_compiling for r in records], "compiling"),
-        **pool([r.step for r in records], "step"),
-        "peak_rss_mib": max(r.peak_rss_mib for r in records),
-        "device_mib": max(device, default=math.nan),
-    }
+    pooled = {}
+    for name in dict.fromkeys(name for record in records for name in record.times_ms):
+        timed = [record for record in records if name in record.times_ms]
+        times, weights = [r.times_ms[name] for r in timed], [r.num_frames for r in timed]
+        pooled[name] = float(np.average(times, weights=weights))
+    for name in ("peak_rss_mib", "device_mib"):
+        known = [value for r in records if (value := getattr(r, name)) is not None]
+        pooled[name] = max(known, default=math.nan)
+    return pooled
 
 
 def _intervals(evaluations: Sequence[Evaluation]) -> dict[str, Interval]:

@@ -25,7 +25,7 @@ from remind_jax.synthetic.shapes import CLASSES
 FIRST_SEED = 100  # tours of this seed and later ones are for evaluation only
 AXES = ("alike", "absent", "light", "dense")  # what makes a tour hard; three tours each
 
-# Few classes: what has no rival of its class, its class name alone would recognise.
+# Few classes: what has no rival of its class, its class name alone would recognize.
 _CLASSES = ("mug", "box", "vase", "bottle", "book", "bowl", "can", "plant")
 _FEW = (LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical", rooms=(0, 1)))
 _MANY = (

@@ -187,8 +187,9 @@ class Benchmark:
         place = f"{record.scene}, {record.contender}"
         if record.status == "failed":
             self._say(f"{place}: failed: {record.error}")
-        elif not was_there and record.step is not None:
-            self._say(f"{place}: {record.num_frames} frames, step {record.step.mean_ms:.1f} ms")
+        elif not was_there and "step_ms" in record.times_ms:
+            step_ms = record.times_ms["step_ms"]
+            self._say(f"{place}: {record.num_frames} frames, step {step_ms:.1f} ms")
 
     def _say(self, sentence: str) -> None:
         if not self.quiet:

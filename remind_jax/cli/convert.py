@@ -143,5 +143,5 @@ def _print_variants() -> None:
     for v in VARIANTS.values():
         mib = 4 * sum(math.prod(shape) for shape in leaf_shapes(v).values()) / 2**20
         sizes = map(str, (v.patch_px, v.width, v.depth, v.heads, round(mib)))
-        rows.append((v.name, *sizes, TERMS[v.family].licence))
+        rows.append((v.name, *sizes, TERMS[v.family].license))
     print_table(rows, is_text=(0, 6))

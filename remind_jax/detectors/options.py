@@ -20,7 +20,7 @@ class DetectorOptions:
     """Thresholds and class lists of a detector.
 
     All fields apply to ONNX models. Of a callable's answers only `confidence`, `classes`,
-    `ignored_classes`, `erosion_px` and `min_mask_px` change anything: the rest is its own affair.
+    `ignored_classes`, `erosion_px` and `min_mask_px` change anything: the callable does the rest.
     """
 
     confidence: float = 0.25  # lowest score that is kept; the paper's runs used 0.7

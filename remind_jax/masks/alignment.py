@@ -53,7 +53,7 @@ class Alignment:
         return self._crop(self._scale(image, cv2.INTER_AREA))
 
     def align_masks(self, masks: Bool[np.ndarray, "N H W"]) -> Bool[np.ndarray, "N h w"]:
-        """The masks at the tracker's size, by nearest neighbour."""
+        """The masks at the tracker's size, by nearest neighbor."""
         if masks.shape[1:] == self.scaled_size:
             return np.ascontiguousarray(self._crop(masks.transpose(1, 2, 0)).transpose(2, 0, 1))
         scaled = [self._scale(mask.view(np.uint8), cv2.INTER_NEAREST) for mask in masks]

@@ -1,6 +1,6 @@
 """Instance maps from image files: the number of a pixel is the instance it belongs to.
 
-OpenCV expands palette PNGs to colours and stretches grey values of fewer than 8 bits, which
+OpenCV expands palette PNGs to colors and stretches gray values of fewer than 8 bits, which
 destroys the numbers; FFmpeg (PyAV) keeps palette indices of every depth.
 """
 
@@ -18,23 +18,23 @@ from jaxtyping import Int
 from remind_jax.sources.source import UnreadableFrame
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-GREY, PALETTE = 0, 3  # PNG colour types
+GRAY, PALETTE = 0, 3  # PNG color types
 MAX_PIXELS = 1 << 28
 
 
 def read_label_map(data: bytes) -> Int[np.ndarray, "H W"]:
-    """Decodes an instance map: grey PNG of 1 to 16 bits, palette PNG, or another grey image.
+    """Decodes an instance map: gray PNG of 1 to 16 bits, palette PNG, or another gray image.
 
     Raises:
-      UnreadableFrame: If it is damaged, too large, or a colour picture without a palette.
+      UnreadableFrame: If it is damaged, too large, or a color picture without a palette.
     """
     if data[:8] == PNG_SIGNATURE and len(data) >= 33:
-        width, height, depth, colour_type = struct.unpack(">IIBB", data[16:26])
+        width, height, depth, color_type = struct.unpack(">IIBB", data[16:26])
         if width * height > MAX_PIXELS:
             raise UnreadableFrame(f"it claims {width}x{height} pixels, more than {MAX_PIXELS}")
-        if colour_type == PALETTE:
+        if color_type == PALETTE:
             return _read_palette_indices(data)
-        if colour_type == GREY and depth < 8:
+        if color_type == GRAY and depth < 8:
             return _decode(data) // (255 // (2**depth - 1))
     return _decode(data)
 
@@ -62,12 +62,12 @@ def _decode(data: bytes) -> Int[np.ndarray, "H W"]:
     if labels is None:
         raise UnreadableFrame("it is damaged or not an image")
     if labels.ndim == 3:
-        colours = labels[..., :3]
-        if (colours != colours[..., :1]).any():
+        colors = labels[..., :3]
+        if (colors != colors[..., :1]).any():
             raise UnreadableFrame(
-                "it is a colour picture; instance maps are grey (8 or 16 bits) or have a palette"
+                "it is a color picture; instance maps are gray (8 or 16 bits) or have a palette"
             )
-        labels = colours[..., 0]
+        labels = colors[..., 0]
     if labels.dtype.kind not in "ui":
         raise UnreadableFrame(f"its pixels are {labels.dtype}; instance maps hold whole numbers")
     return labels

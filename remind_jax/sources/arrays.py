@@ -29,7 +29,7 @@ class ItemReader:
     """Items of an iterable.
 
     Each is one of
-    - an image `[H, W, 3]` of bytes in RGB (also grey `[H, W]`, or with alpha);
+    - an image `[H, W, 3]` of bytes in RGB (also gray `[H, W]`, or with alpha);
     - the path of an image file;
     - a pair of such an image and its detections, in any form that `detections_from` takes;
     - a `Frame`, whose number, time and name are kept.

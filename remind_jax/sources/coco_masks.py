@@ -1,6 +1,6 @@
 """Detections in files, as COCO run-length codes.
 
-Recognised:
+Recognized:
     a COCO results list: [{"image_id", "category_id", "segmentation", "score"}, ...]
     a COCO data set: {"images": [...], "annotations": [...], "categories": [...]}
     a COCO video (YouTube-VIS): annotations with "segmentations", one per frame, null where unseen

@@ -95,7 +95,7 @@ def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
 
 
 def _has_jpeg_end(data: bytes) -> bool:
-    """Whether the picture data are closed; OpenCV 4 fills what is missing with grey instead.
+    """Whether the picture data are closed; OpenCV 4 fills what is missing with gray instead.
 
     Segments are skipped by their length up to the scan, since a preview inside of them has an end
     mark of its own; within the scan no end mark can occur by chance.

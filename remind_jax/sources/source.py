@@ -72,7 +72,7 @@ class Reader(Protocol):
     entry_names: tuple[str, ...] | None  # where they are known beforehand
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
-        """Yields entries in order; `report` is told what cannot even be listed."""
+        """Yields entries in order; what cannot even be listed goes to `report`."""
         ...
 
 

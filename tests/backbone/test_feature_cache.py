@@ -16,11 +16,11 @@ IMAGES = np.random.default_rng(0).integers(0, 256, (3, 8, 12, 3), np.uint8)
 
 
 class Counting:
-    """Mean colours of 4x4 patches, and how many images they were computed for."""
+    """Mean colors of 4x4 patches, and how many images they were computed for."""
 
     def __init__(self) -> None:
         self.num_images = 0
-        self.backbone = Backbone("mean-colour", 4, 3, self.apply, fingerprint="1")
+        self.backbone = Backbone("mean-color", 4, 3, self.apply, fingerprint="1")
 
     def apply(self, images):
         self.num_images += len(images)
@@ -63,7 +63,7 @@ def test_everything_that_changes_features_changes_the_place(counting):
         place_of(changed, backbone),
         place_of(image.reshape(12, 8, 3), backbone),  # the same bytes at another size
         place_of(image, dataclasses.replace(backbone, fingerprint="2")),
-        place_of(image, dataclasses.replace(backbone, name="mean-colours")),
+        place_of(image, dataclasses.replace(backbone, name="mean-colors")),
     }
     assert len(places) == 5
 
@@ -109,7 +109,7 @@ def test_an_interruption_leaves_no_half_file(counting, tmp_path, monkeypatch, wh
 
 def test_a_folder_that_cannot_be_made(counting, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot make feature folder"):
+    with pytest.raises(OutputError, match="cannot make the output folder"):
         cache_features(counting.backbone, tmp_path / "file" / "folder")
 
 
@@ -117,5 +117,5 @@ def test_a_folder_that_cannot_be_written_to(counting, tmp_path):
     cached = cache_features(counting.backbone, tmp_path)
     place = tmp_path / place_of(IMAGES[0], counting.backbone)
     place.parent.write_text("in the way")
-    with pytest.raises(OutputError, match="cannot write features to"):
+    with pytest.raises(OutputError, match="cannot make the output folder"):
         cached.extract(IMAGES[:1])

@@ -43,16 +43,16 @@ def test_cosines_are_sorted_by_kind_and_distance(benchmark_module):
     }
 
 
-def test_measures_a_folder_of_two_coloured_squares(benchmark_module, tmp_path):
+def test_measures_a_folder_of_two_colored_squares(benchmark_module, tmp_path):
     folder = tmp_path / "squares"
     for kind in ("JPEGImages", "Annotations"):
         (folder / kind / "squares").mkdir(parents=True)
     (folder / "metadata.json").write_text(json.dumps({"id_to_class": {"1": "box", "2": "box"}}))
     for frame in range(41):
         image, labels = np.full((70, 100, 3), 90, np.uint8), np.zeros((70, 100), np.uint8)
-        for instance, colour in ((1, (40, 40, 200)), (2, (200, 90, 30))):
+        for instance, color in ((1, (40, 40, 200)), (2, (200, 90, 30))):
             left = 5 + frame // 4 + 45 * (instance - 1)
-            image[20:50, left : left + 30] = colour
+            image[20:50, left : left + 30] = color
             labels[20:50, left : left + 30] = instance
         cv2.imwrite(str(folder / "JPEGImages" / "squares" / f"{frame:05d}.jpg"), image)
         cv2.imwrite(str(folder / "Annotations" / "squares" / f"{frame:05d}.png"), labels)

@@ -1,4 +1,4 @@
-"""Exported encoders: the patch output is recognised by its shape, on real runs of tiny networks."""
+"""Exported encoders: the patch output is recognized by its shape, on real runs of tiny networks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.backbone import get_backbone
-from remind_jax.backbone.onnx_encoder import PatchOutput, recognise
+from remind_jax.backbone.onnx_encoder import PatchOutput, recognize
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from tests.detectors.onnx_bytes import model, node, text, varint, write_fixed_answer
 
@@ -58,7 +58,7 @@ def expected(mean=MEAN, std=STD) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["grid", "tokens"])
-def test_grids_and_tokens_are_recognised_and_read(tmp_path, kind):
+def test_grids_and_tokens_are_recognized_and_read(tmp_path, kind):
     backbone = get_backbone(f"onnx:{write_encoder(tmp_path / 'tiny.onnx', kind)}")
     assert (backbone.patch_px, backbone.dim) == (16, 5)
     assert backbone.name.startswith("onnx-tiny-")
@@ -125,14 +125,14 @@ def test_damaged_and_missing_files(tmp_path):
     st.integers(0, 9),
     st.sampled_from(["channels first", "channels last", "tokens"]),
 )
-def test_every_common_layout_is_recognised(side, dim, num_prefix, kind):
+def test_every_common_layout_is_recognized(side, dim, num_prefix, kind):
     rows, columns = 224 // side, 448 // side
     shape = {
         "channels first": (1, dim, rows, columns),
         "channels last": (1, rows, columns, dim),
         "tokens": (1, num_prefix + rows * columns, dim),
     }[kind]
-    found = recognise("out", shape, (224, 448))
+    found = recognize("out", shape, (224, 448))
     prefix = num_prefix if kind == "tokens" else 0
     if kind == "channels last" and dim == 2 * columns:
         return  # its last two axes are a grid as well
@@ -141,4 +141,4 @@ def test_every_common_layout_is_recognised(side, dim, num_prefix, kind):
 
 @pytest.mark.parametrize("shape", [(1, 768), (2, 3, 14, 28), (1, 90, 384), (1, 3, 5, 7)])
 def test_what_is_no_patch_output(shape):
-    assert recognise("out", shape, (224, 448)) is None
+    assert recognize("out", shape, (224, 448)) is None

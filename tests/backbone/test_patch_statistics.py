@@ -18,7 +18,7 @@ PALETTE = ((200, 60, 50), (60, 160, 70), (70, 90, 190), (190, 170, 60), (150, 15
 
 
 def paint_tiles(rows: int, cols: int, seed: int = 0) -> np.ndarray:
-    """Tiles of 64 pixels, each of one colour with stripes and grain of its own."""
+    """Tiles of 64 pixels, each of one color with stripes and grain of its own."""
     rng = np.random.default_rng(seed)
     image = np.zeros((rows * 64, cols * 64, 3))
     down, right = np.mgrid[:64, :64]
@@ -27,8 +27,8 @@ def paint_tiles(rows: int, cols: int, seed: int = 0) -> np.ndarray:
         angle, period_px = rng.uniform(0, np.pi), rng.uniform(6, 24)
         stripes = np.sin(2 * np.pi * (np.cos(angle) * right + np.sin(angle) * down) / period_px)
         light = 1 + rng.uniform(0.1, 0.4) * stripes + rng.normal(0, 0.05, (64, 64))
-        colour = np.array(PALETTE[number % len(PALETTE)])
-        image[top : top + 64, left : left + 64] = colour * light[..., None]
+        color = np.array(PALETTE[number % len(PALETTE)])
+        image[top : top + 64, left : left + 64] = color * light[..., None]
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
@@ -119,17 +119,17 @@ def test_dimmer_light_with_noise_leaves_an_object_what_it_was(gain, seed):
     assert ((bright @ dark.T).argmax(1) == np.arange(len(bright))).all()
 
 
-def test_different_colours_are_far_apart():
+def test_different_colors_are_far_apart():
     tiles = describe_tiles(paint_tiles(3, 4))
-    colour = np.arange(len(tiles)) % len(PALETTE)
-    assert (tiles @ tiles.T)[colour[:, None] != colour].max() < 0.75
+    color = np.arange(len(tiles)) % len(PALETTE)
+    assert (tiles @ tiles.T)[color[:, None] != color].max() < 0.75
 
 
 def test_centering_changes_the_common_part_only():
     image = paint_tiles(3, 4)[None]
     raw = np.asarray(get_backbone(centering=0.0).extract(image))
-    centred = np.asarray(get_backbone().extract(image))
-    common = (raw - centred).reshape(-1, raw.shape[-1])
+    centerd = np.asarray(get_backbone().extract(image))
+    common = (raw - centerd).reshape(-1, raw.shape[-1])
     np.testing.assert_allclose(common, np.broadcast_to(common[0], common.shape), atol=FLOAT32_SUM)
     assert (raw >= 0).all()
     assert np.linalg.norm(common[0]) > 1

@@ -15,7 +15,7 @@ def names(monkeypatch):
 
 
 def make_backbone(*, dim: int = 3) -> registry.Backbone:
-    return registry.Backbone("mean-colour", 4, dim, lambda images: images[:, ::4, ::4] / 255)
+    return registry.Backbone("mean-color", 4, dim, lambda images: images[:, ::4, ::4] / 255)
 
 
 def test_default_backbone_is_listed_and_made_by_default():
@@ -57,9 +57,9 @@ def test_target_for_a_backbone_that_reads_none():
 
 @pytest.mark.usefixtures("names")
 def test_decorated_factory_is_found_and_gets_its_options():
-    registry.register("mean-colour")(make_backbone)
-    assert "mean-colour" in registry.list_backbones()
-    assert registry.get_backbone("mean-colour", dim=5).dim == 5
+    registry.register("mean-color")(make_backbone)
+    assert "mean-color" in registry.list_backbones()
+    assert registry.get_backbone("mean-color", dim=5).dim == 5
 
 
 @pytest.mark.usefixtures("names")
@@ -88,11 +88,11 @@ def test_text_after_the_colon_is_handed_to_the_factory():
 @pytest.mark.usefixtures("names")
 def test_a_name_belongs_to_one_backbone():
     for _ in range(2):
-        registry.register("mean-colour", make_backbone)
+        registry.register("mean-color", make_backbone)
     with pytest.raises(ConfigError, match="registered already"):
         registry.register("patch-statistics")(make_backbone)
     with pytest.raises(ConfigError, match="without a colon"):
-        registry.register("mean:colour", make_backbone)
+        registry.register("mean:color", make_backbone)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone import get_backbone, list_backbones, vit_backbone
-from remind_jax.backbone.preprocessing import normalise
+from remind_jax.backbone.preprocessing import normalize
 from remind_jax.backbone.vit import Numerics, VisionTransformer, encode
 from remind_jax.backbone.vit_backbone import choose_attention
 from remind_jax.backbone.vit_variants import VARIANTS, get_variant
@@ -34,7 +34,7 @@ def test_all_published_networks_are_listed():
 
 def test_features_are_those_of_the_network(backbone):
     weights = converted("dinov3_tiny_mlp")
-    expected = encode(weights.params, normalise(IMAGES), weights.variant)
+    expected = encode(weights.params, normalize(IMAGES), weights.variant)
     features = backbone.extract(IMAGES)
     assert features.shape == (2, 4, 6, 64)
     assert features.dtype == jnp.float32
@@ -43,11 +43,11 @@ def test_features_are_those_of_the_network(backbone):
 
 
 def test_preprocessing_is_the_published_one():
-    """Rescaled by 1/255, less the mean, over the deviation, for every grey level."""
+    """Rescaled by 1/255, less the mean, over the deviation, for every gray level."""
     levels = np.arange(256, dtype=np.uint8)[:, None].repeat(3, axis=1)
     mean, std = np.array([0.485, 0.456, 0.406]), np.array([0.229, 0.224, 0.225])
     published = (levels.astype(np.float64) / 255 - mean) / std
-    assert np.abs(jax.jit(normalise)(levels) - published).max() < 1e-6
+    assert np.abs(jax.jit(normalize)(levels) - published).max() < 1e-6
 
 
 def test_attention_of_objects_comes_with_the_same_features(backbone):

@@ -165,7 +165,7 @@ class TestFinding:
             find_weights("dino-vits8", tmp_path / "mistyped.safetensors")
 
     @pytest.mark.parametrize("name", VARIANTS)
-    def test_absent_weights_say_where_to_get_them_and_under_which_licence(self, name):
+    def test_absent_weights_say_where_to_get_them_and_under_which_license(self, name):
         with pytest.raises(WeightsError) as caught:
             find_weights(name, None)
         told = str(caught.value)

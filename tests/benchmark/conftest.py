@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from remind_jax.backbone.registry import get_backbone
+from remind_jax.benchmark.running import Setup
 from remind_jax.synthetic import SceneOptions, make_scene, write_davis
 
 FRAMES = 8
@@ -28,3 +30,12 @@ def dataset(tmp_path_factory) -> Path:
         )
         write_davis(make_scene(options), folder)
     return folder
+
+
+@pytest.fixture
+def setup(tmp_path) -> Setup:
+    return Setup(
+        out=tmp_path / "out",
+        backbone=get_backbone("patch-statistics"),
+        feature_cache=tmp_path / "features",
+    )

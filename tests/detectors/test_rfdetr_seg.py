@@ -120,7 +120,7 @@ def test_ninety_one_columns_are_coco_categories():
     assert name_columns(91, {5: "cup"})[1] is None
 
 
-def test_the_input_is_normalised_and_stretched():
+def test_the_input_is_normalized_and_stretched():
     image = np.zeros((30, 70, 3), np.uint8)
     image[:, :35] = (255, 0, 51)
     tensor = head_of().prepare(image)

@@ -283,7 +283,7 @@ def test_open_input_sizes_are_taken_from_options_then_metadata():
     assert head_of(V8, None, {"imgsz": "?"}, open_size).prepare(image).shape == (1, 3, 384, 640)
 
 
-def test_the_input_is_rgb_in_zero_to_one_with_grey_bars():
+def test_the_input_is_rgb_in_zero_to_one_with_gray_bars():
     image = np.zeros((96, 96, 3), np.uint8)
     image[..., 0], image[..., 2] = 255, 51
     tensor = head_of(V8).prepare(image)

@@ -70,7 +70,7 @@ def test_solidity_of_the_page():
 
 
 def test_values_equal_the_original():
-    """Coverage, hull, box, centre and solidity recorded for three frames of `small`."""
+    """Coverage, hull, box, center and solidity recorded for three frames of `small`."""
     with np.load(load.ROOT / "perception" / "small.npz") as data:
         recorded = dict(data)
     frames = list(load.load_inputs("small"))
@@ -169,7 +169,7 @@ def hollow():
         ({"sanitize": "morphology", "close_px": 3}, 256),  # and the notch
     ],
 )
-def test_sanitising(options, area):
+def test_sanitizing(options, area):
     found = reduce(hollow(), **options)
     assert found.filled_coverage[0].sum() * PATCH**2 == area
     assert found.quality[0] == 191 / area

@@ -37,23 +37,23 @@ def write_images(folder: Path, names: list[str], size: tuple[int, int] = SIZE) -
         write_image(folder / name, picture(index, size))
 
 
-def grey_png(labels: np.ndarray) -> bytes:
+def gray_png(labels: np.ndarray) -> bytes:
     ok, data = cv2.imencode(".png", labels)
     assert ok
     return data.tobytes()
 
 
-def png(pixels: np.ndarray, depth: int, colour_type: int, num_colours: int = 0) -> bytes:
-    """A PNG of numbers of `depth` bits; a palette whose colours differ from the numbers."""
+def png(pixels: np.ndarray, depth: int, color_type: int, num_colors: int = 0) -> bytes:
+    """A PNG of numbers of `depth` bits; a palette whose colors differ from the numbers."""
     height, width = pixels.shape
     bits = (pixels[..., None] >> np.arange(depth - 1, -1, -1)) & 1
     rows = np.packbits(bits.reshape(height, width * depth).astype(np.uint8), axis=1)
     raw = b"".join(b"\0" + row.tobytes() for row in rows)
-    palette = bytes((31 * i + 7 * c + 5) % 256 for i in range(num_colours) for c in range(3))
+    palette = bytes((31 * i + 7 * c + 5) % 256 for i in range(num_colors) for c in range(3))
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         _chunk(kind, data)
         for kind, data in (
-            (b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour_type, 0, 0, 0)),
+            (b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color_type, 0, 0, 0)),
             (b"PLTE", palette),
             (b"IDAT", zlib.compress(raw)),
             (b"IEND", b""),
@@ -67,7 +67,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def palette_png(pixels: np.ndarray, depth: int = 8) -> bytes:
-    return png(pixels, depth, colour_type=3, num_colours=2**depth)
+    return png(pixels, depth, color_type=3, num_colors=2**depth)
 
 
 def instance_map(size: tuple[int, int] = SIZE, ids: tuple[int, ...] = (1, 2)) -> np.ndarray:
@@ -83,7 +83,7 @@ def write_davis(root: Path, name: str = "room", num: int = 3, metadata: dict | N
     annotations = root / "Annotations" / name
     annotations.mkdir(parents=True)
     for i in range(num):
-        (annotations / f"{i:05d}.png").write_bytes(grey_png(instance_map()))
+        (annotations / f"{i:05d}.png").write_bytes(gray_png(instance_map()))
     if metadata is not None:
         (root / "metadata.json").write_text(json.dumps(metadata))
 

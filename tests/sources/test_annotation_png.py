@@ -11,36 +11,36 @@ from tests.sources import making
 
 
 @pytest.mark.parametrize("depth", [1, 2, 4, 8])
-@pytest.mark.parametrize("colour_type", [0, 3], ids=["grey", "palette"])
+@pytest.mark.parametrize("color_type", [0, 3], ids=["gray", "palette"])
 @settings(max_examples=20, deadline=None)
 @given(data=st.data())
-def test_numbers_survive_every_depth(depth, colour_type, data):
+def test_numbers_survive_every_depth(depth, color_type, data):
     shape = data.draw(st.tuples(st.integers(1, 9), st.integers(1, 19)))
     pixels = data.draw(hnp.arrays(np.uint8, shape, elements=st.integers(0, 2**depth - 1)))
-    num_colours = 2**depth if colour_type == 3 else 0
-    encoded = making.png(pixels, depth, colour_type, num_colours)
+    num_colors = 2**depth if color_type == 3 else 0
+    encoded = making.png(pixels, depth, color_type, num_colors)
     np.testing.assert_array_equal(read_label_map(encoded), pixels)
 
 
 def test_sixteen_bits():
     labels = making.instance_map(ids=(7, 40_000))
-    np.testing.assert_array_equal(read_label_map(making.grey_png(labels)), labels)
+    np.testing.assert_array_equal(read_label_map(making.gray_png(labels)), labels)
 
 
-def test_grey_stored_as_colour():
+def test_gray_stored_as_color():
     labels = making.instance_map()
-    encoded = making.grey_png(np.repeat(labels[..., None], 3, axis=2))
+    encoded = making.gray_png(np.repeat(labels[..., None], 3, axis=2))
     np.testing.assert_array_equal(read_label_map(encoded), labels)
 
 
-def test_colour_picture_is_refused():
-    colours = np.zeros((8, 8, 3), np.uint8)
-    colours[2:4, 2:4] = (255, 0, 128)
-    with pytest.raises(UnreadableFrame, match="colour picture"):
-        read_label_map(making.grey_png(colours))
+def test_color_picture_is_refused():
+    colors = np.zeros((8, 8, 3), np.uint8)
+    colors[2:4, 2:4] = (255, 0, 128)
+    with pytest.raises(UnreadableFrame, match="color picture"):
+        read_label_map(making.gray_png(colors))
 
 
-@pytest.mark.parametrize("make", [making.grey_png, making.palette_png])
+@pytest.mark.parametrize("make", [making.gray_png, making.palette_png])
 @pytest.mark.parametrize("keep_bytes", [0, 10, 40])
 def test_damaged_files_are_refused(make, keep_bytes):
     with pytest.raises(UnreadableFrame):

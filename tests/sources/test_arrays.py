@@ -44,11 +44,11 @@ def test_paths_of_images(tmp_path):
     assert source.skipped[0].name == "c.png"
 
 
-def test_grey_and_transparent_images_become_rgb():
-    grey = making.picture(0)[..., 0]
-    rgba = np.dstack([making.picture(0), grey])
-    first, second, third = [f.image for f in open_source([grey, rgba, grey[..., None]])]
-    np.testing.assert_array_equal(first, np.dstack([grey] * 3))
+def test_gray_and_transparent_images_become_rgb():
+    gray = making.picture(0)[..., 0]
+    rgba = np.dstack([making.picture(0), gray])
+    first, second, third = [f.image for f in open_source([gray, rgba, gray[..., None]])]
+    np.testing.assert_array_equal(first, np.dstack([gray] * 3))
     np.testing.assert_array_equal(second, making.picture(0))
     np.testing.assert_array_equal(third, first)
 

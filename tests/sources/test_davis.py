@@ -33,7 +33,7 @@ def test_palette_and_16_bit_maps_give_the_same(tmp_path):
     making.write_davis(tmp_path, metadata=making.LABELS)
     folder = tmp_path / "Annotations" / "room"
     (folder / "00001.png").write_bytes(making.palette_png(making.instance_map()))
-    (folder / "00002.png").write_bytes(making.grey_png(making.instance_map().astype(np.uint16)))
+    (folder / "00002.png").write_bytes(making.gray_png(making.instance_map().astype(np.uint16)))
     first, *others = map(making.detections_in, open_source(tmp_path))
     for other in others:
         np.testing.assert_array_equal(other.masks, first.masks)
@@ -44,7 +44,7 @@ def test_palette_and_16_bit_maps_give_the_same(tmp_path):
 def test_ids_beyond_a_byte(tmp_path):
     making.write_davis(tmp_path, num=1, metadata={"id_to_class": {"300": "cup", "40000": "tv"}})
     labels = making.instance_map(ids=(40_000, 300))
-    (tmp_path / "Annotations/room/00000.png").write_bytes(making.grey_png(labels))
+    (tmp_path / "Annotations/room/00000.png").write_bytes(making.gray_png(labels))
     (frame,) = open_source(tmp_path)
     assert frame.detections is not None
     assert frame.detections.instance_ids.tolist() == [300, 40_000]
@@ -93,7 +93,7 @@ def test_places_of_metadata(tmp_path, name):
 def test_ids_without_class_are_named_all_at_once_with_the_file(tmp_path):
     making.write_davis(tmp_path, metadata={"id_to_label": {"1": "cup_1"}})
     late = making.instance_map(ids=(1, 2, 9))
-    (tmp_path / "Annotations/room/00001.png").write_bytes(making.grey_png(late))
+    (tmp_path / "Annotations/room/00001.png").write_bytes(making.gray_png(late))
     with pytest.raises(SourceError, match=r"instances 2, 9 in .*add them to '.*metadata\.json'"):
         open_source(tmp_path)
     assert labels_of(open_source(tmp_path, unlabelled="skip")) == [("cup",)] * 3
@@ -102,7 +102,7 @@ def test_ids_without_class_are_named_all_at_once_with_the_file(tmp_path):
 def test_id_without_class_in_a_frame_not_looked_at_before(tmp_path):
     making.write_davis(tmp_path, num=9, metadata=making.LABELS)
     late = making.instance_map(ids=(1, 2, 9))
-    (tmp_path / "Annotations/room/00006.png").write_bytes(making.grey_png(late))
+    (tmp_path / "Annotations/room/00006.png").write_bytes(making.gray_png(late))
     frames = iter(open_source(tmp_path))
     assert [next(frames).index for _ in range(6)] == list(range(6))
     with pytest.raises(SourceError, match="instances 9 in"):
@@ -131,7 +131,7 @@ def test_damaged_annotation_skips_its_frame(tmp_path):
 def test_map_of_the_same_aspect_is_resized_to_the_frame(tmp_path):
     making.write_davis(tmp_path, num=1, metadata=making.LABELS)
     big = making.instance_map((64, 96))
-    (tmp_path / "Annotations/room/00000.png").write_bytes(making.grey_png(big))
+    (tmp_path / "Annotations/room/00000.png").write_bytes(making.gray_png(big))
     (frame,) = open_source(tmp_path)
     assert frame.detections is not None
     np.testing.assert_array_equal(frame.detections.masks[1], making.instance_map() == 2)
@@ -139,7 +139,7 @@ def test_map_of_the_same_aspect_is_resized_to_the_frame(tmp_path):
 
 def test_map_of_another_aspect_names_both_sizes(tmp_path):
     making.write_davis(tmp_path, num=1, metadata=making.LABELS)
-    other = making.grey_png(making.instance_map((48, 48)))
+    other = making.gray_png(making.instance_map((48, 48)))
     (tmp_path / "Annotations/room/00000.png").write_bytes(other)
     with pytest.raises(SourceError, match=r"'00000\.png' is 48x48, its frame is 48x32"):
         list(open_source(tmp_path))
@@ -169,7 +169,7 @@ def test_listed_frames_are_the_frames_and_number_the_masks(tmp_path):
     folder.mkdir(parents=True)
     for number, instance_id in ((0, 5), (1, 6)):
         labels = making.instance_map(ids=(instance_id,))
-        (folder / f"frame_{number:06d}.png").write_bytes(making.grey_png(labels))
+        (folder / f"frame_{number:06d}.png").write_bytes(making.gray_png(labels))
     listed = {"frame_names": ["c7.jpg", "a9.jpg"], "id_to_label": {"5": "a_1", "6": "b_1"}}
     (tmp_path / "metadata.json").write_text(json.dumps(listed))
     frames = list(open_source(tmp_path))
@@ -180,7 +180,7 @@ def test_listed_frames_are_the_frames_and_number_the_masks(tmp_path):
 def test_listed_frames_with_masks_of_their_name(tmp_path):
     making.write_davis(tmp_path, num=4, metadata={"frame_names": ["00002.jpg", "00001.jpg"]})
     labels = making.instance_map(ids=(8,))
-    (tmp_path / "Annotations/room/00002.png").write_bytes(making.grey_png(labels))
+    (tmp_path / "Annotations/room/00002.png").write_bytes(making.gray_png(labels))
     frames = list(open_source(tmp_path))
     assert [f.name for f in frames] == ["00002.jpg", "00001.jpg"]
     assert [making.detections_in(f).instance_ids.tolist() for f in frames] == [[8], [1, 2]]

@@ -18,7 +18,7 @@ def test_rgb_in_natural_order(tmp_path, suffix):
     for index, frame in enumerate(frames):
         assert frame.detections is None
         assert frame.image is not None
-        # JPEG and WebP change colours by a few steps, more beside the edge of the bar.
+        # JPEG and WebP change colors by a few steps, more beside the edge of the bar.
         wanted = making.picture(index)[:, 2 * index + 12 :].astype(int)
         assert np.abs(frame.image[:, 2 * index + 12 :] - wanted).max() <= 6
 

@@ -33,7 +33,7 @@ def test_video_frames_are_numbered_from_zero_or_one(numbers, num_frames, first):
 def test_masks_of_other_frames_are_refused(tmp_path):
     making.write_images(tmp_path / "v", ["7.jpg", "8.jpg"])
     (tmp_path / "m").mkdir()
-    (tmp_path / "m" / "a1.png").write_bytes(making.grey_png(making.instance_map()))
+    (tmp_path / "m" / "a1.png").write_bytes(making.gray_png(making.instance_map()))
     with pytest.raises(SourceError, match=r"no annotation .*\(first annotation 'a1\.png'"):
         open_source(tmp_path / "v", masks=tmp_path / "m")
 
@@ -41,7 +41,7 @@ def test_masks_of_other_frames_are_refused(tmp_path):
 def test_masks_folder_beside_any_images(tmp_path):
     making.write_images(tmp_path / "v", ["7.jpg", "8.jpg"])
     making.write_davis(tmp_path / "d", "v", 1, making.LABELS)
-    (tmp_path / "d/Annotations/v/00007.png").write_bytes(making.grey_png(making.instance_map()))
+    (tmp_path / "d/Annotations/v/00007.png").write_bytes(making.gray_png(making.instance_map()))
     for masks in (tmp_path / "d", tmp_path / "d/Annotations/v"):
         frames = list(open_source(tmp_path / "v", masks=masks))
         assert [f.detections.labels for f in frames if f.detections is not None] == [

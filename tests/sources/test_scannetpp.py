@@ -20,7 +20,7 @@ def exported(variant="benchmark_instance", frame_names=None, ids=(1, 2)):
     files = {f"meta_{variant}.json": json.dumps(meta).encode()}
     for i in range(len(NAMES)):
         labels = making.instance_map(ids=ids) * (i != 1)
-        files[f"annotations/{variant}/frame_{i:06d}.png"] = making.grey_png(labels)
+        files[f"annotations/{variant}/frame_{i:06d}.png"] = making.gray_png(labels)
     return files
 
 
@@ -93,7 +93,7 @@ def test_unlabelled_instances(tmp_path):
 def test_rendered_ids_with_labels_of_the_scan(tmp_path):
     groups = {"segGroups": [{"objectId": 1, "label": "chair"}, {"objectId": 2, "label": "lamp"}]}
     files = {"scans/segments_anno.json": json.dumps(groups).encode()} | {
-        f"obj_ids/{name}.png": making.grey_png(making.instance_map().astype(np.uint16))
+        f"obj_ids/{name}.png": making.gray_png(making.instance_map().astype(np.uint16))
         for name in NAMES
     }
     path = write(tmp_path / "s", IMAGES | files, "tar")

@@ -7,7 +7,7 @@ from remind_jax.errors import SourceError
 from remind_jax.sources import Sampling, open_source
 from tests.sources import making
 
-COLOUR_SLACK = 14  # lossy codecs and the YUV 4:2:0 colour space change colours by a few steps
+COLOR_SLACK = 14  # lossy codecs and the YUV 4:2:0 color space change colors by a few steps
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_every_frame_once_with_its_time_in_rgb(tmp_path, name, codec):
         edge = 2 * frame.index + 2
         red = frame.image[:, edge + 3 :]
         wanted = np.broadcast_to((200, 30, 30), red.shape)
-        np.testing.assert_allclose(red, wanted, atol=COLOUR_SLACK)
+        np.testing.assert_allclose(red, wanted, atol=COLOR_SLACK)
     assert source.skipped == []
 
 
@@ -141,7 +141,7 @@ def test_masks_of_a_video_go_by_number(tmp_path):
     folder.mkdir()
     for number in (1, 2, 3, 4):
         (folder / f"{number:04d}.png").write_bytes(
-            making.grey_png(making.instance_map(ids=(number,)))
+            making.gray_png(making.instance_map(ids=(number,)))
         )
     frames = list(open_source(tmp_path / "a.mp4", masks=folder))
     given = [f.detections.instance_ids.tolist() for f in frames if f.detections is not None]

@@ -1,0 +1,99 @@
+"""What is run, kept, resumed and counted as failed, on two tiny tours."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+
+import pytest
+
+from remind_jax.benchmark import running
+from remind_jax.benchmark.running import peak_rss_mib, reset_peak
+from remind_jax.benchmark.scenes import find_scenes
+from remind_jax.benchmark.scoring import read_truth, score
+from remind_jax.benchmark.tables import list_failures, main_table
+
+from .runs import METHODS, given, run
+
+
+def test_results_are_kept_and_nothing_is_done_twice(setup, dataset, monkeypatch):
+    scenes = find_scenes(dataset)
+    records, new = run(setup, scenes)
+    assert new == [(scene.name, method) for scene in scenes for method in METHODS]
+    assert all(record.status == "done" and record.num_frames == 8 for record in records)
+    times = [record.times_ms for record in records]
+    assert all(ms["step_ms"] <= ms["frame_ms"] < ms["compiling_ms"] for ms in times)
+    assert all(given(record.peak_rss_mib) > 50 for record in records)
+    num_features = len(list(setup.feature_cache.rglob("*.npy")))
+    assert num_features == 16  # one file per frame, whatever the number of methods
+
+    again, new = run(setup, scenes)
+    assert again == records
+    assert new == []
+    # Another setting is another result; whoever has results keeps them.
+    _, new = run(dataclasses.replace(setup, sampling=running.Sampling(stride=2)), scenes, ("iou",))
+    assert new == [("alike-1", "iou"), ("light-1", "iou")]
+
+
+def test_an_interruption_costs_the_run_in_work(setup, dataset, monkeypatch):
+    scenes = find_scenes(dataset)
+    real_run = running.run
+
+    def stop_at_the_second(source, **options):
+        if options["config"].tracker == "iou":
+            raise KeyboardInterrupt
+        return real_run(source, **options)
+
+    monkeypatch.setattr(running, "run", stop_at_the_second)
+    with pytest.raises(KeyboardInterrupt):
+        run(setup, scenes)
+    monkeypatch.undo()
+    _, new = run(setup, scenes)
+    assert ("alike-1", "bank") not in new
+    assert len(new) == 3
+
+
+def test_a_run_that_kills_the_process_is_not_tried_again(setup, dataset, monkeypatch):
+    def die(source, **options):
+        raise SystemExit  # as good as a kill: nothing that follows is run
+
+    scenes = find_scenes(dataset)[:1]
+    monkeypatch.setattr(running, "run", die)
+    with pytest.raises(SystemExit):
+        run(setup, scenes, ("iou",))
+    monkeypatch.undo()
+    (record,), new = run(setup, scenes, ("iou",))
+    assert new == []
+    assert record.status == "failed"
+    assert "the process ended" in record.error
+
+
+def test_a_run_that_fails_is_counted_and_the_others_go_on(setup, dataset, tmp_path):
+    broken = tmp_path / "broken"
+    shutil.copytree(dataset, broken)
+    for file in (broken / "alike-1" / "JPEGImages").rglob("*.jpg"):
+        file.write_bytes(b"no picture")
+    scenes = find_scenes(broken)
+    records, _ = run(setup, scenes, ("iou",))
+    assert [record.status for record in records] == ["failed", "done"]
+    assert "none of the 8 frames" in records[0].error
+    truths = [read_truth(find_scenes(dataset)[i]) for i in range(2)]
+    runs = [score(setup.out, r, t) for r, t in zip(records, truths, strict=True)]
+    table = main_table(runs, {}, "masks")
+    assert table.rows[0].note == "1 of 2 scenes failed"
+    assert list_failures(runs)[0].startswith("iou on alike-1: ")
+
+    _, new = run(setup, scenes, ("iou",))
+    assert new == []
+    _, new = run(dataclasses.replace(setup, retry_failed=True), scenes, ("iou",))
+    assert new == [("alike-1", "iou")]
+
+
+def test_peak_memory_can_start_anew():
+    # Anything that the allocator gives back at once; so large that nothing else hides it.
+    block = bytearray(300 * 2**20)
+    high = peak_rss_mib()
+    del block
+    if not reset_peak():
+        pytest.skip("this system cannot reset the peak")
+    assert peak_rss_mib() < high - 200

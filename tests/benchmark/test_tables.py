@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+
+import pytest
+
+from remind_jax.benchmark.records import Record
+from remind_jax.benchmark.scoring import Scored
+from remind_jax.benchmark.tables import axis_table, main_table, paper_rows, save_tables
+from remind_jax.cli.main import main
+
+
+@pytest.mark.parametrize("regime", ["masks", "detector"])
+@pytest.mark.parametrize("data", ["custom", "scannetpp"])
+def test_the_papers_numbers_stand_beside_ours(data, regime):
+    rows = {row.name: row.scores for row in paper_rows(data, regime)}
+    assert {"paper: DAM4SAM", "paper: MASA", "paper: REMIND"} <= set(rows)
+    values = [
+        v for scores in rows.values() for k, v in scores.items() if not k.endswith(("ms", "b"))
+    ]
+    assert all(math.isnan(value) or 0 < value < 1 for value in values)
+    # F1 follows from precision and recall, but for the rounding of the paper's tables.
+    scores = rows["paper: REMIND"]
+    harmonic = 2 / (1 / scores["IDP"] + 1 / scores["IDR"])
+    assert scores["IDF1"] == pytest.approx(harmonic, abs=1e-4)
+    table = main_table([], {}, regime, paper=data)
+    assert "definitions" in table.legend[-1]
+    assert "IDR" in table.to_markdown()
+
+
+def test_other_scenes_have_no_table_by_difficulty(tmp_path):
+    record = Record("iou", "kitchen", "masks", "", "failed", "no")
+    assert axis_table([Scored(record)], {}) is None
+    saved = save_tables({"masks": main_table([Scored(record)], {}, "masks")}, tmp_path / "tables")
+    assert {path.suffix for path in saved} >= {".md", ".csv", ".tex", ".txt"}
+
+
+def test_the_command_writes_tables_and_tells_numbers(dataset, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out"
+    words = ["benchmark", str(dataset), "--methods", "iou", "--out", str(out), "--json"]
+    words += ["--feature-cache", str(tmp_path / "features")]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    scores = json.loads(printed.out)["scores"]["IoU"]
+    assert 0 < scores["IDF1"] < 1
+    assert "alike-1, iou: 8 frames" in printed.err
+    with (out / "tables" / "masks.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert float(row["IDF1"]) == pytest.approx(scores["IDF1"])
+    assert "| alike | light |" in (out / "tables" / "masks_axes.md").read_text()
+
+    assert main([*words[:-3], "--quiet", "--scenes", "light-1"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_without_annotations_there_is_nothing_to_score(dataset, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(dataset / "alike-1", copy)
+    shutil.rmtree(copy / "Annotations")
+    assert main(["benchmark", str(copy), "--methods", "iou", "--out", str(tmp_path / "out")]) == 1
+    assert "nothing can be scored" in capsys.readouterr().err
