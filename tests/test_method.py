@@ -132,12 +132,12 @@ def test_choosing_a_tracker_chooses_its_thresholds(counter):
     assert ("tracker", "counter", "plus") in config.difference(load_config("default"))
 
 
-def test_a_method_without_account_cannot_be_traced(counter):
+def test_a_method_without_explanations_cannot_be_traced(counter):
     with pytest.raises(ConfigError, match="'counter' does not explain"):
         live.Tracker(tracker="counter", trace=True)
 
 
-def test_wrong_names_are_told(counter):
+def test_wrong_names_are_refused(counter):
     with pytest.raises(ConfigError, match=r"no tracker 'remnd'.*'remind'"):
         get_method("remnd")
     with pytest.raises(ConfigError, match="registered already"):

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Sequence
 
 from remind_jax.decision import Outcome
+from remind_jax.printing.small_table import align
 from remind_jax.printing.terminal import split_columns
 from remind_jax.printing.words import number
 from remind_jax.tracks import Tracks
@@ -34,22 +35,20 @@ def number_lines(sentences: Sequence[str], width: int | None) -> list[str]:
     ]
 
 
-def align(
-    rows: Sequence[Sequence[str]], left: Sequence[int], width: int | None = None
+def lay_out(
+    rows: Sequence[Sequence[str]], is_text: Sequence[int], width: int | None = None
 ) -> list[str]:
-    """Lines of a table; columns `left` are flush left, the others right.
+    """Lines of a table; columns `is_text` are flush left, the others right.
 
     Where the table is wider than `width`, the columns that do not fit follow below, with the first
     column again.
     """
-    sizes = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    sizes = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = []
     for columns in split_columns(sizes, width or sum(sizes) + 2 * len(sizes), around_cell=2):
-        for row in rows:
-            cells = [
-                row[c].ljust(sizes[c]) if c in left else row[c].rjust(sizes[c]) for c in columns
-            ]
-            lines.append(("  " + "  ".join(cells)).rstrip())
+        left = [place for place, column in enumerate(columns) if column in is_text]
+        widths = [sizes[column] for column in columns]
+        lines += [align([row[column] for column in columns], widths, left) for row in rows]
     return lines
 
 
@@ -71,7 +70,7 @@ def render_frame(tracks: Tracks) -> str:
     table = [("detection", "name", "outcome", "score with context", "confidence"), *rows]
     if not any(row[3] for row in rows):
         table = [(*row[:3], row[4]) for row in table]
-    return "\n".join((title, *align(table, (1, 2))))
+    return "\n".join((title, *lay_out(table, (1, 2))))
 
 
 def _number(value: float | None) -> str:

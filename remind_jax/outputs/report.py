@@ -80,11 +80,10 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
     summary = result.summary()
     position_of = {tracks.frame_index: place for place, tracks in enumerate(result.tracks)}
     return {
-        "about": _about(result),
+        "about": ", ".join(info.facts()),
         "complete": result.complete,
         "facts": _facts(summary),
-        "footer": f"Made by remind-jax {info.versions.get('remind_jax', '')} from a run started "
-        f"at {info.started_at}.",
+        "footer": f"Made by remind-jax {info.versions['remind_jax']}.",
         "video": video,
         "explanations": pack_explanations(result),
         "fps": info.fps,
@@ -198,14 +197,6 @@ def read_sightings(path: Path) -> list[Sighting]:
         ]
     except (OSError, ValueError, KeyError, IndexError, TypeError, cv2.error):
         return []
-
-
-def _about(result: Result) -> str:
-    info = result.info
-    height, width = info.frame_size
-    config = info.config.get("name")
-    parts = [f"{width} x {height} pixels", f"{info.fps:.4g} frames per second", info.backbone]
-    return ", ".join(parts + ([f"configuration {config}"] if config else []) + [info.device])
 
 
 def _facts(summary: dict[str, Any]) -> list[tuple[str, str]]:

@@ -17,7 +17,7 @@ from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
 from remind_jax.frame import SkippedFrame
-from remind_jax.method import PAPER_METHOD, get_method
+from remind_jax.method import get_method
 from remind_jax.outputs import store
 from remind_jax.outputs.presence import (
     MIN_ABSENCE_FRAMES,
@@ -186,7 +186,7 @@ class Result(Printable):
         """Explains any number of decisions; None if the run holds no trace."""
         if self.trace is None:
             return None
-        method = get_method(self.info.config.get("tracker", PAPER_METHOD))
+        method = get_method(self.info.tracker)
         return method.explainer(self.trace, self.tracks, self.info.config)
 
     def save(self, run_dir: str | Path) -> None:
@@ -239,23 +239,30 @@ class Result(Printable):
         from remind_jax.explanation.explainer import open_archive
 
         run_dir = Path(run_dir)
-        info, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
-        config = RunInfo.from_json(info).config
-        trace = open_archive(run_dir, config.get("tracker", PAPER_METHOD))
-        run = store.read_run_json(run_dir / store.RUN_NAME)
+        content, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
+        info = RunInfo.from_json(content)
+        trace = open_archive(run_dir, info.tracker)
+        path = run_dir / store.RUN_NAME
+        run = store.read_run_json(path)
         if run is None:
-            return cls(tracks, RunInfo.from_json(info), complete=False, trace=trace)
-        return cls(
-            tracks=tracks,
-            info=RunInfo.from_json(run.get("info", info)),
-            timings_ms=run.get("timings_ms", {}),
-            first_frame_ms=run.get("first_frame_ms"),
-            compile_s=run.get("compile_s"),
-            skipped=tuple(SkippedFrame(**frame) for frame in run.get("skipped", ())),
-            events=tuple(Event(**event) for event in run.get("events", ())),
-            complete=bool(run.get("complete", False)),
-            trace=trace,
-        )
+            return cls(tracks, info, complete=False, trace=trace)
+        try:
+            return cls(
+                tracks=tracks,
+                info=RunInfo.from_json(run["info"]),
+                timings_ms=run["timings_ms"],
+                first_frame_ms=run["first_frame_ms"],
+                compile_s=run["compile_s"],
+                skipped=tuple(SkippedFrame(**frame) for frame in run["skipped"]),
+                events=tuple(Event(**event) for event in run["events"]),
+                complete=run["complete"],
+                trace=trace,
+            )
+        except (KeyError, TypeError) as error:
+            raise OutputError(
+                f"'{path}' is damaged ({type(error).__name__}: {error}); delete it to open the run "
+                "without its timings"
+            ) from error
 
 
 def _count_repeated(tracks: Tracks) -> int:

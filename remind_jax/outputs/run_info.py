@@ -49,16 +49,20 @@ class RunInfo(Printable):
         values["class_names"] = tuple(values["class_names"])
         return cls(**values)
 
+    @property
+    def tracker(self) -> str:
+        """Name of the method."""
+        return self.config["tracker"]
+
     def _summarize(self) -> SmallTable:
         return SmallTable(f"run '{self.name}'", self.facts())
 
     def facts(self) -> tuple[str, ...]:
         """What it was made with, in two lines."""
         height, width = self.frame_size
-        used = [f"tracker {self.config['tracker']}"] if "tracker" in self.config else []
         return (
             f"{width} x {height} pixels, {self.fps:.4g} frames per second",
-            ", ".join([*used, self.backbone, self.device, f"started at {self.started_at}"]),
+            f"tracker {self.tracker}, {self.backbone}, {self.device}, started at {self.started_at}",
         )
 
 

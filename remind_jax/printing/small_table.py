@@ -42,11 +42,7 @@ class SmallTable:
         widths = [max(map(len, column)) for column in zip(*table, strict=True)]
         num_columns = _fitting(widths, width)
         for row in table:
-            cells = [
-                cell.ljust(size) if place in self.is_text else cell.rjust(size)
-                for place, (cell, size) in enumerate(zip(row, widths, strict=True))
-            ]
-            lines.append((_GAP + _GAP.join(cells[:num_columns])).rstrip())
+            lines.append(align(row[:num_columns], widths, self.is_text))
         left_out = [
             f"{number} more {thing}{'' if number == 1 else 's'}"
             for number, thing in (
@@ -92,6 +88,15 @@ class Printable:
     def _repr_html_(self) -> str:
         """What notebooks show."""
         return self._summarize().to_html()
+
+
+def align(row: Sequence[str], widths: Sequence[int], is_text: Sequence[int]) -> str:
+    """A line of a table; columns `is_text` are flush left, the others right."""
+    cells = [
+        cell.ljust(size) if place in is_text else cell.rjust(size)
+        for place, (cell, size) in enumerate(zip(row, widths, strict=False))
+    ]
+    return (_GAP + _GAP.join(cells)).rstrip()
 
 
 def _fitting(widths: Sequence[int], width: int) -> int:

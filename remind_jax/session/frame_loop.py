@@ -139,15 +139,10 @@ class FrameLoop:
         for stage, milliseconds in spent.items():
             self._timings.setdefault(stage, []).append(milliseconds)
         self._record(tracks)
-        self._note(tracks.frame_index)
-        self._report(tracks)
-
-    def _note(self, frame_index: int) -> None:
-        """Keeps what the tracker says of a frame."""
+        self._events += self._tracker.events
         if self._tracker.has_grown:
-            self._grown_at.append(frame_index)
-        for notice in self._tracker.notices:
-            self._events.append(Event(frame_index, notice.kind, notice.message))
+            self._grown_at.append(tracks.frame_index)
+        self._report(tracks)
 
     def _keep(self, num_waiting: int, writer: RunWriter | None) -> None:
         """Writes and collects all frames but the last ones."""

@@ -23,6 +23,7 @@ from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.method import get_method
 from remind_jax.observation import FrameFeats, PatchAttention
+from remind_jax.outputs.run_info import Event
 from remind_jax.session.announcement import Announcements, announce, as_announced, choose_after
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.memory_file import (
@@ -41,14 +42,6 @@ from remind_jax.tracks import Tracks
 
 _ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
-
-
-@dataclasses.dataclass(frozen=True)
-class Notice:
-    """Something that a frame did besides its decisions."""
-
-    kind: str
-    message: str
 
 
 class Tracker:
@@ -114,7 +107,7 @@ class Tracker:
         self._has_profile = False
         self.announcements = self._announce_nothing()
         self.decided: Tracks | None = None  # the last frame, by ids of the memory
-        self.notices: list[Notice] = []  # of the last frame
+        self.events: list[Event] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
         self.compile_s = 0.0  # waited for programs to be compiled or loaded, so far
 
@@ -231,7 +224,7 @@ class Tracker:
             )
         described = time.perf_counter()
         size = np.array(prepared.frame.size, np.int32)
-        self.notices = self._say_ignored(prepared)
+        self.events = []
         decisions, outlines = self._memory.step(
             FrameFeats(patches, size, attention), prepared, self.config.thresholds
         )
@@ -313,33 +306,27 @@ class Tracker:
         wants = self.method.wants_attention
         return wants is not None and wants(self.static)
 
-    def _say_ignored(self, prepared: Prepared) -> list[Notice]:
-        if prepared.num_ignored and not len(prepared.detections):
+    def _read(self, prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:
+        """The answers about the frame, as decided; notes what was left out of it."""
+        index, num = prepared.frame.index, len(prepared.detections)
+        if prepared.num_ignored and not num:
             message = (
                 f"all {prepared.num_ignored} detections are of ignored classes "
                 f"({', '.join(self.config.input.ignored_classes)}); see input.ignored_classes"
             )
-            return [Notice("ignored", message)]
-        return []
-
-    def _read(self, prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:
-        """The answers about the frame, as decided."""
-        num = len(prepared.detections)
+            self.events.append(Event(index, "ignored", message))
         if bad := int(decisions.num_bad_patches):
             message = f"{bad} patches were left out for a feature that is not finite"
-            self.notices.append(Notice("features", message))
-        empty = [i for i in range(num) if not prepared.masks.valid[i]]
-        if empty:
-            self.notices.append(Notice("dropped", f"{len(empty)} empty masks were dropped"))
+            self.events.append(Event(index, "features", message))
+        if empty := num - int(np.sum(np.asarray(prepared.masks.valid[:num]))):
+            self.events.append(Event(index, "dropped", f"{empty} empty masks were dropped"))
         return read_tracks(prepared.frame, prepared.detections, outlines, decisions)
 
     def _announce_nothing(self) -> Announcements:
         """What is announced of an empty memory."""
-        return (
-            Announcements.none(self.static.first_object_id)
-            if self.announce_after > 1
-            else Announcements()
-        )
+        if self.announce_after <= 1:
+            return Announcements()
+        return Announcements.none(self.static.first_object_id)
 
     def _announce(self, decided: Tracks) -> Tracks:
         """The answers by what is announced, this frame included; notes objects that became one."""
@@ -349,5 +336,6 @@ class Tracker:
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
-                self.notices.append(Notice("merged", f"object {old} turned out to be object {new}"))
+                message = f"object {old} turned out to be object {new}"
+                self.events.append(Event(decided.frame_index, "merged", message))
         return as_announced(self.announcements, decided)

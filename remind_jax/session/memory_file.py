@@ -92,9 +92,7 @@ def load_memory(path: str | Path) -> SavedMemory:
             f"{path} has memory schema {header.get('schema')}; this version reads schema "
             f"{SCHEMA_VERSION}"
         )
-    static, names, backbone, announced = _read_description(header, path)
-    # Files of version 0.1.0 name no tracker: there was one.
-    tracker = header.get("tracker", PAPER_METHOD)
+    static, names, backbone, tracker, announced = _read_description(header, path)
     empty = get_method(tracker).init(static)
     leaves = []
     for name, leaf in named_leaves(empty):
@@ -178,13 +176,14 @@ def _read_header(path: Path) -> dict[str, str]:
 
 def _read_description(
     header: dict[str, str], path: Path
-) -> tuple[Static, tuple[str, ...], str, Announcements | None]:
-    """Static, class names and backbone that the memory was made with, and what was announced."""
+) -> tuple[Static, tuple[str, ...], str, str, Announcements | None]:
+    """Static, class names, backbone and tracker of the memory, and what was announced."""
     try:
         values: Any = json.loads(header["static"])
         values = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
         static = Static(**values)
-        names, backbone = tuple(json.loads(header["class_names"])), header["backbone"]
+        names = tuple(json.loads(header["class_names"]))
+        backbone, tracker = header["backbone"], header["tracker"]
         text = header.get("announced")
         announced = None if text is None else Announcements.from_json(json.loads(text))
     except (KeyError, TypeError, AttributeError, ValueError) as error:
@@ -194,4 +193,4 @@ def _read_description(
             f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "
             "environment variable JAX_ENABLE_X64=1"
         )
-    return static, names, backbone, announced
+    return static, names, backbone, tracker, announced

@@ -36,10 +36,10 @@ def test_unpacking_gives_the_tree_back(tree):
 def test_a_program_unpacks_and_packs():
     tree = {"gate": np.array(True), "scores": np.arange(6, dtype=np.float32).reshape(2, 3)}
     double = jax.jit(lambda p: Packed.of(jax.tree.map(lambda leaf: leaf * 2, p.unpack())))
-    told = jax.device_get(double(Packed.of(tree))).unpack()
-    np.testing.assert_array_equal(told["scores"], 2 * tree["scores"])
-    assert told["gate"].dtype == np.int32
-    assert told["gate"] == 2
+    doubled = jax.device_get(double(Packed.of(tree))).unpack()
+    np.testing.assert_array_equal(doubled["scores"], 2 * tree["scores"])
+    assert doubled["gate"].dtype == np.int32
+    assert doubled["gate"] == 2
 
 
 def test_numbers_take_the_precision_that_jax_has():

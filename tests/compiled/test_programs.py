@@ -98,13 +98,13 @@ def test_a_program_is_compiled_once_for_all_threads(folder):
     assert function.num_traces == 1
 
 
-def test_who_waits_is_told_how_long(folder):
+def test_who_waits_learns_how_long(folder):
     before = waited_s()
     run(Counted())
     assert waited_s() > before
 
 
-def test_a_failure_is_told_and_not_kept(folder):
+def test_a_failure_is_reported_and_not_kept(folder):
     def fail(a, b):
         raise ValueError("no such thing")
 
@@ -138,7 +138,7 @@ def test_a_damaged_file_is_made_anew(folder, damage, caplog):
     assert not caplog.records
 
 
-def test_programs_that_the_library_rejects_are_told_of_once(folder, caplog, monkeypatch):
+def test_programs_that_the_library_rejects_are_reported_once(folder, caplog, monkeypatch):
     function = Counted()
     run(function)
 
@@ -220,7 +220,7 @@ def test_a_kept_function_is_itself_under_jit(folder):
     assert len(files(folder)) == 1
 
 
-def test_only_functions_that_the_text_of_the_package_tells_are_kept():
+def test_only_functions_that_the_text_of_the_package_shows_are_kept():
     assert is_of_this_package(step)
     assert not is_of_this_package(np.add)
     assert not is_of_this_package(lambda state: state)
@@ -240,12 +240,12 @@ print(float(get_program(recipe)(square)[0].sum()))
 
 def test_a_kept_program_may_call_lapack_in_a_process_that_never_lowered_such_a_call(folder):
     for _ in range(2):
-        told = subprocess.run(
+        outcome = subprocess.run(
             [sys.executable, "-c", _CHOLESKY],
             capture_output=True,
             text=True,
             check=True,
             env={**os.environ, "JAX_COMPILATION_CACHE_DIR": ""},
         )
-        assert float(told.stdout) == 6.0
+        assert float(outcome.stdout) == 6.0
     assert len(files(folder)) == 1

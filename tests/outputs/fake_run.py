@@ -21,7 +21,7 @@ def make_info(name: str = "kitchen tour", size: tuple[int, int] = (120, 160)) ->
         frame_size=size,
         fps=10.0,
         class_names=tuple(dict.fromkeys(LABELS)),
-        config={"name": "default", "thresholds": {"match_min": 0.62, "use_parts": True}},
+        config={"tracker": "remind", "thresholds": {"match_min": 0.62, "use_parts": True}},
         backbone="patch-statistics",
         versions={"remind_jax": "0.1.0", "python": "3.11.7"},
         device="cpu",

@@ -26,9 +26,9 @@ def test_crops_are_taken_at_the_returns_that_the_result_reports():
     collector = SightingCollector()
     for frame, tracks in zip(frames, result.tracks, strict=True):
         collector.add(frame.image, tracks)
-    told = [(history.object_id, at) for history in result.objects() for at in history.returns]
+    returns = [(history.object_id, at) for history in result.objects() for at in history.returns]
     taken = [(s.object_id, s.frame_index) for s in collector.sightings if s.absent_frames]
-    assert sorted(taken) == sorted(told)
+    assert sorted(taken) == sorted(returns)
     firsts = [s.object_id for s in collector.sightings if not s.absent_frames]
     assert firsts == [0, 1, 2, 3, 4, 5]
 

@@ -50,7 +50,10 @@ class Tags(HTMLParser):
 def test_hostile_text_stays_text():
     tracks = make_tracks(0, np.ones((1, 8, 8), bool), [{"object_id": 0, "label": HOSTILE}])
     info = dataclasses.replace(
-        make_info(name=HOSTILE), config={HOSTILE: HOSTILE}, backbone=HOSTILE, device=HOSTILE
+        make_info(name=HOSTILE),
+        config={"tracker": HOSTILE, HOSTILE: HOSTILE},
+        backbone=HOSTILE,
+        device=HOSTILE,
     )
     result = Result(
         (dataclasses.replace(tracks, name=HOSTILE),),
@@ -151,10 +154,10 @@ def test_every_detection_is_explained_as_in_python():
         if not len(tracks):
             assert frame is None
             continue
-        told = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
-        assert [one["why"] for one in frame["detections"]] == [list(one.why) for one in told]
-        assert [one["name"] for one in frame["detections"]] == [one.name for one in told]
-        first = told[0]
+        explained = [result.explain(tracks.frame_index, row) for row in range(len(tracks))]
+        assert [one["why"] for one in frame["detections"]] == [list(one.why) for one in explained]
+        assert [one["name"] for one in frame["detections"]] == [one.name for one in explained]
+        first = explained[0]
         assert isinstance(first, RemindExplanation)
         assert len(frame["anchors"]) == len(first.anchors)
         best = first.candidates[0]
@@ -169,10 +172,10 @@ def test_runs_of_plus_are_explained_too():
     result = make_plus_run()
     frames = unpack(pack(result))
     for tracks, frame in zip(result.tracks, frames, strict=True):
-        told = result.explain(tracks.frame_index, 0).to_json()
+        explained = result.explain(tracks.frame_index, 0).to_json()
         (shown,) = frame["detections"]
-        assert (shown["why"], shown["stage"]) == (told["why"], told["stage"])
-        assert shown["candidates"] == told["candidates"]  # with three decimals or fewer
+        assert (shown["why"], shown["stage"]) == (explained["why"], explained["stage"])
+        assert shown["candidates"] == explained["candidates"]  # with three decimals or fewer
     assert len(frames[3]["detections"][0]["candidates"]) == 2
 
 

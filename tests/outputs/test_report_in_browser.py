@@ -194,7 +194,7 @@ def test_crops_and_absences_seek(page):
     assert settled_position(page) == 40
 
 
-def test_undecided_detections_are_told_with_their_candidates(page):
+def test_undecided_detections_are_shown_with_their_candidates(page):
     page.execute_script("seek(41)")
     row = page.find_elements("css selector", "#seen tbody tr")[1]
     assert row.text.startswith("cup 1 or 0? ambiguous")
@@ -288,7 +288,7 @@ def open_row(browser, position: int, row: int) -> None:
     wait_for(browser, "!document.getElementById('why').hidden")
 
 
-def told(browser) -> list[str]:
+def shown_reasons(browser) -> list[str]:
     return [item.text for item in browser.find_elements("css selector", "#why ol li")]
 
 
@@ -299,7 +299,7 @@ def test_a_click_on_a_detection_explains_it(traced_page, traced):
     assert find(traced_page, "#why-title").text == (
         f"Why mug 0 or 1? (frame {UNDECIDED}, detection 0)"
     )
-    assert told(traced_page) == list(explanation.why)
+    assert shown_reasons(traced_page) == list(explanation.why)
     rows = traced_page.find_elements("css selector", "#why table")[0].text.splitlines()
     assert rows[1].startswith("mug 0 confirmed 0.80 × 0.60")
     assert rows[2].startswith("mug 1 confirmed 0.79 × 0.60")
@@ -317,7 +317,7 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     browser.get_log("browser")
     open_row(browser, 3, 0)
     assert find(browser, "#why-title").text == "Why mug 0? (frame 3, detection 0)"
-    assert told(browser) == list(result.explain(3, 0).why)
+    assert shown_reasons(browser) == list(result.explain(3, 0).why)
     rows = find(browser, "#why table").text.splitlines()
     kinds = "Looks Background Place Rivals Held Layout Companions Moved"
     assert rows[0] == f"Candidate {kinds} Sum Probability"
@@ -331,14 +331,14 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     assert find(browser, "#why tr.decided").text.startswith("mug 0")
     browser.execute_script("seek(4)")
     wait_for(browser, "document.getElementById('why-title').textContent.includes('frame 4,')")
-    assert told(browser) == list(result.explain(4, 0).why)
+    assert shown_reasons(browser) == list(result.explain(4, 0).why)
     assert browser.find_elements("css selector", "#why table") == []
     assert [entry["message"] for entry in browser.get_log("browser")] == []
 
 
 def test_the_explanation_follows_the_identity(traced_page, traced):
     open_row(traced_page, UNDECIDED - 1, 1)
-    assert "locked to mug 1" in " ".join(told(traced_page))
+    assert "locked to mug 1" in " ".join(shown_reasons(traced_page))
     traced_page.execute_script(f"seek({UNDECIDED - 2})")
     wait_for(
         traced_page,

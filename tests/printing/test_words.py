@@ -25,10 +25,10 @@ def test_decimals():
 
 
 @pytest.mark.parametrize(
-    ("items", "told"), [([], ""), (["a"], "a"), (["a", "b"], "a and b"), ("abc", "a, b and c")]
+    ("items", "text"), [([], ""), (["a"], "a"), (["a", "b"], "a and b"), ("abc", "a, b and c")]
 )
-def test_lists(items, told):
-    assert listing(list(items)) == told
+def test_lists(items, text):
+    assert listing(list(items)) == text
 
 
 def test_sentence():

@@ -1,4 +1,4 @@
-"""When objects are told of: rules of the numbers, live and in runs, in files and over memory files.
+"""When objects get their ids: rules of the numbers, live and in runs, in files and over memory files.
 
 The tracker by overlap serves here: what is announced does not depend on who decides.
 """
@@ -43,34 +43,34 @@ PICTURES = [scenes.picture(index, ids) for index, ids in enumerate(IN_VIEW)]
 
 def frame_of(*rows: int | dict[str, Any], index: int = 0) -> Tracks:
     """A frame with these objects decided; a mapping says more of a detection."""
-    told = [row if isinstance(row, dict) else {"object_id": row} for row in rows]
-    return make_tracks(index, np.zeros((len(told), 2, 2), bool), told)
+    answers = [row if isinstance(row, dict) else {"object_id": row} for row in rows]
+    return make_tracks(index, np.zeros((len(answers), 2, 2), bool), answers)
 
 
 def follow(
     frames: list[Tracks], after: int, start: Announcements | None = None
 ) -> tuple[list[Tracks], Announcements]:
-    """What is told of each frame at once, and what is announced in the end."""
+    """The answers about each frame at once, and what is announced in the end."""
     announced = Announcements.none() if start is None else start
-    told = []
+    answers = []
     for tracks in frames:
         announced = announce(announced, tracks, after)
-        told.append(as_announced(announced, tracks))
-    return told, announced
+        answers.append(as_announced(announced, tracks))
+    return answers, announced
 
 
-def ids(told: list[Tracks]) -> list[list[int]]:
-    return [tracks.object_id.tolist() for tracks in told]
+def ids(answers: list[Tracks]) -> list[list[int]]:
+    return [tracks.object_id.tolist() for tracks in answers]
 
 
 def test_an_object_has_an_id_from_the_nth_detection_on():
     frames = [frame_of(7), frame_of(7, 4), frame_of(7)]
-    told, announced = follow(frames, 3)
-    assert ids(told) == [[NO_ID], [NO_ID, NO_ID], [0]]
-    assert told[0].outcome.tolist() == [Outcome.PROVISIONAL_NEW]
-    assert told[0].reason.tolist() == [Reason.SEEN_TOO_FEW_TIMES]
-    assert told[0].pending_id[0] == told[1].pending_id[0] != told[1].pending_id[1]
-    assert told[2].pending_id.tolist() == [-1]
+    answers, announced = follow(frames, 3)
+    assert ids(answers) == [[NO_ID], [NO_ID, NO_ID], [0]]
+    assert answers[0].outcome.tolist() == [Outcome.PROVISIONAL_NEW]
+    assert answers[0].reason.tolist() == [Reason.SEEN_TOO_FEW_TIMES]
+    assert answers[0].pending_id[0] == answers[1].pending_id[0] != answers[1].pending_id[1]
+    assert answers[2].pending_id.tolist() == [-1]
     assert announced.counts == {4: 1}
 
 
@@ -85,13 +85,13 @@ def test_in_the_end_it_has_it_from_the_first_sight_on():
 
 
 def test_a_frame_counts_once():
-    told, _ = follow([frame_of(3, 3), frame_of(3)], 2)
-    assert ids(told) == [[NO_ID, NO_ID], [0]]
+    answers, _ = follow([frame_of(3, 3), frame_of(3)], 2)
+    assert ids(answers) == [[NO_ID, NO_ID], [0]]
 
 
 def test_known_objects_are_announced_at_once():
-    told, announced = follow([frame_of(4, 6)], 5, Announcements.all_below(5))
-    assert ids(told) == [[4, NO_ID]]
+    answers, announced = follow([frame_of(4, 6)], 5, Announcements.all_below(5))
+    assert ids(answers) == [[4, NO_ID]]
     assert follow([frame_of(6)], 1, announced)[0][0].object_id.tolist() == [5]
 
 
@@ -106,18 +106,20 @@ def test_candidates_speak_of_announced_objects_only():
         doubt | {"outcome": Outcome.PROVISIONAL_PARENT, "candidates": [(8, 0.6)]},
     ]
     known = Announcements(0, {9: 0, 3: 1}, next_id=2)
-    told = as_announced(known, frame_of(*rows))
-    assert told.candidate_id[:, 0].tolist() == [0, 0, 0, 0, -1]
-    assert told.candidate_id[:, 1].tolist() == [1, 1, -1, -1, -1]
-    np.testing.assert_array_equal(told.candidate_score[:, 0], np.float32([0.9, 0.6, 0.6, 0.4, 0]))
-    assert told.outcome.tolist() == [
+    answers = as_announced(known, frame_of(*rows))
+    assert answers.candidate_id[:, 0].tolist() == [0, 0, 0, 0, -1]
+    assert answers.candidate_id[:, 1].tolist() == [1, 1, -1, -1, -1]
+    np.testing.assert_array_equal(
+        answers.candidate_score[:, 0], np.float32([0.9, 0.6, 0.6, 0.4, 0])
+    )
+    assert answers.outcome.tolist() == [
         Outcome.MATCH,
         Outcome.AMBIGUOUS,
         Outcome.PROVISIONAL_PARENT,  # the only one left
         Outcome.PROVISIONAL_NEW,  # most likely one that is not announced
         Outcome.PROVISIONAL_NEW,
     ]
-    assert told.pending_id.tolist() == [-1, 2, 2, 2, 2]
+    assert answers.pending_id.tolist() == [-1, 2, 2, 2, 2]
     waiting = as_announced(Announcements.none(), frame_of(near))
     assert waiting.candidate_id.tolist() == [[-1, -1, -1]]
 
@@ -130,7 +132,7 @@ def test_detections_of_objects_that_turn_out_to_be_one_add_up():
     assert ids([as_announced(announced, tracks) for tracks in frames]) == [[0], [0], [0]]
 
 
-def test_the_id_told_stays_when_its_object_turns_out_to_be_one_never_told():
+def test_an_announced_id_stays_when_its_object_turns_out_to_be_one_never_announced():
     new = {"outcome": Outcome.NEW}
     frames = [frame_of(new | {"object_id": 1}), frame_of(new | {"object_id": 2}), frame_of(2)]
     _, announced = follow(frames, 2)
@@ -147,9 +149,9 @@ def test_no_id_is_given_to_two_objects_of_a_frame():
     announced = Announcements.none()
     for tracks, merges in ((both, []), (frame_of(2), []), (frame_of(1), [(2, 1)])):
         announced = announce(announced, tracks, 2, merges)
-    told = as_announced(announced, both)
-    assert told.object_id.tolist() == [NO_ID, 0]  # the one that was announced
-    assert told.outcome[0] == Outcome.PROVISIONAL_NEW
+    answers = as_announced(announced, both)
+    assert answers.object_id.tolist() == [NO_ID, 0]  # the one that was announced
+    assert answers.outcome[0] == Outcome.PROVISIONAL_NEW
 
 
 RUNS = st.lists(st.lists(st.integers(0, 12), unique=True, max_size=6), min_size=1, max_size=12)
@@ -200,7 +202,7 @@ def test_a_run_in_two_parts_is_the_whole_run(run, after, cut):
     assert ids(first + second) == ids(whole)
 
 
-def test_numbers_of_accounts_are_one_to_one():
+def test_numbers_of_explanations_are_one_to_one():
     announced = Announcements(0, {5: 0, 2: 1}, {7: 1}, next_id=2)
     assert announced.number([7, 5, 2, 9, NO_ID]) == {5: 0, 2: 1, 7: 2, 9: 3, NO_ID: NO_ID}
 
@@ -245,10 +247,10 @@ EXPECTED = [[0, 1]] * 3 + [[0, 1, NO_ID]] + [[0, 1, 2]] * 4
 
 def test_live_objects_are_provisional_until_they_are_announced():
     tracker = rj.Tracker(announce_after=AFTER, **OPTIONS)
-    told = [tracker.update(*picture) for picture in PICTURES]
-    assert ids(told)[:2] == [[NO_ID, NO_ID]] * 2
-    assert ids(told)[2:4] == [[0, 1], [0, 1, NO_ID]]
-    assert ids(told)[4:] == [[0, 1, NO_ID]] * 2 + [[0, 1, 2]] * 2
+    answers = [tracker.update(*picture) for picture in PICTURES]
+    assert ids(answers)[:2] == [[NO_ID, NO_ID]] * 2
+    assert ids(answers)[2:4] == [[0, 1], [0, 1, NO_ID]]
+    assert ids(answers)[4:] == [[0, 1, NO_ID]] * 2 + [[0, 1, 2]] * 2
     assert tracker.announce_after == AFTER
     tracker.reset()
     assert ids([tracker.update(*PICTURES[0])]) == [[NO_ID, NO_ID]]
@@ -281,8 +283,8 @@ def test_a_run_carries_ids_back(tmp_path):
     assert rows[8]["reason"] == "seen_too_few_times"
     assert (tmp_path / "mot.txt").read_text().count("\n") == len(rows) - 1
     assert not list(tmp_path.glob("*.part"))
-    told = json.loads((tmp_path / "run.json").read_text())
-    assert told["info"]["config"]["input"]["announce_after"] == AFTER
+    answers = json.loads((tmp_path / "run.json").read_text())
+    assert answers["info"]["config"]["input"]["announce_after"] == AFTER
 
 
 def test_late_announcements_reach_what_was_written_before(tmp_path):
@@ -312,7 +314,7 @@ def test_pictures_wait_for_announcements(tmp_path, monkeypatch):
     assert ids(drawn)[3] == [0, 1, 2]
 
 
-def test_an_interrupted_run_tells_of_all_frames(tmp_path):
+def test_an_interrupted_run_has_all_frames(tmp_path):
     def stop(step: rj.Progress) -> None:
         if step.num_done == 4:
             raise KeyboardInterrupt
@@ -344,8 +346,8 @@ def test_objects_of_a_memory_without_announcements_are_known(tmp_path):
     path = save_first_half(tmp_path)  # the thing seen once is object 2 of this memory
     tracker = rj.Tracker(announce_after=AFTER, **OPTIONS)
     tracker.load(path)
-    told = ids([tracker.update(*picture) for picture in PICTURES[4:]])
-    assert told == [[0, 1, last] for last in (NO_ID, NO_ID, 3, 3)]
+    answers = ids([tracker.update(*picture) for picture in PICTURES[4:]])
+    assert answers == [[0, 1, last] for last in (NO_ID, NO_ID, 3, 3)]
 
 
 def test_a_configuration_may_ask_for_it(tmp_path):

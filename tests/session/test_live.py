@@ -51,7 +51,7 @@ def test_a_warm_up_changes_no_answer():
         np.testing.assert_array_equal(one.confidence, other.confidence)
 
 
-def test_time_spent_on_programs_is_told():
+def test_time_spent_on_programs_is_reported():
     clear_programs()
     tracker = Tracker(CONFIG)
     tracker.update(*frames(1)[0])
@@ -115,9 +115,9 @@ def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monke
     other = Tracker(CONFIG)
     other.load(tmp_path / "memory.safetensors")
     assert int(other.state.frame) == int(tracker.state.frame) == 2
-    told, expected = other.update(*third), tracker.update(*third)
-    np.testing.assert_array_equal(told.object_id, expected.object_id)
-    assert set(told.object_id) == {0, 1, 2}
+    ours, expected = other.update(*third), tracker.update(*third)
+    np.testing.assert_array_equal(ours.object_id, expected.object_id)
+    assert set(ours.object_id) == {0, 1, 2}
 
 
 def test_features_of_another_width_are_refused():

@@ -71,12 +71,12 @@ def test_round_trip_is_exact(path, memory):
 
 def test_what_was_announced_is_kept(tmp_path, memory):
     announced = Announcements(3, {7: 3, 4: 4}, {9: 2}, next_id=5)
-    told = dataclasses.replace(memory, announced=announced)
-    save_memory(tmp_path / "memory", told)
+    saved = dataclasses.replace(memory, announced=announced)
+    save_memory(tmp_path / "memory", saved)
     assert load_memory(tmp_path / "memory").announced == announced
 
 
-def test_files_that_tell_of_no_announcements_are_read(path):
+def test_files_without_announcements_are_read(path):
     assert load_memory(path).announced is None
 
 

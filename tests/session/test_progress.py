@@ -19,7 +19,7 @@ def done(num_done: int, num_frames: int | None = 10, ms: float = 12.3) -> Progre
 
 
 class Clock:
-    """Time that passes when told to."""
+    """Time that passes when asked to."""
 
     now = 100.0
 
@@ -47,7 +47,7 @@ def test_seconds_tick_while_the_tracker_is_prepared(line, clock):
         assert line.facts() == "12 ms/frame, 4 identities, 25 % uncertain"
 
 
-def test_a_frame_that_takes_long_is_told(line, clock):
+def test_a_frame_that_takes_long_is_reported(line, clock):
     line(done(5))
     clock.now += 2
     assert "ms/frame" in line.facts()
@@ -93,14 +93,14 @@ def test_a_terminal_shows_the_line_and_forgets_it(monkeypatch):
     assert shown.endswith("\x1b[2K")  # the line is wiped
 
 
-def test_silent_where_nobody_looks_on(capfd):
+def test_nothing_where_nobody_looks_on(capfd):
     with follow_run(None, "rooms", 10) as follow:
         assert follow is not None
         follow(done(1))
     assert capfd.readouterr() == ("", "")
 
 
-def test_false_is_silent_everywhere(monkeypatch):
+def test_false_is_nothing_everywhere(monkeypatch):
     screen = Terminal()
     monkeypatch.setattr(sys, "stderr", screen)
     with follow_run(False, "rooms", 10) as follow:

@@ -65,13 +65,13 @@ def test_seconds_of_compiling_are_those_of_the_tracker(monkeypatch, tmp_path):
     assert Result.load(tmp_path).compile_s == 1.5
 
 
-def test_thresholds_told_are_those_that_decided():
+def test_thresholds_reported_are_those_that_decided():
     live = Tracker(CONFIG, tracker="bank")
     live.update(*PICTURES[0])
-    told = rj.run(PICTURES[:1], config=CONFIG, tracker="bank").info.config
-    # What was left to the run is told as it ran: masks are announced at once.
-    assert told == live.config.updated({"input": {"announce_after": 1}}).to_dict()
-    assert told["thresholds"]["match"] != BankThresholds().match
+    config = rj.run(PICTURES[:1], config=CONFIG, tracker="bank").info.config
+    # What was left to the run is reported as it ran: masks are announced at once.
+    assert config == live.config.updated({"input": {"announce_after": 1}}).to_dict()
+    assert config["thresholds"]["match"] != BankThresholds().match
 
 
 def as_arrays() -> dict[str, Any]:

@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Iterator
 
 from remind_jax.explanation.explanation import Explanation
-from remind_jax.explanation.text import align
+from remind_jax.explanation.text import lay_out
 from remind_jax.plus.state import PARTS, Stage
 from remind_jax.printing.words import change, number
 
@@ -67,4 +67,4 @@ class PlusExplanation(Explanation):
         new = f"{'*' if is_new else ' '} {self.label} {self.tracklet_id}, new"
         blank = [""] * len(PARTS)
         rows.append((new, *blank, change(self.new_log_odds), number(self.new_probability), ""))
-        return align((heads, *rows), (0, len(heads) - 1), width)
+        return lay_out((heads, *rows), (0, len(heads) - 1), width)

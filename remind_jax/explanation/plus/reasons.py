@@ -63,8 +63,9 @@ def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
             against = candidate.parts["place"] + candidate.parts["layout"]
             counted = change(against + candidate.parts["moved"])
             yield (
-                f"where it lies, by itself and from the others, is evidence of {change(against)} "
-                f"for {candidate.name}, of which {counted} count: it may have been moved"
+                f"where it lies, by itself and from the others, is evidence against "
+                f"{candidate.name}: {change(against)}, of which {counted} count, as it may have "
+                "been moved"
             )
 
 

@@ -18,7 +18,7 @@ from remind_jax.explanation.remind.evidence import (
     Quality,
     Term,
 )
-from remind_jax.explanation.text import align, say_code, wrap
+from remind_jax.explanation.text import lay_out, say_code, wrap
 from remind_jax.printing.words import change, listing, number, plural
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
@@ -114,7 +114,7 @@ def _candidates(e: RemindExplanation, width: int | None) -> list[str]:
         )
         for c in e.candidates
     ]
-    return align((heads, *rows), (0, 1, len(heads) - 1), width)
+    return lay_out((heads, *rows), (0, 1, len(heads) - 1), width)
 
 
 def _state(c: Candidate) -> str:
@@ -216,7 +216,7 @@ def _known_set(e: RemindExplanation, known: KnownSet, width: int | None) -> list
             )
             for voter in known.voters
         ]
-        lines += align((head, *rows), (0,), width)
+        lines += lay_out((head, *rows), (0,), width)
     return lines
 
 

@@ -23,7 +23,7 @@ def result() -> rj.Result:
 
 
 @pytest.fixture(scope="module")
-def told(result):
+def explained(result):
     return [
         result.explain(tracks.frame_index, row)
         for tracks in result.tracks
@@ -31,14 +31,14 @@ def told(result):
     ]
 
 
-def test_the_account_changes_no_answer(result):
+def test_the_trace_changes_no_answer(result):
     plain = rj.run(pan_frames(), config="plus")
     for with_trace, without in zip(result.tracks, plain.tracks, strict=True):
         assert np.array_equal(with_trace.object_id, without.object_id)
 
 
-def test_evidence_adds_up_to_the_log_odds(told):
-    candidates = [candidate for one in told for candidate in one.candidates]
+def test_evidence_adds_up_to_the_log_odds(explained):
+    candidates = [candidate for one in explained for candidate in one.candidates]
     assert candidates
     for candidate in candidates:
         assert tuple(candidate.parts) == PARTS
@@ -46,17 +46,17 @@ def test_evidence_adds_up_to_the_log_odds(told):
         assert sum(candidate.parts.values()) == pytest.approx(candidate.log_odds, abs=1e-3)
 
 
-def test_probabilities_of_open_tracklets_add_up_to_one(told):
-    for one in told:
+def test_probabilities_of_open_tracklets_add_up_to_one(explained):
+    for one in explained:
         if one.new_probability is None:
             continue
         total = one.new_probability + sum(c.probability for c in one.candidates)
         assert total == pytest.approx(1.0, abs=1e-5)  # at most nine numbers in 32 bits
 
 
-def test_every_stage_is_told_and_fits_the_answer(told):
-    assert {one.stage for one in told} == {Stage.OPEN, Stage.FRESH, Stage.SETTLED}
-    for one in told:
+def test_every_stage_is_explained_and_fits_the_answer(explained):
+    assert {one.stage for one in explained} == {Stage.OPEN, Stage.FRESH, Stage.SETTLED}
+    for one in explained:
         text = " ".join(one.why)
         assert str(one.answer_id) in text or one.object_id is None
         assert ("decided before" in text) == (one.stage == Stage.SETTLED)
@@ -64,10 +64,10 @@ def test_every_stage_is_told_and_fits_the_answer(told):
             assert ("Not decided yet and" in one.why[-1]) == (one.object_id is None)
 
 
-def test_a_recognised_square_names_the_evidence_for_it(told):
+def test_a_recognized_square_names_the_evidence_for_it(explained):
     back = [
         one
-        for one in told
+        for one in explained
         if one.stage == Stage.OPEN and one.is_decided and one.outcome == Outcome.MATCH
         if one.answer_id != one.tracklet_id
     ]
@@ -80,10 +80,10 @@ def test_a_recognised_square_names_the_evidence_for_it(told):
         assert best.name in one.to_text()
 
 
-def test_saved_runs_explain_the_same(result, told, tmp_path, capsys, monkeypatch):
+def test_saved_runs_explain_the_same(result, explained, tmp_path, capsys, monkeypatch):
     result.save(tmp_path)
     again = rj.Result.load(tmp_path)
-    one = next(one for one in told if one.candidates)
+    one = next(one for one in explained if one.candidates)
     assert again.explain(one.frame, one.detection) == one
     place = ["explain", str(tmp_path), "--frame", str(one.frame), "--detection", str(one.detection)]
     monkeypatch.setenv("COLUMNS", "400")
@@ -96,7 +96,7 @@ def test_saved_runs_explain_the_same(result, told, tmp_path, capsys, monkeypatch
     assert set(read["candidates"][0]["parts"]) == set(PARTS)
 
 
-def test_what_a_delay_revised_is_told(result):
+def test_what_a_delay_revised_is_explained(result):
     first = result.tracks[0]
     changed = dataclasses.replace(first, object_id=first.object_id + 50)
     late = dataclasses.replace(result, tracks=(changed, *result.tracks[1:]))
@@ -118,9 +118,9 @@ def test_unknown_frames_and_damaged_traces_are_refused(result, tmp_path):
         rj.Result.load(tmp_path).explain(result.tracks[0].frame_index, 0)
 
 
-def test_no_detection_is_explained_twice_or_left_out(result, told):
-    assert len(told) == sum(len(tracks) for tracks in result.tracks)
-    assert all(one.tracklet_id not in (None, NO_ID) for one in told)
+def test_no_detection_is_explained_twice_or_left_out(result, explained):
+    assert len(explained) == sum(len(tracks) for tracks in result.tracks)
+    assert all(one.tracklet_id not in (None, NO_ID) for one in explained)
 
 
 def test_objects_are_called_as_they_were_announced(result):
@@ -128,7 +128,7 @@ def test_objects_are_called_as_they_were_announced(result):
     waited = rj.run(pan_frames(), config="plus", trace=True, announce_after=after)
     named = {i for tracks in waited.tracks for i in tracks.object_id.tolist()} - {NO_ID}
     assert named == set(range(len(named)))
-    silent = 0
+    unannounced = 0
     for tracks in waited.tracks:
         for row, object_id in enumerate(tracks.object_id.tolist()):
             one = waited.explain(tracks.frame_index, row)
@@ -136,8 +136,8 @@ def test_objects_are_called_as_they_were_announced(result):
             assert one.object_id == (None if object_id == NO_ID else object_id)
             text = " ".join(one.why)
             if one.reason == Reason.SEEN_TOO_FEW_TIMES:
-                silent += 1
+                unannounced += 1
                 assert f"too few times to be announced (input.announce_after {after})" in text
             elif one.stage == Stage.SETTLED:
                 assert f"{one.label} {object_id}" in text
-    assert silent > 0
+    assert unannounced > 0

@@ -11,7 +11,7 @@ from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
 from remind_jax.explanation.remind.evidence import TERMS, Candidate
 from remind_jax.explanation.remind.explanation import RemindExplanation
-from remind_jax.explanation.text import align, render_frame
+from remind_jax.explanation.text import lay_out, render_frame
 from remind_jax.outputs.result import Result
 from remind_jax.remind.association.gating import Gate
 from tests.outputs.fake_run import make_run
@@ -24,10 +24,14 @@ def result():
 
 
 def test_a_match_by_its_numbers(result):
-    told = result.explain(3, 0)
-    assert (told.name, told.outcome, told.object_id) == ("mug 0", Outcome.MATCH, 0)
-    assert (told.assigned_id, told.guarded_id, told.pending) == (0, 0, None)
-    best, other = told.candidates
+    explanation = result.explain(3, 0)
+    assert (explanation.name, explanation.outcome, explanation.object_id) == (
+        "mug 0",
+        Outcome.MATCH,
+        0,
+    )
+    assert (explanation.assigned_id, explanation.guarded_id, explanation.pending) == (0, 0, None)
+    best, other = explanation.candidates
     assert best.visual_score == pytest.approx(0.93)
     assert best.terms["object"].score == pytest.approx(0.93)
     assert best.terms["object"].weight == pytest.approx(0.60)  # perfect quality
@@ -35,17 +39,17 @@ def test_a_match_by_its_numbers(result):
     assert (best.gate, best.backed, best.held_by) == (Gate.PASS_MATCH_THR, True, None)
     assert (best.bonus, best.bonus_raw) == (0.0, pytest.approx(0.06))  # strong without it
     assert other.held_by == 1
-    assert [(a.detection, a.object_id) for a in told.anchors] == [(0, 0), (1, 1)]
+    assert [(a.detection, a.object_id) for a in explanation.anchors] == [(0, 0), (1, 1)]
 
 
 def test_an_undecided_one_by_its_options(result):
-    told = result.explain(UNDECIDED, 0)
-    assert (told.name, told.object_id) == ("mug 0 or 1?", None)
-    assert told.pending is not None
-    assert (told.pending.kind, told.pending.track_id) == ("ambiguous", 0)
-    assert (told.pending.first_frame, told.pending.num_detections) == (UNDECIDED, 1)
-    assert [option.object_id for option in told.pending.options] == [0, 1]
-    (known, again) = told.known_sets
+    explanation = result.explain(UNDECIDED, 0)
+    assert (explanation.name, explanation.object_id) == ("mug 0 or 1?", None)
+    assert explanation.pending is not None
+    assert (explanation.pending.kind, explanation.pending.track_id) == ("ambiguous", 0)
+    assert (explanation.pending.first_frame, explanation.pending.num_detections) == (UNDECIDED, 1)
+    assert [option.object_id for option in explanation.pending.options] == [0, 1]
+    (known, again) = explanation.known_sets
     assert known.status.name == "NOT_CLOSED"
     assert known.options == again.options
 
@@ -63,11 +67,11 @@ def test_json_has_the_documented_keys(result):
 
 
 def test_the_page_fits_a_terminal(result):
-    told = result.explain(UNDECIDED, 0)
-    page = told.to_text(80)
+    explanation = result.explain(UNDECIDED, 0)
+    page = explanation.to_text(80)
     assert max(map(len, page.splitlines())) <= 80
     # Only where lines break differs, and that the first column comes again.
-    assert set(told.to_text().split()) == set(page.split())
+    assert set(explanation.to_text().split()) == set(page.split())
 
 
 def test_text_has_every_part(result):
@@ -127,4 +131,4 @@ def test_a_trace_of_another_run_is_noticed(result):
 
 
 def test_columns():
-    assert align((("a", "long"), ("bb", "1")), (0,)) == ["  a   long", "  bb     1"]
+    assert lay_out((("a", "long"), ("bb", "1")), (0,)) == ["  a   long", "  bb     1"]

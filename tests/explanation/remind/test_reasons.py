@@ -136,21 +136,21 @@ EXAMPLES = {
 @pytest.mark.parametrize(
     ("rows", "around", "detection", "expected"), EXAMPLES.values(), ids=EXAMPLES
 )
-def test_worked_examples_are_told_with_their_numbers(rows, around, detection, expected):
-    told = " ".join(chain(decide_frame(rows, **around), detection))
+def test_worked_examples_are_explained_with_their_numbers(rows, around, detection, expected):
+    sentences = " ".join(chain(decide_frame(rows, **around), detection))
     for part in expected:
-        assert part in told
+        assert part in sentences
 
 
-def test_a_veto_is_told_with_what_ruled_the_candidate_out():
+def test_a_veto_is_explained_with_what_ruled_the_candidate_out():
     record = decide_frame(
         [{0: 0.9, 1: 0.88}],
         context={0: backed(0.05)},
         vetoes={(0, 1): Veto.LOCAL_CTX_CONTRADICTION},
     )
-    told = " ".join(chain(record, 0))
-    assert "Context rules out mug 1: of 0 objects usually seen with it 0 are in view" in told
-    assert "Matched as mug 0" in told
+    sentences = " ".join(chain(record, 0))
+    assert "Context rules out mug 1: of 0 objects usually seen with it 0 are in view" in sentences
+    assert "Matched as mug 0" in sentences
 
 
 def test_a_configuration_that_uses_no_context_says_so():
@@ -160,13 +160,13 @@ def test_a_configuration_that_uses_no_context_says_so():
     record = dataclasses.replace(
         record, decisions=dataclasses.replace(record.decisions, status=status)
     )
-    told = " ".join(chain(record, 0))
-    assert "uses no context where the evidence is weak, so the scores stay" in told
+    sentences = " ".join(chain(record, 0))
+    assert "uses no context where the evidence is weak, so the scores stay" in sentences
 
 
 def test_nothing_known_is_a_short_story():
-    told = chain(decide_frame([{}]), 0)
-    assert told == [
+    sentences = chain(decide_frame([{}]), 0)
+    assert sentences == [
         "No mug is known yet, so it can be none of those seen before.",
         "A new object: mug 0.",
     ]
@@ -184,8 +184,8 @@ def test_a_second_claim_is_given_up_in_words():
         "option_score": np.array([[0, 0, 0], [0.60, 0.92, 0]]),
     }
     record = dataclasses.replace(record, decisions=dataclasses.replace(d, **changes))
-    told = chain(record, 1)
-    assert told[-2:] == [
+    sentences = chain(record, 1)
+    assert sentences[-2:] == [
         "It was matched with mug 0 (0.60), but detection 0 keeps it with the better score (0.93).",
         "Open between mug 0 and mug 1 (ambiguous track -1).",
     ]
@@ -195,16 +195,16 @@ def test_a_second_claim_is_given_up_in_words():
 def test_an_identity_given_twice_is_pointed_out():
     record = decide_frame([{0: 0.93, 1: 0.62}, {0: 0.60, 1: 0.92}])
     twice = dataclasses.replace(record.decisions, object_id=np.array([0, 0]))
-    told = chain(dataclasses.replace(record, decisions=twice), 1)
-    assert "Detection 0 is matched with the same object: the frame holds it twice." in told
+    sentences = chain(dataclasses.replace(record, decisions=twice), 1)
+    assert "Detection 0 is matched with the same object: the frame holds it twice." in sentences
 
 
 def test_greedy_assignment_is_called_so():
     record = decide_frame([{0: 0.89}, {0: 0.85}])
     config = Config().updated({"static": {"assignment": "greedy"}})
-    told = " ".join(give_reasons(case_of(record, 1, config)))
-    assert "the better score goes first: 0.89 there, 0.85 here" in told
-    assert "joint" not in told
+    sentences = " ".join(give_reasons(case_of(record, 1, config)))
+    assert "the better score goes first: 0.89 there, 0.85 here" in sentences
+    assert "joint" not in sentences
 
 
 def drawn_frames(num: int):
@@ -235,7 +235,7 @@ def drawn():
     return list(drawn_frames(150))
 
 
-def test_every_comparison_that_is_told_holds(drawn):
+def test_every_comparison_that_is_shown_holds(drawn):
     count = 0
     for record in drawn:
         for row in range(len(record)):
@@ -262,12 +262,12 @@ def test_the_verdict_is_the_decision(drawn):
     assert len(seen) >= 9  # of the 15 reasons that a usable detection can have
 
 
-def test_no_sentence_is_told_twice_or_lacks_a_number(drawn):
+def test_no_sentence_is_given_twice_or_lacks_a_number(drawn):
     for record in drawn:
         for row in range(len(record)):
-            told = chain(record, row)
-            assert len(set(told)) == len(told)
-            for text in told:
+            sentences = chain(record, row)
+            assert len(set(sentences)) == len(sentences)
+            for text in sentences:
                 assert text.endswith(".")
                 assert "None" not in text
                 assert "nan" not in text
