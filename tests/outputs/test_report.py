@@ -51,7 +51,7 @@ def test_hostile_text_stays_text():
     tracks = make_tracks(0, np.ones((1, 8, 8), bool), [{"object_id": 0, "label": HOSTILE}])
     info = dataclasses.replace(
         make_info(name=HOSTILE),
-        config={"tracker": HOSTILE, HOSTILE: HOSTILE},
+        config={"tracker": "iou", HOSTILE: HOSTILE},
         backbone=HOSTILE,
         device=HOSTILE,
     )
@@ -69,7 +69,7 @@ def test_hostile_text_stays_text():
     assert found.tags == plain.tags  # the same elements, whatever the text says
     data = data_of(page)
     assert data["identities"][0]["label"] == HOSTILE
-    assert data["settings"]["Configuration"] == {HOSTILE: HOSTILE}
+    assert data["settings"]["Configuration"] == {"tracker": "iou", HOSTILE: HOSTILE}
 
 
 def test_page_loads_nothing_from_elsewhere():

@@ -1,4 +1,4 @@
-"""When objects get their ids: rules of the numbers, live and in runs, in files and over memory files.
+"""When objects get their ids: rules of the numbers, live, in runs, and over files.
 
 The tracker by overlap serves here: what is announced does not depend on who decides.
 """
@@ -43,8 +43,8 @@ PICTURES = [scenes.picture(index, ids) for index, ids in enumerate(IN_VIEW)]
 
 def frame_of(*rows: int | dict[str, Any], index: int = 0) -> Tracks:
     """A frame with these objects decided; a mapping says more of a detection."""
-    answers = [row if isinstance(row, dict) else {"object_id": row} for row in rows]
-    return make_tracks(index, np.zeros((len(answers), 2, 2), bool), answers)
+    given = [row if isinstance(row, dict) else {"object_id": row} for row in rows]
+    return make_tracks(index, np.zeros((len(given), 2, 2), bool), given)
 
 
 def follow(
@@ -106,20 +106,18 @@ def test_candidates_speak_of_announced_objects_only():
         doubt | {"outcome": Outcome.PROVISIONAL_PARENT, "candidates": [(8, 0.6)]},
     ]
     known = Announcements(0, {9: 0, 3: 1}, next_id=2)
-    answers = as_announced(known, frame_of(*rows))
-    assert answers.candidate_id[:, 0].tolist() == [0, 0, 0, 0, -1]
-    assert answers.candidate_id[:, 1].tolist() == [1, 1, -1, -1, -1]
-    np.testing.assert_array_equal(
-        answers.candidate_score[:, 0], np.float32([0.9, 0.6, 0.6, 0.4, 0])
-    )
-    assert answers.outcome.tolist() == [
+    after = as_announced(known, frame_of(*rows))
+    assert after.candidate_id[:, 0].tolist() == [0, 0, 0, 0, -1]
+    assert after.candidate_id[:, 1].tolist() == [1, 1, -1, -1, -1]
+    np.testing.assert_array_equal(after.candidate_score[:, 0], np.float32([0.9, 0.6, 0.6, 0.4, 0]))
+    assert after.outcome.tolist() == [
         Outcome.MATCH,
         Outcome.AMBIGUOUS,
         Outcome.PROVISIONAL_PARENT,  # the only one left
         Outcome.PROVISIONAL_NEW,  # most likely one that is not announced
         Outcome.PROVISIONAL_NEW,
     ]
-    assert answers.pending_id.tolist() == [-1, 2, 2, 2, 2]
+    assert after.pending_id.tolist() == [-1, 2, 2, 2, 2]
     waiting = as_announced(Announcements.none(), frame_of(near))
     assert waiting.candidate_id.tolist() == [[-1, -1, -1]]
 
