@@ -116,7 +116,7 @@ def keep_unique_labels(
 ) -> Bool[np.ndarray, "N"]:
     """Which detections keep their id where several of a frame claim the same one.
 
-    The highest score wins, then the first detection; unlabelled detections are not kept.
+    The highest score wins, then the first detection; unlabeled detections are not kept.
     """
     order = np.lexsort((np.arange(len(label)), -np.asarray(score, float)))
     order = order[label[order] != NO_ID]

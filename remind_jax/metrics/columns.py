@@ -37,11 +37,11 @@ class Column:
         """What stands above the column."""
         return self.label or self.name
 
-    def format(self, value: float, extra_digits: int = 0) -> str:
-        """A score as it is shown."""
+    def format(self, value: float, *, is_end: bool = False) -> str:
+        """A score as it is shown; ends of intervals have a digit less."""
         scale = 100.0 if self.kind == "percent" else 1.0
-        decimals = max(0, _DIGITS_AFTER_POINT[self.kind] + extra_digits)
-        return f"{scale * value:.{decimals}f}"
+        digits = max(0, _DIGITS_AFTER_POINT[self.kind] - is_end)
+        return f"{scale * value:.{digits}f}"
 
 
 # Name, heading (None: the name), kind, which way is better, meaning.
@@ -97,7 +97,7 @@ def format_cell(column: Column, value: float, interval: Interval | None = None) 
         return NOTHING, ""
     if interval is None or math.isnan(interval[0]) or math.isnan(interval[1]):
         return column.format(value), ""
-    low, high = (column.format(end, -1) for end in interval)
+    low, high = (column.format(end, is_end=True) for end in interval)
     return column.format(value), f"{low} to {high}"
 
 

@@ -201,13 +201,6 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
       RemindError: If there is none.
     """
     uncertain = [e.uncertainty for e in evaluations if e.uncertainty is not None]
-    classes = dict.fromkeys(label for e in evaluations for label in e.by_class)
-    by_class = {
-        label: pool_evaluations(
-            [e.by_class[label] for e in evaluations if label in e.by_class], label
-        )
-        for label in classes
-    }
     return Evaluation(
         name=name,
         hota=pool_counts(e.hota for e in evaluations),
@@ -217,10 +210,19 @@ def pool_evaluations(evaluations: Sequence[Evaluation], name: str = "all") -> Ev
         majority_recovery=_chain_objects(e.majority_recovery for e in evaluations),
         sizes=pool_counts(e.sizes for e in evaluations),
         uncertainty=pool_counts(uncertain) if uncertain else None,
-        by_class=by_class,
+        by_class=pool_classes([e.by_class for e in evaluations]),
         breakdowns=pool_breakdowns([e.breakdowns for e in evaluations]),
         is_pooled=True,
     )
+
+
+def pool_classes(scenes: Sequence[Mapping[str, Evaluation]]) -> dict[str, Evaluation]:
+    """Adds the counts of scenes class by class."""
+    labels = dict.fromkeys(label for scene in scenes for label in scene)
+    return {
+        label: pool_evaluations([scene[label] for scene in scenes if label in scene], label)
+        for label in labels
+    }
 
 
 def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Intervals:
@@ -230,14 +232,12 @@ def scene_intervals(evaluations: Sequence[Evaluation], **options: Any) -> Interv
     """
     if len(evaluations) == 1:
         return evaluations[0].intervals(**options)
-    kinds: list[list[Any]] = [
-        [e.hota for e in evaluations],
-        [e.clear for e in evaluations],
-        [e.identity for e in evaluations],
-        [sum_counts(e.recovery) for e in evaluations],
-        [e.uncertainty for e in evaluations],
+    counts = [
+        (e.hota, e.clear, e.identity, sum_counts(e.recovery), e.uncertainty) for e in evaluations
     ]
-    families = [(stack_counts(kind), None) for kind in kinds if None not in kind]
+    families = [
+        (stack_counts(kind), None) for kind in zip(*counts, strict=True) if None not in kind
+    ]
     return bootstrap_families(families, **options)
 
 

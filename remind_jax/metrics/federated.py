@@ -1,10 +1,10 @@
-"""Scores on federated truth, in which not every class is labelled in every video (TAO, BURST).
+"""Scores on federated truth, in which not every class is labeled in every video (TAO, BURST).
 
 Classes are scored apart and then brought together, over classes or over detections. In a video
 
 * a class that does not occur in a frame is known only if the video says that it is absent:
   predictions of any other class without truth in the frame are left out;
-* of a class that is not labelled exhaustively, predictions that match no object are left out;
+* of a class that is not labeled exhaustively, predictions that match no object are left out;
 * classes without truth anywhere, and frames without any truth, are not evaluated.
 
 This is the rule of TrackEval's TAO and BURST, and the numbers equal its own.
@@ -22,6 +22,7 @@ from remind_jax.metrics.evaluation import (
     Evaluation,
     evaluate_sequence,
     mean_fields,
+    pool_classes,
     pool_evaluations,
 )
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, Federation
@@ -31,7 +32,7 @@ from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.printing.small_table import Printable, SmallTable
 
 NO_COMMON_CLASS = (
-    "predictions name no class of the truth, which leaves objects unlabelled: "
+    "predictions name no class of the truth, which leaves objects unlabeled: "
     "predictions on these count as false positives"
 )
 
@@ -104,15 +105,15 @@ def evaluate_federated(
     found = np.union1d(sequence.gt_class, sequence.pred_class).tolist()
     evaluations = {}
     for place in sorted(set(found) - {UNKNOWN_CLASS} - federation.unused):
-        part = select_labelled(sequence, place, federation)
+        part = select_labeled(sequence, place, federation)
         if not len(part.gt_id) and not len(part.pred_id):
             continue
-        firm_part = None if firm is None else select_labelled(firm, place, federation)
+        firm_part = None if firm is None else select_labeled(firm, place, federation)
         evaluations[sequence.class_names[place]] = evaluate_sequence(part, firm=firm_part)
     return evaluations
 
 
-def select_labelled(
+def select_labeled(
     sequence: TrackingSequence, place: int, federation: Federation
 ) -> TrackingSequence:
     """Truth of one class and those of its predictions that can be judged."""
@@ -132,14 +133,6 @@ def pool_federated(scenes: Sequence[Evaluation]) -> FederatedScores | None:
 
     Nothing if no scene was scored as federated.
     """
-    labels = dict.fromkeys(label for scene in scenes for label in scene.federated)
-    parts = {
-        label: [s.federated[label] for s in scenes if label in s.federated]
-        for label in sorted(labels)
-    }
-    known = {
-        label: pool_evaluations(found, label)
-        for label, found in parts.items()
-        if any(evaluation.sizes.gt_rows > 0 for evaluation in found)
-    }
+    pooled = pool_classes([scene.federated for scene in scenes])
+    known = {label: e for label, e in sorted(pooled.items()) if e.sizes.gt_rows > 0}
     return FederatedScores(known) if known else None

@@ -142,7 +142,8 @@ def _align(truth: TrackRows, prediction: TrackRows) -> tuple[TrackRows, TrackRow
     moved = dataclasses.replace(
         prediction.select(known), frame=new_frame[known], num_frames=truth.num_frames
     )
-    moved = moved.select(np.argsort(moved.frame, kind="stable"))
+    if np.any(np.diff(moved.frame) < 0):
+        moved = moved.select(np.argsort(moved.frame, kind="stable"))
     notes = []
     if not known.all():
         num_left_out = len(np.unique(prediction.frame[~known]))

@@ -123,7 +123,7 @@ def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[
     sentences = ["Scores in percent, equal to TrackEval's; counts are of all scenes together."]
     if any(FEDERATED_COLUMNS[0] in row.scores for row in rows):
         sentences.append(
-            "The truth leaves objects unlabelled. Columns 'cls' are means over classes of what its "
+            "The truth leaves objects unlabeled. Columns 'cls' are means over classes of what its "
             "labels can judge (TAO, BURST); the others count predictions without label as wrong."
         )
     if any(row.intervals for row in rows):

@@ -59,8 +59,8 @@ RULES = {
         "answers": [(t, 1, 1, 11) for t in range(4)]  # right
         + [(0, 2, 1, 52), (4, 3, 1, 52)]  # unmatched: wrong; in a frame without any truth: out
         + [(1, 4, 2, 52)]  # of an absent class: wrong
-        + [(t, 5, 3, 41) for t in range(3)]  # right twice; in frame 2 not labelled: out
-        + [(0, 6, 3, 20)]  # of a class that is not labelled exhaustively: out
+        + [(t, 5, 3, 41) for t in range(3)]  # right twice; in frame 2 not labeled: out
+        + [(0, 6, 3, 20)]  # of a class that is not labeled exhaustively: out
         + [(0, 7, 4, 20), (1, 8, 4, 40)],  # of a class of which nothing is known: out
     },
     "others": {
@@ -88,7 +88,7 @@ def write_rules() -> tuple[dict[str, Any], list[dict[str, Any]]]:
 def write_random(
     seed: int, *, is_merged: bool = False
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Three videos of walking boxes, tracked with errors, some of them on unlabelled objects."""
+    """Three videos of walking boxes, tracked with errors, some of them on unlabeled objects."""
     rng = np.random.default_rng(seed)
     numbers = list(CLASSES)[:4]
     videos, truth, answers = [], [], []
@@ -99,12 +99,12 @@ def write_random(
         incomplete = [int(c) for c in present if rng.random() < 0.4]
         videos.append(video(number, f"random/{number}", negative, incomplete))
         for track in range(rng.integers(2, 6)):
-            class_id, is_labelled = int(rng.choice(present)), rng.random() < 0.7
+            class_id, is_labeled = int(rng.choice(present)), rng.random() < 0.7
             place, label = rng.uniform([0, 0], [WIDTH - 14, HEIGHT - 14]), 10 * number + track
             for frame in range(NUM_FRAMES):
                 place = np.clip(place + rng.normal(0, 2, 2), 0, [WIDTH - 14, HEIGHT - 14])
                 box = [*place.round(1).tolist(), 12.0, 13.0]
-                if is_labelled and rng.random() < 0.8:
+                if is_labeled and rng.random() < 0.8:
                     row_class = 5 if is_merged and class_id == 1 else class_id
                     truth.append(annotation(number, frame, 100 * number + track, row_class, box))
                 label = label + 50 if rng.random() < 0.1 else label

@@ -35,7 +35,7 @@ def test_a_similarity_on_a_threshold_is_a_match():
         assert count_hota(sequence).true_positives.sum() == index + 1
 
 
-def test_localisation_is_the_mean_similarity_of_matches():
+def test_localization_is_the_mean_similarity_of_matches():
     sequence = TrackingSequence.from_frames([[1], [1]], [[1], [1]], [[[0.52]], [[0.82]]])
     scores = hota_scores(count_hota(sequence))
     assert scores["LocA"][0] == pytest.approx(0.67)  # both matched

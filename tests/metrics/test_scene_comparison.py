@@ -56,7 +56,7 @@ def test_federated_truth_has_columns_of_its_own():
     expected = read_json(case / "expected.json")["class_averaged"]
     assert [column.heading for column in table.resolved_columns[:2]] == ["HOTA cls", "AssA cls"]
     assert table.rows[0].scores["ClassIDF1"] == pytest.approx(expected["IDF1"], abs=TOLERANCE)
-    assert any("leaves objects unlabelled" in sentence for sentence in table.legend)
+    assert any("leaves objects unlabeled" in sentence for sentence in table.legend)
 
 
 def test_a_note_on_all_is_told_once(tmp_path: Path):

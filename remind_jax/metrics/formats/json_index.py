@@ -27,7 +27,7 @@ class Video:
     num_frames: int
     frame_names: tuple[str, ...] | None
     size: tuple[int, int] | None  # height, width in pixels
-    federation: Federation | None = None  # None: everything is labelled
+    federation: Federation | None = None  # None: everything is labeled
 
 
 @dataclasses.dataclass(frozen=True)

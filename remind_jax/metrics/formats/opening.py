@@ -1,4 +1,4 @@
-"""Recognises tracks at a path and opens them scene by scene.
+"""Recognizes tracks at a path and opens them scene by scene.
 
 | format | what lies there |
 | --- | --- |
@@ -63,12 +63,12 @@ def open_scenes(
 
     Args:
       path: File or folder.
-      format: What it is; recognised if left out.
+      format: What it is; recognized if left out.
       truth: The truth that predictions belong to: lists of results need its videos and images.
-      like: Format of a text file that has no row to recognise it by.
+      like: Format of a text file that has no row to recognize it by.
 
     Raises:
-      SourceError: If nothing is there, it is not recognised, or it cannot be read.
+      SourceError: If nothing is there, it is not recognized, or it cannot be read.
     """
     path = Path(path)
     if not path.exists():

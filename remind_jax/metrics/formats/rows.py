@@ -25,13 +25,13 @@ _coco: Any = coco_mask
 
 @dataclasses.dataclass(frozen=True)
 class Federation:
-    """What is labelled in a scene whose truth leaves objects out on purpose (TAO, BURST).
+    """What is labeled in a scene whose truth leaves objects out on purpose (TAO, BURST).
 
     Classes are places in `TrackRows.class_names`.
     """
 
     absent: frozenset[int] = frozenset()  # verified not to occur: their predictions are wrong
-    incomplete: frozenset[int] = frozenset()  # not all of their objects are labelled
+    incomplete: frozenset[int] = frozenset()  # not all of their objects are labeled
     unused: frozenset[int] = frozenset()  # not evaluated (distractors of BURST)
 
 
@@ -56,7 +56,7 @@ class TrackRows:
     )
     ignored_rles: tuple[Rle, ...] = ()  # regions in which nothing is known
     is_void: bool = False  # these are cut out of predictions pixel by pixel (DAVIS)
-    federation: Federation | None = None  # None: everything is labelled
+    federation: Federation | None = None  # None: everything is labeled
     text_class: Int[np.ndarray, "N"] = dataclasses.field(  # number in text, see `formats.text`
         default_factory=lambda: np.zeros(0, np.int64)
     )
@@ -76,6 +76,8 @@ class TrackRows:
 
     def select(self, keep: Bool[np.ndarray, "N"] | Int[np.ndarray, "M"]) -> TrackRows:
         """The same scene with only some of its rows, or with its rows in another order."""
+        if keep.dtype == bool and keep.all():
+            return self
         rows = np.arange(len(self))[keep]
         return dataclasses.replace(
             self,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import configparser
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -109,7 +109,7 @@ def fit_texts(
     class_id = DEFAULT_MOTS_CLASS if class_id is None else class_id
     _check_classes(class_id, truth, prediction)
     truth, prediction = (_keep_class(rows, class_id) for rows in (truth, prediction))
-    frame_size = truth.frame_size or prediction.frame_size
+    frame_size = truth.frame_size or prediction.frame_size or (1, 1)  # any, if there is no row
     return dataclasses.replace(truth, frame_size=frame_size), prediction
 
 
@@ -136,7 +136,8 @@ def read_frame_size(gt_path: Path) -> tuple[int, int] | None:
 
 def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
     table = _read_numbers(path)
-    table = table[np.argsort(table[:, 0], kind="stable")]
+    if np.any(np.diff(table[:, 0]) < 0):
+        table = table[np.argsort(table[:, 0], kind="stable")]
     frame, track_id = table[:, :2].astype(np.int64).T
     frame, num_frames = _count_frames(path, frame, 1)
     check_rows(
@@ -279,10 +280,10 @@ def _read_text(path: str | Path) -> str:
 
 def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
     """The rows of a MOTChallenge file, checked."""
-    lines = {n: line for n, line in enumerate(_read_text(path).splitlines(), 1) if line.strip()}
-    if not lines:
+    lines = _read_text(path).splitlines()
+    rows = [line for line in lines if line.strip()]
+    if not rows:
         return np.zeros((0, 10))
-    rows = list(lines.values())
     delimiter = "," if "," in rows[0] else None
     try:
         table = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None)
@@ -308,14 +309,14 @@ def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
     return table
 
 
-def _find_bad_row(lines: Mapping[int, str], delimiter: str | None) -> tuple[int, str]:
+def _find_bad_row(lines: Sequence[str], delimiter: str | None) -> tuple[int, str]:
     """Number and text of the first row that is not numeric or not as long as the first."""
-    first = next(iter(lines))
-    for number, row in lines.items():
+    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    for number, row in rows:
         try:
             num_cells = len([float(cell) for cell in row.split(delimiter)])
         except ValueError:
             num_cells = 0
-        if num_cells != len(lines[first].split(delimiter)):
+        if num_cells != len(rows[0][1].split(delimiter)):
             return number, row.strip()
-    return first, lines[first].strip()
+    return rows[0][0], rows[0][1].strip()

@@ -65,7 +65,7 @@ def test_every_mixture_scores_alike(tmp_path: Path, truth: str, prediction: str)
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_formats_are_recognised(tmp_path: Path, name: str):
+def test_formats_are_recognized(tmp_path: Path, name: str):
     format, write = WRITERS[name]
     opened = open_scenes(write(tmp_path / "x", TRUTH))
     assert opened.format == format
