@@ -2,6 +2,7 @@
 
 Promotion of types and ranks stays "standard" and "allow": the core mixes counts with scores and
 broadcasts `[N, C]` with `[C]` as NumPy does in nearly every module; casts would hide the rules.
+Solvers and the metrics in the graph are strict about ranks.
 """
 
 import os
@@ -11,6 +12,7 @@ from pathlib import Path
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import jax
+import jaxtyping
 import pytest
 
 from remind_jax.compiled import ahead, kept, programs
@@ -36,6 +38,14 @@ def x64():
     jax.config.update("jax_enable_x64", True)
     yield
     jax.config.update("jax_enable_x64", before)
+
+
+@pytest.fixture
+def unchecked_shapes():
+    """For tests of what is said of arrays that are wrong."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture

@@ -1,9 +1,10 @@
-"""Nothing is installed that nothing uses."""
+"""Nothing is installed that nothing uses, and nothing is used that is not installed."""
 
 from __future__ import annotations
 
 import ast
 import re
+import sys
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -15,10 +16,11 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 FOR_USERS = ("detect", "viz", "sweep", "cluster", "convert")  # extras; others are for developers
 
 # Distributions whose modules are called otherwise.
-MODULES = {"opencv-python-headless": "cv2", "pyyaml": "yaml"}
+MODULES = {"ipython": "IPython", "opencv-python-headless": "cv2", "pyyaml": "yaml"}
 # What is used without being imported by us: where, and by which word.
 TOOLS = {
     "cmaes": ("remind_jax/sweeps/search.py", "CmaEsSampler"),  # Optuna imports it
+    "import-linter": ("Makefile", "lint-imports"),
     "ipykernel": ("tests/notebooks/test_notebooks.py", "ipykernel"),
     "mkdocs-material": ("docs/site/mkdocs.yml", "material"),
     "pre-commit": (".pre-commit-config.yaml", "pre-commit"),
@@ -26,6 +28,18 @@ TOOLS = {
     "pytest-xdist": ("Makefile", "-n 2"),
     "ruff": ("Makefile", "ruff"),
 }
+
+# What is imported without being declared, and why.
+UNDECLARED = {
+    "IPython": "progress in a notebook, which brings it",
+    "pandas": "`Result.to_dataframe`, for those who have it",
+    "PIL": "writes what the reference of a metric reads, where that is installed",
+    "trackeval": "the reference of the metrics, on no package index",
+    "transformers": "the reference of the networks, larger than all the rest",
+}
+OURS = {"remind_jax", "weights_convert", "tests", "benchmarks", "notebooks"}
+# Modules of the original tracker, which benchmarks import from where it was downloaded.
+ORIGINAL = {"config", "detection", "features", "memory", "pipeline"}
 
 
 def names(requirements: list[str]) -> list[str]:
@@ -40,16 +54,20 @@ def imported(*folders: str) -> frozenset[str]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 found |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 found.add(node.module.partition(".")[0])
     return frozenset(found)
+
+
+def module_of(name: str) -> str:
+    return MODULES.get(name, name.replace("-", "_"))
 
 
 def is_used(name: str, *folders: str) -> bool:
     if name in TOOLS:
         file, word = TOOLS[name]
         return word in (ROOT / file).read_text(encoding="utf-8")
-    return MODULES.get(name, name.replace("-", "_")) in imported(*folders)
+    return module_of(name) in imported(*folders)
 
 
 @pytest.mark.parametrize("name", names(PROJECT["dependencies"]))
@@ -64,6 +82,26 @@ def test_every_part_of_an_extra_is_used(extra):
         folders += ["tests", "notebooks", "benchmarks", "docs"]
     for name in names(PROJECT["optional-dependencies"][extra]):
         assert is_used(name, *folders), name
+
+
+@pytest.mark.parametrize(
+    ("folders", "extras"),
+    [
+        (("remind_jax", "weights_convert"), FOR_USERS),
+        (("tests", "benchmarks", "notebooks", "docs"), PROJECT["optional-dependencies"]),
+    ],
+    ids=["package", "rest"],
+)
+def test_what_is_imported_is_declared(folders, extras):
+    declared = set(names(PROJECT["dependencies"]))
+    declared.update(*(names(PROJECT["optional-dependencies"][extra]) for extra in extras))
+    known = {*map(module_of, declared), *UNDECLARED, *sys.stdlib_module_names} | OURS | ORIGINAL
+    assert sorted(imported(*folders) - known) == []
+
+
+def test_what_is_excused_is_imported():
+    everywhere = imported("remind_jax", "weights_convert", "tests", "benchmarks", "notebooks")
+    assert set(UNDECLARED) | ORIGINAL <= everywhere
 
 
 def test_every_extra_that_a_message_names_exists():

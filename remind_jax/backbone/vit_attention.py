@@ -180,7 +180,7 @@ def attention_among(
         q, k, places = image
         tokens = num_prefix + jnp.maximum(places, 0)
 
-        def some_rows(chunk: Int[Array, "C"]) -> Float[Array, "C K+1"]:
+        def some_rows(chunk: Int[Array, "C"]) -> Float[Array, "C L"]:
             def add_head(sums: Array, head: tuple[Array, Array]) -> tuple[Array, None]:
                 weights = _exponentials(head[0][chunk], head[1], precision)
                 weights = weights / jnp.sum(weights, axis=-1, keepdims=True)

@@ -30,7 +30,7 @@ def rotary_periods(head_width: int) -> Float[np.ndarray, "K"]:
 
 def rotary_tables(
     rows: int, columns: int, periods: Float[Array, "K"]
-) -> tuple[Float[Array, "P 4K"], Float[Array, "P 4K"]]:
+) -> tuple[Float[Array, "P 4*K"], Float[Array, "P 4*K"]]:
     """Sine and cosine that rotate the patches of a grid, in raster order.
 
     Angles are `2 pi coordinate / period` of the patch center; both axes run inside (-1, 1). A row

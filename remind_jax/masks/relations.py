@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Num
 
 from remind_jax.observation import MaskRelations
 
@@ -16,8 +16,8 @@ _STRAIGHT, _DIAGONAL = 0.955, 1.3693  # steps of the distance transform in pixel
 
 def relate_masks(
     masks: Bool[np.ndarray, "N H W"],
-    boxes: Float[np.ndarray, "N 4"],
-    areas: Float[np.ndarray, "N"],
+    boxes: Float[np.ndarray, "S 4"],
+    areas: Num[np.ndarray, "S"],
     *,
     num_slots: int,
     scale_min_px: float = 40.0,
@@ -30,8 +30,9 @@ def relate_masks(
 
     Args:
       masks: Pixel masks of the frame.
-      boxes: Tight boxes of the masks: left, top, right, bottom, right and bottom excluded.
-      areas: Pixels of the masks; empty masks have no exact gap.
+      boxes: Tight boxes of the masks: left, top, right, bottom, right and bottom excluded; rows
+        beyond the masks are not read.
+      areas: Pixels of the masks, likewise; empty masks have no exact gap.
       num_slots: Slots of the result, at least the number of masks.
       scale_min_px: Least length that gaps are compared with, see `thresholds.relations`.
       exact_gap_max: Pairs whose boxes are at most this many lengths apart are measured exactly.

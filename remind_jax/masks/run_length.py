@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pycocotools.mask
-from jaxtyping import Bool, Int, UInt8
+from jaxtyping import Bool, Int, Integer, UInt8
 
 from remind_jax.tracks import Rle
 
@@ -30,7 +30,7 @@ def encode_masks(masks: Bool[np.ndarray, "N H W"]) -> tuple[Rle, ...]:
     return tuple(_coco.encode(np.asfortranarray(np.moveaxis(masks, 0, -1).astype(np.uint8))))
 
 
-def encode_label_map(labels: Int[np.ndarray, "H W"]) -> dict[int, Rle]:
+def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:
     """One code for each number above 0 of a label map, by rising number."""
     height, width = labels.shape
     pixels = np.ascontiguousarray(labels.T).ravel()

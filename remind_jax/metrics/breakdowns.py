@@ -13,7 +13,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Num
 
 from remind_jax.metrics.recovery import NO_LABEL, Answers, collect_answers, find_reference
 from remind_jax.metrics.sequence import TrackingSequence
@@ -81,7 +81,7 @@ def pool_breakdowns(parts: Sequence[Mapping[str, Breakdown]]) -> dict[str, Break
 
 
 def _count_bins(
-    answers: Answers, bins: Mapping[str, float], value: Float[np.ndarray, "N"]
+    answers: Answers, bins: Mapping[str, float], value: Num[np.ndarray, "N"]
 ) -> Breakdown:
     edges = np.array(list(bins.values()))
     return _count(answers, tuple(bins), np.searchsorted(edges, value, side="right") - 1)

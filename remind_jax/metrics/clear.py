@@ -148,7 +148,7 @@ def _find_predecessors(
 
 def _find_breaks(
     sequence: TrackingSequence, matches: Int[np.ndarray, "M"]
-) -> tuple[Bool[np.ndarray, "M-1"], Bool[np.ndarray, "M-1"], Int[np.ndarray, "M-1"]]:
+) -> tuple[Bool[np.ndarray, "B"], Bool[np.ndarray, "B"], Int[np.ndarray, "B"]]:
     """Identity switches (across any gap) and fragmentations, and the object of each.
 
     One entry for every match that follows another, ordered by object and frame.

@@ -104,7 +104,7 @@ def _keep_first(ids: Int[Array, "T N"], score: Float[Array, "T N"]) -> Int[Array
     """Each id once per frame: with the highest score, then the lowest slot."""
     slot = jnp.arange(ids.shape[1])
     higher = score[:, None] > score[:, :, None]
-    earlier = (score[:, None] == score[:, :, None]) & (slot < slot[:, None])
+    earlier = (score[:, None] == score[:, :, None]) & (slot[None, :] < slot[:, None])[None]
     taken = jnp.any((ids[:, :, None] == ids[:, None]) & (higher | earlier), axis=2)
     return jnp.where(taken, NONE, ids)
 
@@ -129,7 +129,7 @@ def _score_association(
     """DetA and AssA from the matches of objects and labels."""
     num_matches = jnp.sum(pairs)
     det_a = num_matches / jnp.maximum(1.0, jnp.sum(lengths) + num_pred - num_matches)
-    union = jnp.maximum(1.0, lengths[:, None] + label_lengths - pairs)
+    union = jnp.maximum(1.0, lengths[:, None] + label_lengths[None, :] - pairs)
     return det_a, jnp.sum(pairs * (pairs / union)) / jnp.maximum(1.0, num_matches)
 
 
@@ -151,7 +151,7 @@ def _count_recovery(
     """Opportunities, recovered and hard recovered returns, by the one-to-one reference."""
     answer = jnp.where(answer < len(label_class), answer, NONE)
     reference = _find_reference(answer, object_class, label_class)
-    is_right = (answer == reference) & (answer != NONE)
+    is_right = (answer == reference[None, :]) & (answer != NONE)
 
     def look(carry, frame):
         seen_before, was_visible, is_return, recovered, counts = carry
@@ -179,12 +179,13 @@ def _find_reference(
 ) -> Int[Array, "O"]:
     num_objects, num_labels = len(object_class), len(label_class)
     answer_hot = jax.nn.one_hot(answer, num_labels, dtype=jnp.float32)
-    worth = jnp.where(object_class[:, None] == label_class, jnp.sum(answer_hot, axis=0), 0.0)
+    same_class = object_class[:, None] == label_class[None, :]
+    worth = jnp.where(same_class, jnp.sum(answer_hot, axis=0), 0.0)
     takes_part = jnp.any(worth > 0, axis=1)
     # Objects that were never answered compete with nobody: a group of their own.
     apart = jnp.max(object_class, initial=0) + 1 + jnp.arange(num_objects)
     group = jnp.where(takes_part, object_class, apart)
-    used = jnp.any((group[:, None] == group)[:, :, None] & (worth > 0)[None], axis=1)
+    used = jnp.any((group[:, None] == group[None, :])[:, :, None] & (worth > 0)[None], axis=1)
     column = assign_in_graph(
         worth,
         used & takes_part[:, None],

@@ -191,12 +191,12 @@ class TrackingSequence:
         return np.diff(self.pred_start)
 
     @cached_property
-    def gt_start(self) -> Int[np.ndarray, "T+1"]:
+    def gt_start(self) -> Int[np.ndarray, "{self.num_frames}+1"]:
         """First ground-truth row of each frame, and the number of rows."""
         return frame_starts(self.gt_frame, self.num_frames)
 
     @cached_property
-    def pred_start(self) -> Int[np.ndarray, "T+1"]:
+    def pred_start(self) -> Int[np.ndarray, "{self.num_frames}+1"]:
         """First predicted row of each frame, and the number of rows."""
         return frame_starts(self.pred_frame, self.num_frames)
 
@@ -259,7 +259,7 @@ def number_ids(
     return found + lowest, member
 
 
-def frame_starts(frame: Int[np.ndarray, "N"], num_frames: int) -> Int[np.ndarray, "T+1"]:
+def frame_starts(frame: Int[np.ndarray, "N"], num_frames: int) -> Int[np.ndarray, "{num_frames}+1"]:
     """First row of each frame in rows ordered by frame, and the number of rows at the end."""
     counts = np.bincount(frame, minlength=num_frames)
     return np.concatenate([[0], np.cumsum(counts)])

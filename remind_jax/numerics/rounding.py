@@ -35,8 +35,8 @@ def multiply(left: Float[Array, "..."], right: Float[Array, "..."]) -> Float[Arr
     return jnp.where(jnp.isnan(product), 0.0, product)
 
 
-def divide(numerator: Float[Array, "*B"], denominator: Float[Array, "..."]) -> Float[Array, "*B"]:
-    """The rounded quotient; the denominator is broadcast.
+def divide(numerator: Float[Array, "*#B"], denominator: Float[Array, "*#B"]) -> Float[Array, "*B"]:
+    """The rounded quotient; the two are broadcast.
 
     Of a denominator that is constant or has fewer elements, the compiler would take the reciprocal
     and multiply, which rounds twice.

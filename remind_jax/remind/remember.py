@@ -200,7 +200,7 @@ def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
     return objects.exists & jnp.any(objects.id[:, None, None] == named, axis=(1, 2))
 
 
-def _clear_rows(state: TrackerState, rows: Bool[Array, "O+P"]) -> TrackerState:
+def _clear_rows(state: TrackerState, rows: Bool[Array, "R"]) -> TrackerState:
     """Empties the banks of pending tracks that ended."""
 
     def clear(banks: DualBank | None) -> DualBank | None:

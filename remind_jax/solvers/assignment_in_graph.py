@@ -73,7 +73,7 @@ def assign_in_graph(
     cost = jnp.where(allowed, -scores, FORBIDDEN_COST)
     problem, crossed, object_of = _pose(cost, groups, -dummy, dummies)
     owner, settled = _search(problem, dummies, scores.shape[1])
-    holds = owner == jnp.arange(len(settled), dtype=jnp.int32)[:, None]
+    holds = owner[None, :] == jnp.arange(len(settled), dtype=jnp.int32)[:, None]
     slot = jnp.where(jnp.any(holds, axis=1), jnp.argmax(holds, axis=1), -1)
     slot = jnp.where(settled >= 0, settled, slot).astype(jnp.int32)
     return _read_columns(slot, crossed, object_of, groups)
@@ -101,11 +101,11 @@ def _sort_groups(
 ) -> _Groups:
     """Finds the rows that compete; one without allowed pair does so only where dummies do not."""
     active = jnp.any(allowed, axis=1)
-    competes = jnp.any((group[:, None] == group) & active, axis=1)
+    competes = jnp.any((group[:, None] == group[None, :]) & active[None, :], axis=1)
     live = jnp.where(dummies, active, competes)
     order = jnp.lexsort((group, ~live)).astype(jnp.int32)
     live, allowed, group = live[order], allowed[order], group[order]
-    same = (group[:, None] == group) & live[:, None] & live
+    same = (group[:, None] == group[None, :]) & live[:, None] & live[None, :]
     reach = jnp.dot(same.astype(jnp.float32), present[order].astype(jnp.float32))
     start = jnp.argmax(same, axis=1).astype(jnp.int32)
     return _Groups(order, live, allowed, same, start, reach > 0)
@@ -119,7 +119,8 @@ def _pose(
     slots = max(columns + 1, num)
     cost, dummy_cost = cost[groups.order], dummy_cost[groups.order]
     padding = ((0, 0), (0, slots - columns - 1))
-    place = jnp.where(groups.columns, columns - jnp.arange(columns, dtype=jnp.int32), -1)
+    falling = columns - jnp.arange(columns, dtype=jnp.int32)
+    place = jnp.where(groups.columns, falling[None, :], -1)
     last = jnp.broadcast_to(jnp.where(dummies, 0, -1).astype(jnp.int32), (num, 1))
     place = jnp.pad(jnp.concatenate([place, last], axis=1), padding, constant_values=-1)
     priced = jnp.pad(jnp.concatenate([cost, dummy_cost[:, None]], axis=1), padding)
@@ -151,7 +152,8 @@ def _cross(
     object_of = jnp.argmax(drives, axis=1).astype(jnp.int32)
     competes = groups.same & jnp.any(drives, axis=1, keepdims=True)
     padding = ((0, 0), (0, slots - num))
-    turned = jnp.pad(jnp.where(competes, num - index, -1), padding, constant_values=-1)
+    turned = jnp.where(competes, (num - index)[None, :], -1)
+    turned = jnp.pad(turned, padding, constant_values=-1)
     priced = jnp.where(crossed[:, None], jnp.pad(cost[:, object_of].T, padding), priced)
     return crossed, object_of, priced, jnp.where(crossed[:, None], turned, place)
 
@@ -301,11 +303,11 @@ def _read_columns(
     """Column of each row in the order of the caller; forbidden pairs are dropped."""
     num, columns = groups.allowed.shape
     index = jnp.arange(num, dtype=jnp.int32)
-    taken = crossed[:, None] & (slot[:, None] == index)
+    taken = crossed[:, None] & (slot[:, None] == index[None, :])
     column = jnp.max(jnp.where(taken, object_of[:, None], NO_SLOT), axis=0)
     column = jnp.where(crossed, column, slot)
-    picked = jnp.arange(columns, dtype=jnp.int32) == column[:, None]
+    picked = jnp.arange(columns, dtype=jnp.int32)[None, :] == column[:, None]
     fits = groups.live & jnp.any(picked & groups.allowed, axis=1)
     column = jnp.where(fits, column, NO_SLOT)
-    here = groups.order == index[:, None]
-    return jnp.max(jnp.where(here, column, NO_SLOT), axis=1).astype(jnp.int32)
+    here = groups.order[None, :] == index[:, None]
+    return jnp.max(jnp.where(here, column[None, :], NO_SLOT), axis=1).astype(jnp.int32)

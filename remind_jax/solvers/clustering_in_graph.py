@@ -68,14 +68,14 @@ def cluster_in_graph(
       Cluster of each point, -1 outside the set; centres, zero for clusters that do not exist.
     """
     count = jnp.sum(members, axis=1, dtype=jnp.int32)
-    exists = jnp.arange(clusters) < jnp.minimum(wanted, count)[:, None]
+    exists = jnp.arange(clusters)[None, :] < jnp.minimum(wanted, count)[:, None]
     most_draws = restarts * (clusters + iterations * clusters)
     numbers = _draw_numbers(count, seed, most_draws)
     rank = jnp.cumsum(members, axis=1, dtype=jnp.int32)
     run = partial(_run_restarts, iterations=iterations, restarts=restarts)
 
     def gathered(size: int):
-        inside = jnp.arange(size) < count[:, None]
+        inside = jnp.arange(size)[None, :] < count[:, None]
         index = _locate(rank, jnp.broadcast_to(jnp.arange(size, dtype=jnp.int32), inside.shape))
         rows = jnp.where(inside[..., None], points[index], 0.0)
         labels, centres = run(_Sets(rows, _square(rows), inside, exists, numbers))
@@ -106,7 +106,7 @@ def _run_restarts(
     _, (labels, centres, reached) = lax.scan(run, used, length=restarts)
     with double_precision():
         inertia = jnp.sum(reached.astype(jnp.float64), axis=2)
-        is_least = jnp.all(inertia[:, None] <= inertia, axis=1)
+        is_least = jnp.all(inertia[:, None] <= inertia[None], axis=1)
     best = jnp.argmax(is_least, axis=0)
     at = best[None, :, None]
     labels = jnp.take_along_axis(labels, at, axis=0)[0]
@@ -128,7 +128,9 @@ def _spread_centres(
         apart = jnp.any(gap > 0, axis=1)
         index = jnp.where(apart, jnp.argmax(gap, axis=1), _next_draw(sets, used))
         used = used + (~apart & sets.exists[:, rank])
-        chosen = jnp.where(jnp.arange(clusters) == rank, index[:, None], chosen).astype(jnp.int32)
+        chosen = jnp.where((jnp.arange(clusters) == rank)[None, :], index[:, None], chosen).astype(
+            jnp.int32
+        )
         return chosen, jnp.minimum(gap, gap_to(index)), used
 
     first = _next_draw(sets, used)
@@ -176,7 +178,7 @@ def _average(
 ) -> tuple[Float[Array, "N K D"], Int[Array, "N"]]:
     """Mean of each cluster; an empty one gets a drawn point."""
     clusters = jnp.arange(sets.exists.shape[1], dtype=jnp.int32)
-    inside = (labels[:, None] == clusters[:, None]) & sets.valid[:, None]
+    inside = (labels[:, None] == clusters[None, :, None]) & sets.valid[:, None]
     count = jnp.sum(inside, axis=2, dtype=jnp.int32)
     form = "nkq,qd->nkd" if sets.rows.ndim == 2 else "nkq,nqd->nkd"
     sums = jnp.einsum(form, inside.astype(sets.rows.dtype), sets.rows, precision="highest")
@@ -194,7 +196,7 @@ def _average(
 def _squared_distances(sets: _Sets, centres: Float[Array, "N K D"]) -> Float[Array, "N K Q"]:
     form = "nkd,qd->nkq" if sets.rows.ndim == 2 else "nkd,nqd->nkq"
     product = jnp.einsum(form, centres, sets.rows, precision="highest")
-    norms = sets.norms if sets.rows.ndim == 2 else sets.norms[:, None]
+    norms = sets.norms[None, None] if sets.rows.ndim == 2 else sets.norms[:, None]
     return norms - 2.0 * product + _square(centres)[..., None]
 
 
@@ -222,7 +224,7 @@ def _draw_numbers(count: Int[Array, "N"], seed: int, draws: int) -> Int[Array, "
     words = np.random.PCG64(seed).random_raw((draws + _SPARE_WORDS + 1) // 2)
     words = np.stack([words & 0xFFFFFFFF, words >> 32], axis=1).ravel().astype(np.uint32)
     limit = jnp.maximum(count, 1).astype(jnp.uint32)[:, None]
-    upper, lower = _multiply(jnp.asarray(words), limit)
+    upper, lower = _multiply(jnp.asarray(words)[None, :], limit)
     accepted = lower >= (jnp.uint32(0) - limit) % limit
     turn = jnp.arange(draws, dtype=jnp.int32)
     index = _locate(

@@ -37,7 +37,7 @@ def assign_greedily(
         row, to = best // num_columns, best % num_columns
         some = left[row, to] > -jnp.inf
         column = jnp.where(some & (jnp.arange(num_rows) == row), to, column)
-        gone = (jnp.arange(num_rows) == row)[:, None] | (jnp.arange(num_columns) == to)
+        gone = (jnp.arange(num_rows) == row)[:, None] | (jnp.arange(num_columns) == to)[None, :]
         return column.astype(jnp.int32), jnp.where(gone, -jnp.inf, left)
 
     nobody = jnp.full(num_rows, NO_SLOT, jnp.int32)

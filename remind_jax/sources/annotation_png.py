@@ -13,7 +13,7 @@ import av
 import cv2
 import numpy as np
 from av.error import FFmpegError
-from jaxtyping import Int
+from jaxtyping import Integer
 
 from remind_jax.sources.source import UnreadableFrame
 
@@ -22,7 +22,7 @@ GRAY, PALETTE = 0, 3  # PNG color types
 MAX_PIXELS = 1 << 28
 
 
-def read_label_map(data: bytes) -> Int[np.ndarray, "H W"]:
+def read_label_map(data: bytes) -> Integer[np.ndarray, "H W"]:
     """Decodes an instance map: gray PNG of 1 to 16 bits, palette PNG, or another gray image.
 
     Raises:
@@ -39,7 +39,7 @@ def read_label_map(data: bytes) -> Int[np.ndarray, "H W"]:
     return _decode(data)
 
 
-def _read_palette_indices(data: bytes) -> Int[np.ndarray, "H W"]:
+def _read_palette_indices(data: bytes) -> Integer[np.ndarray, "H W"]:
     try:
         with av.open(io.BytesIO(data), mode="r", format="png_pipe") as container:
             frame = next(container.decode(video=0))
@@ -52,7 +52,7 @@ def _read_palette_indices(data: bytes) -> Int[np.ndarray, "H W"]:
     return indices[: frame.height, : frame.width].copy()
 
 
-def _decode(data: bytes) -> Int[np.ndarray, "H W"]:
+def _decode(data: bytes) -> Integer[np.ndarray, "H W"]:
     if not data:
         raise UnreadableFrame("the file is empty")
     try:

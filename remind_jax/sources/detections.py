@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Num
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
@@ -55,7 +55,7 @@ def detections_from(
 
 
 def fill_boxes(
-    boxes: Float[np.ndarray, "N 4"], frame_size: tuple[int, int]
+    boxes: Num[np.ndarray, "N 4"], frame_size: tuple[int, int]
 ) -> Bool[np.ndarray, "N H W"]:
     """Masks of boxes (left, top, right, bottom in pixels), cut off at the frame's border.
 

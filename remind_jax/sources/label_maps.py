@@ -14,7 +14,7 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Int, Shaped
+from jaxtyping import Integer, Shaped
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
@@ -89,7 +89,7 @@ class LabelMaps:
         self._require_classes(ids)
         return detections_in(labels, self._classes, ids)
 
-    def _read(self, file: str) -> Int[np.ndarray, "H W"]:
+    def _read(self, file: str) -> Integer[np.ndarray, "H W"]:
         try:
             return read_label_map(self._tree.read(join(self._folder, file)))
         except UnreadableFrame as error:
@@ -129,7 +129,7 @@ class LabelMaps:
 
 
 def detections_in(
-    labels: Int[np.ndarray, "H W"], classes: ClassNames, ids: Sequence[int] | None = None
+    labels: Integer[np.ndarray, "H W"], classes: ClassNames, ids: Sequence[int] | None = None
 ) -> Detections:
     """Takes an instance map apart, ascending by id; instances without class are left out.
 
@@ -215,7 +215,7 @@ def _stem(name: str) -> str:
     return inner.stem if inner.suffix.lower() in IMAGE_SUFFIXES else pure.stem
 
 
-def instance_ids_in(labels: Int[np.ndarray, "..."]) -> list[int]:
+def instance_ids_in(labels: Integer[np.ndarray, "..."]) -> list[int]:
     """The numbers above 0, ascending."""
     if labels.dtype == bool or (labels.dtype.kind == "u" and labels.dtype.itemsize <= 2):
         # Counting takes a tenth of the time of sorting the pixels.

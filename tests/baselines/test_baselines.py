@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -103,8 +104,7 @@ def test_a_frame_that_does_not_fit_changes_nothing_and_fits_after_growth(name):
     after = track(name, frames[:1], tight)[0]
     assert after.overflow.objects == world.BOXES
     kept = dataclasses.replace(after, overflow=before.overflow)
-    for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(kept), strict=True):
-        np.testing.assert_array_equal(old, new)
+    chex.assert_trees_all_equal(before, kept)
 
     method, grown = get_method(name), tight.grow(num_objects=world.BOXES)
     state = method.enlarge(kept, grown)

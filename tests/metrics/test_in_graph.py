@@ -3,6 +3,7 @@ from __future__ import annotations
 import functools
 from typing import Any
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -28,7 +29,17 @@ FIELDS = {
 # Single precision against double: sums of at most a few thousand ratios.
 TOLERANCE = 1e-6
 
-_score_slots = jax.jit(functools.partial(score_labels, num_objects=OBJECTS, num_labels=LABELS))
+
+@jax.jit
+@functools.partial(chex.assert_max_traces, n=1)
+def _score_slots(*given):
+    return score_labels(*given, num_objects=OBJECTS, num_labels=LABELS)
+
+
+@pytest.fixture(autouse=True)
+def _strict_ranks():
+    with jax.numpy_rank_promotion("raise"):
+        yield
 
 
 def score_slots(

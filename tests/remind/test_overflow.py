@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
+import chex
 import numpy as np
 
 from remind_jax.decision import Outcome
@@ -51,7 +51,7 @@ def test_undecided_tracks_alone_overflow_and_change_nothing_else():
     assert after.overflow.pending == world.STATIC.num_pending + added
     assert after.overflow.objects == 0
     unchanged = dataclasses.replace(after, overflow=before.overflow)
-    jax.tree.map(np.testing.assert_array_equal, unchanged, before)
+    chex.assert_trees_all_equal(unchanged, before)
 
     # With room for them the tracks move as a whole, and the strangers with them.
     grown = grow(before, dataclasses.replace(world.STATIC, num_pending=2 * len(before.pending.id)))

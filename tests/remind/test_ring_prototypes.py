@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def test_they_survive_growth_and_files(steps, tmp_path):
     path = tmp_path / "memory.safetensors"
     save_memory(path, SavedMemory(state, STATIC, ("box",), "test"))
     kept = load_memory(path).state
-    jax.tree.map(np.testing.assert_array_equal, kept, state)
+    chex.assert_trees_all_equal(kept, state)
     larger = dataclasses.replace(STATIC, num_objects=11)
     grown = grow(kept, larger).ring_prototypes
     assert grown is not None

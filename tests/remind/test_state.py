@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,13 +29,6 @@ def fill(state: TrackerState) -> TrackerState:
         return jnp.asarray(rng.integers(1, 1 << 20, leaf.shape), leaf.dtype)
 
     return jax.tree.map(draw, state)
-
-
-def assert_equal(ours: Any, theirs: Any) -> None:
-    paths = jax.tree_util.tree_flatten_with_path(ours)[0]
-    for (path, a), b in zip(paths, jax.tree.leaves(theirs), strict=True):
-        assert a.dtype == b.dtype
-        np.testing.assert_array_equal(a, b, jax.tree_util.keystr(path))
 
 
 def test_growing_keeps_everything():
@@ -75,9 +68,11 @@ def test_what_is_added_is_empty():
 
 def test_growing_in_steps_is_growing_at_once():
     small = fill(init(STATIC))
-    assert_equal(grow(grow(small, WIDER), WIDEST), grow(small, WIDEST))
+    chex.assert_trees_all_equal(grow(grow(small, WIDER), WIDEST), grow(small, WIDEST), strict=True)
     overflow = init(STATIC).overflow
-    assert_equal(grow(small, STATIC), dataclasses.replace(small, overflow=overflow))
+    chex.assert_trees_all_equal(
+        grow(small, STATIC), dataclasses.replace(small, overflow=overflow), strict=True
+    )
 
 
 @pytest.mark.parametrize("make", [init, lambda static: grow(fill(init(STATIC)), static)])

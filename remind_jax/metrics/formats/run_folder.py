@@ -38,7 +38,7 @@ def number_detections(tracks: Sequence[Tracks], name: str) -> TrackRows:
 
 
 def rows_of_tracks(
-    tracks: Sequence[Tracks], labels: Sequence[Int[np.ndarray, "N"]], name: str
+    tracks: Sequence[Tracks], labels: Sequence[Int[np.ndarray, "_"]], name: str
 ) -> TrackRows:
     """The detections of a run that carry an id, each id once per frame (the better score).
 

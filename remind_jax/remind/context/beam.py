@@ -1,6 +1,7 @@
 """Partial hypotheses and how they take up one more class (method.md#beam-search).
 
-Letters: `W` beam rows, `N` detections, `O` objects, `K` most detections per class.
+Letters: `W` beam rows, `N` detections, `O` objects, `K` most detections per class, `C = K + 1`
+counts.
 """
 
 from __future__ import annotations
@@ -163,7 +164,7 @@ def _rate_choices(
 
 
 def _chosen_objects(
-    ranked: Int[Array, "W K+1"], count: Int[Array, "W"], variant: Int[Array, "W"]
+    ranked: Int[Array, "W C"], count: Int[Array, "W"], variant: Int[Array, "W"]
 ) -> Int[Array, "W K"]:
     """The objects of a choice, NO_SLOT behind them."""
     place = jnp.arange(ranked.shape[1] - 1)

@@ -2,8 +2,8 @@
 
 Rules: method.md#beam-search, method.md#member-sets.
 
-Letters: `W` sets, `K` most detections per class, `O` objects, `M` most members of a set. A choice
-is a count of objects, 0 to `K`, and a variant.
+Letters: `W` sets, `K` most detections per class, `C = K + 1` counts, `O` objects, `M` most members
+of a set. A choice is a count of objects, 0 to `K`, and a variant.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _weigh = jax.vmap(weigh_tree)
 _strengths = jax.vmap(link_strengths, (0, 0, None), out_axes=1)
 
 
-def choice_mask(places: int) -> Bool[Array, "K+1 2 K+1"]:
+def choice_mask(places: int) -> Bool[Array, "C 2 C"]:
     """Which of the ranked objects each choice takes: the first, the last one moved on or not."""
     place, count = jnp.arange(places), jnp.arange(places)[:, None, None]
     last = count - 1 + jnp.arange(VARIANTS)[:, None]
@@ -39,8 +39,8 @@ def choice_mask(places: int) -> Bool[Array, "K+1 2 K+1"]:
 
 
 def members_by_choice(
-    members: Bool[Array, "W O"], ranked: Int[Array, "W K+1"]
-) -> Bool[Array, "O W K+1 2"]:
+    members: Bool[Array, "W O"], ranked: Int[Array, "W C"]
+) -> Bool[Array, "O W C 2"]:
     """Who is in a set after each choice."""
     places = ranked.shape[1]
     named = ranked[:, None, :] == jnp.arange(members.shape[1])[:, None]
@@ -50,8 +50,8 @@ def members_by_choice(
 
 
 def grow_trees(
-    sets: MemberSet, ranked: Int[Array, "W K+1"], largest: Int[Array, ""], links: Links
-) -> Float[Array, "W K+1 2"]:
+    sets: MemberSet, ranked: Int[Array, "W C"], largest: Int[Array, ""], links: Links
+) -> Float[Array, "W C 2"]:
     """Weight of the spanning tree of every set after every choice.
 
     The choices of a set grow by one object at a time: each count adds one to the best choice of
@@ -77,7 +77,7 @@ def grow_trees(
     return jnp.moveaxis(table, 2, 0)
 
 
-def count_links(sets: MemberSet, ranked: Int[Array, "W K+1"], links: Links, t: Sets) -> LinkCounts:
+def count_links(sets: MemberSet, ranked: Int[Array, "W C"], links: Links, t: Sets) -> LinkCounts:
     """Links within every set after every choice `[W, K+1, 2]` (method.md#member-sets)."""
     # Counts are small whole numbers: exact in every precision that a product may take.
     present = links.present.astype(jnp.float32)

@@ -3,7 +3,7 @@
 A hypothesis takes `k` detections of the class and explains them by `k` of its objects: by the best
 supported ones, or with the last of them replaced by the next. Likewise it takes the surest `k`
 detections, or replaces the last. Letters: `W` sets of the beam, `K` most detections per class,
-`L` objects per class and one empty place.
+`C = K + 1` counts, `L` objects per class and one empty place.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Menu:
 
     pool_size: Int[Array, ""]  # objects
     num_detections: Int[Array, ""]
-    allowed: Bool[Array, "K+1 2 2"]  # by detection variant and object variant
-    info: Float[Array, "K+1"]  # (0, 1], low where many choices of k exist
+    allowed: Bool[Array, "C 2 2"]  # by detection variant and object variant
+    info: Float[Array, "C"]  # (0, 1], low where many choices of k exist
 
 
 @jax.tree_util.register_dataclass
@@ -44,12 +44,12 @@ class Menu:
 class Options:
     """The choices of one class as the sets of the beam see them."""
 
-    ranked: Int[Array, "W K+1"]  # objects of the class, best supported first, NO_SLOT behind them
-    support: Float[Array, "W K+1 2"]  # of the choice of k objects, by object variant
+    ranked: Int[Array, "W C"]  # objects of the class, best supported first, NO_SLOT behind them
+    support: Float[Array, "W C 2"]  # of the choice of k objects, by object variant
     target: Float[Array, "W"]  # objects of the class that one should expect
     stability: Float[Array, "W"]  # [0, 1], how unevenly the class is supported
-    exclusivity: Float[Array, "W K+1"]  # [0, 1], lead of the best choice of k objects
-    exclusive: Bool[Array, "W K+1"]  # whether that lead says anything
+    exclusivity: Float[Array, "W C"]  # [0, 1], lead of the best choice of k objects
+    exclusive: Bool[Array, "W C"]  # whether that lead says anything
 
 
 def write_menu(
@@ -161,7 +161,7 @@ def list_options(
 
 def _allowed(
     pool_size: Int[Array, ""], num_detections: Int[Array, ""], most: int, static: Static, t: Sets
-) -> Bool[Array, "K+1 2 2"]:
+) -> Bool[Array, "C 2 2"]:
     """Choices that exist; nothing at all is one of them unless every class must be explained."""
     count = jnp.arange(most + 1)
     fits = (count <= jnp.minimum(num_detections, pool_size)) & ((count > 0) | t.partial)
@@ -173,7 +173,7 @@ def _allowed(
 
 def _information(
     pool_size: Int[Array, ""], most: int, static: Static, t: Sets
-) -> Float[Array, "K+1"]:
+) -> Float[Array, "C"]:
     """1 for a forced choice, less the more choices of that size exist."""
     logs = np.array([math.lgamma(n + 1) for n in range(max(static.class_pool, most) + 1)])
     log_factorial = jnp.asarray(logs, t.choice_penalty.dtype)
@@ -199,8 +199,8 @@ def _stability(
 
 
 def _exclusivity(
-    rated: Float[Array, "W K+1 2"], allowed: Bool[Array, "K+1 2 2"], t: Sets
-) -> tuple[Float[Array, "W K+1"], Bool[Array, "W K+1"]]:
+    rated: Float[Array, "W C 2"], allowed: Bool[Array, "C 2 2"], t: Sets
+) -> tuple[Float[Array, "W C"], Bool[Array, "W C"]]:
     """Relative lead of the better of both object variants, and whether there is one."""
     best, other = rated[..., 0], jnp.where(allowed[:, 0, 1], rated[..., 1], 0.0)
     second = jnp.where(other < best - _DISTINCT, other, 0.0)

@@ -1,6 +1,6 @@
 """Which children of a beam live on? (method.md#beam-search).
 
-Letters: `W` beam rows, `S` sets of the beam, `K` most detections per class.
+Letters: `W` beam rows, `S` sets of the beam, `K` most detections per class, `C = K + 1` counts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Children:
 
 
 def rank_choices(
-    support: Float[Array, "S K+1 2"], allowed: Bool[Array, "K+1 2 2"]
+    support: Float[Array, "S C 2"], allowed: Bool[Array, "C 2 2"]
 ) -> Int[Array, "S choices"]:
     """The choices of every set by falling support of their objects; those that exist first."""
     support = jnp.where(allowed, support[:, :, None, :], -jnp.inf)
@@ -35,9 +35,9 @@ def rank_choices(
 
 
 def select_children(
-    score: Float[Array, "S K+1 2"],
+    score: Float[Array, "S C 2"],
     order: Int[Array, "S choices"],
-    allowed: Bool[Array, "K+1 2 2"],
+    allowed: Bool[Array, "C 2 2"],
     set_of: Int[Array, "W"],
     live: Bool[Array, "W"],
     diverse: Bool[Array, ""],

@@ -63,12 +63,12 @@ def live(bank: Bank) -> Bool[Array, "... S"]:
     return jnp.arange(bank.hits.shape[-1]) < bank.size[..., None]
 
 
-def mean_quality(bank: Bank) -> Float[Array, "... S"]:
+def mean_quality(bank: Bank) -> Float[Array, "..."]:
     """Mean observation quality of each prototype, [0, 1] (method.md#prototype-quality)."""
     return jnp.clip(bank.quality_sum / jnp.maximum(1, bank.num_qualities), 0.0, 1.0)
 
 
-def confidence(bank: Bank, promote_hits: Int[Array, ""]) -> Float[Array, "... S"]:
+def confidence(bank: Bank, promote_hits: Int[Array, ""]) -> Float[Array, "..."]:
     """How far each prototype has proved itself, [0, 1] (method.md#prototype-quality)."""
     needed = jnp.where(promote_hits > 0, promote_hits, 4)
     share = jnp.minimum(1.0, bank.hits / needed.astype(bank.quality_sum.dtype))

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def test_nothing_to_search():
         small_example(object_class=np.full(SLOTS, -1, np.int32)),
     ):
         found = jax.device_get(_find(scene, thresholds(), static=STATIC))
-        jax.tree.map(np.testing.assert_array_equal, found, nothing)
+        chex.assert_trees_all_equal(found, nothing)
 
 
 def test_fewer_slots_than_detections_of_a_class():

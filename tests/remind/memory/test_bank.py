@@ -1,5 +1,6 @@
 import dataclasses
 
+import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -82,7 +83,7 @@ def test_removal_keeps_the_order():
     left = remove(bank, jnp.int32(1), YES)
     np.testing.assert_array_equal(vectors_of(left), [unit(0), unit(20)])
     assert left.last_seen[:2].tolist() == [0, 2]
-    assert jax.tree.all(jax.tree.map(np.array_equal, remove(bank, jnp.int32(1), NO), bank))
+    chex.assert_trees_all_equal(remove(bank, jnp.int32(1), NO), bank)
 
 
 def test_writing_and_adding_only_when_told():
@@ -90,7 +91,7 @@ def test_writing_and_adding_only_when_told():
     value = new_entry(unit(90), jnp.float32(1), NOW)
     np.testing.assert_array_equal(vectors_of(write(bank, jnp.int32(0), value, YES))[0], unit(90))
     for same in (write(bank, jnp.int32(0), value, NO), append(bank, value, NO)):
-        assert jax.tree.all(jax.tree.map(np.array_equal, same, bank))
+        chex.assert_trees_all_equal(same, bank)
     assert append(bank, value, YES).size == 3
 
 
@@ -202,7 +203,7 @@ def test_room_is_made_at_the_lower_index():
     np.testing.assert_allclose(vectors_of(made), [unit(90), unit(4)], atol=1e-6)
     assert made.last_seen[:2].tolist() == [0, 9]
     kept = make_room(bank, NO, jnp.float32(0.9), YES, None, NOW)
-    assert jax.tree.all(jax.tree.map(np.array_equal, kept, bank))
+    chex.assert_trees_all_equal(kept, bank)
 
 
 def test_only_full_banks_that_take_something_make_room():

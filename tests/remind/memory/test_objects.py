@@ -1,8 +1,7 @@
 import dataclasses
 
-import jax
+import chex
 import jax.numpy as jnp
-import numpy as np
 import pytest
 
 from remind_jax.remind.memory.objects import (
@@ -187,4 +186,4 @@ def test_removal_closes_gaps_and_takes_the_banks_along():
 def test_nothing_forgotten_changes_nothing():
     state = dataclasses.replace(init(STATIC), objects=born(5, 6)[0])
     left = remove_objects(state, jnp.zeros(4, bool))
-    assert jax.tree.all(jax.tree.map(np.array_equal, left, state))
+    chex.assert_trees_all_equal(left, state)
