@@ -59,7 +59,7 @@ def score_labels(
       score: Who keeps an id that a frame gives twice: the higher score, then the lower slot.
       gt_class: Class of each detection, for a tracker that may give one id to two classes.
       num_objects: Objects.
-      num_labels: Ids that are told apart.
+      num_labels: Ids that are distinguished.
     """
     firm_id = predicted_id if firm_id is None else firm_id
     score = jnp.zeros(gt_index.shape) if score is None else score

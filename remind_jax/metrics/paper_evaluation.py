@@ -77,7 +77,7 @@ class PaperEvaluation(SceneScores):
             "protocol": "paper",
             "legend": list(self.legend),
         }
-        return content | self.told_json()
+        return content | self.notes_json()
 
     def intervals(self, **options: Any) -> dict[str, tuple[float, float]]:
         """Bootstrap intervals over scenes; none for one scene."""

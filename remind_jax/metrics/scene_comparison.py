@@ -130,10 +130,10 @@ def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[
         unit = "scenes" if len(evaluations[0].scenes) > 1 else "objects"
         sentences.append(f"Ranges: 95 % bootstrap intervals over {unit}.")
     sentences += [line for evaluation in evaluations for line in evaluation.list_failed()]
-    told = [note for evaluation in evaluations for note in evaluation.notes]
-    for note in dict.fromkeys(told):
+    notes = [note for evaluation in evaluations for note in evaluation.notes]
+    for note in dict.fromkeys(notes):
         names = ", ".join(e.name for e in evaluations if note in e.notes)
-        shared = len(evaluations) > 1 and told.count(note) == len(evaluations)
+        shared = len(evaluations) > 1 and notes.count(note) == len(evaluations)
         sentences.append(f"{'All' if shared else names}: {note}.")
     return tuple(sentences)
 

@@ -112,7 +112,7 @@ class SetEvaluation(SceneScores):
             }
         if len(self.scenes) > 1:
             content["scenes"] = {e.name: without_nan(e.scores()) for e in self.scenes}
-        return content | self.told_json()
+        return content | self.notes_json()
 
 
 def evaluate(
@@ -160,7 +160,7 @@ def evaluate(
 def _score_scene(
     stream: SceneStream, scene: str, predicted: str, options: SceneOptions
 ) -> tuple[Evaluation, list[str]]:
-    """Scores one scene; also what is to be told about it."""
+    """Scores one scene; also notes about it."""
     truth, predictions = stream.truth, stream.predictions
     rows, tracks, area_share, notes = truth.read[scene](), None, None, []
     if predictions.format == "run":

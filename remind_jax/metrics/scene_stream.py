@@ -54,10 +54,10 @@ class SceneScores(Printable):
         """How many scenes there are and how many failed, as scores."""
         return {"Scenes": float(self.num_scenes), "FailedScenes": float(len(self.failed))}
 
-    def told_json(self) -> dict[str, Any]:
+    def notes_json(self) -> dict[str, Any]:
         """`failed` and `notes`, where there are any, for JSON."""
-        told = {"failed": dict(self.failed), "notes": list(self.notes)}
-        return {name: value for name, value in told.items() if value}
+        known = {"failed": dict(self.failed), "notes": list(self.notes)}
+        return {name: value for name, value in known.items() if value}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,14 +86,14 @@ class SceneStream:
     ) -> ScoredScenes[Score]:
         """Scores all scenes, each by its names in the truth and in the predictions.
 
-        `score_scene` gives a result and notes; `progress` is told the name of every scene before.
+        `score_scene` gives a result and notes; `progress` gets the name of every scene before.
 
         Raises:
           RemindError: What a scene raised, if it is the only one.
           SourceError: If every scene failed.
         """
         scored: ScoredScenes[Score] = ScoredScenes({}, {}, list(self.notes))
-        told: dict[str, list[str]] = {}  # note: scenes
+        scenes_of: dict[str, list[str]] = {}  # by note
         is_alone = len(self.partner) == 1
         for scene, predicted in self.partner.items():
             if progress is not None:
@@ -109,8 +109,9 @@ class SceneStream:
                 scored.failed[scene] = str(error)
                 continue
             for note in notes:
-                told.setdefault(note, []).append(scene)
-        scored.notes.extend(n if is_alone else f"{_name_scenes(s)}: {n}" for n, s in told.items())
+                scenes_of.setdefault(note, []).append(scene)
+        for note, scenes in scenes_of.items():
+            scored.notes.append(note if is_alone else f"{_name_scenes(scenes)}: {note}")
         if not scored.results:
             scene, why = next(iter(scored.failed.items()), ("", "there is no scene"))
             raise SourceError(

@@ -145,7 +145,7 @@ def to_box(bbox: Sequence[float]) -> list[float]:
 
 def _known(size: tuple[int, int] | None) -> tuple[int, int]:
     if size is None:
-        raise ValueError("its height and width are not told")
+        raise ValueError("its height and width are unknown")
     return size
 
 

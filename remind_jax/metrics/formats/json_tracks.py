@@ -155,9 +155,9 @@ def _read_sequence(sequence: Entry, video: Video, index: JsonIndex, file: str) -
     category_of = sequence.get("track_category_ids") or {}
     for frame, tracks in enumerate(sequence["segmentations"][: video.num_frames]):
         for track_id, entry in tracks.items():
-            is_told = isinstance(entry, Mapping)
-            code = entry.get("rle") if is_told else entry
-            category = entry.get("category_id") if is_told else None
+            is_mapping = isinstance(entry, Mapping)
+            code = entry.get("rle") if is_mapping else entry
+            category = entry.get("category_id") if is_mapping else None
             category = category_of.get(track_id) if category is None else category
             if code:
                 rle = to_rle(code, video.size, f"{file}, {video.name}, frame {frame}")

@@ -158,12 +158,12 @@ def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> Sce
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path} is not valid JSON: {error}") from None
     found = format or _recognize_json(path, content, truth)
-    with _told_incomplete(path, found):
+    with _refuse_incomplete(path, found):
         return _json_scenes(path, content, found, truth)
 
 
 @contextlib.contextmanager
-def _told_incomplete(path: Path, format: Format) -> Iterator[None]:
+def _refuse_incomplete(path: Path, format: Format) -> Iterator[None]:
     try:
         yield
     except RemindError:
@@ -188,17 +188,17 @@ def _json_scenes(path: Path, content: Any, format: Any, truth: SceneSet | None) 
     groups = group_by_video(content, format, index)
     read = {
         video.name: functools.partial(
-            _read_told, path, groups.get(number, []), format, index, number, is_list
+            _read_checked, path, groups.get(number, []), format, index, number, is_list
         )
         for number, video in index.videos.items()
     }
     return SceneSet(path, format, read, dict.fromkeys(read, path), index)
 
 
-def _read_told(
+def _read_checked(
     path: Path, entries: list[Any], format: Any, index: JsonIndex, video_id: Any, is_list: bool
 ) -> TrackRows:
-    with _told_incomplete(path, format):
+    with _refuse_incomplete(path, format):
         return read_video(entries, format, index, video_id, str(path), is_results=is_list)
 
 

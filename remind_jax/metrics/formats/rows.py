@@ -44,7 +44,7 @@ class TrackRows:
     frame: Int[np.ndarray, "N"]  # 0 ... num_frames - 1
     track_id: Int[np.ndarray, "N"]
     boxes: Float[np.ndarray, "N 4"]  # left, top, right, bottom in pixels; right, bottom excluded
-    class_id: Int[np.ndarray, "N"]  # index into class_names, UNKNOWN_CLASS where not told
+    class_id: Int[np.ndarray, "N"]  # index into class_names, UNKNOWN_CLASS where unknown
     class_names: tuple[str, ...] = ()
     rles: tuple[Rle, ...] | None = None  # None where there are boxes only
     frame_names: tuple[str, ...] | None = None  # of the images, where the format knows them

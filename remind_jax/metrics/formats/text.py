@@ -123,7 +123,7 @@ def share_of_frame(
 
 
 def read_frame_size(gt_path: Path) -> tuple[int, int] | None:
-    """Height and width in pixels from the scene's `seqinfo.ini`; None where nothing tells them."""
+    """Height and width in pixels from the scene's `seqinfo.ini`; None where they are unknown."""
     folder = gt_path.parent.parent if gt_path.parent.name == "gt" else gt_path.parent
     content = configparser.ConfigParser()
     try:
