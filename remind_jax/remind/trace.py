@@ -47,23 +47,25 @@ class CandidateTrace:
 
     id: Int[Array, "N C"]  # -1 padding
     lifecycle: Int[Array, "N C"]  # state.Lifecycle before the frame
-    misses: Int[Array, "N C"]  # frames unseen before the frame
+    unseen_frames: Int[Array, "N C"]  # frames unseen before the frame
     value: Float[Array, "N C T"]  # score of each term
     present: Bool[Array, "N C T"]
     weight: Float[Array, "N C T"]  # after the quality of observation and prototype
     authority: Float[Array, "N C"]  # how proven the prototype is that won, [0, 1]
-    visual: Float[Array, "N C"]  # weighted mean of the terms
-    comparable: Float[Array, "N C"]  # on the evidence that all plausible ones have, with context
+    visual_score: Float[Array, "N C"]  # weighted mean of the terms
+    comparable_score: Float[
+        Array, "N C"
+    ]  # on the evidence that all plausible ones have, with context
     bonus_raw: Float[Array, "N C"]  # what context would add
     bonus: Float[Array, "N C"]  # what it was allowed to add
-    assign: Float[Array, "N C"]  # what the joint assignment maximized
-    final: Float[Array, "N C"]  # what was tested for acceptance
+    assignment_score: Float[Array, "N C"]  # what the joint assignment maximized
+    final_score: Float[Array, "N C"]  # what was tested for acceptance
     known: Float[Array, "N C"]  # the same with context even where it may not influence
     eligible: Bool[Array, "N C"]  # open to assignment
     plausible: Bool[Array, "N C"]  # not vetoed
     gate: Int[Array, "N C"]  # association.gating.Gate
     veto: Int[Array, "N C"]  # context.veto.Veto
-    supported: Bool[Array, "N C"]  # clearly backed by context
+    backed: Bool[Array, "N C"]  # clearly backed by context
     support: Float[Array, "N C"]  # by context, [0, 1]
     contradiction: Float[Array, "N C"]  # by context, [0, 1]
     relative_support: Float[Array, "N C"]  # against the best of the class, [0, 1]
@@ -274,7 +276,7 @@ def _trace_candidates(
     return CandidateTrace(
         id=jnp.where(rows >= 0, d.state.objects.id[at], NO_ID),
         lifecycle=take(d.state.objects.lifecycle),
-        misses=take(d.state.objects.misses),
+        unseen_frames=take(d.state.objects.misses),
         value=take(terms.value),
         present=take(terms.present),
         weight=take(
@@ -284,18 +286,18 @@ def _trace_candidates(
             )
         ),
         authority=take(terms.authority),
-        visual=take(comparison.score),
-        comparable=take(comparable),
+        visual_score=take(comparison.score),
+        comparable_score=take(comparable),
         bonus_raw=take(influence.bonus_raw),
         bonus=take(pairs.bonus),
-        assign=take(pairs.score_assign),
-        final=take(pairs.score_final),
+        assignment_score=take(pairs.score_assign),
+        final_score=take(pairs.score_final),
         known=take(pairs.score_known),
         eligible=take(pairs.eligible),
         plausible=take(d.table.plausible),
         gate=take(pairs.gate),
         veto=take(d.reasoning.veto),
-        supported=take(d.table.context.supported),
+        backed=take(d.table.context.supported),
         support=take(influence.support),
         contradiction=take(influence.contradiction),
         relative_support=take(influence.compat_rel),

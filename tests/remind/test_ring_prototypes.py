@@ -53,7 +53,7 @@ def test_visual_score_has_a_fourth_term(steps):
         shown = (c.id != NO_ID) & (total > 1e-6)
         mean = (weight * c.value).sum(axis=-1)[shown] / total[shown]
         # float32: sums of four products in [0, 1].
-        np.testing.assert_allclose(c.visual[shown], mean, atol=1e-6)
+        np.testing.assert_allclose(c.visual_score[shown], mean, atol=1e-6)
         # Both look at the background, so its quality weighs both.
         share = c.weight[..., RING_PROTOTYPES][shown] / c.weight[..., BACKGROUND][shown]
         np.testing.assert_allclose(share, 0.05 / 0.25, rtol=1e-6)

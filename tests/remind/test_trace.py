@@ -53,7 +53,7 @@ def test_visual_score_is_the_weighted_mean_of_its_terms(steps):
         shown = (c.id != NO_ID) & (total > 1e-6)
         mean = (weight * c.value).sum(axis=-1)[shown] / total[shown]
         # float32: sums of three products in [0, 1].
-        np.testing.assert_allclose(c.visual[shown], mean, atol=1e-6)
+        np.testing.assert_allclose(c.visual_score[shown], mean, atol=1e-6)
         checked += shown.sum()
     assert checked > 100
 
@@ -64,7 +64,7 @@ def test_candidates_are_those_of_the_decisions_by_falling_score(steps):
         for row in rows_of(state):
             shown = c.id[row][c.id[row] != NO_ID]
             assert len(set(shown.tolist())) == len(shown)
-            assert np.all(np.diff(c.visual[row][: len(shown)]) <= 0)
+            assert np.all(np.diff(c.visual_score[row][: len(shown)]) <= 0)
             if trace.detections.num_candidates[row] <= d.candidate_id.shape[1]:
                 assert shown.tolist() == d.candidate_id[row][: len(shown)].tolist()
 

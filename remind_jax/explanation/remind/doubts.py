@@ -53,10 +53,10 @@ def _explain_closeness(case: Case, reason: Reason, options: list[tuple[int, floa
     """Candidates too close to distinguish (method.md#ambiguity)."""
     t, matched = case.thresholds.ambiguous, case.decision("guarded_id")
     names = _list_options(case, options)
-    is_unbacked = matched == options[0][0] and case.candidate(matched, "supported") is False
-    rivals = [i for i, _ in options[1:] if case.candidate(i, "supported")]
+    is_unbacked = matched == options[0][0] and case.candidate(matched, "backed") is False
+    rivals = [i for i, _ in options[1:] if case.candidate(i, "backed")]
     if is_unbacked and rivals and len(rivals) == len(options) - 1:
-        own, theirs = (case.candidate(i, "assign") for i in (matched, rivals[0]))
+        own, theirs = (case.candidate(i, "assignment_score") for i in (matched, rivals[0]))
         gap = max(t.gap, t.clear_margin)
         if _is_close(own, theirs, gap, t.relative_gap, t.gap_slack):
             near = _explain_gap(own, theirs, gap, t.relative_gap, t.gap_slack)
@@ -69,7 +69,7 @@ def _explain_closeness(case: Case, reason: Reason, options: list[tuple[int, floa
     near = _explain_gap(max(scores), min(scores), t.gap, t.relative_gap, t.gap_slack)
     if reason not in _BY_LOOKS:
         return f"context backs several, and they are too close on common evidence: {names}, {near}"
-    visual = [case.candidate(i, "visual") for i, _ in options]
+    visual = [case.candidate(i, "visual_score") for i, _ in options]
     if all(score is not None for score in visual) and max(visual) >= t.visual_min_top:
         looks = _explain_gap(max(visual), min(visual), t.visual_gap, t.relative_gap, t.visual_slack)
         return (
@@ -85,7 +85,7 @@ def explain_firmness(case: Case) -> Iterator[str]:
     rivals = [i for i in case.candidate_ids() if i != own and case.candidate(i, "plausible")]
     if case.outcome != Outcome.MATCH or was_open or not rivals or not t.enabled:
         return
-    common = {i: case.candidate(i, "comparable") for i in (own, *rivals)}
+    common = {i: case.candidate(i, "comparable_score") for i in (own, *rivals)}
     best, second, *_ = sorted(common, key=lambda i: common[i], reverse=True)
     near = [
         i
@@ -272,7 +272,9 @@ def _explain_miss(case: Case) -> str:
     """Why the best look is no near miss of the match threshold (method.md#near-miss)."""
     t, match = case.thresholds.provisional, case.thresholds.matching.match
     looks = [
-        case.candidate(i, "visual") for i in case.candidate_ids() if case.candidate(i, "plausible")
+        case.candidate(i, "visual_score")
+        for i in case.candidate_ids()
+        if case.candidate(i, "plausible")
     ]
     top, second = ([*looks, 0.0, 0.0])[:2]
     lack = match - top
@@ -296,7 +298,7 @@ def _explain_provisional(case: Case) -> str:
     object_id, score = options[0]
     holder = case.holder(object_id, "guarded_id")
     taken = "" if holder is None else f"; but detection {holder} holds it"
-    if case.candidate(object_id, "supported"):
+    if case.candidate(object_id, "backed"):
         return f"context backs {case.name(object_id)} to {compare(score, '>=', t.min_top)}{taken}"
     match = case.thresholds.matching.match
     lack = compare(match - score, "<=", t.visual_margin)

@@ -38,6 +38,23 @@ from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.trace import Trace
 from remind_jax.tracks import Tracks
 
+# Fields of a candidate that are in the trace under the same name.
+_AS_TRACED = (
+    "unseen_frames",
+    "authority",
+    "visual_score",
+    "comparable_score",
+    "bonus",
+    "bonus_raw",
+    "backed",
+    "support",
+    "contradiction",
+    "plausible",
+    "eligible",
+    "assignment_score",
+    "final_score",
+)
+
 
 class RemindExplainer(Explainer[FrameRecord]):
     """Explains decisions of one run."""
@@ -132,26 +149,14 @@ def _candidate(case: Case, object_id: int) -> Candidate:
         object_id=object_id,
         name=case.name(object_id),
         lifecycle=Lifecycle(take("lifecycle")),
-        unseen_frames=take("misses"),
         terms={
             term: Term(float(score) if present else None, float(weight), source)
             for term, score, present, weight, source in columns
         },
-        authority=take("authority"),
-        visual_score=take("visual"),
-        comparable_score=take("comparable"),
-        bonus=take("bonus"),
-        bonus_raw=take("bonus_raw"),
-        backed=take("supported"),
-        support=take("support"),
-        contradiction=take("contradiction"),
         veto=Veto(take("veto")),
-        plausible=take("plausible"),
         gate=Gate(take("gate")),
-        eligible=take("eligible"),
-        assignment_score=take("assign"),
-        final_score=take("final"),
         held_by=case.holder(object_id, "object_id"),
+        **{name: take(name) for name in _AS_TRACED},
     )
 
 

@@ -199,7 +199,7 @@ def _explain_assignment(case: Case) -> Iterator[str]:
 
 def _explain_lock(case: Case, assigned: int, lock: Lock) -> str:
     t, name = case.thresholds.matching, case.name(assigned)
-    visual = case.candidate(assigned, "visual")
+    visual = case.candidate(assigned, "visual_score")
     rival, score = case.trace("rival"), case.trace("rival_score")
     if lock == Lock.DETECTION:
         taken = {i for i in case.candidate_ids() if _was_locked(case, i)}
@@ -213,7 +213,10 @@ def _explain_lock(case: Case, assigned: int, lock: Lock) -> str:
                 f"it is locked to {name} before the assignment: "
                 f"{compare(visual, '>=', t.lock_score)} and no other candidate is open and free"
             )
-        score, beaten = case.candidate(free[0], "visual"), f"{case.name(free[0])}, its next one"
+        score, beaten = (
+            case.candidate(free[0], "visual_score"),
+            f"{case.name(free[0])}, its next one",
+        )
     elif rival == NO_ID:
         return (
             f"it is locked to {name} before the assignment: "
@@ -230,7 +233,10 @@ def _explain_lock(case: Case, assigned: int, lock: Lock) -> str:
 
 def _explain_joint(case: Case, assigned: int) -> str:
     t, name = case.thresholds.matching, case.name(assigned)
-    visual, final = case.candidate(assigned, "visual"), case.candidate(assigned, "final")
+    visual, final = (
+        case.candidate(assigned, "visual_score"),
+        case.candidate(assigned, "final_score"),
+    )
     given = f"the {case.assignment} assignment of the frame gives it to this detection"
     if case.candidate(assigned, "gate") == Gate.SETS_RESCUE:
         bonus = case.candidate(assigned, "bonus")
@@ -255,7 +261,7 @@ def _explain_unassigned(case: Case) -> str:
                 f"leaves this one without an object{_explain_trade(case, i, holder)}"
             )
     for i in opened:
-        final = case.candidate(i, "final")
+        final = case.candidate(i, "final_score")
         if final < t.match:
             return (
                 f"the {case.assignment} assignment gives it {case.name(i)}, but after the penalty "
@@ -271,7 +277,9 @@ def _explain_trade(case: Case, object_id: int, holder: int) -> str:
 
     Rule: method.md#dummy-columns.
     """
-    mine, theirs = (case.candidate(object_id, "assign", row) for row in (case.row, holder))
+    mine, theirs = (
+        case.candidate(object_id, "assignment_score", row) for row in (case.row, holder)
+    )
     if mine is None or theirs is None:
         return ""
     if case.assignment == "greedy":
@@ -290,7 +298,10 @@ def _explain_trade(case: Case, object_id: int, holder: int) -> str:
 def _explain_closed(case: Case, object_id: int) -> str:
     """Why a candidate was not assigned, to follow its name."""
     t = case.thresholds.matching
-    gate, visual = Gate(case.candidate(object_id, "gate")), case.candidate(object_id, "visual")
+    gate, visual = (
+        Gate(case.candidate(object_id, "gate")),
+        case.candidate(object_id, "visual_score"),
+    )
     bonus = case.candidate(object_id, "bonus")
     if gate == Gate.NONE:
         return "is ruled out by context"
