@@ -70,12 +70,7 @@ class Benchmark:
     detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
 
     def execute(self) -> int:
-        """Runs what is missing, scores everything, writes tables; returns the exit code.
-
-        Raises:
-          RemindError: If the data set, a method or an option is not accepted, or nothing can be
-            written.
-        """
+        """Runs what is missing, scores everything, writes tables; returns the exit code."""
         # Else the memory that a device reports is what JAX reserved.
         os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
         from remind_jax.backbone.opening import open_backbone

@@ -58,11 +58,7 @@ class Describe:
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # whose settings and values
 
     def execute(self) -> int:
-        """Prints a paragraph per setting.
-
-        Raises:
-          ConfigError: If none is named, or one of them is unknown.
-        """
+        """Prints a paragraph per setting."""
         from remind_jax.config.help import describe_settings
 
         if not self.keys:
@@ -104,11 +100,7 @@ class Validate:
     files: Annotated[Positional[tuple[str, ...]], arg(metavar="CONFIG ...")]  # names, or YAML files
 
     def execute(self) -> int:
-        """Prints one line per valid configuration.
-
-        Raises:
-          ConfigError: If one of them is not valid, or none is named.
-        """
+        """Prints one line per valid configuration."""
         if not self.files:
             raise ConfigError("name the configurations to check, for example mine.yaml")
         for name in self.files:
@@ -163,11 +155,7 @@ class ConfigVerb:
     )
 
     def execute(self) -> int:
-        """Does what was chosen; returns the exit code.
-
-        Raises:
-          RemindError: If a configuration is not accepted.
-        """
+        """Does what was chosen; returns the exit code."""
         return self.action.execute()
 
 

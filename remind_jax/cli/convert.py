@@ -51,12 +51,7 @@ class Convert:
     quiet: bool = False  # say nothing but errors
 
     def execute(self) -> int:
-        """Converts, checks and reports; returns the exit code.
-
-        Raises:
-          RemindError: If the source is not exactly one of the known networks, or the result cannot
-            be written.
-        """
+        """Converts, checks and reports; returns the exit code."""
         if self.list:
             _print_variants()
             return process.FINE

@@ -49,11 +49,7 @@ class Demo:
     json: bool = False  # print the summary as JSON on stdout
 
     def execute(self) -> int:
-        """Renders, tracks, evaluates and prints; returns the exit code.
-
-        Raises:
-          RemindError: If the seed, the configuration or the output folder cannot be used.
-        """
+        """Renders, tracks, evaluates and prints; returns the exit code."""
         from remind_jax.metrics import evaluate_tracks
         from remind_jax.outputs.store import DETECTIONS_NAME
         from remind_jax.synthetic import demo_options, make_scene, render

@@ -64,11 +64,7 @@ class Eval:
     quiet: bool = False  # print no table
 
     def execute(self) -> int:
-        """Scores, prints and writes; returns the exit code.
-
-        Raises:
-          RemindError: If something cannot be read, or the result not be written.
-        """
+        """Scores, prints and writes; returns the exit code."""
         from remind_jax.metrics.scene_comparison import table_of
 
         if self.resamples < 0:

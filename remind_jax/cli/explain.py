@@ -40,11 +40,7 @@ class Explain:
     json: bool = False  # print JSON; its keys are described in docs/explain.md
 
     def execute(self) -> int:
-        """Prints the explanation; returns the exit code.
-
-        Raises:
-          RemindError: If the folder holds no run or no trace, or there is no such detection.
-        """
+        """Prints the explanation; returns the exit code."""
         from remind_jax.outputs.result import Result
 
         result = Result.load(self.run)

@@ -45,11 +45,7 @@ class Features:
     sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
 
     def execute(self) -> int:
-        """Computes what is missing and reports; returns the exit code.
-
-        Raises:
-          RemindError: If the source, the backbone or the folder cannot be used.
-        """
+        """Computes what is missing and reports; returns the exit code."""
         from rich.console import Console
         from rich.progress import track
 

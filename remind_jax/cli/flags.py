@@ -35,7 +35,13 @@ BackboneName = Annotated[
     ),
 ]
 
-_NUMBERS: dict[Any, tuple[str, str]] = {int: ("N", "whole number"), float: ("X", "number")}
+# What is one word, by its type: how help calls it, and how messages do.
+_WORDS: dict[Any, tuple[str, str]] = {
+    int: ("N", "whole number"),
+    float: ("X", "number"),
+    str: ("NAME", "text"),
+    Path: ("PATH", "path"),
+}
 _NOTHING = ("None", "False", "")  # defaults that the help of a flag says in words, if at all
 
 
@@ -107,16 +113,16 @@ class DetectionFlags(DetectorOptions):
 
 
 @KINDS.primitive_rule
-def _read_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    if info.type not in _NUMBERS:
+def _read_word(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    if info.type not in _WORDS:
         return None
-    metavar, called = _NUMBERS[info.type]
+    metavar, kind = _WORDS[info.type]
 
-    def read(words: list[str]) -> int | float:
+    def read(words: list[str]) -> Any:
         try:
             return info.type(words[0])
         except ValueError:
-            raise ValueError(f"{words[0]!r} is no {called}") from None
+            raise ValueError(f"{words[0]!r} is no {kind}") from None
 
     return PrimitiveConstructorSpec(
         nargs=1,
@@ -124,19 +130,6 @@ def _read_number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | Non
         instance_from_str=read,
         is_instance=lambda value: isinstance(value, info.type),
         str_from_instance=lambda value: [f"{value:g}" if info.type is float else str(value)],
-    )
-
-
-@KINDS.primitive_rule
-def _read_text(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    if info.type not in (str, Path):
-        return None
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="NAME" if info.type is str else "PATH",
-        instance_from_str=lambda words: info.type(words[0]),
-        is_instance=lambda value: isinstance(value, info.type),
-        str_from_instance=lambda value: [str(value)],
     )
 
 

@@ -43,7 +43,11 @@ class Verb(Protocol):
     """A verb with its flags, as parsed."""
 
     def execute(self) -> int:
-        """Does what was asked; returns the exit code."""
+        """Does what was asked; returns the exit code.
+
+        Raises:
+          RemindError: If anything that was named is not accepted, or nothing can be written.
+        """
         ...
 
 

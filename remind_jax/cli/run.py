@@ -90,11 +90,7 @@ class Run:
     layout: Layout = dataclasses.field(default_factory=Layout)
 
     def execute(self) -> int:
-        """Runs, shows progress, prints the summary; returns the exit code.
-
-        Raises:
-          RemindError: As `remind_jax.run`.
-        """
+        """Runs, shows progress, prints the summary; returns the exit code."""
         if self.detector is None:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         source = self._open()

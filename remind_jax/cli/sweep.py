@@ -88,11 +88,7 @@ class Sweep:
     layout: Layout = dataclasses.field(default_factory=Layout)
 
     def execute(self) -> int:
-        """Sweeps, writes the tables, prints the summary; returns the exit code.
-
-        Raises:
-          RemindError: If a scene, a setting or the configuration is not accepted.
-        """
+        """Sweeps, writes the tables, prints the summary; returns the exit code."""
         plan = self._plan()
         out = self.out or DEFAULT_FOLDER / "sweep"
         display = SweepDisplay(is_shown=not self.quiet)

@@ -35,11 +35,7 @@ class View:
     quiet: bool = False  # say nothing but errors
 
     def execute(self) -> int:
-        """Draws everything and prints the summary; returns the exit code.
-
-        Raises:
-          RemindError: If the folder holds no run, or `source` does not belong to it.
-        """
+        """Draws everything and prints the summary; returns the exit code."""
         from remind_jax.outputs.result import Result
         from remind_jax.outputs.writer import render_again
 

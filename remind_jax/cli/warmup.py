@@ -41,11 +41,7 @@ class Warmup:
     quiet: bool = False  # say nothing but errors
 
     def execute(self) -> int:
-        """Compiles and says how long it took; returns the exit code.
-
-        Raises:
-          ConfigError: If a size is none, or the configuration or the backbone is not accepted.
-        """
+        """Compiles and says how long it took; returns the exit code."""
         sizes = [_parse_size(size) for size in self.sizes]
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         from remind_jax.backbone.opening import open_backbone

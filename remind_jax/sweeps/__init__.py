@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from remind_jax.sweeps.bench import SceneBench as SceneBench
+from remind_jax.sweeps.bench import sweep as sweep
 from remind_jax.sweeps.cross_validation import cross_validate as cross_validate
 from remind_jax.sweeps.cross_validation import cross_validate_choice as cross_validate_choice
 from remind_jax.sweeps.result import Standing as Standing
@@ -18,5 +19,4 @@ from remind_jax.sweeps.settings import draw as draw
 from remind_jax.sweeps.settings import grid as grid
 from remind_jax.sweeps.settings import parse_values as parse_values
 from remind_jax.sweeps.settings import read_settings as read_settings
-from remind_jax.sweeps.sweeping import sweep as sweep
 from remind_jax.sweeps.worker import Progress as Progress

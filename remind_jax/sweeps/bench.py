@@ -1,4 +1,4 @@
-"""Scenes that are read once, for sweep after sweep over them."""
+"""`sweep`, and the bench behind it: scenes that are read once, for sweep after sweep."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from remind_jax.sweeps.cluster import Cluster
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.result import SweepResult
 from remind_jax.sweeps.scene_arrays import SceneFrames, load_scene
-from remind_jax.sweeps.settings import Setting, Value, complete
+from remind_jax.sweeps.settings import Setting, Value, complete, grid
 from remind_jax.sweeps.worker import Progress, Worker, group_by_description
 
 DEFAULT_BUDGET_GIB = 2.0
@@ -196,6 +196,68 @@ class SceneBench:
         if reading != self._reading:
             self._read.clear()
             self._reading = reading
+
+
+def sweep(
+    scenes: Any,
+    settings: Mapping[str, Iterable[Value]] | Sequence[Mapping[str, Value]],
+    *,
+    config: str | Path | Config | Mapping[str, Any] = "default",
+    backbone: str | Backbone = "patch-statistics",
+    weights: str | Path | None = None,
+    feature_cache: str | Path | None = None,
+    sampling: Sampling | Mapping[str, Any] | None = None,
+    memory_gib: float = DEFAULT_BUDGET_GIB,
+    batch: int | None = None,
+    out: str | Path | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    **source_options: Any,
+) -> SweepResult:
+    """Scores every setting on every scene; a row equals the single run with that setting.
+
+    Args:
+      scenes: One source with masks of known objects, or a list of them (`open_source`).
+      settings: Values by threshold, all combinations of which are swept, or a list of settings
+        (`settings.draw`, `settings.read_settings`).
+      config: What a setting does not name.
+      backbone: What patch features come from.
+      weights: Converted weight file of the backbone.
+      feature_cache: Folder of features that are kept and reused; none if left out.
+      sampling: Which frames are processed.
+      memory_gib: Memory that the compiled program may take, on each device.
+      batch: Settings side by side; chosen by memory if left out.
+      out: Folder that rows are written to as they come, and read from if they are there already.
+      progress: Called after every batch.
+      workers: Ray workers at the same time; this process does all if left out, with `cluster` all
+        that the cluster has.
+      cluster: Address of a running Ray cluster; with `workers` alone, one is started here.
+      **source_options: Further options of `open_source`.
+
+    Returns:
+      The rows. After Ctrl-C, those so far, with `complete` false.
+
+    Raises:
+      RemindError: If a scene, a setting or the configuration is not accepted.
+    """
+    bench = SceneBench(
+        scenes,
+        config=config,
+        backbone=backbone,
+        weights=weights,
+        feature_cache=feature_cache,
+        sampling=sampling,
+        memory_gib=memory_gib,
+        batch=batch,
+        out=out,
+        progress=progress,
+        workers=workers,
+        cluster=cluster,
+        keep_scenes=False,
+        **source_options,
+    )
+    return bench.run(grid(settings) if isinstance(settings, Mapping) else list(settings))
 
 
 class _Tally:

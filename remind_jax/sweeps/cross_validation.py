@@ -5,14 +5,18 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.sweeps.result import SweepResult, markdown_table, mean_known, show_setting
-from remind_jax.sweeps.search import GIVEN, BenchT
+from remind_jax.sweeps.search import GIVEN
 from remind_jax.sweeps.settings import Setting
+
+if TYPE_CHECKING:
+    from remind_jax.sweeps.bench import SceneBench
 
 Interval = tuple[float, float]
 
@@ -150,7 +154,7 @@ def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation
 
 
 def cross_validate_choice(
-    bench: BenchT, choose: Callable[[BenchT], Setting], metric: str = "IDF1"
+    bench: SceneBench, choose: Callable[[SceneBench], Setting], metric: str = "IDF1"
 ) -> CrossValidation:
     """Lets a search choose a setting on all scenes but one, and reports on that one.
 

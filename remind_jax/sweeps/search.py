@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 from remind_jax.errors import SweepError, nearest_names
 from remind_jax.sweeps.result import SweepResult
@@ -17,6 +17,8 @@ from remind_jax.sweeps.settings import Setting, Value
 
 if TYPE_CHECKING:
     import optuna
+
+    from remind_jax.sweeps.bench import SceneBench
 
 Space = Mapping[str, Sequence[Value]]  # as in `settings.draw`
 SamplerName = Literal["tpe", "cmaes", "random", "nsga2"]
@@ -27,33 +29,8 @@ LOW_IS_GOOD = ("Ambiguous", "Provisional")
 GIVEN: Setting = {}  # the configuration as it stands; the first row of every search
 
 
-BenchT = TypeVar("BenchT", bound="Bench")
-
-
-class Bench(Protocol):
-    """What settings are tried on; see `bench.SceneBench`."""
-
-    @property
-    def tracker(self) -> str:
-        """Name of the method whose thresholds settings are about."""
-        ...
-
-    @property
-    def scenes(self) -> tuple[str, ...]:
-        """Names of the scenes."""
-        ...
-
-    def only(self: BenchT, scenes: Sequence[str]) -> BenchT:
-        """The same with some of the scenes."""
-        ...
-
-    def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:
-        """Scores of the settings on the first `share` of every scene's frames."""
-        ...
-
-
 def search(
-    bench: Bench,
+    bench: SceneBench,
     space: Space,
     *,
     number: int = 128,
@@ -131,7 +108,7 @@ def plan_brackets(widest: int, shortest: float, eta: int = 3) -> list[list[tuple
 
 
 def hyperband(
-    bench: Bench,
+    bench: SceneBench,
     space: Space,
     *,
     widest: int = 27,
@@ -170,7 +147,7 @@ def hyperband(
 
 
 def _run_bracket(
-    bench: Bench,
+    bench: SceneBench,
     study: optuna.Study,
     space: Space,
     bracket: Sequence[tuple[int, float]],

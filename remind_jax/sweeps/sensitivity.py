@@ -6,15 +6,18 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.method import PAPER_METHOD
 from remind_jax.sweeps.result import SweepResult, markdown_table
-from remind_jax.sweeps.search import GIVEN, Bench, Space, join
+from remind_jax.sweeps.search import GIVEN, Space, join
 from remind_jax.sweeps.settings import Setting, Value
+
+if TYPE_CHECKING:
+    from remind_jax.sweeps.bench import SceneBench
 
 # Thresholds of the paper's table (supplement), by the range around the published value in which a
 # user might set them.
@@ -100,7 +103,7 @@ class SobolIndex:
 
 
 def move_one_at_a_time(
-    bench: Bench, space: Space | None = None, *, number: int = 7, metric: str = "IDF1"
+    bench: SceneBench, space: Space | None = None, *, number: int = 7, metric: str = "IDF1"
 ) -> tuple[list[Curve], SweepResult]:
     """Moves each threshold through its range while all others stay.
 
@@ -133,7 +136,7 @@ def move_one_at_a_time(
 
 
 def estimate_sobol(
-    bench: Bench,
+    bench: SceneBench,
     space: Space | None = None,
     *,
     number: int = 64,

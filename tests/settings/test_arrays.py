@@ -1,0 +1,28 @@
+"""Settings become arrays of the kinds that compiled programs take."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+from remind_jax.settings.arrays import AsArrays
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Sample(AsArrays):
+    share: float = 0.5
+    count: int = 3
+    is_on: bool = True
+
+
+@pytest.mark.parametrize("scalar", [jnp.float32, jnp.float16])
+def test_kinds(scalar):
+    arrays = Sample().as_arrays(scalar)
+    assert (arrays.share.dtype, arrays.count.dtype, arrays.is_on.dtype) == (scalar, "int32", "bool")
+    assert not any(leaf.weak_type for leaf in jax.tree.leaves(arrays))
+
+
+def test_sweeps_keep_their_axis():
+    assert Sample(share=jnp.linspace(0, 1, 4)).as_arrays().share.shape == (4,)
