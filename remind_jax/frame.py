@@ -14,6 +14,8 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from remind_jax.errors import SourceError
 
+Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
+
 NO_INSTANCE = -1
 
 

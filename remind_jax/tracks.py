@@ -13,13 +13,12 @@ import pycocotools.mask
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.frame import Rle
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import number
 
 # Its stubs know neither bytes in `counts` nor lists of masks.
 _coco: Any = pycocotools.mask
-
-Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 
 @dataclasses.dataclass(frozen=True, repr=False)

@@ -21,7 +21,7 @@ from remind_jax.detectors.onnx_session import OnnxSession
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
-from remind_jax.masks.reduction import erode_masks
+from remind_jax.masks.erosion import erode_masks
 
 # What is known of one family of networks: `prepare` a frame, `decode` the outputs.
 SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg

@@ -14,7 +14,7 @@ import numpy as np
 import pycocotools.mask
 from jaxtyping import Bool, Int, Integer, UInt8
 
-from remind_jax.tracks import Rle
+from remind_jax.frame import Rle
 
 # Its stubs know neither bytes in `counts` nor lists of masks.
 _coco: Any = pycocotools.mask

@@ -6,7 +6,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
 
-from remind_jax.masks.reduction import erode_masks, patch_coverage, reduce_masks
+from remind_jax.masks.erosion import erode_masks
+from remind_jax.masks.reduction import patch_coverage, reduce_masks
 from tests.golden import load
 
 PATCH = 8
