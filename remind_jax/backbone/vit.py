@@ -142,7 +142,7 @@ class Attention(nn.Module):
             self.sow(INTERMEDIATES, "of_cls", attention_of_token(q[:, :, 0], k, num.precision))
         return wide(v.width, name="proj")(mixed), among
 
-    def _with_bias(self, fused: Float[Array, "B N 3D"]) -> Float[Array, "B N 3D"]:
+    def _with_bias(self, fused: Float[Array, "B N E"]) -> Float[Array, "B N E"]:
         """Keys of DINOv3 have no bias: a common shift of rotated keys would not cancel."""
         kind, width = self.variant.qkv_bias, self.variant.width
         if kind == "none":

@@ -129,7 +129,8 @@ class TraceArchive(Generic[Record]):
             return
         path = self._path
         try:
-            with np.load(path) as file:
+            # NumPy leaves open what it cannot read.
+            with path.open("rb") as stream, np.load(stream) as file:
                 tracker, version = str(file["tracker"]), int(file["version"])
                 if tracker != self._tracker:
                     raise OutputError(

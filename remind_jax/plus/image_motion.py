@@ -27,7 +27,7 @@ MIN_PHASE_RESPONSE = 0.1
 
 
 def observe_motion(
-    previous: UInt8[np.ndarray, "H W 3"] | None, image: UInt8[np.ndarray, "H W 3"] | None
+    previous: UInt8[np.ndarray, "h w 3"] | None, image: UInt8[np.ndarray, "H W 3"] | None
 ) -> Motion:
     """The motion from one RGB image to the next; unknown without both, or if their sizes differ."""
     size = np.array((0, 0) if image is None else image.shape[:2], np.int32)

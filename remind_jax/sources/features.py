@@ -103,7 +103,7 @@ def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
     try:
         if path.suffix.lower() == ".npy":
             return {single: np.load(path, mmap_mode="r", allow_pickle=False)}
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             return {key: stored[key] for key in stored.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise SourceError(f"'{path}' cannot be read as a NumPy file: {error}") from error
