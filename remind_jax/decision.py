@@ -77,7 +77,7 @@ class Lock(enum.IntEnum):
     DETECTION = 2
 
 
-class Source(enum.IntEnum):
+class MatchOrigin(enum.IntEnum):
     """What gave a match its object (method.md#settlement-rounds)."""
 
     NONE = 0
@@ -109,7 +109,7 @@ class Decisions:
     second_score: Float[Array, "N"]  # second highest, 0 without any
     num_close: Int[Array, "N"]  # candidates within `close_delta` of the best
     lock: Int[Array, "N"]  # Lock
-    source: Int[Array, "N"]  # Source of a match
+    source: Int[Array, "N"]  # MatchOrigin
     assigned_id: Int[Array, "N"]  # object after locks and joint assignment, before guards; -1 new
     guarded_id: Int[Array, "N"]  # object after the guard of look-alikes, -1 none
     is_anchor: Bool[Array, "N"]  # clear enough to speak for its surroundings

@@ -38,7 +38,7 @@ class PatchAttention:
 class FrameFeats:
     """What a backbone says about one frame."""
 
-    patches: Float[AnyArray, "Hp Wp D"]  # raw patch features, not normalised
+    patches: Float[AnyArray, "Hp Wp D"]  # raw patch features, not normalized
     frame_size: Int[AnyArray, "2"]  # height and width in pixels
     attention: PatchAttention | None = None  # only for static.part_source "attention" or "both"
 
@@ -62,8 +62,8 @@ class Masks:
     """
 
     coverage: Float[AnyArray, "N Hp Wp"]  # share of each patch inside the mask, [0, 1]
-    filled_coverage: Float[AnyArray, "N Hp Wp"]  # the same for the sanitised (convex) mask
-    quality: Float[AnyArray, "N"]  # mask area / sanitised area, [0, 1]
+    filled_coverage: Float[AnyArray, "N Hp Wp"]  # the same for the sanitized (convex) mask
+    quality: Float[AnyArray, "N"]  # mask area / sanitized area, [0, 1]
     box: Float[AnyArray, "N 4"]  # left, top, right, bottom in pixels, right and bottom excluded
     center: Float[AnyArray, "N 2"]  # mean x, mean y of the mask pixels (pixel indices)
     area: Float[AnyArray, "N"]  # pixels

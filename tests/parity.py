@@ -143,7 +143,7 @@ def compare_trace(
 
 
 def _compare_detections(report, trace, frame, kept, state, precision) -> None:
-    from remind_jax.decision import Lock, Outcome, Reason, Source, Status
+    from remind_jax.decision import Lock, MatchOrigin, Outcome, Reason, Status
     from remind_jax.remind.association.gating import Gate
 
     d = jax.tree.map(np.asarray, state.decisions)
@@ -174,7 +174,7 @@ def _compare_detections(report, trace, frame, kept, state, precision) -> None:
         report.agreeing += same
         exact("reason", Reason(d.reason[i]).name, code("reason", "reason"))
         exact("temp", int(d.pending_id[i]), int(row["temp"]))
-        exact("source", Source(d.source[i]).name.lower(), code("source", "source") or "none")
+        exact("source", MatchOrigin(d.source[i]).name.lower(), code("source", "source") or "none")
         exact("guarded", int(d.guarded_id[i]), int(row["guarded"]))
         exact("anchor", bool(d.is_anchor[i]), bool(row["anchor"]))
         exact("hungarian", int(d.assigned_id[i]), int(row["hungarian"]))

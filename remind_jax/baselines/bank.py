@@ -64,7 +64,7 @@ def step(
     static: Static,
     thresholds: BankThresholds,
 ) -> SceneMemory:
-    """Maximises the summed cosine with the most similar views, class by class; the rest is new."""
+    """Maximizes the summed cosine with the most similar views, class by class; the rest is new."""
     looks = look(frame_feats, masks)
     views: Views = state.looks
     each = dot(looks.vector, views.vector.reshape(-1, views.vector.shape[-1]))

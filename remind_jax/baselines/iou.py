@@ -65,7 +65,7 @@ def step(
     static: Static,
     thresholds: IouThresholds,
 ) -> SceneMemory:
-    """Maximises the summed overlap with the last boxes, class by class; the rest is new."""
+    """Maximizes the summed overlap with the last boxes, class by class; the rest is new."""
     state = _forget(state, thresholds)
     boxes = jnp.asarray(masks.box, jnp.float32)
     score = box_iou(boxes, state.looks.box)

@@ -26,7 +26,7 @@ class Looks:
 def look(frame_feats: FrameFeats, masks: Masks) -> Looks:
     """Averages patch features over each mask.
 
-    Patches count by the square of their coverage, which favours those that lie inside. Patches with
+    Patches count by the square of their coverage, which favors those that lie inside. Patches with
     a feature that is not finite are left out; a detection without any other is not valid.
     """
     finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)

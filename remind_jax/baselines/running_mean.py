@@ -1,4 +1,4 @@
-"""Nearest neighbour: one running mean per object, the most similar pair first.
+"""Nearest neighbor: one running mean per object, the most similar pair first.
 
 Letters: `O` object slots, `D` feature dimension.
 """

@@ -139,12 +139,12 @@ def _decide(
     static: Static,
     num_bad_patches: Int[Array, ""] | int,
 ) -> Decisions:
-    """What happened, in the words that all trackers share."""
+    """What became of each detection."""
     is_match = matching.column >= 0
     conditions = [~masks.valid, is_match, starts, ~matching.usable]
 
-    def say(words: list[int]) -> Int[Array, "N"]:
-        return jnp.select(conditions, [jnp.int32(word) for word in words[:-1]], words[-1])
+    def choose(codes: list[int]) -> Int[Array, "N"]:
+        return jnp.select(conditions, [jnp.int32(code) for code in codes[:-1]], codes[-1])
 
     shown_id, shown_score = _rank(memory, matching, static)
     match_score = jnp.take_along_axis(matching.score, matching.column[:, None], axis=1)[:, 0]
@@ -153,10 +153,10 @@ def _decide(
     blank = no_decisions(static)
     return dataclasses.replace(
         blank,
-        outcome=say(
+        outcome=choose(
             [Outcome.EMPTY, Outcome.MATCH, Outcome.NEW, Outcome.DROPPED, Outcome.UNASSIGNED]
         ),
-        reason=say(
+        reason=choose(
             [
                 Reason.NONE,
                 Reason.ASSIGNED,

@@ -53,7 +53,7 @@ def keep_typical(
 
     Args:
       features: Patch features.
-      mean: Weighted mean feature of each object, not normalised.
+      mean: Weighted mean feature of each object, not normalized.
       members: Patches of each object.
       share: Share of the patches to keep; outside (0, 1] all are kept.
       min_patches: Objects with fewer patches keep all.

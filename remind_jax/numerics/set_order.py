@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.numerics.control_flow import repeat
 
 _SMALLEST = 8  # slots of the smallest table
-_RUN = 10  # neighbouring slots tried before the probe jumps
+_RUN = 10  # neighboring slots tried before the probe jumps
 _SHIFT = 5  # bits of the id that leave the jump at every probe
 
 

@@ -1,4 +1,4 @@
-"""What is told of each detection: firm answers, honest doubts, and how probable they are.
+"""What is reported of each detection: firm answers, doubts, and how probable they are.
 
 Rule: method_plus.md#answers.
 
@@ -15,9 +15,9 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import (
     NUM_OPTIONS,
     Decisions,
+    MatchOrigin,
     Outcome,
     Reason,
-    Source,
     Status,
     no_decisions,
 )
@@ -73,7 +73,7 @@ def conclude(
         stage=stage.astype(jnp.int32),
         age=jnp.where(here.alive, here.age, 0),
         answer_id=jnp.where(here.alive, jnp.where(is_known, id_of(choice.slot), own), NO_ID),
-        is_decided=here.alive & (settled | choice.recognised | choice.born | choice.absorbed),
+        is_decided=here.alive & (settled | choice.recognized | choice.born | choice.absorbed),
         probability=jnp.clip(jnp.where(settled, here.belief, open_belief), 0.0, 1.0),
         margin=jnp.where(rows.any & jnp.isfinite(choice.margin), choice.margin, 0.0),
         merged_id=jnp.where(choice.absorbed, id_of(here.slot), NO_ID),
@@ -85,7 +85,7 @@ def conclude(
     )
 
 
-def tell(
+def report(
     verdicts: Verdicts,
     belief: Float[Array, "N C"],
     base: Float[Array, "N C"],
@@ -95,10 +95,10 @@ def tell(
     static: Static,
     t: th.PlusThresholds,
 ) -> Decisions:
-    """Fills in what all trackers tell.
+    """Fills in what all trackers report.
 
     An open tracklet gets a firm answer where that is more probable than not. Otherwise its options
-    are told: known objects, and its own new id, which it will have if it is none of them.
+    are listed: known objects, and its own new id, which it will have if it is none of them.
 
     Args:
       verdicts: Decisions.
@@ -156,7 +156,9 @@ def tell(
         best_score=ordered[:, 0],
         second_score=ordered[:, 1],
         num_close=jnp.sum(could_be, axis=1, dtype=jnp.int32),
-        source=jnp.where(matched, int(Source.ASSOCIATION), int(Source.NONE)).astype(jnp.int32),
+        source=jnp.where(matched, int(MatchOrigin.ASSOCIATION), int(MatchOrigin.NONE)).astype(
+            jnp.int32
+        ),
         assigned_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         guarded_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         is_anchor=seen & (here.slot != NO_SLOT),

@@ -29,7 +29,7 @@ class Choice:
     margin: Float[Array, "N"]  # log odds to its next best answer
     private: Float[Array, "N"]  # log odds of being no known object
     cosine: Float[Array, "N"]  # of looks, to the chosen object
-    recognised: Bool[Array, "N"]  # young rows that are a known object from now on
+    recognized: Bool[Array, "N"]  # young rows that are a known object from now on
     born: Bool[Array, "N"]  # young rows that are a new object from now on
     absorbed: Bool[Array, "N"]  # late rows whose object turned out to be the chosen one
 
@@ -79,7 +79,7 @@ def decide(
         margin=margin,
         private=private,
         cosine=jnp.max(jnp.where(chosen, shortlist.cosine, -1.0), axis=1),
-        recognised=commits & is_known,
+        recognized=commits & is_known,
         born=commits & ~is_known,
         absorbed=rows.late & is_known,
     )
@@ -111,7 +111,7 @@ def expect_new(
 
 def learn_familiarity(scene: Scene, choice: Choice, t: th.Decision) -> Scene:
     """Follows how often young rows turn out to be new, decision by decision."""
-    commits = choice.recognised | choice.born
+    commits = choice.recognized | choice.born
     after = jnp.sum(commits) - jnp.cumsum(commits)
     fade = 1.0 - t.familiarity_rate
     news = jnp.sum(jnp.where(choice.born, t.familiarity_rate * fade**after, 0.0))

@@ -45,14 +45,14 @@ def _motion(matrix: np.ndarray, score: float, size: np.ndarray) -> Motion:
 
 
 def _reduce(image: np.ndarray) -> np.ndarray:
-    """Grey, at the working size, with local contrast evened out."""
+    """Gray, at the working size, with local contrast evened out."""
     height, width = image.shape[:2]
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     scale = (WORKING_AREA_PX / (height * width)) ** 0.5
     if scale < 1.0:
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-    return cv2.createCLAHE(clipLimit=2.0, tileGridSize=(8, 8)).apply(grey)
+        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+    return cv2.createCLAHE(clipLimit=2.0, tileGridSize=(8, 8)).apply(gray)
 
 
 def _scale(matrix: np.ndarray, pixel_size: tuple[float, float]) -> np.ndarray:
@@ -65,7 +65,7 @@ def _scale(matrix: np.ndarray, pixel_size: tuple[float, float]) -> np.ndarray:
 def estimate_motion(
     previous: UInt8[np.ndarray, "h w"], current: UInt8[np.ndarray, "h w"]
 ) -> tuple[Float[np.ndarray, "2 3"], float]:
-    """Fits a similarity to corners that are followed from one grey image to the next.
+    """Fits a similarity to corners that are followed from one gray image to the next.
 
     Returns:
       The similarity, and the share of the corners that agree with it: 0 if too few do, where the
@@ -91,8 +91,8 @@ def estimate_motion(
 def _correlate(previous: np.ndarray, current: np.ndarray) -> tuple[np.ndarray, float]:
     """Shift by phase correlation at half the working size, and the height of its peak."""
     small = [
-        cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(np.float32)
-        for grey in (previous, current)
+        cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA).astype(np.float32)
+        for gray in (previous, current)
     ]
     window = cv2.createHanningWindow(small[0].shape[::-1], cv2.CV_32F)
     shift, response = cv2.phaseCorrelate(small[0], small[1], window)

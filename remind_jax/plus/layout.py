@@ -76,7 +76,7 @@ def weigh_jointly(
             covisible, usable, w, t.layout.covisible_partners, jnp.inf
         )
         lies, companions = lies.reshape(num, width), companions.reshape(num, width)
-        # Whatever lies wrong may have been moved: looks can still tell it.
+        # Whatever lies wrong may have been moved: looks can still show it.
         given_back = jnp.maximum(moved - (place + lies), 0.0)
         return jnp.stack([lies, companions, given_back])
 
@@ -90,8 +90,8 @@ def weigh_jointly(
 
     def reconsider(k: Array, around: Float[Array, "3 N C"]) -> Float[Array, "3 N C"]:
         handicap = t.layout.optimism * (1.0 - k / t.layout.rounds)
-        voice = credible * believe(total(around), handicap)
-        weight = jnp.where(is_anchor[:, None], 1.0 * first, voice)
+        belief = credible * believe(total(around), handicap)
+        weight = jnp.where(is_anchor[:, None], 1.0 * first, belief)
         return ask(jnp.where(present, weight, 0.0))
 
     nothing = jnp.zeros((len(PARTS) - NUM_OWN_PARTS, num, width), base.dtype)
@@ -149,7 +149,7 @@ def _covisible_evidence(
     frames = jnp.minimum(objects.seen[o], objects.seen[p]) + 3.0
     odds = jnp.log(together / frames / t.covisible_typical)
     odds = jnp.clip(odds, -t.covisible_best, t.covisible_best)
-    # The absence of a companion tells little far away from it.
+    # The absence of a companion means little far away from it.
     nearness = jnp.exp(-geometry.squared / (2 * t.near**2))
     return jnp.where(odds < 0, odds * nearness, odds)
 
@@ -163,5 +163,5 @@ def _pooled(
 ) -> Float[Array, "M"]:
     """Sum over parties; more than so many partners share what so many may say."""
     total = usable.astype(jnp.float32) @ weight
-    said = jnp.matmul(evidence, weight, precision="highest")
-    return jnp.clip(said * jnp.minimum(1.0, partners / jnp.maximum(total, 1e-6)), -limit, limit)
+    pooled = jnp.matmul(evidence, weight, precision="highest")
+    return jnp.clip(pooled * jnp.minimum(1.0, partners / jnp.maximum(total, 1e-6)), -limit, limit)

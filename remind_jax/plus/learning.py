@@ -300,8 +300,8 @@ def learn_cosines(
       t: Weights.
     """
     num_o = cosine.shape[1]
-    # Objects clearly recognised teach what the same object looks like after an absence.
-    clear = choice.recognised & (choice.margin >= t.sure_margin)
+    # Objects clearly recognized teach what the same object looks like after an absence.
+    clear = choice.recognized & (choice.margin >= t.sure_margin)
     same = [jnp.where(clear, t.sure_weight, 0.0), choice.cosine]
 
     old = sure & (here.age >= t.min_age) & (frame % t.every == 0)

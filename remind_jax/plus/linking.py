@@ -20,7 +20,7 @@ from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 
 def carry(tracklets: Tracklets, motion: Motion) -> Tracklets:
-    """Moves boxes and centres along with the image."""
+    """Moves boxes and centers along with the image."""
     turn, shift = motion.matrix[:, :2], motion.matrix[:, 2]
     zoom = jnp.sqrt(jnp.maximum(jnp.abs(jnp.linalg.det(turn)), 1e-6))
     low, high = tracklets.box[:, :2], tracklets.box[:, 2:]

@@ -54,7 +54,7 @@ def decide_seen(
 def decide_seen_traced(
     state: PlusState, seen: SeenFrame, *, static: Static, thresholds: PlusThresholds
 ) -> tuple[PlusState, Verdicts]:
-    """As `decide_seen`, and tells what each decision was made of."""
+    """As `decide_seen`, with the trace of every decision."""
     after = decide_seen(state, seen, static=static, thresholds=thresholds)
     return after, after.verdicts
 

@@ -20,7 +20,7 @@ from remind_jax.tracks import Tracks
 
 
 class _Latest(NamedTuple):
-    """What is told of a tracklet now."""
+    """The latest answer for a tracklet."""
 
     object_id: int  # NO_ID while it is undecided
     outcome: int
@@ -73,10 +73,10 @@ class DelayedAnswers:
 
     def _release(self) -> tuple[Any, Tracks]:
         frame, tracks, tracklet = self._waiting.popleft()
-        told = [self._latest.get(int(one)) for one in tracklet]
+        latest = [self._latest.get(int(one)) for one in tracklet]
         revised = [
             NO_ID if one is None or one.object_id == NO_ID else self._survivor(one.object_id)
-            for one in told
+            for one in latest
         ]
         object_id, outcome = tracks.object_id.copy(), tracks.outcome.copy()
         reason, confidence = tracks.reason.copy(), tracks.confidence.copy()
@@ -84,7 +84,7 @@ class DelayedAnswers:
         taken = {int(now) for now in object_id if now != NO_ID}
         # One that waits for an id that another gives up comes after that one.
         for row in [*range(len(revised)), *range(len(revised))]:
-            one, now = told[row], revised[row]
+            one, now = latest[row], revised[row]
             if one is None or now in (NO_ID, object_id[row]) or now in taken:
                 continue
             taken.discard(int(object_id[row]))

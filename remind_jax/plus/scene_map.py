@@ -71,7 +71,7 @@ def move_map(
 def center_variance(
     size: Float[Array, "N"], touches: Bool[Array, "N"] | bool, t: th.Place
 ) -> Float[Array, "N"]:
-    """Variance of measured centres."""
+    """Variance of measured centers."""
     error = t.center_error + t.center_error_rate * size
     return (error + t.center_error_border * touches) ** 2
 

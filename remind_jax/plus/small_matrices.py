@@ -29,7 +29,7 @@ def invert(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return (inverse + inverse.T) / 2
 
 
-def orthonormalise(columns: Float[Array, "m n"], jitter: float = 1e-5) -> Float[Array, "m n"]:
+def orthonormalize(columns: Float[Array, "m n"], jitter: float = 1e-5) -> Float[Array, "m n"]:
     """Columns of unit length at right angles to each other that span the same.
 
     Columns that depend on each other are kept apart by `jitter` and come out shorter.

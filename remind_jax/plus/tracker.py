@@ -17,7 +17,7 @@ from remind_jax.decision import Outcome, Overflow
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.observation import FrameFeats, Masks
-from remind_jax.plus.answers import conclude, tell
+from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.decision import decide, learn_familiarity
 from remind_jax.plus.evidence import (
     admit,
@@ -93,7 +93,7 @@ def step_traced(
     thresholds: PlusThresholds,
     observed: Motion,
 ) -> tuple[PlusState, Verdicts]:
-    """As `step`, and tells what each decision was made of."""
+    """As `step`, with the trace of every decision."""
     after = step(state, frame_feats, masks, static=static, thresholds=thresholds, observed=observed)
     return after, after.verdicts
 
@@ -156,7 +156,7 @@ def _advance(
         carried, sightings, origin, frame, state.next_id, t.linking
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
-    # What do looks tell in this scene?
+    # Which differences of looks matter in this scene?
     scene = learn_scatter(
         state.scene, sightings.look, sightings.valid, change, origin != NO_SLOT, t.looks
     )
@@ -176,7 +176,7 @@ def _advance(
     )
     choice = decide(candidates, odds, rows, here, scene, static.num_objects, t.decision)
     verdicts = conclude(here, objects, rows, candidates, odds, belief, parts, choice)
-    decisions = tell(
+    decisions = report(
         verdicts, belief, candidates.base, here, present, sightings.num_bad_patches,
         static, t,
     )  # fmt: skip
@@ -205,7 +205,7 @@ def _advance(
         lambda: absorb(*known, slot, choice.slot, choice.absorbed),
         lambda: known,
     )
-    slot = jnp.where(choice.recognised | choice.absorbed, choice.slot, slot)
+    slot = jnp.where(choice.recognized | choice.absorbed, choice.slot, slot)
     fresh = (here.fresh | choice.born) & ~choice.absorbed
     here = dataclasses.replace(
         here,

@@ -24,8 +24,8 @@ class _Expectation:
 
     center: Float[Array, "O 2"]
     size: Float[Array, "O"]
-    deviation: Float[Array, "O"]  # standard deviation of the centre
-    num_anchors: Int[Array, "O"]  # decided objects that tell
+    deviation: Float[Array, "O"]  # standard deviation of the center
+    num_anchors: Int[Array, "O"]  # decided objects with a known relation
 
 
 def find_gone(

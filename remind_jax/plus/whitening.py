@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.small_matrices import invert, orthonormalise
+from remind_jax.plus.small_matrices import invert, orthonormalize
 from remind_jax.plus.state import Objects, Scene
 
 REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
@@ -96,7 +96,7 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     basis = scene.basis
     if directions < dim:
         # One step of orthogonal iteration at each renewal follows the main directions.
-        basis = orthonormalise(total @ basis + _TINY * basis)
+        basis = orthonormalize(total @ basis + _TINY * basis)
         total, within = basis.T @ total @ basis, basis.T @ within @ basis
     else:
         basis = jnp.eye(dim, dtype=total.dtype)

@@ -48,7 +48,7 @@ def decide_described(
 def decide_described_traced(
     state: TrackerState, seen: DescribedFrame, *, static: Static, thresholds: Thresholds
 ) -> tuple[TrackerState, Trace]:
-    """As `decide_described`, and tells what each decision was made of."""
+    """As `decide_described`, with the trace of every decision."""
     return step_described_traced(
         state, seen.descriptors, seen.masks, static=static, thresholds=thresholds
     )

@@ -20,7 +20,7 @@ from remind_jax.numerics.control_flow import repeat
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import CHANNELS
-from remind_jax.remind.memory.neighbours import decided_rank, update_graphs
+from remind_jax.remind.memory.neighbors import decided_rank, update_graphs
 from remind_jax.remind.memory.objects import (
     Objects,
     create_objects,

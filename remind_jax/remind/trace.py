@@ -25,7 +25,7 @@ from remind_jax.remind.association.similarity import term_weights
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.context.reasoning import Reasoning
-from remind_jax.remind.context.veto import expect_neighbours, plausibly_in_view
+from remind_jax.remind.context.veto import expect_neighbors, plausibly_in_view
 from remind_jax.remind.disambiguation.distance_evidence import (
     tabulate_edges,
 )
@@ -69,14 +69,14 @@ class CandidateTrace:
     support: Float[Array, "N C"]  # by context, [0, 1]
     contradiction: Float[Array, "N C"]  # by context, [0, 1]
     relative_support: Float[Array, "N C"]  # against the best of the class, [0, 1]
-    num_expected: Int[Array, "N C"]  # neighbours that it leads one to expect
+    num_expected: Int[Array, "N C"]  # neighbors that it leads one to expect
     num_expected_seen: Int[Array, "N C"]  # of these, plausibly in view elsewhere in the frame
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PassTrace:
-    """Each pass of the reconciliation: who was undecided, and what the layout said."""
+    """Each pass of the reconciliation: who was undecided, and what the layout decided."""
 
     undecided: Bool[Array, "N R"]  # when the pass began
     reason: Int[Array, "N R"]  # decision.Reason
@@ -159,7 +159,7 @@ class Trace:
 
 
 @dataclasses.dataclass(frozen=True)
-class Deliberation:
+class Intermediates:
     """Intermediate results of one step, as they arise."""
 
     state: TrackerState  # before the frame
@@ -176,15 +176,15 @@ class Deliberation:
     visual_gate: Float[Array, ""]
 
 
-def collect_trace(deliberation: Deliberation, static: Static, t: Thresholds) -> Trace:
+def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -> Trace:
     """Picks what explains the decisions of a frame.
 
     Args:
-      deliberation: Intermediate results of the step.
+      intermediates: Intermediate results of the step.
       static: Number of candidates shown.
       t: Thresholds as arrays.
     """
-    d, influence = deliberation, deliberation.reasoning.influence
+    d, influence = intermediates, intermediates.reasoning.influence
     return Trace(
         detections=_trace_detections(d, static, t),
         sets=_trace_sets(d.reasoning.hypotheses, d.state.objects.id),
@@ -192,7 +192,7 @@ def collect_trace(deliberation: Deliberation, static: Static, t: Thresholds) -> 
     )
 
 
-def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> DetectionTrace:
+def _trace_detections(d: Intermediates, static: Static, t: Thresholds) -> DetectionTrace:
     comparison, objects = d.table.comparison, d.state.objects
     influence, q = d.reasoning.influence, d.quality
     num = comparison.candidate.shape[0]
@@ -201,7 +201,7 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
     is_anchor = jnp.any(d.anchors, axis=1)
     anchor = objects.id[jnp.argmax(d.anchors, axis=1)]
     rival, rival_score = _find_rivals(d)
-    stable = d.settlement.stabilised
+    stable = d.settlement.stabilized
     member = jnp.argmax(comparison.candidate, axis=1)  # any object of the class
     some = jnp.any(comparison.candidate, axis=1)
     comparable = temporal_score(d.table, d.table.plausible)
@@ -230,7 +230,7 @@ def _trace_detections(d: Deliberation, static: Static, t: Thresholds) -> Detecti
     )
 
 
-def _choose_candidates(d: Deliberation, static: Static) -> Int[Array, "N C"]:
+def _choose_candidates(d: Intermediates, static: Static) -> Int[Array, "N C"]:
     """Slots of the candidates to show: those named by a rule, then the visually best."""
     comparison, s = d.table.comparison, d.settlement
     num, width = comparison.candidate.shape
@@ -252,7 +252,7 @@ def _choose_candidates(d: Deliberation, static: Static) -> Int[Array, "N C"]:
 
 
 def _trace_candidates(
-    d: Deliberation,
+    d: Intermediates,
     rows: Int[Array, "N C"],
     seen: Bool[Array, "N O"],
     comparable: Float[Array, "N O"],
@@ -261,7 +261,7 @@ def _trace_candidates(
 ) -> CandidateTrace:
     comparison, pairs, influence = d.table.comparison, d.assignment.pairs, d.reasoning.influence
     shape, at = comparison.candidate.shape, jnp.maximum(rows, 0)
-    expected = expect_neighbours(d.view, t.sets.min_link, static, t.veto)
+    expected = expect_neighbors(d.view, t.sets.min_link, static, t.veto)
     common = seen.astype(jnp.float32) @ expected.T.astype(jnp.float32)
 
     def take(values: Array) -> Array:
@@ -306,7 +306,7 @@ def _trace_candidates(
     )
 
 
-def _find_rivals(d: Deliberation) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
+def _find_rivals(d: Intermediates) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
     """The other plausible detection most like the object assigned, or like the best candidate."""
     comparison = d.table.comparison
     best = jnp.argmax(jnp.where(comparison.candidate, comparison.score, -jnp.inf), axis=1)
@@ -320,7 +320,7 @@ def _find_rivals(d: Deliberation) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
     return rival, jnp.where(some, jnp.max(score, axis=1), 0.0)
 
 
-def _trace_passes(d: Deliberation, t: Thresholds) -> PassTrace:
+def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
     s, ids = d.settlement, d.state.objects.id
     width, num = ids.shape[0], s.slot.shape[0]
     rounds, groups = s.rounds, s.groups

@@ -1,7 +1,7 @@
 """The tracker on one page: `init` and the pure `step` from one frame to the next.
 
 `step_described` is the same step for detections that were described before; `step_traced` and
-`step_described_traced` keep an account of its decisions.
+`step_described_traced` trace its decisions.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from remind_jax.remind.perception.relations import observe_relations
 from remind_jax.remind.remember import remember
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.trace import Deliberation, Trace, collect_trace
+from remind_jax.remind.trace import Intermediates, Trace, collect_trace
 from remind_jax.remind.undecided.provisional_commit import support_births
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import PairTable
@@ -80,7 +80,7 @@ def step_traced(
     static: Static,
     thresholds: Thresholds,
 ) -> tuple[TrackerState, Trace]:
-    """As `step`, and tells what each decision was made of."""
+    """As `step`, with the trace of every decision."""
     t = thresholds.as_arrays(static.scalar)
     descriptors = describe(frame_feats, masks, static, t)
     return step_described_traced(state, descriptors, masks, static=static, thresholds=thresholds)
@@ -94,10 +94,10 @@ def step_described_traced(
     static: Static,
     thresholds: Thresholds,
 ) -> tuple[TrackerState, Trace]:
-    """As `step_described`, and tells what each decision was made of."""
+    """As `step_described`, with the trace of every decision."""
     t = thresholds.as_arrays(static.scalar)
-    after, deliberation = _advance(state, descriptors, masks, static, t)
-    return after, collect_trace(deliberation, static, t)
+    after, intermediates = _advance(state, descriptors, masks, static, t)
+    return after, collect_trace(intermediates, static, t)
 
 
 def _advance(
@@ -106,9 +106,9 @@ def _advance(
     masks: Masks,
     static: Static,
     t: Thresholds,
-) -> tuple[TrackerState, Deliberation]:
+) -> tuple[TrackerState, Intermediates]:
     """The chain of one frame; what nobody asks for is never computed."""
-    # How much does the look of each detection tell?
+    # How good is each observation?
     quality = assess(descriptors, t.similarity)
     relations = observe_relations(masks, masks.relations, t.relations)
     # How similar is it to each object?
@@ -151,7 +151,7 @@ def _advance(
         state, decisions, settlement, birth_support, comparison.pending_score, descriptors, masks,
         relations, static, t,
     )  # fmt: skip
-    return after, Deliberation(
+    return after, Intermediates(
         state, descriptors, quality, relations, evidence, anchors, view,
         reasoning, table, assignment, settlement, visual_gate,
     )  # fmt: skip

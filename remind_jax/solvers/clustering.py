@@ -27,7 +27,7 @@ def kmeans(
 ) -> Int[Array, "N P"]:
     """Clusters the member points of each set; the sets are independent.
 
-    Initial centres are one drawn point and then the farthest ones; the restart of least inertia
+    Initial centers are one drawn point and then the farthest ones; the restart of least inertia
     wins, the first among equals. Sets of fewer points than `clusters` get one cluster per point.
 
     Args:
@@ -44,7 +44,7 @@ def kmeans(
       Cluster of each point, -1 outside the set.
     """
     wanted = jnp.full(members.shape[0], clusters, jnp.int32)
-    labels, _ = kmeans_with_centres(
+    labels, _ = kmeans_with_centers(
         points,
         members,
         wanted,
@@ -57,7 +57,7 @@ def kmeans(
     return labels
 
 
-def kmeans_with_centres(
+def kmeans_with_centers(
     points: Float[Array, "P D"],
     members: Bool[Array, "N P"],
     wanted: Int[Array, "N"],
@@ -68,7 +68,7 @@ def kmeans_with_centres(
     seed: int,
     solver: str,
 ) -> tuple[Int[Array, "N P"], Float[Array, "N K D"]]:
-    """Clusters as `kmeans` does, with a number of clusters for each set; returns centres as well.
+    """Clusters as `kmeans` does, with a number of clusters for each set; returns centers as well.
 
     Args:
       points: Points shared by all sets.
@@ -81,8 +81,8 @@ def kmeans_with_centres(
       solver: `"host"` or `"jax"`.
 
     Returns:
-      Cluster of each point, -1 outside the set; centres, zero for clusters that do not exist.
-      If a restart ends by its last round, centres are one update newer than labels.
+      Cluster of each point, -1 outside the set; centers, zero for clusters that do not exist.
+      If a restart ends by its last round, centers are one update newer than labels.
     """
     if solver == "jax":
         return cluster_in_graph(
@@ -100,34 +100,34 @@ def kmeans_with_centres(
     def cluster_batched(points, members, wanted):
         points, members, wanted = map(np.asarray, (points, members, wanted))
         labels = np.full(members.shape, NO_SLOT, np.int8)
-        centres = np.zeros((*wanted.shape, clusters, points.shape[-1]), points.dtype)
+        centers = np.zeros((*wanted.shape, clusters, points.shape[-1]), points.dtype)
         for index in np.ndindex(*wanted.shape):
             inside = np.flatnonzero(members[index])
             if len(inside):
                 labels[index][inside], found = cluster_points(
                     points[index[:-1]][inside], int(wanted[index]), iterations, restarts, seed
                 )
-                centres[index][: len(found)] = found
-        return labels, centres
+                centers[index][: len(found)] = found
+        return labels, centers
 
     shape = (members.shape[0], clusters, points.shape[1])
     out = (
         jax.ShapeDtypeStruct(members.shape, jnp.int8),
         jax.ShapeDtypeStruct(shape, points.dtype),
     )
-    labels, centres = jax.pure_callback(
+    labels, centers = jax.pure_callback(
         cluster_batched, out, points, members, wanted, vmap_method="broadcast_all"
     )
-    return labels.astype(jnp.int32), centres
+    return labels.astype(jnp.int32), centers
 
 
 def cluster_points(
     points: Float[np.ndarray, "P D"], clusters: int, iterations: int, restarts: int, seed: int
 ) -> tuple[Int[np.ndarray, "P"], Float[np.ndarray, "K D"]]:
-    """NumPy form of `kmeans` for one set; also returns the centres, `K = min(clusters, P)`.
+    """NumPy form of `kmeans` for one set; also returns the centers, `K = min(clusters, P)`.
 
     The draws of all restarts come from one stream. If a restart ends by its last round, the
-    centres are one update newer than the labels.
+    centers are one update newer than the labels.
     """
     num = len(points)
     clusters = min(clusters, num)
@@ -136,10 +136,10 @@ def cluster_points(
     best = (np.zeros(num, np.int8), points[:1])
     least = np.inf
     for _ in range(restarts):
-        centres = _spread_centres(points, norms, clusters, stream)
+        centers = _spread_centers(points, norms, clusters, stream)
         labels, reached = np.full(num, NO_SLOT, np.int8), norms
         for _ in range(iterations):
-            distance = _squared_distances(points, norms, centres)
+            distance = _squared_distances(points, norms, centers)
             nearest = distance.argmin(axis=1).astype(np.int8)
             reached = distance[np.arange(num), nearest]
             settled = np.array_equal(nearest, labels)
@@ -151,14 +151,14 @@ def cluster_points(
             means = (onehot @ points) / np.maximum(counts, 1).astype(points.dtype)[:, None]
             for empty in np.flatnonzero(counts == 0):
                 means[empty] = points[stream.integers(0, num)]
-            centres = means
+            centers = means
         inertia = reached.sum(dtype=np.float64)
         if inertia < least:
-            least, best = inertia, (labels, centres)
+            least, best = inertia, (labels, centers)
     return best
 
 
-def _spread_centres(points, norms, clusters, stream):
+def _spread_centers(points, norms, clusters, stream):
     """One drawn point, then always the point farthest from those chosen."""
     num = len(points)
     chosen = [int(stream.integers(0, num))]
@@ -169,6 +169,6 @@ def _spread_centres(points, norms, clusters, stream):
     return points[chosen]
 
 
-def _squared_distances(points, norms, centres):
-    squares = np.einsum("kd,kd->k", centres, centres)
-    return norms[:, None] - 2.0 * (points @ centres.T) + squares[None]
+def _squared_distances(points, norms, centers):
+    squares = np.einsum("kd,kd->k", centers, centers)
+    return norms[:, None] - 2.0 * (points @ centers.T) + squares[None]

@@ -65,7 +65,7 @@ def cluster_in_graph(
       seed: Seed of the draws, restarted for every set.
 
     Returns:
-      Cluster of each point, -1 outside the set; centres, zero for clusters that do not exist.
+      Cluster of each point, -1 outside the set; centers, zero for clusters that do not exist.
     """
     count = jnp.sum(members, axis=1, dtype=jnp.int32)
     exists = jnp.arange(clusters)[None, :] < jnp.minimum(wanted, count)[:, None]
@@ -78,9 +78,9 @@ def cluster_in_graph(
         inside = jnp.arange(size)[None, :] < count[:, None]
         index = _locate(rank, jnp.broadcast_to(jnp.arange(size, dtype=jnp.int32), inside.shape))
         rows = jnp.where(inside[..., None], points[index], 0.0)
-        labels, centres = run(_Sets(rows, _square(rows), inside, exists, numbers))
+        labels, centers = run(_Sets(rows, _square(rows), inside, exists, numbers))
         own = jnp.clip(rank - 1, 0, size - 1)
-        return jnp.take_along_axis(labels, own, axis=1), centres
+        return jnp.take_along_axis(labels, own, axis=1), centers
 
     def shared():
         return run(_Sets(points, _square(points), members, exists, _locate(rank, numbers)))
@@ -88,32 +88,32 @@ def cluster_in_graph(
     sizes = [max(1, round(share * points.shape[0])) for share in _GATHERED_SHARES]
     too_small = batch_max(jnp.max(count)) > jnp.array(sizes)
     branches = [*(partial(gathered, size) for size in sizes), shared]
-    labels, centres = lax.switch(jnp.sum(too_small, dtype=jnp.int32), branches)
-    return jnp.where(members, labels, NO_SLOT), jnp.where(exists[..., None], centres, 0.0)
+    labels, centers = lax.switch(jnp.sum(too_small, dtype=jnp.int32), branches)
+    return jnp.where(members, labels, NO_SLOT), jnp.where(exists[..., None], centers, 0.0)
 
 
 def _run_restarts(
     sets: _Sets, *, iterations: int, restarts: int
 ) -> tuple[Int[Array, "N Q"], Float[Array, "N K D"]]:
-    """Labels and centres of the restart of least inertia, the first among equals."""
+    """Labels and centers of the restart of least inertia, the first among equals."""
 
     def run(used, _):
-        centres, used = _spread_centres(sets, used)
-        labels, centres, reached, used = _refine(sets, centres, used, iterations)
-        return used, (labels, centres, reached)
+        centers, used = _spread_centers(sets, used)
+        labels, centers, reached, used = _refine(sets, centers, used, iterations)
+        return used, (labels, centers, reached)
 
     used = jnp.zeros(len(sets.valid), jnp.int32)
-    _, (labels, centres, reached) = lax.scan(run, used, length=restarts)
+    _, (labels, centers, reached) = lax.scan(run, used, length=restarts)
     with double_precision():
         inertia = jnp.sum(reached.astype(jnp.float64), axis=2)
         is_least = jnp.all(inertia[:, None] <= inertia[None], axis=1)
     best = jnp.argmax(is_least, axis=0)
     at = best[None, :, None]
     labels = jnp.take_along_axis(labels, at, axis=0)[0]
-    return labels, jnp.take_along_axis(centres, at[..., None], axis=0)[0]
+    return labels, jnp.take_along_axis(centers, at[..., None], axis=0)[0]
 
 
-def _spread_centres(
+def _spread_centers(
     sets: _Sets, used: Int[Array, "N"]
 ) -> tuple[Float[Array, "N K D"], Int[Array, "N"]]:
     """One drawn point, then always the point farthest from those chosen."""
@@ -140,13 +140,13 @@ def _spread_centres(
 
 
 def _refine(
-    sets: _Sets, centres: Float[Array, "N K D"], used: Int[Array, "N"], iterations: int
+    sets: _Sets, centers: Float[Array, "N K D"], used: Int[Array, "N"], iterations: int
 ) -> tuple[Int[Array, "N Q"], Float[Array, "N K D"], Float[Array, "N Q"], Int[Array, "N"]]:
     """Assigns and averages in turn until the labels of a set stay, or for the given rounds.
 
     Returns:
-      Labels, centres, squared distance of each member to its centre (0 elsewhere), draws used.
-      After the last round centres are one update newer than labels.
+      Labels, centers, squared distance of each member to its center (0 elsewhere), draws used.
+      After the last round centers are one update newer than labels.
     """
 
     def unfinished(carry):
@@ -154,23 +154,23 @@ def _refine(
         return (turn < iterations) & ~jnp.all(settled)
 
     def advance(carry):
-        turn, labels, centres, reached, settled, used = carry
-        distance = _squared_distances(sets, centres)
+        turn, labels, centers, reached, settled, used = carry
+        distance = _squared_distances(sets, centers)
         distance = jnp.where(sets.exists[..., None], distance, jnp.inf)
         nearest = jnp.argmin(distance, axis=1).astype(jnp.int32)
         reached = jnp.where(settled[:, None], reached, jnp.min(distance, axis=1))
         settled = settled | jnp.all((nearest == labels) | ~sets.valid, axis=1)
         labels = jnp.where(settled[:, None], labels, nearest)
         means, used = _average(sets, labels, used, settled)
-        centres = jnp.where(settled[:, None, None], centres, means)
-        return turn + 1, labels, centres, reached, settled, used
+        centers = jnp.where(settled[:, None, None], centers, means)
+        return turn + 1, labels, centers, reached, settled, used
 
     labels = jnp.full(sets.valid.shape, NO_SLOT, jnp.int32)
-    reached = jnp.zeros(sets.valid.shape, centres.dtype)
+    reached = jnp.zeros(sets.valid.shape, centers.dtype)
     settled = ~jnp.any(sets.valid, axis=1)
-    carry = (jnp.int32(0), labels, centres, reached, settled, used)
-    _, labels, centres, reached, _, used = repeat(unfinished, advance, carry)
-    return labels, centres, jnp.where(sets.valid, reached, 0.0), used
+    carry = (jnp.int32(0), labels, centers, reached, settled, used)
+    _, labels, centers, reached, _, used = repeat(unfinished, advance, carry)
+    return labels, centers, jnp.where(sets.valid, reached, 0.0), used
 
 
 def _average(
@@ -193,11 +193,11 @@ def _average(
     return means, used + jnp.sum(empty, axis=1, dtype=jnp.int32)
 
 
-def _squared_distances(sets: _Sets, centres: Float[Array, "N K D"]) -> Float[Array, "N K Q"]:
+def _squared_distances(sets: _Sets, centers: Float[Array, "N K D"]) -> Float[Array, "N K Q"]:
     form = "nkd,qd->nkq" if sets.rows.ndim == 2 else "nkd,nqd->nkq"
-    product = jnp.einsum(form, centres, sets.rows, precision="highest")
+    product = jnp.einsum(form, centers, sets.rows, precision="highest")
     norms = sets.norms[None, None] if sets.rows.ndim == 2 else sets.norms[:, None]
-    return norms - 2.0 * product + _square(centres)[..., None]
+    return norms - 2.0 * product + _square(centers)[..., None]
 
 
 def _square(vectors: Float[Array, "... D"]) -> Float[Array, "..."]:
@@ -219,7 +219,7 @@ def _draw_numbers(count: Int[Array, "N"], seed: int, draws: int) -> Int[Array, "
 
     The words of the generator do not depend on `count` and are a constant table. A draw is the
     upper half of word times `count`, computed in halves of 16 bits as no 64-bit integers are
-    needed then; words that would favour some numbers are skipped (Lemire's method).
+    needed then; words that would favor some numbers are skipped (Lemire's method).
     """
     words = np.random.PCG64(seed).random_raw((draws + _SPARE_WORDS + 1) // 2)
     words = np.stack([words & 0xFFFFFFFF, words >> 32], axis=1).ravel().astype(np.uint32)

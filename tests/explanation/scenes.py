@@ -34,7 +34,7 @@ from remind_jax.remind.outcome import decide
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.remind.trace import Deliberation, collect_trace
+from remind_jax.remind.trace import Intermediates, collect_trace
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
@@ -152,10 +152,10 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
         decisions, object_id=jnp.where(new, num_objects, decisions.object_id)
     )
     ones = jnp.ones(NUM)
-    deliberation = Deliberation(
+    intermediates = Intermediates(
         state, descriptors, Quality(ones, ones, ones, ones, ones), relations, evidence, anchors,
         view_frame(state.cooccurrence, objects, anchors[0], descriptors, masks, t.cooccurrence),
         reasoning, table,
         assignment, settlement, jnp.float32(0.75),
     )  # fmt: skip
-    return decisions, collect_trace(deliberation, STATIC, t)
+    return decisions, collect_trace(intermediates, STATIC, t)

@@ -30,7 +30,7 @@ def test_branch_in_batches_equals_a_loop(preds):
     x = np.arange(pred.size, dtype=np.float32).reshape(pred.shape)
     nested = jax.vmap(jax.vmap(_choose, (0, 0, None)), (0, 0, None))
     for run in (nested, jax.jit(nested)):
-        # sin is vectorised differently in a batch: one unit in the last place
+        # sin is vectorized differently in a batch: one unit in the last place
         np.testing.assert_allclose(
             run(pred, x, 3.0)["value"], np.where(pred, np.sin(x) + 3.0, x), rtol=3e-7
         )

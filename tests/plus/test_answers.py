@@ -10,7 +10,7 @@ import pytest
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.answers import tell
+from remind_jax.plus.answers import report
 from remind_jax.plus.state import no_verdicts
 from remind_jax.plus.static import NUM_CANDIDATES
 from tests.plus.frames import STATIC, T, detections, tracklets_of
@@ -18,7 +18,7 @@ from tests.plus.frames import STATIC, T, detections, tracklets_of
 KNOWN, OTHER, OWN = 2, 3, 7
 
 
-def report(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
+def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
     def first(blank, value):
@@ -45,11 +45,11 @@ def report(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
     )
     present = jnp.array([True, False, False])
     base = jnp.zeros_like(beliefs)
-    return tell(verdicts, beliefs, base, here, present, jnp.int32(0), STATIC, T)
+    return report(verdicts, beliefs, base, here, present, jnp.int32(0), STATIC, T)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():
-    told = report([0.9, 0.05])
+    told = report_one([0.9, 0.05])
     assert told.outcome.tolist() == [Outcome.MATCH, Outcome.EMPTY, Outcome.EMPTY]
     assert told.object_id.tolist() == [KNOWN, NO_ID, NO_ID]
     assert told.pending_id[0] == NO_ID
@@ -57,7 +57,7 @@ def test_a_probable_answer_is_firm_before_it_is_decided():
 
 
 def test_doubt_names_the_objects_and_the_new_id_that_it_could_be():
-    told = report([0.25, 0.2])
+    told = report_one([0.25, 0.2])
     assert told.outcome[0] == Outcome.AMBIGUOUS
     assert told.object_id[0] == NO_ID
     assert told.pending_id[0] == OWN
@@ -67,20 +67,20 @@ def test_doubt_names_the_objects_and_the_new_id_that_it_could_be():
 
 @pytest.mark.parametrize("named", [False, True])
 def test_a_new_object_is_new_once(named):
-    told = report([0.01, 0.01], answer=OWN, decided=True, named=named)
+    told = report_one([0.01, 0.01], answer=OWN, decided=True, named=named)
     assert told.outcome[0] == (Outcome.MATCH if named else Outcome.NEW)
     assert told.object_id[0] == OWN
 
 
 def test_confidence_rises_with_belief_and_is_higher_once_decided():
-    low, high = (report([belief, 0.0]).confidence[0] for belief in (0.6, 0.9))
-    decided = report([0.6, 0.0], decided=True).confidence[0]
+    low, high = (report_one([belief, 0.0]).confidence[0] for belief in (0.6, 0.9))
+    decided = report_one([0.6, 0.0], decided=True).confidence[0]
     assert 0 < low < high < 1
     assert low < decided
-    assert report([0.6, 0.0]).confidence[1] == 0  # an empty slot
+    assert report_one([0.6, 0.0]).confidence[1] == 0  # an empty slot
 
 
 def test_a_mask_without_usable_features_is_dropped():
-    told = report([0.9, 0.05], valid=False)
+    told = report_one([0.9, 0.05], valid=False)
     assert told.outcome.tolist() == [Outcome.DROPPED, Outcome.EMPTY, Outcome.EMPTY]
     assert told.confidence[0] == 0

@@ -63,7 +63,7 @@ def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0))
     return told
 
 
-def test_an_arrangement_is_recognised_by_its_members_together():
+def test_an_arrangement_is_recognized_by_its_members_together():
     new = PlusThresholds().decision.new
     assert np.all(weigh(looks=0.5, witness=0.5) > new + 4)
     assert np.all(weigh(looks=0.5, witness=0.5, moved=(0.7, -0.2)) > new + 4), "seen from elsewhere"

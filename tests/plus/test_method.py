@@ -14,17 +14,17 @@ from remind_jax.metrics import evaluate_tracks
 from remind_jax.numerics.absent import NO_ID
 
 SIDE = 96
-COLOURS = ((220, 40, 40), (40, 200, 60), (50, 80, 230), (230, 210, 50), (200, 60, 220))
+COLORS = ((220, 40, 40), (40, 200, 60), (50, 80, 230), (230, 210, 50), (200, 60, 220))
 
 
 def pan_frames(frames: int = 44, seed: int = 0) -> list[Frame]:
-    """A camera that pans along five coloured squares on a speckled wall, there and back."""
+    """A camera that pans along five colored squares on a speckled wall, there and back."""
     rng = np.random.default_rng(seed)
     wall = rng.integers(60, 190, (SIDE, 5 * SIDE // 2, 1), np.uint8).repeat(3, axis=2)
     lefts = np.linspace(12, 5 * SIDE // 2 - 52, 5).astype(int)
     instance = np.zeros(wall.shape[:2], int)
     for number, left in enumerate(lefts):
-        wall[28:66, left : left + 36] = COLOURS[number]
+        wall[28:66, left : left + 36] = COLORS[number]
         instance[28:66, left : left + 36] = number + 1
     reach = wall.shape[1] - SIDE
     at = np.rint(reach * (0.5 - 0.5 * np.cos(np.linspace(0, 2 * np.pi, frames)))).astype(int)
@@ -53,7 +53,7 @@ def labels(tracks) -> list[list[int]]:
     return [frame.object_id.tolist() for frame in tracks]
 
 
-def test_squares_are_recognised_on_the_way_back(result):
+def test_squares_are_recognized_on_the_way_back(result):
     assert evaluate_tracks(result.tracks).scores()["IDF1"] > 0.9
 
 

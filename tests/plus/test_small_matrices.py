@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.plus.small_matrices import invert, orthonormalise
+from remind_jax.plus.small_matrices import invert, orthonormalize
 
 
 @pytest.mark.parametrize("size", [1, 5, 40])
@@ -20,7 +20,7 @@ def test_basis_is_orthonormal_and_spans_the_same():
     columns = np.random.default_rng(0).normal(size=(30, 6)).astype(np.float32) * 10.0 ** np.arange(
         6
     )
-    basis = np.asarray(orthonormalise(jnp.asarray(columns)))
+    basis = np.asarray(orthonormalize(jnp.asarray(columns)))
     # The jitter of 1e-5 that keeps dependent columns apart shows in the lengths.
     np.testing.assert_allclose(basis.T @ basis, np.eye(6), atol=1e-3)
     rest = columns - basis @ (basis.T @ columns)
@@ -29,4 +29,4 @@ def test_basis_is_orthonormal_and_spans_the_same():
 
 def test_dependent_columns_stay_finite():
     column = np.ones((5, 1), np.float32)
-    assert np.all(np.isfinite(orthonormalise(jnp.asarray(np.hstack([column, column, 0 * column])))))
+    assert np.all(np.isfinite(orthonormalize(jnp.asarray(np.hstack([column, column, 0 * column])))))

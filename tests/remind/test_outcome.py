@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.decision import Lock, Outcome, Source, no_decisions
+from remind_jax.decision import Lock, MatchOrigin, Outcome, no_decisions
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.outcome import rank_candidates
@@ -62,7 +62,7 @@ def test_more_candidates_shown_than_objects_and_fewer(x64):
 )
 def test_what_gave_a_match_its_object(x64, rows, lock):
     d = decide_frames([visual_frame(rows)]).decisions
-    assert (d.outcome[0, 0], d.source[0, 0]) == (Outcome.MATCH, Source.ASSOCIATION)
+    assert (d.outcome[0, 0], d.source[0, 0]) == (Outcome.MATCH, MatchOrigin.ASSOCIATION)
     assert d.lock[0, 0] == lock
     assert d.assigned_id[0, 0] == d.guarded_id[0, 0] == d.object_id[0, 0] == 0
 
@@ -70,6 +70,6 @@ def test_what_gave_a_match_its_object(x64, rows, lock):
 def test_undecided_detections_hold_no_object_but_show_what_was_assigned(x64):
     d = decide_frames([visual_frame([{0: 0.80, 1: 0.79}, {0: 0.78, 1: 0.78}])]).decisions
     assert (d.object_id[0] == NO_ID).all()
-    assert (d.source[0] == Source.NONE).all()
+    assert (d.source[0] == MatchOrigin.NONE).all()
     assert sorted(d.assigned_id[0, :2].tolist()) == [0, 1]
     assert (d.guarded_id[0, :2] == NO_ID).all()

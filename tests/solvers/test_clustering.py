@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from remind_jax.errors import ConfigError
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.solvers.clustering import cluster_points, kmeans, kmeans_with_centres
+from remind_jax.solvers.clustering import cluster_points, kmeans, kmeans_with_centers
 from remind_jax.solvers.clustering_in_graph import _draw_numbers, _multiply
 
-# Centres are float32 means of unit vectors, added in another order.
-CENTRE_ROUNDING = 1e-5
+# Centers are float32 means of unit vectors, added in another order.
+CENTER_ROUNDING = 1e-5
 PARTS = {"clusters": 4, "iterations": 5, "restarts": 2, "seed": 0}
 RINGS = {"clusters": 24, "iterations": 10, "restarts": 1, "seed": 1}
 
@@ -27,7 +27,7 @@ def solve(solver, options, points, members, wanted=None):
 
 _SOLVE = {
     (solver, options["clusters"]): jax.jit(
-        lambda p, m, w, s=solver, o=options: kmeans_with_centres(p, m, w, solver=s, **o)
+        lambda p, m, w, s=solver, o=options: kmeans_with_centers(p, m, w, solver=s, **o)
     )
     for solver in ("host", "jax")
     for options in (PARTS, RINGS)
@@ -56,20 +56,20 @@ def test_equals_host(x64, options, seed):
     points = points.astype(np.float64)
     twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
     np.testing.assert_array_equal(twin[0], host[0])
-    np.testing.assert_allclose(twin[1], host[1], atol=CENTRE_ROUNDING)
+    np.testing.assert_allclose(twin[1], host[1], atol=CENTER_ROUNDING)
 
 
 @pytest.mark.parametrize("options", [PARTS, RINGS])
 def test_single_precision_equals_host(options):
-    """A point about as near to two centres may go to either: at most 1 of 100 sets has one."""
+    """A point about as near to two centers may go to either: at most 1 of 100 sets has one."""
     num_equal = 0
     for seed in range(50):
         points, members = make_generic(np.random.default_rng(seed), 160, 16, 6)
         twin, host = (solve(solver, options, points, members) for solver in ("jax", "host"))
         equal = (np.asarray(twin[0]) == np.asarray(host[0])).all(axis=1)
         num_equal += equal.sum()
-        twin_centres, host_centres = np.asarray(twin[1])[equal], np.asarray(host[1])[equal]
-        np.testing.assert_allclose(twin_centres, host_centres, atol=CENTRE_ROUNDING)
+        twin_centers, host_centers = np.asarray(twin[1])[equal], np.asarray(host[1])[equal]
+        np.testing.assert_allclose(twin_centers, host_centers, atol=CENTER_ROUNDING)
     assert num_equal >= 0.99 * 50 * 6
 
 
@@ -92,10 +92,10 @@ def test_degenerate_sets_equal_host(seed, distinct):
     kinds = rng.integers(-3, 4, (distinct, 16))
     points = kinds[rng.integers(0, distinct, 160)].astype(np.float32)
     members = rng.random((6, 160)) < rng.choice([0.01, 0.03, 0.5], (6, 1))
-    labels, centres = solve("jax", PARTS, points, members)
-    host_labels, host_centres = solve("host", PARTS, points, members)
+    labels, centers = solve("jax", PARTS, points, members)
+    host_labels, host_centers = solve("host", PARTS, points, members)
     np.testing.assert_array_equal(labels, host_labels)
-    np.testing.assert_array_equal(centres, host_centres)
+    np.testing.assert_array_equal(centers, host_centers)
 
 
 def test_few_points_get_a_cluster_each():
@@ -113,12 +113,12 @@ def test_every_set_has_its_own_number_of_clusters():
     points, members = make_generic(np.random.default_rng(4), 160, 16, 6)
     members[:] = True
     wanted = np.array([1, 2, 3, 9, 16, 24])
-    labels, centres = solve("jax", RINGS, points, members, wanted)
-    host_labels, host_centres = solve("host", RINGS, points, members, wanted)
+    labels, centers = solve("jax", RINGS, points, members, wanted)
+    host_labels, host_centers = solve("host", RINGS, points, members, wanted)
     np.testing.assert_array_equal(labels, host_labels)
-    np.testing.assert_allclose(centres, host_centres, atol=CENTRE_ROUNDING)
+    np.testing.assert_allclose(centers, host_centers, atol=CENTER_ROUNDING)
     assert (np.asarray(labels).max(axis=1) < wanted).all()
-    assert not np.asarray(centres)[0, 1:].any()
+    assert not np.asarray(centers)[0, 1:].any()
 
 
 def test_batch_equals_host():

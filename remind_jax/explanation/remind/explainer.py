@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from remind_jax.decision import NO_ID, Decisions, Lock, Outcome, Reason, Source, Status
+from remind_jax.decision import NO_ID, Decisions, Lock, MatchOrigin, Outcome, Reason, Status
 from remind_jax.explanation.archive import TraceArchive, first_rows
 from remind_jax.explanation.explainer import Explainer
 from remind_jax.explanation.explanation import id_or_none
@@ -103,7 +103,7 @@ class RemindExplainer(Explainer[FrameRecord]):
             second_score=found("second_score"),
             num_close=found("num_close"),
             lock=Lock(found("lock")),
-            source=Source(found("source")),
+            source=MatchOrigin(found("source")),
             assigned_id=id_or_none(found("assigned_id")),
             guarded_id=id_or_none(found("guarded_id")),
             why=give_reasons(case, since),

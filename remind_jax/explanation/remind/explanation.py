@@ -6,7 +6,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from remind_jax.decision import Lock, Source, Status
+from remind_jax.decision import Lock, MatchOrigin, Status
 from remind_jax.explanation.explanation import Explanation
 from remind_jax.explanation.remind.evidence import (
     Anchor,
@@ -57,7 +57,7 @@ class RemindExplanation(Explanation):
     second_score: float
     num_close: int
     lock: Lock
-    source: Source
+    source: MatchOrigin
     assigned_id: int | None  # after locks and joint assignment
     guarded_id: int | None  # after the guard of look-alikes
     quality: Quality

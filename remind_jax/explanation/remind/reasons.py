@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from remind_jax.decision import NO_ID, Lock, Outcome, Reason, Source, Status
+from remind_jax.decision import NO_ID, Lock, MatchOrigin, Outcome, Reason, Status
 from remind_jax.explanation.remind.case import Case
 from remind_jax.explanation.remind.doubts import (
     explain_birth,
@@ -365,7 +365,7 @@ def _explain_verdict(case: Case, since: tuple[int, int] | None) -> str:
     if outcome == Outcome.MATCH:
         score = number(case.decision("score"))
         context = " with context" if case.candidate(object_id, "bonus") else ""
-        settled = case.decision("source") > Source.ASSOCIATION
+        settled = case.decision("source") > MatchOrigin.ASSOCIATION
         return f"{'settled' if settled else 'matched'} as {case.name(object_id)} ({score}{context})"
     if outcome == Outcome.NEW:
         return f"a new object: {case.name(object_id)}"

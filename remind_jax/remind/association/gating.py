@@ -35,7 +35,7 @@ class Pairs:
 
     eligible: Bool[Array, "N O"]  # open to assignment
     gate: Int[Array, "N O"]  # Gate
-    score_assign: Float[Array, "N O"]  # what the assignment maximises: visual, less penalties
+    score_assign: Float[Array, "N O"]  # what the assignment maximizes: visual, less penalties
     score_final: Float[Array, "N O"]  # what is tested for acceptance: visual and context
     score_known: Float[Array, "N O"]  # the same, with context even where it may not influence
     bonus: Float[Array, "N O"]  # context adjustment that was applied
@@ -67,17 +67,17 @@ def read_context(
       influence: Thresholds of its influence.
       ambiguous: Thresholds of support that counts (method.md#context-support).
     """
-    said = reasoning.influence
-    some = (said.support > _TINY) | (said.score_sets > _TINY)
-    strong = (said.compat_rel >= ambiguous.min_relative_support) & (
-        said.kernel_raw >= influence.min_kernel
+    context = reasoning.influence
+    some = (context.support > _TINY) | (context.score_sets > _TINY)
+    strong = (context.compat_rel >= ambiguous.min_relative_support) & (
+        context.kernel_raw >= influence.min_kernel
     )
-    supported = some & (said.compat_band | strong)
+    supported = some & (context.compat_band | strong)
     return ContextVerdict(
         plausible=reasoning.plausible,
         veto=reasoning.veto,
-        bonus_raw=said.bonus_raw,
-        supported=supported | (said.score_sets >= ambiguous.min_net_support),
+        bonus_raw=context.bonus_raw,
+        supported=supported | (context.score_sets >= ambiguous.min_net_support),
         influences=influence.enabled,
         on_strong=influence.on_strong,
         on_ambiguous=influence.on_ambiguous,

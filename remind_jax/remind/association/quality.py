@@ -1,4 +1,4 @@
-"""How much can be told from each detection? (method.md#observation-quality)."""
+"""How good is the observation of each detection? (method.md#observation-quality)."""
 
 from __future__ import annotations
 

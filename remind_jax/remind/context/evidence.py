@@ -1,4 +1,4 @@
-"""What past episodes tell about who is seen with whom (paper III-D).
+"""What past episodes show of who is seen with whom (paper III-D).
 
 Rules: method.md#conditional-probability, method.md#maturity.
 """

@@ -135,7 +135,7 @@ def rate_trust(
 ) -> Trust:
     """Mean maturity of sets and how reliable their members are (method.md#member-sets).
 
-    Reliability is a power of a power mean that leans towards the least mature member.
+    Reliability is a power of a power mean that leans toward the least mature member.
     """
     floored = jnp.maximum(_FLOOR, maturity)
     geometric = jnp.abs(t.maturity_mean) <= _FLOOR

@@ -101,14 +101,14 @@ def support_by_kernel(
     key = jnp.where(view.anchors, slot, jnp.where(members, slots + slot, 2 * slots))
     key = key.astype(jnp.float32)
     found, kernel = jax.lax.top_k(-key, min(static.set_kernel or slots, slots))
-    speaks = -found < 2 * slots
+    in_kernel = -found < 2 * slots
     at = jnp.maximum(pool, 0)
     link = view.conditional[:, at][kernel]
-    counted = (link >= t.min_link) & speaks[:, :, None]
+    counted = (link >= t.min_link) & in_kernel[:, :, None]
     count = jnp.sum(counted, axis=1, dtype=jnp.int32)
     total = sum_in_order(jnp.moveaxis(link, 1, 0), jnp.moveaxis(counted, 1, 0))
     support = total / jnp.maximum(count, 1).astype(total.dtype)
-    has_kernel = jnp.any(speaks, axis=1)
+    has_kernel = jnp.any(in_kernel, axis=1)
     return jnp.where(has_kernel[:, None], support, maturity[at][None]), has_kernel
 
 
@@ -131,7 +131,7 @@ def list_options(
     most = menu.info.shape[0] - 1
     scalar = support.dtype
     included = pool != NO_SLOT
-    # The pool lists late objects first, so that a stable order breaks ties towards them.
+    # The pool lists late objects first, so that a stable order breaks ties toward them.
     best, at = jax.lax.top_k(jnp.where(included, support, -jnp.inf), most + 1)
     ranked = jnp.where(best >= 0.0, pool[at], NO_SLOT)
     value = jnp.maximum(best, 0.0)
@@ -206,5 +206,5 @@ def _exclusivity(
     second = jnp.where(other < best - _DISTINCT, other, 0.0)
     counts = (best > t.exclusivity_eps) & t.exclusivity
     lead = divide(best - second, jnp.maximum(t.exclusivity_eps, best))
-    says = counts & ((second > 0.0) | (best - second > _SLACK))
-    return jnp.where(counts, jnp.clip(lead, 0.0, 1.0), 0.0), says
+    distinct = counts & ((second > 0.0) | (best - second > _SLACK))
+    return jnp.where(counts, jnp.clip(lead, 0.0, 1.0), 0.0), distinct

@@ -12,12 +12,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.influence import Influence
-from remind_jax.remind.memory.cooccurrence import neighbour_rank, ranked_neighbours
+from remind_jax.remind.memory.cooccurrence import neighbor_rank, ranked_neighbors
 from remind_jax.remind.thresholds.context import Veto as Rules
 from remind_jax.static import Static
 
 _TOP = 3  # best candidates of a detection that count as plausibly in view
-_MATURITY_RATE, _LEAST_MATURITY = 0.25, 0.5  # of an object whose own neighbours may speak
+_MATURITY_RATE, _LEAST_MATURITY = 0.25, 0.5  # of an object whose own neighbors may speak
 
 
 class Veto(enum.IntEnum):
@@ -25,7 +25,7 @@ class Veto(enum.IntEnum):
 
     NONE = 0
     OUTSIDE_CTX = 1  # outside the few objects of its class that the context supports
-    LOCAL_CTX_CONTRADICTION = 2  # none of the neighbours that the object leads one to expect
+    LOCAL_CTX_CONTRADICTION = 2  # none of the neighbors that the object leads one to expect
 
 
 def veto_pairs(
@@ -46,15 +46,15 @@ def veto_pairs(
       candidate: Pairs of one class.
       score: Visual score of each pair.
       visual_gate: Least visual score of an object that is plausibly in view.
-      min_link: Least conditional probability of an expected neighbour.
-      static: Length of the list of expected neighbours.
+      min_link: Least conditional probability of an expected neighbor.
+      static: Length of the list of expected neighbors.
       t: Thresholds.
     """
     open_to = t.enabled & influence.enabled & influence.has_pack
     open_to = open_to & ~(influence.soft_supported | influence.shortlist | influence.compat_band)
-    expected = expect_neighbours(view, min_link, static, t)
+    expected = expect_neighbors(view, min_link, static, t)
     seen = plausibly_in_view(candidate, score, visual_gate)
-    local = _contradicts_neighbours(influence.quality, expected, seen, view.graph.episodes, t)
+    local = _contradicts_neighbors(influence.quality, expected, seen, view.graph.episodes, t)
     outside = (influence.compat_rel <= t.max_support) & (influence.score_sets <= t.max_score)
     outside = outside & influence.global_ok & (influence.quality >= t.min_quality)
     outside = outside & (influence.kept_count > 0) & (influence.kept_count <= t.max_supported)
@@ -65,10 +65,10 @@ def veto_pairs(
     return jnp.where(candidate & open_to[None], reason, Veto.NONE).astype(jnp.int32)
 
 
-def expect_neighbours(
+def expect_neighbors(
     view: FrameView, min_link: Float[Array, ""], static: Static, t: Rules
 ) -> Bool[Array, "O O"]:
-    """Neighbours that one expects to see with each row object (method.md#expected-neighbors).
+    """Neighbors that one expects to see with each row object (method.md#expected-neighbors).
 
     The closest and latest first, until the list is full, or long enough and likely to contain
     something that is in view.
@@ -76,9 +76,9 @@ def expect_neighbours(
     graph = view.graph
     slots = graph.episodes.shape[0]
     length = min(static.max_neighbours or slots, slots)
-    neighbour = graph.count > 0
+    neighbor = graph.count > 0
     keys = (graph.weight, graph.edge_time)
-    order, known = ranked_neighbours(neighbour_rank(neighbour, keys, graph.edge_order), length)
+    order, known = ranked_neighbors(neighbor_rank(neighbor, keys, graph.edge_order), length)
     link = jnp.take_along_axis(view.conditional, order, axis=1)
     taken = known & (link >= min_link)
     number = jnp.cumsum(taken, axis=1, dtype=jnp.int32)
@@ -109,14 +109,14 @@ def plausibly_in_view(
     return times[None] > named
 
 
-def _contradicts_neighbours(
+def _contradicts_neighbors(
     quality: Float[Array, ""],
     expected: Bool[Array, "O O"],
     seen: Bool[Array, "N O"],
     episodes: Int[Array, "O"],
     t: Rules,
 ) -> Bool[Array, "N O"]:
-    """Pairs whose object expects neighbours of which (nearly) none is in view.
+    """Pairs whose object expects neighbors of which (nearly) none is in view.
 
     Rule: method.md#veto.
     """
@@ -127,6 +127,8 @@ def _contradicts_neighbours(
     common = jnp.matmul(seen.astype(jnp.float32), expected.T.astype(jnp.float32))
     share = common.astype(scalar) / jnp.maximum(num_expected, 1).astype(scalar)
     mature = 1.0 - jnp.exp(-_MATURITY_RATE * episodes.astype(scalar)) >= _LEAST_MATURITY
-    speaks = (episodes >= t.local_min_episodes) & (num_expected >= t.local_min_expected) & mature
-    hears = t.local & (quality >= t.local_min_quality) & (num_seen >= t.local_min_seen)
-    return hears[:, None] & speaks[None] & (share < t.local_max_hit_share)
+    informative = (
+        (episodes >= t.local_min_episodes) & (num_expected >= t.local_min_expected) & mature
+    )
+    applies = t.local & (quality >= t.local_min_quality) & (num_seen >= t.local_min_seen)
+    return applies[:, None] & informative[None] & (share < t.local_max_hit_share)

@@ -1,4 +1,4 @@
-"""Which surrounding objects tell the candidates of a group apart?.
+"""Which surrounding objects tell the candidates of a group apart?
 
 Rules: method.md#known-set-voters, method.md#voter-usefulness, method.md#voter-selection.
 

@@ -29,7 +29,7 @@ class KnownDistances:
 
     reliability: Float[Array, "..."]  # [0, 1]; 0: not seen together often enough
     has_gap: Bool[Array, "..."]
-    distance: Float[Array, "..."]  # the gap if known, else the distance of the centres
+    distance: Float[Array, "..."]  # the gap if known, else the distance of the centers
     support: Float[Array, "..."]
 
     @property

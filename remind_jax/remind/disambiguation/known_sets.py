@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import Source
+from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.remind.association.gating import Pairs
@@ -73,7 +73,7 @@ class Settled:
 
     resolved_slot: Int[Array, "N"]  # object, -1 none
     resolved_score: Float[Array, "N"]  # score_known of that object, 0 without any
-    source: Int[Array, "N"]  # decision.Source
+    source: Int[Array, "N"]  # decision.MatchOrigin
     remaining: Bool[Array, "N"]  # entries that stay undecided; one given a virtual object does not
     root: Int[Array, "N"]  # root of the group of each entry, -1 outside groups
     proposed: Int[Array, "N"]  # candidate in the best assignment of the group, -1 if not scored
@@ -240,7 +240,7 @@ def _conclude(
     status = jnp.where(in_group, solved.status[jnp.maximum(groups.root, 0)], 0)
     full = status == GroupStatus.RESOLVED
     partial = status == GroupStatus.PARTIAL_RESOLVED
-    source = jnp.where(full, Source.DISTANCE_FULL, Source.DISTANCE_PARTIAL)
+    source = jnp.where(full, MatchOrigin.DISTANCE_FULL, MatchOrigin.DISTANCE_PARTIAL)
     real = (solved.proposed >= 0) & (solved.proposed < object_exists.shape[0])
     slot = jnp.where(real, solved.proposed, 0)
     real = real & object_exists[slot] & (full | partial)
@@ -248,7 +248,7 @@ def _conclude(
     return Settled(
         resolved_slot=jnp.where(real, slot, NO_SLOT),
         resolved_score=jnp.where(real, known_score[row, slot], 0.0),
-        source=jnp.where(real, source, Source.NONE).astype(jnp.int32),
+        source=jnp.where(real, source, MatchOrigin.NONE).astype(jnp.int32),
         remaining=undecided.present & ~(full | partial),
         root=groups.root,
         proposed=solved.proposed,

@@ -29,7 +29,7 @@ from remind_jax.remind.memory.prototypes import (
     entry,
     live,
     mean_quality,
-    move_towards,
+    move_toward,
     nearest,
     new_entry,
     remove,
@@ -325,7 +325,7 @@ def _refresh(
     rule: Refresh,
     when: Bool[Array, ""],
 ) -> Bank:
-    """Counts a hit and steps towards the vector; an unrated one has no quality to count."""
+    """Counts a hit and steps toward the vector; an unrated one has no quality to count."""
     old = entry(bank, at)
     scale = permit.rate if quality is None else permit.rate * quality
     rate = similarity_rate(cosine, rule.duplicate, rule.margin, rule.rate_min, rule.rate_max, scale)
@@ -335,7 +335,7 @@ def _refresh(
         counted = count_quality(old, quality)
     else:
         rate, counted = jnp.where(rule.moves, rate, 0.0), old
-    embedding = move_towards(old.embedding, vector, rate)
+    embedding = move_toward(old.embedding, vector, rate)
     new = dataclasses.replace(counted, embedding=embedding, hits=old.hits + 1, last_seen=now)
     return write(bank, at, new, when)
 

@@ -118,7 +118,7 @@ def update_cooccurrence(
       sightings: Objects of the frame.
       ids: Ids of the objects, which break ties (method.md#set-order).
       frame: Number of the frame.
-      static: How many neighbours are kept.
+      static: How many neighbors are kept.
       t: Thresholds.
 
     Returns:
@@ -133,7 +133,7 @@ def update_cooccurrence(
     old = jax.tree.map(lambda leaf: leaf[jnp.minimum(row, slots - 1)], graph)
     decided, accepted = _decide_episodes(old, around, allowed, frame, t)
     order = _entry_order(decided, accepted[:, None] & around, sightings, ids)
-    updated = _count_neighbours(decided, around, accepted, order, frame, static, t)
+    updated = _count_neighbors(decided, around, accepted, order, frame, static, t)
     graph = jax.tree.map(lambda leaf, new: leaf.at[row].set(new, mode="drop"), graph, updated)
     return graph, accepted
 
@@ -205,7 +205,7 @@ def _entry_order(
     return branch(largest >= copied_size(others), by_hash, lambda: by_id)
 
 
-def _count_neighbours(
+def _count_neighbors(
     rows: CooccurrenceGraph,
     around: Bool[Array, "N O"],
     accepted: Bool[Array, "N"],
@@ -214,7 +214,7 @@ def _count_neighbours(
     static: Static,
     t: Rules,
 ) -> CooccurrenceGraph:
-    """Strengthens the edges to the neighbours of an episode.
+    """Strengthens the edges to the neighbors of an episode.
 
     Rules: method.md#episodes, method.md#neighbor-order.
     """
@@ -237,7 +237,7 @@ def _count_neighbours(
 
 
 def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> CooccurrenceGraph:
-    """Keeps the first edges of the neighbour order, which becomes the order of the edges."""
+    """Keeps the first edges of the neighbor order, which becomes the order of the edges."""
     rank = rank_edges(rows, static)
     dropped = full & (rank >= static.max_neighbours)
     return dataclasses.replace(
@@ -248,17 +248,17 @@ def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> 
 
 
 def rank_edges(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:
-    """Position of every neighbour by the rule that trims the lists (method.md#neighbor-order)."""
+    """Position of every neighbor by the rule that trims the lists (method.md#neighbor-order)."""
     keys = {"weight": (graph.weight, graph.edge_time), "recent": (graph.edge_time,)}
-    return neighbour_rank(graph.count > 0, keys[static.neighbour_trim], graph.edge_order)
+    return neighbor_rank(graph.count > 0, keys[static.neighbour_trim], graph.edge_order)
 
 
-def neighbour_rank(
+def neighbor_rank(
     known: Bool[Array, "R O"],
     falling: Sequence[Num[Array, "R O"]],
     order: Int[Array, "R O"],
 ) -> Int[Array, "R O"]:
-    """Position of every neighbour, the strongest first; O where there is no edge.
+    """Position of every neighbor, the strongest first; O where there is no edge.
 
     Rule: method.md#neighbor-order.
 
@@ -282,10 +282,10 @@ def neighbour_rank(
     return jnp.where(known, jnp.sum(before, axis=1, dtype=jnp.int32), known.shape[1])
 
 
-def ranked_neighbours(
+def ranked_neighbors(
     rank: Int[Array, "R O"], most: int
 ) -> tuple[Int[Array, "R M"], Bool[Array, "R M"]]:
-    """Slots of the first `most` neighbours of every object, and which of them are neighbours."""
+    """Slots of the first `most` neighbors of every object, and which of them are neighbors."""
     at = rank[:, None, :] == jnp.arange(most)[:, None]
     slot = jnp.sum(jnp.where(at, jnp.arange(rank.shape[1]), 0), axis=-1, dtype=jnp.int32)
     return slot, jnp.any(at, axis=-1)

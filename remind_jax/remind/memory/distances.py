@@ -61,7 +61,7 @@ class Edges:
 class DistanceGraph:
     """Distances around every object (method.md#distance-episodes).
 
-    `nearer` and `margin` tell what an object knows of two others, `[self, a, b]`. Each pair is
+    `nearer` and `margin` hold what an object remembers of two others, `[self, a, b]`. Each pair is
     one entry above and one below the diagonal.
     """
 

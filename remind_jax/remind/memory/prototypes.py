@@ -122,7 +122,7 @@ def remove(bank: Bank, index: Int[Array, ""], when: Bool[Array, ""]) -> Bank:
 def _blend(chosen: Bool[Array, "S"], new: Bank, old: Bank) -> Bank:
     """Slots of `new` where chosen, else of `old`; the size of `old`.
 
-    A select over all slots fuses with its neighbours, where a scatter would not.
+    A select over all slots fuses with its neighbors, where a scatter would not.
     """
 
     def pick(fresh: Array, kept: Array) -> Array:
@@ -145,7 +145,7 @@ def count_quality(value: Bank, quality: Float[Array, ""]) -> Bank:
     )
 
 
-def move_towards(
+def move_toward(
     embedding: Float[Array, "D"], vector: Float[Array, "D"], rate: Float[Array, ""]
 ) -> Float[Array, "D"]:
     """Steps from a prototype to an observation and back to unit length; rate 0 changes nothing."""

@@ -50,7 +50,7 @@ def describe(
     kept = {"kmeans": t.kmeans_parts_kept, "attention": t.attention_parts_kept}
     parts_kept = jnp.stack([kept[channel] for channel in static.part_channels])[:, None]
 
-    # An object that sanitising left as it was keeps its own selection of patches.
+    # An object that sanitizing left as it was keeps its own selection of patches.
     unchanged = jnp.all(filled == given, axis=(1, 2), keepdims=True)
     blocked = jnp.where(
         unchanged,

@@ -1,6 +1,6 @@
 """How the detections of one frame lie to each other (paper III-D; method.md#relations).
 
-Lengths are normalised by the mean side of the two masks. Letters: `N` detections.
+Lengths are normalized by the mean side of the two masks. Letters: `N` detections.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Contact(enum.IntEnum):
 class Relations:
     """Every pair of detections; symmetric. The diagonal and padding are invalid."""
 
-    gap: Float[Array, "N N"]  # between the masks, normalised; negative where they overlap
-    center_distance: Float[Array, "N N"]  # between the mask centres, normalised
+    gap: Float[Array, "N N"]  # between the masks, normalized; negative where they overlap
+    center_distance: Float[Array, "N N"]  # between the mask centers, normalized
     contact: Int[Array, "N N"]  # Contact
     support: Float[Array, "N N"]  # how far one seems to rest on or in the other, [0, 1]
     gap_valid: Bool[Array, "N N"]  # the gap can be trusted
@@ -46,7 +46,7 @@ class Relations:
 
     @property
     def distance(self) -> Float[Array, "N N"]:
-        """The gap where it can be trusted, else the distance of the centres."""
+        """The gap where it can be trusted, else the distance of the centers."""
         return jnp.where(self.gap_valid, self.gap, self.center_distance)
 
 
@@ -54,7 +54,7 @@ def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> 
     """Relates every two detections of a frame.
 
     Args:
-      masks: Boxes, centres and areas of the detections.
+      masks: Boxes, centers and areas of the detections.
       mask_relations: Exact gaps of the close pairs; a close pair without one is judged by its
         boxes, at lower quality.
       t: Thresholds, as arrays of the scalar type.

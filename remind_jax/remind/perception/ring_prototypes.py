@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.pooling import TINY, dot, to_unit
 from remind_jax.observation import RingPatches
 from remind_jax.remind.thresholds.perception import RingPrototypes
-from remind_jax.solvers.clustering import kmeans_with_centres
+from remind_jax.solvers.clustering import kmeans_with_centers
 from remind_jax.static import Static
 
 _ROUNDING = 5e-7  # of float32 inner products of unit vectors
@@ -58,7 +58,7 @@ def _describe_ring(
     """Prototypes of one ring of every detection."""
     clusters = max(static.ring_clusters)
     wanted = _count_clusters(jnp.sum(members, axis=1), static, t)
-    labels, centres = kmeans_with_centres(
+    labels, centers = kmeans_with_centers(
         points,
         members,
         wanted,
@@ -72,7 +72,7 @@ def _describe_ring(
     weightless = jnp.sum(jnp.where(members, weights, 0.0), axis=1, keepdims=True) <= TINY
     weights = jnp.where(weightless, 1.0, weights)
     inside = labels[:, None] == jnp.arange(clusters)[:, None]
-    root = _join_alike(centres, jnp.any(inside, axis=2), t.joined)
+    root = _join_alike(centers, jnp.any(inside, axis=2), t.joined)
 
     # Regions are indexed by their first cluster.
     region = (root[:, None] == jnp.arange(clusters)[:, None]).astype(points.dtype)
@@ -86,16 +86,16 @@ def _describe_ring(
     sums, heavy = (_sum_regions(region, leaf) for leaf in (sums, heavy))
 
     weighs = (mass > TINY)[..., None]
-    centre = jnp.where(
+    center = jnp.where(
         weighs,
         heavy / jnp.where(weighs, mass[..., None], 1.0),
         sums / jnp.maximum(size, 1.0)[..., None],
     )
-    centre = to_unit(centre)
-    cohesion = jnp.sum(sums * centre, axis=-1) / jnp.maximum(size, 1.0)
+    center = to_unit(center)
+    cohesion = jnp.sum(sums * center, axis=-1) / jnp.maximum(size, 1.0)
     chosen, valid = _choose_regions(mass, cohesion, size > 0, static, t)
 
-    vectors = jnp.take_along_axis(centre, chosen[..., None], axis=1)
+    vectors = jnp.take_along_axis(center, chosen[..., None], axis=1)
     if static.ring_prototype_kind == "medoid":
         at = jnp.take_along_axis(root, jnp.maximum(labels, 0), axis=1)
         is_inside = (at[:, None] == chosen[..., None]) & members[:, None]
@@ -123,14 +123,14 @@ def _count_clusters(count: Int[Array, "N"], static: Static, t: RingPrototypes) -
 
 
 def _join_alike(
-    centres: Float[Array, "N K D"], exists: Bool[Array, "N K"], joined: Float[Array, ""]
+    centers: Float[Array, "N K D"], exists: Bool[Array, "N K"], joined: Float[Array, ""]
 ) -> Int[Array, "N K"]:
     """First cluster of the region that each cluster belongs to; a missing one is its own.
 
     Clusters are in one region if a chain of similar ones leads from one to the other.
     """
     num = exists.shape[1]
-    unit = to_unit(centres)
+    unit = to_unit(centers)
     cosine = dot(unit, unit).astype(joined.dtype)
     both = exists[:, :, None] & exists[:, None]
     reach = ((cosine > joined) & both) | jnp.eye(num, dtype=bool)
@@ -165,15 +165,15 @@ def _choose_regions(
 
 def _take_nearest(
     points: Float[Array, "P D"],
-    centres: Float[Array, "N M D"],
+    centers: Float[Array, "N M D"],
     inside: Bool[Array, "N M P"],
     labels: Int[Array, "N P"],
 ) -> Float[Array, "N M D"]:
-    """The point of each region nearest to its centre; among equals by cluster, then by place.
+    """The point of each region nearest to its center; among equals by cluster, then by place.
 
     Two points of equal weight are equally near: what differs by rounding only counts as equal.
     """
-    cosine = jnp.where(inside, dot(centres, points), -jnp.inf)
+    cosine = jnp.where(inside, dot(centers, points), -jnp.inf)
     best = inside & (cosine >= jnp.max(cosine, axis=2, keepdims=True) - _ROUNDING)
     num = points.shape[0]
     rank = labels[:, None] * num + jnp.arange(num)

@@ -22,7 +22,7 @@ def find_rings(
     A ring that holds too few patches (at the edge of the frame, between objects) grows outwards.
 
     Args:
-      object_patches: Patches of the sanitised object.
+      object_patches: Patches of the sanitized object.
       max_radius: Static bound of every radius, in patches.
       thresholds: Radii, limits and modes.
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import Source
+from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
@@ -23,7 +23,7 @@ from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.ambiguity import find_ambiguous
 from remind_jax.remind.undecided.competition import find_competitions
 from remind_jax.remind.undecided.provisional import Doubts, no_doubts, question_births
-from remind_jax.remind.undecided.stability import Stabilised, doubt_entries, stabilise
+from remind_jax.remind.undecided.stability import Stabilized, doubt_entries, stabilize
 from remind_jax.remind.undecided.temporal import PairTable, prefer
 from remind_jax.remind.undecided.uniqueness import withdraw_second_claims
 from remind_jax.static import Static
@@ -46,7 +46,7 @@ class Settlement:
 
     slot: Int[Array, "N"]  # matched object, -1 none
     score: Float[Array, "N"]  # of the match
-    source: Int[Array, "N"]  # decision.Source of the match
+    source: Int[Array, "N"]  # decision.MatchOrigin of the match
     guarded: Int[Array, "N"]  # matched object after the guard of look-alikes
     creates: Bool[Array, "N"]  # founds an object unless it is ambiguous or provisional
     ambiguous: Undecided
@@ -54,7 +54,7 @@ class Settlement:
     reserved_id: Int[Array, "N"]  # id of the object that an ambiguous detection founds, -1 none
     groups: GroupOutcome  # what became of closed groups, leading axis: passes
     rounds: Round  # what each pass was asked and proposed, leading axis: passes
-    stabilised: Stabilised  # what the guard of look-alikes saw
+    stabilized: Stabilized  # what the guard of look-alikes saw
 
 
 def settle(
@@ -78,7 +78,7 @@ def settle(
       t: Thresholds.
     """
     objects, next_id = state.objects, state.next_id
-    stable = stabilise(table, assignment.slot, t.stability)
+    stable = stabilize(table, assignment.slot, t.stability)
     slot = stable.slot
     creates = descriptors.valid & (slot < 0)
     doubtful = doubt_entries(table, stable, t.matching.min_visual, t.ambiguous.max_candidates)
@@ -91,7 +91,7 @@ def settle(
     open_ = _Open(
         slot=slot,
         score=jnp.where(slot >= 0, score[:, 0], 0.0),
-        source=jnp.where(slot >= 0, Source.ASSOCIATION, Source.NONE).astype(jnp.int32),
+        source=jnp.where(slot >= 0, MatchOrigin.ASSOCIATION, MatchOrigin.NONE).astype(jnp.int32),
         turn=jnp.zeros_like(slot),
         creates=creates,
         entries=entries,
@@ -121,7 +121,7 @@ def settle(
         reserved_id=rivalry.reserved_id,
         groups=groups,
         rounds=rounds,
-        stabilised=stable,
+        stabilized=stable,
     )
 
 
@@ -168,7 +168,7 @@ def _reconcile(
         t.known_sets,
     )
     found = settled.resolved_slot >= 0
-    late = Source.DISTANCE_FULL_POSTCREATE - Source.DISTANCE_FULL
+    late = MatchOrigin.DISTANCE_FULL_POSTCREATE - MatchOrigin.DISTANCE_FULL
     by_layout = settled.source + jnp.where(turn > 0, late, 0)
     slot = jnp.where(found, settled.resolved_slot, open_.slot)
     creates = open_.creates & ~found

@@ -32,7 +32,7 @@ _ORDERS = np.array(list(itertools.permutations(range(MAX_MEMBERS))), np.int32)
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Stabilised:
+class Stabilized:
     """Matches after the guard."""
 
     slot: Int[Array, "N"]  # object slot, -1 none
@@ -53,7 +53,7 @@ class _Components:
     contested: Bool[Array, "N"]  # at least two detections and two objects
 
 
-def stabilise(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabilised:
+def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabilized:
     """Withdraws matches that a slightly different score would have swapped.
 
     Args:
@@ -84,7 +84,7 @@ def stabilise(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabilis
 
     has, solved = branch(jnp.any(fragile), solve, leave)
     lost = fragile & ~has
-    return Stabilised(
+    return Stabilized(
         slot=jnp.where(fragile, solved, slot_after).astype(jnp.int32),
         doubtful=undecided | lost,
         rivals=jnp.where(
@@ -97,7 +97,7 @@ def stabilise(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabilis
 
 def doubt_entries(
     table: PairTable,
-    stabilised: Stabilised,
+    stabilized: Stabilized,
     min_visual: Float[Array, ""],
     max_candidates: Int[Array, ""],
 ) -> Undecided:
@@ -105,7 +105,7 @@ def doubt_entries(
 
     Rule: method.md#stability-entries.
     """
-    members = stabilised.rivals & table.plausible & stabilised.doubtful[:, None]
+    members = stabilized.rivals & table.plausible & stabilized.doubtful[:, None]
     score = temporal_score(table, members)
     members = members & (score >= min_visual)
     slots, scores = rank(score, members, max_candidates, later_first=True)

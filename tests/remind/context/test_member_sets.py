@@ -37,7 +37,7 @@ quick = settings(
 
 def weigh_plainly(strength):
     """Weight of the maximum spanning tree of a complete graph of strengths in [0, 1]."""
-    # The solver takes 0 for no edge and minimises: turn strengths around, above 0.
+    # The solver takes 0 for no edge and minimizes: turn strengths around, above 0.
     tree = minimum_spanning_tree(2.0 - strength).toarray()
     return float(np.sum(2.0 - tree[tree > 0]))
 

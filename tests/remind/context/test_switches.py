@@ -20,7 +20,7 @@ import pytest
 
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
-from remind_jax.remind.context.veto import expect_neighbours
+from remind_jax.remind.context.veto import expect_neighbors
 from remind_jax.static import Static
 
 from .scenes import GOLDEN, STATIC, UNIT, Scene, read_context, read_view
@@ -112,7 +112,7 @@ def test_sets_with_other_switches():
     assert min(changed.values()) >= 3
 
 
-_expect = jax.jit(expect_neighbours, static_argnames="static")
+_expect = jax.jit(expect_neighbors, static_argnames="static")
 
 
 def expected_by(scene: Scene, config: Config) -> np.ndarray:

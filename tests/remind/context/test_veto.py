@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.context.influence import Influence, no_influence
-from remind_jax.remind.context.veto import Veto, expect_neighbours, plausibly_in_view, veto_pairs
+from remind_jax.remind.context.veto import Veto, expect_neighbors, plausibly_in_view, veto_pairs
 from remind_jax.remind.thresholds.context import Veto as Rules
 from remind_jax.static import Static
 
@@ -15,9 +15,9 @@ from .scenes import thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
 SHORT = Static(precision="float64", expected_neighbours=4, context_hypotheses=2)
-LEAST = 0.05  # conditional probability of an expected neighbour
+LEAST = 0.05  # conditional probability of an expected neighbor
 GATE = 0.75  # visual score of a plausible candidate
-_expect = jax.jit(expect_neighbours, static_argnames="static")
+_expect = jax.jit(expect_neighbors, static_argnames="static")
 _plausible = jax.jit(plausibly_in_view)
 _veto = jax.jit(veto_pairs, static_argnames="static")
 
@@ -58,7 +58,7 @@ def test_expected_neighbours():
 
 
 def test_only_the_first_edges_count():
-    """Edges beyond the length of a neighbour list are not looked at."""
+    """Edges beyond the length of a neighbor list are not looked at."""
     static = Static(precision="float64", max_neighbours=2)
     told, count = np.full((6, 6), 0.3), np.ones((6, 6), np.int32)
     order = np.tile(np.arange(6, dtype=np.int32), (6, 1))
@@ -153,14 +153,14 @@ def test_objects_outside_the_context(quality, changed, vetoes):
     assert bool(np.any(plain)) == vetoes
 
 
-# ------------------------------------------------------------------ the object's own neighbours
+# ------------------------------------------------------------------ the object's own neighbors
 
 MANY = 20
-MASS = {"local_mass": 99.0}  # the list of expected neighbours ends by its length only
+MASS = {"local_mass": 99.0}  # the list of expected neighbors ends by its length only
 
 
 def meet(expected: int, hits: int, *, episodes=4, seen=3, quality=0.45, felt=(), **changed) -> Veto:
-    """What becomes of object 0, which expects some neighbours of which some are in view.
+    """What becomes of object 0, which expects some neighbors of which some are in view.
 
     Detection 0 is the one in question; the others each name one object that is in view.
     """
@@ -219,12 +219,12 @@ CONTRADICTED = Veto.LOCAL_CTX_CONTRADICTION
         ({"expected": 3, "hits": 0, "episodes": 3, "local_min_episodes": 0}, CONTRADICTED),
     ],
 )
-def test_neighbours_that_are_not_in_view(met, expected):
+def test_neighbors_that_are_not_in_view(met, expected):
     """method.md#veto, row 3; the context need not be good enough for a bonus."""
     assert meet(**met) == expected
 
 
-def test_own_neighbours_speak_before_the_context():
+def test_own_neighbors_speak_before_the_context():
     """A pair that both rules reject is named after the first."""
     everything = {
         "min_quality": 0.0, "max_support": 1.0, "max_score": 1.0, "min_pruning": 0.0,

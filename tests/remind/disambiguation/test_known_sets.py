@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.decision import Source
+from remind_jax.decision import MatchOrigin
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus
 from remind_jax.remind.disambiguation.known_sets import settle_known_sets
 from remind_jax.remind.memory.distances import Edges
@@ -38,7 +38,7 @@ def test_frozen_scenes_are_settled_as_by_the_plain_rules():
     settled = settle_scenes(load_scenes())
     np.testing.assert_array_equal(settled.resolved_slot, expected("resolved_slot"))
     np.testing.assert_array_equal(settled.remaining, expected("remaining"))
-    sources = np.array([Source.NONE, Source.DISTANCE_FULL, Source.DISTANCE_PARTIAL])
+    sources = np.array([MatchOrigin.NONE, MatchOrigin.DISTANCE_FULL, MatchOrigin.DISTANCE_PARTIAL])
     np.testing.assert_array_equal(settled.source, sources[expected("full")])
     np.testing.assert_array_equal(settled.root, expected("root"))
     np.testing.assert_array_equal(settled.groups.status, expected("status"))
@@ -74,7 +74,7 @@ def test_answers_are_consistent():
     assert not np.any(resolved & ~entries.present)
     assert not np.any(resolved & settled.remaining)
     assert not np.any(settled.remaining & ~entries.present)
-    np.testing.assert_array_equal(resolved, settled.source != Source.NONE)
+    np.testing.assert_array_equal(resolved, settled.source != MatchOrigin.NONE)
     named = np.any(entries.slot == slot[..., None], axis=-1)
     assert np.all(named[resolved])
     for objects, roots in zip(slot, settled.root, strict=True):
@@ -271,7 +271,7 @@ def test_chairs_beside_a_lamp_change_places():
 
 @pytest.mark.usefixtures("x64")
 def test_looks_do_not_overrule_the_layout():
-    """Looks that favour the other assignment by far stop the decision instead of turning it."""
+    """Looks that favor the other assignment by far stop the decision instead of turning it."""
     t = thresholds(visual_weight=2.0)
     settled = settle_one(chairs_and_lamp([[0.95, 0.30], [0.30, 0.95]]), t)
     assert settled.groups.status[0] == GroupStatus.VISUAL_RANK_FLIP

@@ -324,9 +324,9 @@ def update_ring_prototypes(
 
 def random_views(rng, *shape, dim=4, directions=5, spread=0.2) -> np.ndarray:
     """Unit vectors around a few directions, so that duplicates, merges and novelties all occur."""
-    centres = rng.standard_normal((directions, dim))
-    centres /= np.linalg.norm(centres, axis=1, keepdims=True)
-    views = centres[rng.integers(0, directions, shape)]
+    centers = rng.standard_normal((directions, dim))
+    centers /= np.linalg.norm(centers, axis=1, keepdims=True)
+    views = centers[rng.integers(0, directions, shape)]
     views = views + spread * rng.random((*shape, 1)) * rng.standard_normal((*shape, dim))
     return (views / np.linalg.norm(views, axis=-1, keepdims=True)).astype(np.float32)
 

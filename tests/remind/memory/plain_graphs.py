@@ -12,7 +12,7 @@ from remind_jax.remind.memory.distances import DistanceGraph
 
 
 @dataclasses.dataclass
-class PlainNeighbours:
+class PlainNeighbors:
     """Co-occurrence of one object: edges map an id to [count, weight, frame]."""
 
     same_context: float = 0.85
@@ -65,10 +65,10 @@ class PlainNeighbours:
 
 @dataclasses.dataclass
 class PlainDistances:
-    """Distances around one object; an observation is (gap or None, centre, support, contact)."""
+    """Distances around one object; an observation is (gap or None, center, support, contact)."""
 
     pending: dict = dataclasses.field(default_factory=dict)
-    edges: dict = dataclasses.field(default_factory=dict)  # id -> gaps, centres, supports, contacts
+    edges: dict = dataclasses.field(default_factory=dict)  # id -> gaps, centers, supports, contacts
     orders: dict = dataclasses.field(default_factory=dict)  # (a, b) -> [distance a, distance b]
 
     def collect(self, other: int, observation: tuple) -> None:

@@ -24,7 +24,7 @@ from remind_jax.remind.memory.prototypes import (
     empty_bank,
     live,
     mean_quality,
-    move_towards,
+    move_toward,
     nearest,
     new_entry,
     remove,
@@ -116,14 +116,14 @@ def test_similarity_gated_steps_of_the_page(cosine, duplicate, rates, scale, ste
     )
     np.testing.assert_allclose(rate, step, atol=1e-12)
     vector = jnp.array([cosine, np.sqrt(1 - cosine**2)], jnp.float32)
-    reached = move_towards(unit(0), vector, rate)
+    reached = move_toward(unit(0), vector, rate)
     np.testing.assert_allclose(reached, moved, atol=1e-6)  # printed with six decimals
     if not step:
         np.testing.assert_array_equal(reached, unit(0))
 
 
 def test_a_full_step_replaces_the_prototype():
-    np.testing.assert_allclose(move_towards(unit(0), unit(33), jnp.float32(1)), unit(33), atol=1e-7)
+    np.testing.assert_allclose(move_toward(unit(0), unit(33), jnp.float32(1)), unit(33), atol=1e-7)
 
 
 def test_quality_is_a_mean_and_a_slower_mean():

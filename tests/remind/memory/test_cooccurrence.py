@@ -12,14 +12,14 @@ from remind_jax.remind.memory.cooccurrence import (
     empty_cooccurrence,
     gather_sightings,
     rank_edges,
-    ranked_neighbours,
+    ranked_neighbors,
     reorder_cooccurrence,
     update_cooccurrence,
 )
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.static import Static
 
-from .plain_graphs import PlainNeighbours
+from .plain_graphs import PlainNeighbors
 
 
 def as_arrays(rules):
@@ -39,9 +39,9 @@ _update = jax.jit(update_cooccurrence, static_argnames="static")
 
 @functools.partial(jax.jit, static_argnames="static")
 def _order(graph, static):
-    """Neighbours, the strongest first."""
+    """Neighbors, the strongest first."""
     rank = rank_edges(graph, static)
-    return ranked_neighbours(rank, min(static.max_neighbours or rank.shape[1], rank.shape[1]))
+    return ranked_neighbors(rank, min(static.max_neighbours or rank.shape[1], rank.shape[1]))
 
 
 def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=None, ids=None):
@@ -140,7 +140,7 @@ rules_drawn = st.sampled_from(
 def test_agrees_with_plain_python(frames, drawn, ids):
     rules, plain_rules, static = drawn
     limits = {"most": static.max_neighbours, "recent": static.neighbour_trim == "recent"}
-    plain = [PlainNeighbours(**plain_rules, **limits) for _ in range(10)]
+    plain = [PlainNeighbors(**plain_rules, **limits) for _ in range(10)]
     graph = empty_cooccurrence(12, jnp.float32)
     for frame, visible in enumerate(frames):
         listed = sorted(visible, reverse=True)

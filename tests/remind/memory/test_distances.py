@@ -87,14 +87,14 @@ def symmetric(*pairs, num=3):
 def test_chairs_and_lamp_of_the_page(x64):
     """method.md#example-lamp, from masks to the edges after seven frames."""
     rules = arrays(Rules(), jnp.float64)
-    neighbours, graph = empty_cooccurrence(4, jnp.float64), empty_distances(4, jnp.float64)
+    neighbors, graph = empty_cooccurrence(4, jnp.float64), empty_distances(4, jnp.float64)
 
     @jax.jit
-    def step(neighbours, graph, masks, frame):
+    def step(neighbors, graph, masks, frame):
         slot = jnp.arange(3, dtype=jnp.int32)
         seen = gather_sightings(slot, slot, jnp.ones(3, bool), 4)
-        neighbours, accepted = update_cooccurrence(
-            neighbours,
+        neighbors, accepted = update_cooccurrence(
+            neighbors,
             seen,
             jnp.arange(4, dtype=jnp.int32),
             frame,
@@ -102,7 +102,7 @@ def test_chairs_and_lamp_of_the_page(x64):
             arrays(Cooccurrence(), jnp.float64),
         )
         relations = observe_relations(masks, masks.relations, rules)
-        return neighbours, update_distances(graph, relations, seen, accepted, rules)
+        return neighbors, update_distances(graph, relations, seen, accepted, rules)
 
     for frame, shift in enumerate([0, 4, -4, 8, 0, 2, -6]):
         pixels = np.zeros((3, 200, 300), bool)
@@ -116,10 +116,10 @@ def test_chairs_and_lamp_of_the_page(x64):
             detector_score=unused, relations=relate_masks(pixels, box, area, num_slots=3),
             valid=np.ones(3, bool),
         )  # fmt: skip
-        neighbours, graph = step(neighbours, graph, masks, jnp.int32(frame))
+        neighbors, graph = step(neighbors, graph, masks, jnp.int32(frame))
 
     edges = graph.edges
-    np.testing.assert_array_equal(neighbours.episodes, [3, 3, 3, 0])
+    np.testing.assert_array_equal(neighbors.episodes, [3, 3, 3, 0])
     np.testing.assert_array_equal(edges.count[:2, 2], [3, 3])
     # printed with six decimals; the gaps come from float32 distance transforms
     np.testing.assert_allclose(edges.gap_mean[:2, 2], [3.033333, 1.010708], atol=2e-6)
@@ -294,20 +294,20 @@ def test_graphs_of_the_original(x64):
     rules = arrays((Cooccurrence(decay=0.9), Rules()), scalar)
 
     def step(graphs, frame):
-        neighbours, graph = graphs
+        neighbors, graph = graphs
         at, found, box, center, area, relations = frame
         unused = jnp.zeros(num)
         masks = Masks(
             unused, unused, unused, box, center, area, unused, unused, relations, area > 0
         )
         seen = gather_sightings(found, jnp.arange(num), jnp.ones(num, bool), slots)
-        neighbours, accepted = update_cooccurrence(
-            neighbours, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules[0]
+        neighbors, accepted = update_cooccurrence(
+            neighbors, seen, jnp.arange(slots, dtype=jnp.int32), at, static, rules[0]
         )
         relations = observe_relations(masks, relations, rules[1])
         graph = update_distances(graph, relations, seen, accepted, rules[1])
-        degrees = [jnp.sum(count > 0, axis=1) for count in (neighbours.count, graph.edges.count)]
-        return (neighbours, graph), (degrees[0], neighbours.episodes, degrees[1])
+        degrees = [jnp.sum(count > 0, axis=1) for count in (neighbors.count, graph.edges.count)]
+        return (neighbors, graph), (degrees[0], neighbors.episodes, degrees[1])
 
     found = np.where(data["object"] >= 0, np.searchsorted(ids, data["object"]), slots)
     gap_px = data["gap_px"] + np.swapaxes(data["gap_px"], 1, 2)
@@ -316,7 +316,7 @@ def test_graphs_of_the_original(x64):
     geometry = [data[name].astype(float) for name in ("box", "center", "area")]
     graphs = empty_cooccurrence(slots, scalar), empty_distances(slots, scalar)
     scan = jax.jit(lambda graphs, frames: jax.lax.scan(step, graphs, frames))
-    (neighbours, graph), history = scan(
+    (neighbors, graph), history = scan(
         graphs, (frame, found.astype(np.int32), *geometry, relations)
     )
 
@@ -328,11 +328,11 @@ def test_graphs_of_the_original(x64):
         return tuple(np.searchsorted(ids, data[f"{table}_{name}"]) for name in names)
 
     edge = slots_of("edge", "src", "dst")
-    assert np.count_nonzero(neighbours.count) == len(edge[0])
-    np.testing.assert_array_equal(np.asarray(neighbours.count)[edge], data["edge_count"])
-    np.testing.assert_array_equal(np.asarray(neighbours.edge_time)[edge], data["edge_last_seen"])
+    assert np.count_nonzero(neighbors.count) == len(edge[0])
+    np.testing.assert_array_equal(np.asarray(neighbors.count)[edge], data["edge_count"])
+    np.testing.assert_array_equal(np.asarray(neighbors.edge_time)[edge], data["edge_last_seen"])
     close = {"rtol": 0, "atol": 2e-6}  # recorded as float32; gaps are float32, too
-    np.testing.assert_allclose(np.asarray(neighbours.weight)[edge], data["edge_weight"], **close)
+    np.testing.assert_allclose(np.asarray(neighbors.weight)[edge], data["edge_weight"], **close)
     edge, edges = slots_of("dist", "src", "dst"), jax.tree.map(np.asarray, graph.edges)
     np.testing.assert_array_equal(edges.gap_count[edge], data["dist_n_gap"])
     for contact in Contact:

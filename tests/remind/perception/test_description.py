@@ -176,7 +176,7 @@ def test_rings_lie_around_the_filled_mask():
 
 
 def test_object_coverage_counts_for_changed_masks_only():
-    """A mask that sanitising left alone keeps its own selection of patches (method.md#rings)."""
+    """A mask that sanitizing left alone keeps its own selection of patches (method.md#rings)."""
     coverage, filled = one_block(value=0.4), one_block(value=0.4)
     plain = describe_frame(random_features(), coverage, ring_object_coverage=0.5)
     assert plain.rings_valid[0, INNER]

@@ -37,17 +37,17 @@ def of_directions(*groups):
 
 
 @pytest.mark.parametrize(
-    ("clusters", "labels", "centres"),
+    ("clusters", "labels", "centers"),
     [
         (2, [1, 1, 1, 1, 0], [[10, 0], [2, 0.5]]),
         (3, [1, 1, 2, 2, 0], [[10, 0], [0, 0.5], [4, 0.5]]),
     ],
 )
-def test_clustering_example_of_the_page(clusters, labels, centres):
+def test_clustering_example_of_the_page(clusters, labels, centers):
     points = np.array([[0, 0], [0, 1], [4, 0], [4, 1], [10, 0]], np.float32)
     found, reached = cluster_points(points, clusters, iterations=5, restarts=2, seed=0)
     assert found.tolist() == labels
-    np.testing.assert_allclose(reached, centres)
+    np.testing.assert_allclose(reached, centers)
 
 
 def test_parts_come_by_falling_support():
@@ -155,8 +155,8 @@ def parts_by_loops(features, coverage, rules: Perception):
 @given(st.integers(0, 2**32 - 1), st.integers(0, NUM_PATCHES), st.sampled_from([0.3, 0.8, 0.99]))
 def test_parts_equal_a_plain_loop(seed, count, merge):
     rng = np.random.default_rng(seed)
-    centres = rng.standard_normal((4, DIM))
-    features = centres[rng.integers(0, 4, NUM_PATCHES)] + 0.3 * rng.standard_normal(
+    centers = rng.standard_normal((4, DIM))
+    features = centers[rng.integers(0, 4, NUM_PATCHES)] + 0.3 * rng.standard_normal(
         (NUM_PATCHES, DIM)
     )
     features = features.astype(np.float32)

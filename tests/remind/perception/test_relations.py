@@ -11,7 +11,7 @@ from remind_jax.observation import MaskRelations, Masks
 from remind_jax.remind.perception.relations import Contact, observe_relations, relate_boxes
 from remind_jax.remind.thresholds.relations import Relations as Rules
 
-FLOAT32 = 3e-6  # of coordinates in the hundreds, normalised by at least 40
+FLOAT32 = 3e-6  # of coordinates in the hundreds, normalized by at least 40
 _observe = jax.jit(observe_relations)
 
 
@@ -111,8 +111,8 @@ BIG = (0, 0, 100, 100)
     [
         ((10, 10, 30, 30), 400, -20.0, 1.0),  # inside the box of the other
         ((90, 40, 130, 60), 800, 1.0, 0.25),  # a quarter of it
-        ((90, 40, 110, 60), 400, 1.0, 0.75),  # half of it, centre on the edge of the other
-        ((92, 40, 108, 60), 320, 1.0, 0.75),  # centre inside
+        ((90, 40, 110, 60), 400, 1.0, 0.75),  # half of it, center on the edge of the other
+        ((92, 40, 108, 60), 320, 1.0, 0.75),  # center inside
         ((92, 40, 108, 60), 320, 99.0, 0.5),  # but the masks are apart
         ((0, 0, 78, 78), 6001, -60.0, 0.0),  # more than 0.6 of the size: no support
         ((0, 0, 78, 78), 6000, -60.0, 1.0),
@@ -125,7 +125,7 @@ def test_support(small, area, gap_px, support):
     assert found.support[0, 1] == found.support[1, 0] == pytest.approx(support)
 
 
-def test_half_contained_things_rest_on_each_other_even_with_the_centre_outside():
+def test_half_contained_things_rest_on_each_other_even_with_the_center_outside():
     gaps = np.array([[NAN, 1.0], [1.0, NAN]])
     found = observe(
         [BIG, (90, 40, 110, 60)], gaps, areas=[10000, 400], centers=[(49.5, 49.5), (104, 49.5)]

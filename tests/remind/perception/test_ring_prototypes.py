@@ -74,7 +74,7 @@ def plain_prototypes(features, members, weights, seed, static: Static, t: RingPr
     number = min(number, max(1, len(inside) // t.min_cluster_patches))
     if number == 1:
         return [[unit(points.mean(axis=0))]]
-    labels, centres = cluster_points(
+    labels, centers = cluster_points(
         points, number, static.ring_iterations, static.ring_restarts, seed
     )
     found = sorted(set(labels.tolist()))
@@ -82,23 +82,23 @@ def plain_prototypes(features, members, weights, seed, static: Static, t: RingPr
     for _ in found:
         for i in found:
             for j in found:
-                if unit(centres[i]) @ unit(centres[j]) > t.joined:
+                if unit(centers[i]) @ unit(centers[j]) > t.joined:
                     region[i] = region[j] = min(region[i], region[j])
     regions = []
     for first in sorted(set(region.values())):
         clusters = [c for c in found if region[c] == first]
         own = np.concatenate([np.flatnonzero(labels == c) for c in clusters])
-        centre = unit(weights[own] @ points[own])
-        cohesion = (points[own] @ centre).mean()
-        regions.append((weights[own].sum(), cohesion, own, centre))
+        center = unit(weights[own] @ points[own])
+        cohesion = (points[own] @ center).mean()
+        regions.append((weights[own].sum(), cohesion, own, center))
     total = sum(mass for mass, *_ in regions)
     regions = [r for r in regions if r[0] / total >= t.min_mass]
     regions.sort(key=lambda r: -r[0] * r[1] ** t.cohesion_power)
     regions = regions[: static.ring_prototypes_kept or None]
     if static.ring_prototype_kind == "centroid":
-        return [[centre] for *_, centre in regions]
+        return [[center] for *_, center in regions]
     # Two patches of equal weight are equally near to their mean.
-    near = [(points[own] @ centre, points[own]) for _, _, own, centre in regions]
+    near = [(points[own] @ center, points[own]) for _, _, own, center in regions]
     return [own[cosine > cosine.max() - 1e-6] for cosine, own in near]
 
 

@@ -1,4 +1,4 @@
-"""Who was seen with whom in a frame: what both graphs of neighbours learn (paper III-D).
+"""Who was seen with whom in a frame: what both graphs of neighbors learn (paper III-D).
 
 Letters: `N` detections, `O` object slots.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import Decisions, Lock, Outcome, Source
+from remind_jax.decision import Decisions, Lock, MatchOrigin, Outcome
 from remind_jax.remind.memory.cooccurrence import (
     CooccurrenceGraph,
     gather_sightings,
@@ -30,11 +30,11 @@ def decided_rank(
 
     Args:
       decisions: Outcomes and locks.
-      source: What gave each match its object, `decision.Source`.
+      source: What gave each match its object, `decision.MatchOrigin`.
       class_id: Class of each detection.
     """
     num = class_id.shape[0]
-    late = (source > Source.ASSOCIATION).astype(jnp.int32)
+    late = (source > MatchOrigin.ASSOCIATION).astype(jnp.int32)
     late = jnp.where(decisions.outcome == Outcome.NEW, 2, late)
     by_class = jnp.argmax(class_id[:, None] == class_id, axis=1)
     by_class = jnp.where(late == 0, by_class, 0)
