@@ -24,9 +24,9 @@ INTRODUCTION = """\
 Made from the code by `make docs`; a test keeps it up to date. `input` and `static` serve every
 tracker; thresholds belong to one: those of [plus](#thresholds-of-tracker-plus), the default, come
 first, then those of the [paper's](#thresholds-of-tracker-remind) and of the baselines. Values are
-the published ones of each tracker. `remind config show` prints every value that runs, `remind
-config diff published remind` what one configuration changes of another, and what a backbone changes
-stands in `configs/backbones/`.
+the published ones of each tracker. In a terminal, `remind config describe KEY` says what is said
+here, `remind config show` prints every value that runs, and `remind config diff published remind`
+what one configuration changes of another; what a backbone changes stands in `configs/backbones/`.
 
 Set any of them with `--set thresholds.decision.new=1.5`, in a file (`remind run --config FILE`),
 or in Python with `load_config({"thresholds": {"decision": {"new": 1.5}}})`. Names are those of the
@@ -43,7 +43,8 @@ backbone changes only what nobody set. `run.json` holds the values of a run.
   [many can run at once](performance.md#many-settings-at-once).
 * Scores, similarities, shares and qualities lie in [0, 1]. *Effective patches* are patches weighed
   by how much of each the mask covers. An *object size* is the mean side of the two objects between
-  which a distance is measured.
+  which a distance is measured. A *length* of plus is in units of which a frame has the area 30.72:
+  100 pixels of a frame of 640x480.
 """
 
 
@@ -106,7 +107,7 @@ def _threshold_lines(method: str, sections: list[Section]) -> Iterator[str]:
 def _read_section(path: str, values: Any) -> Section:
     hints = typing.get_type_hints(type(values))
     rows = tuple(
-        (name, _as_yaml(value), record.unit or _describe_kind(hints[name]), record)
+        (name, _as_yaml(value), _describe_unit(record, hints[name]), record)
         for name, value, record in walk_settings(values)
     )
     return Section(path, _describe_class(type(values)), rows)
@@ -121,7 +122,10 @@ def _link(rule: re.Match[str]) -> str:
     return f"[{rule[2].replace('-', ' ')}]({rule[0]})"
 
 
-def _describe_kind(hint: Any) -> str:
+def _describe_unit(record: Setting, hint: Any) -> str:
+    """The unit of a number with its largest value, or the values that there are."""
+    if record.unit:
+        return record.unit if record.most is None else f"{record.unit}, at most {record.most:g}"
     if typing.get_origin(hint) is typing.Literal:
         return " or ".join(f"`{choice}`" for choice in typing.get_args(hint))
     if hint is bool:

@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import pytest
 
 from remind_jax.settings.arrays import AsArrays
+from remind_jax.settings.kinds import Gate, Real, Whole
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Sample(AsArrays):
-    share: float = 0.5
-    count: int = 3
-    is_on: bool = True
+    share: Real = 0.5
+    count: Whole = 3
+    is_on: Gate = True
 
 
 @pytest.mark.parametrize("scalar", [jnp.float32, jnp.float16])

@@ -34,7 +34,7 @@ class Stability:
         "score", more="fewer rescued pairs are doubted", key=f"{_S}.alt_margin")
     keep_margin: Real = setting(0.03, "lead that lets a rescued pair stand after all", "score",
         more="fewer doubted pairs stand", key=f"{_S}.keep_margin")
-    max_members: Whole = setting(4, "larger groups are not compared; four at most", "detections",
+    max_members: Whole = setting(4, "larger groups are not compared", "detections",
         more="more look-alikes stay undecided", key=f"{_S}.component_max_size", most=4,
         why="complete assignments of larger groups are not enumerated")
     rescued_fragile: Gate = setting(True, "pairs that context rescued can be fragile",
@@ -77,7 +77,7 @@ class Ambiguous:
 
     enabled: Gate = setting(True, "detections may stay undecided between known objects",
         key=f"{_A}.enabled")
-    max_candidates: Whole = setting(3, "most candidates that are named, three at most", "objects",
+    max_candidates: Whole = setting(3, "most candidates that are named", "objects",
         more="larger candidate sets are allowed", key=f"{_A}.max_candidates", most=3,
         why="an undecided detection names three objects at most")
     supported_only: Gate = setting(True,
@@ -124,10 +124,9 @@ class Ambiguous:
         "score", more="more stays undecided by looks alone", key=f"{_A}.visual_fallback.gap_max")
     visual_slack: Real = setting(1e-4, "fallback: tolerance of that", "score",
         more="as visual_gap, in the last digits", key=f"{_A}.visual_fallback.gap_eps")
-    visual_max: Whole = setting(3, "fallback: most near-ties that are named, three at most",
-        "objects", more="larger candidate sets by looks alone",
-        key=f"{_A}.visual_fallback.max_candidates", most=3,
-        why="an undecided detection names three objects at most")
+    visual_max: Whole = setting(3, "fallback: most near-ties that are named", "objects",
+        more="larger candidate sets by looks alone", key=f"{_A}.visual_fallback.max_candidates",
+        most=3, why="an undecided detection names three objects at most")
 
 
 @jax.tree_util.register_dataclass
@@ -149,7 +148,7 @@ class Provisional:
         more="more known objects are named", key=f"{_P}.support_gap_rel_max")
     gap_slack: Real = setting(1e-4, "tolerance of both", "score", more="as gap, in the last digits",
         key=f"{_P}.support_gap_eps")
-    max_support: Whole = setting(3, "known objects named as support, three at most", "objects",
+    max_support: Whole = setting(3, "known objects named as support", "objects",
         more="more known objects are named", key=f"{_P}.support_topk", most=3,
         why="an undecided detection names three objects at most")
     from_strong: Gate = setting(False,
