@@ -12,6 +12,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, RemindError
+from remind_jax.files import writing
 from remind_jax.printing.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
@@ -198,4 +199,5 @@ def print_federated(scores: FederatedScores) -> None:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    process.write_text(path, json.dumps(content, indent=1) + "\n")
+    with writing(path):
+        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

@@ -1,10 +1,6 @@
-"""What the verbs share: exit codes, libraries that stay silent, files that are written."""
+"""What the verbs share: exit codes, and libraries that stay silent."""
 
 from __future__ import annotations
-
-from pathlib import Path
-
-from remind_jax.errors import OutputError
 
 FINE = 0
 ERROR = 1  # input, configuration or output is wrong: one sentence on stderr
@@ -21,15 +17,3 @@ def silence_libraries() -> None:
     set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel
     set_level(0)
     av.logging.set_level(None)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes a file that a flag names.
-
-    Raises:
-      OutputError: If it cannot be written.
-    """
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"cannot write '{path}': {error.strerror}") from error

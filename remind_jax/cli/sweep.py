@@ -15,6 +15,7 @@ from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
 from remind_jax.errors import OptionError, SweepError
+from remind_jax.files import writing
 from remind_jax.printing.terminal import print_lines, print_markdown
 
 if TYPE_CHECKING:
@@ -99,7 +100,8 @@ class Sweep:
             return process.INTERRUPTED
         sections = [self._describe(result), *sections]
         result.to_csv(out / TABLE_FILE)
-        process.write_text(out / SUMMARY_FILE, "\n\n".join(sections) + "\n")
+        with writing(out / SUMMARY_FILE):
+            (out / SUMMARY_FILE).write_text("\n\n".join(sections) + "\n", encoding="utf-8")
         if self.json:
             print(json.dumps(self._facts(result, out), indent=1))
         elif not self.quiet:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.errors import OutputError
+from remind_jax.files import writing
 from remind_jax.sweeps.settings import Setting
 
 FILE_NAME = "rows.jsonl"
@@ -79,11 +80,8 @@ class Records:
     def _write(self, text: str) -> None:
         if self._file is None:
             return
-        try:
-            with self._file.open("a", encoding="utf-8") as stream:
-                stream.write(text)
-        except OSError as error:
-            raise OutputError(f"cannot write '{self._file}': {error.strerror}") from error
+        with writing(self._file), self._file.open("a", encoding="utf-8") as stream:
+            stream.write(text)
 
 
 def _read(line: str) -> Row | None:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from remind_jax.errors import OutputError, SweepError, nearest_names
+from remind_jax.errors import SweepError, nearest_names
+from remind_jax.files import writing
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.sweeps.records import Row
 from remind_jax.sweeps.settings import Setting
@@ -112,10 +113,8 @@ class SweepResult(Printable):
                 values = [setting.get(name, "") for name in names]
                 writer.writerow([index, row.scene, *values, *row.scores.values()])
         if path is not None:
-            try:
+            with writing(Path(path)):
                 Path(path).write_text(text.getvalue(), encoding="utf-8")
-            except OSError as error:
-                raise OutputError(f"cannot write '{path}': {error.strerror}") from error
         return text.getvalue()
 
     def to_markdown(self, standings: Sequence[Standing] | None = None) -> str:

@@ -130,7 +130,5 @@ def test_settings_of_the_original_are_imported(command, tmp_path, to_file):
 def test_file_that_cannot_be_written(command, tmp_path):
     (tmp_path / "reference.yaml").write_text("{}")
     outcome = command("config", "import-reference", "reference.yaml", "--out", "no/where.yaml")
-    assert (outcome.code, outcome.stderr) == (
-        1,
-        "remind: cannot write 'no/where.yaml': No such file or directory\n",
-    )
+    assert outcome.code == 1
+    assert "cannot write 'no/where.yaml': No such file or directory;" in outcome.stderr

@@ -30,7 +30,7 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        (("run", "scene/images", "--masks", "scene/images"), 1, "it is a colour picture"),
+        (("run", "scene/images", "--masks", "scene/images"), 1, "it is a color picture"),
         (("run", "scene/images", "--masks", "empty"), 1, "holds no instance maps"),
         (("run", "scene/images", "--masks", "notes.txt"), 1, "neither a folder nor a tar archive;"),
         (("run", "scene.zip"), 1, "is a packed folder; unpack it, or pack it as .tar"),
