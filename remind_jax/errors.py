@@ -62,3 +62,8 @@ def nearest_names(name: str, allowed: Iterable[str]) -> str:
     if close:
         return "did you mean " + " or ".join(repr(c) for c in close) + "?"
     return "allowed: " + ", ".join(names)
+
+
+def first_line(error: BaseException) -> str:
+    """What a library says about a failure, cut to one line; its type if it says nothing."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

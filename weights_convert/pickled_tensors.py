@@ -20,7 +20,7 @@ from typing import Any
 import ml_dtypes
 import numpy as np
 
-from remind_jax.errors import WeightsError
+from remind_jax.errors import WeightsError, first_line
 
 _STORAGE_TYPES: dict[str, Any] = {
     "DoubleStorage": np.float64,
@@ -230,8 +230,3 @@ def _damaged(path: Path, error: Exception) -> WeightsError:
     return WeightsError(
         f"'{path}' is damaged or cut short ({first_line(error)}); download it again"
     )
-
-
-def first_line(error: Exception) -> str:
-    """What an error says in one line."""
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]

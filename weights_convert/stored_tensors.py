@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
-from remind_jax.errors import WeightsError
-from weights_convert.pickled_tensors import PickledTensor, first_line, read_pickled
+from remind_jax.errors import WeightsError, first_line
+from weights_convert.pickled_tensors import PickledTensor, read_pickled
 
 INDEX_SUFFIX = ".safetensors.index.json"
 PICKLED_SUFFIXES = (".pth", ".pt", ".bin", ".ckpt")

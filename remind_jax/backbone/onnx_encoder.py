@@ -18,7 +18,7 @@ from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.preprocessing import MEAN, STD
 from remind_jax.backbone.registry import Backbone
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
+from remind_jax.detectors.onnx_file import OnnxFile, image_input
 from remind_jax.detectors.onnx_session import OnnxSession
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 
@@ -89,7 +89,8 @@ def onnx_encoder(
       ConfigError: If several outputs may be meant, or onnxruntime is not installed.
     """
     file = OnnxFile.read(path)
-    fixed_size = _input_size(file)
+    height, width = image_input(file, "an image encoder").shape[2:]
+    fixed_size = None if height is None or width is None else (height, width)
     session = OnnxSession(file, "onnxruntime", num_threads)
     shift, scale = np.array(mean, np.float32), np.array(std, np.float32)
 
@@ -120,24 +121,6 @@ def onnx_encoder(
         apply=apply,
         fingerprint=f"{digest}-{options}",
     )
-
-
-def _input_size(file: OnnxFile) -> tuple[int, int] | None:
-    """Height and width that an encoder insists on, if it does."""
-    images = file.inputs[0] if len(file.inputs) == 1 else None
-    if images is None or not _is_image(images):
-        given = ", ".join(map(str, file.inputs)) or "none"
-        raise WeightsError(
-            f"'{file.path}' is no image encoder: its inputs are {given}; it needs one, float "
-            "[B, 3, H, W]"
-        )
-    height, width = images.shape[2:]
-    return None if height is None or width is None else (height, width)
-
-
-def _is_image(spec: TensorSpec) -> bool:
-    takes_one = len(spec.shape) == 4 and spec.shape[0] in (None, 1)
-    return takes_one and spec.shape[1] in (None, 3) and spec.dtype in ("float32", "float16")
 
 
 def _find_patches(

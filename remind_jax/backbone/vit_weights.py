@@ -31,7 +31,7 @@ from remind_jax.backbone.vit_variants import (
     Variant,
     name_of,
 )
-from remind_jax.errors import RemindError, WeightsError
+from remind_jax.errors import RemindError, WeightsError, first_line
 from remind_jax.files import user_cache_folder
 
 FORMAT = "remind-jax vision transformer"
@@ -159,10 +159,9 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
             dtype = DTYPES[header["dtype"]]
             params = _gather(file, shapes, dtype, path)
     except (SafetensorError, OSError) as error:
-        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise WeightsError(
-            f"'{path}' is damaged, cut short or no converted weight file ({reason}); convert it "
-            "again with 'remind convert'"
+            f"'{path}' is damaged, cut short or no converted weight file ({first_line(error)}); "
+            "convert it again with 'remind convert'"
         ) from error
     return Weights(variant, params, header["data_sha256"], header, path)
 

@@ -6,7 +6,6 @@ import contextlib
 import ctypes
 import dataclasses
 import hashlib
-import itertools
 import json
 import os
 import resource
@@ -28,7 +27,7 @@ from remind_jax.benchmark.contenders import Contender
 from remind_jax.benchmark.records import Record, folder_of, read_record, write_record
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.detectors import DetectorOptions
-from remind_jax.errors import RemindError
+from remind_jax.errors import RemindError, first_line
 from remind_jax.masks.alignment import Alignment
 from remind_jax.outputs.result import Result
 from remind_jax.session.run import run
@@ -96,7 +95,8 @@ def run_all(
                 shutil.rmtree(folder, ignore_errors=True)
                 raise
             except Exception as error:  # whatever it is, it is this run's failure
-                record = dataclasses.replace(blank, error=_say(error))
+                kind = "" if isinstance(error, RemindError) else f"{type(error).__name__}: "
+                record = dataclasses.replace(blank, error=kind + first_line(error))
             write_record(folder, record)
             records.append(record)
             report(record, False)
@@ -245,10 +245,3 @@ def _describe_detector(setup: Setup) -> list[str | int]:
     assert setup.detector is not None
     options = setup.detector_options or DetectorOptions()
     return [setup.detector.name, setup.detector.stat().st_size, repr(options)]
-
-
-def _say(error: Exception) -> str:
-    kind = "" if isinstance(error, RemindError) else f"{type(error).__name__}: "
-    with contextlib.suppress(StopIteration):
-        return kind + next(itertools.islice(str(error).splitlines(), 1))
-    return type(error).__name__

@@ -15,7 +15,6 @@ import logging
 import os
 import pickle
 import platform
-import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,8 @@ import jax
 import jax.numpy as jnp
 from jax.experimental import serialize_executable
 
-from remind_jax.files import user_cache_folder
+from remind_jax.errors import OutputError, first_line
+from remind_jax.files import replace_file, user_cache_folder
 
 VARIABLE = "REMIND_PROGRAMS"
 OFF = "off"
@@ -66,7 +66,7 @@ def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, .
         _bind_lapack()
         program = serialize_executable.deserialize_and_load(payload, in_tree, out_tree)
     except Exception as error:  # whatever the library says to a program of another kind
-        _tell_rejected(file.parent, str(error).partition("\n")[0])
+        _tell_rejected(file.parent, first_line(error))
         return None
     with contextlib.suppress(OSError):
         os.utime(file)
@@ -91,11 +91,9 @@ def save(file: Path, compiled: Any, outputs: tuple[jax.ShapeDtypeStruct, ...]) -
         "outputs": [(one.shape, str(one.dtype)) for one in outputs],
     }
     body = json.dumps(head).encode() + b"\n" + payload
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, OutputError):
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as unfinished:
-            unfinished.write(hashlib.sha256(body).digest() + body)
-        os.replace(unfinished.name, file)
+        replace_file(file, hashlib.sha256(body).digest() + body)
         _remove_oldest(file.parent)
 
 

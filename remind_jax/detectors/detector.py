@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -16,7 +17,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.detectors import rfdetr_seg, yolo_seg
-from remind_jax.detectors.onnx_file import OnnxFile, refuse_other_formats
+from remind_jax.detectors.onnx_file import OnnxFile, image_input, refuse_other_formats
 from remind_jax.detectors.onnx_session import OnnxSession
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, SourceError, WeightsError
@@ -30,23 +31,11 @@ SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg
 _AS_GIVEN = DetectorOptions(confidence=0.0, erosion_px=0)
 
 
-@dataclasses.dataclass(frozen=True)
-class DropCounts:
-    """How many instances were dropped for their masks, by reason."""
-
-    empty: int = 0  # the detector's mask had no pixel
-    eroded: int = 0  # erosion left nothing
-    small: int = 0  # fewer than `min_mask_px` pixels left
-
-    def __add__(self, other: DropCounts) -> DropCounts:
-        return DropCounts(
-            self.empty + other.empty, self.eroded + other.eroded, self.small + other.small
-        )
-
-    @property
-    def total(self) -> int:
-        """Instances dropped for any of the reasons."""
-        return self.empty + self.eroded + self.small
+# How many instances were dropped for their masks, by reason:
+#   empty    the detector's mask had no pixel
+#   eroded   erosion left nothing
+#   small    fewer than `min_mask_px` pixels left
+DropCounts = Counter[str]
 
 
 @runtime_checkable
@@ -168,7 +157,8 @@ def refine_detections(
     keep = after_px >= options.min_mask_px
     empty = before_px == 0
     eroded = ~empty & (after_px == 0)
-    drops = DropCounts(int(empty.sum()), int(eroded.sum()), int((~keep & ~empty & ~eroded).sum()))
+    small = ~keep & ~empty & ~eroded
+    drops = DropCounts(empty=int(empty.sum()), eroded=int(eroded.sum()), small=int(small.sum()))
     return dataclasses.replace(detections, masks=masks).select(keep), drops
 
 
@@ -207,14 +197,7 @@ def recognize_head(file: OnnxFile, options: DetectorOptions) -> SegmentationHead
       WeightsError: If the input is not one RGB image or the outputs are of no known family.
       ConfigError: If an option does not fit the network.
     """
-    if len(file.inputs) != 1 or len(file.inputs[0].shape) != 4:
-        found = ", ".join(map(str, file.inputs)) or "none"
-        raise WeightsError(f"'{file.path}' has the inputs {found}; a detector has one image input")
-    batch, channels, *_ = file.inputs[0].shape
-    if batch not in (1, None) or channels not in (3, None):
-        raise WeightsError(
-            f"'{file.path}' takes {file.inputs[0]}; a detector takes one RGB image, [1, 3, H, W]"
-        )
+    image_input(file, "a detector")
     yolo_layout = yolo_seg.recognize_yolo_seg(file.outputs)
     if yolo_layout is not None:
         return yolo_seg.YoloSeg.from_file(file, yolo_layout, options)

@@ -162,6 +162,23 @@ def _with_rfdetr(path: Path) -> str:
     return f"; RF-DETR: {_RFDETR.format(file=path.name)}" if path.suffix.lower() == ".pth" else ""
 
 
+def image_input(file: OnnxFile, what: str) -> TensorSpec:
+    """The only input of a network of one RGB image, `[1, 3, H, W]` of floats.
+
+    Raises:
+      WeightsError: If it has other inputs; says what needs such an input.
+    """
+    if len(file.inputs) == 1 and len(file.inputs[0].shape) == 4:
+        batch, channels, *_ = file.inputs[0].shape
+        is_float = file.inputs[0].dtype in ("float32", "float16")
+        if batch in (1, None) and channels in (3, None) and is_float:
+            return file.inputs[0]
+    found = ", ".join(f"{one} of {one.dtype}" for one in file.inputs) or "none"
+    raise WeightsError(
+        f"'{file.path}' has the inputs {found}; {what} has one, an RGB image [1, 3, H, W] of floats"
+    )
+
+
 def _parse(data: memoryview) -> Message:
     fields: Message = {}
     for number, value in _walk(data):

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from remind_jax.detectors.onnx_file import OnnxFile
-from remind_jax.errors import ConfigError, WeightsError
+from remind_jax.errors import ConfigError, WeightsError, first_line
 
 _SILENT = 0  # OpenCV's log level
 _INSTALL = "pip install 'remind-jax[detect]'"
@@ -66,7 +66,7 @@ class OnnxSession:
         except Exception as error:
             raise WeightsError(
                 f"'{self.file.path}' fails in {self.engine} on an input of shape "
-                f"{list(tensor.shape)}: {_first_line(error)}"
+                f"{list(tensor.shape)}: {first_line(error)}"
             ) from error
         return {
             name: np.asarray(array, np.float32) for name, array in zip(names, arrays, strict=True)
@@ -96,7 +96,7 @@ def _load_onnxruntime(path: Path, num_threads: int | None) -> Any:
             str(path), sess_options=options, providers=["CPUExecutionProvider"]
         )
     except Exception as error:
-        raise WeightsError(f"onnxruntime cannot load '{path}': {_first_line(error)}") from error
+        raise WeightsError(f"onnxruntime cannot load '{path}': {first_line(error)}") from error
 
 
 def _load_cv2(path: Path) -> Any:
@@ -105,7 +105,7 @@ def _load_cv2(path: Path) -> Any:
             return cv2.dnn.readNetFromONNX(str(path))
     except cv2.error as error:
         operator = re.search(r"Node \[(\w+)", str(error))
-        reason = f"it does not know the operator {operator[1]}" if operator else _first_line(error)
+        reason = f"it does not know the operator {operator[1]}" if operator else first_line(error)
         raise WeightsError(
             f"cv2.dnn cannot load '{path}' ({reason}); use onnxruntime: {_INSTALL}"
         ) from error
@@ -130,7 +130,3 @@ def _cv2_names(net: Any, names: list[str]) -> list[str]:
     """
     own = list(net.getUnconnectedOutLayersNames())
     return own if set(own) != set(names) and len(own) == len(names) else names
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]

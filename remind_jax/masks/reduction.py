@@ -129,11 +129,7 @@ def pad_masks(masks: Masks, num_slots: int) -> Masks:
     lacking = num_slots - len(masks.valid)
 
     def pad(leaf: np.ndarray, axes: int = 1) -> np.ndarray:
-        padded = np.zeros(
-            [n + lacking for n in leaf.shape[:axes]] + [*leaf.shape[axes:]], leaf.dtype
-        )
-        padded[tuple(slice(n) for n in leaf.shape[:axes])] = leaf
-        return padded
+        return np.pad(leaf, [(0, lacking)] * axes + [(0, 0)] * (leaf.ndim - axes))
 
     relations = dataclasses.replace(
         masks.relations,

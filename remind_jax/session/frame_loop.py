@@ -188,7 +188,7 @@ class FrameLoop:
         if self._detector is None or not self._decided:
             return
         last = self._decided[-1].frame_index
-        for reason, count in dataclasses.asdict(self._detector.dropped).items():
+        for reason, count in self._detector.dropped.items():
             if count:
                 message = f"{count} detections were dropped by the detector: {reason} mask"
                 self._events.append(Event(last, "dropped", message))
