@@ -57,10 +57,10 @@ def test_leaf_missing_or_left_over_or_of_another_shape(spoilt):
         header["norm.extra"] = header.pop("norm.bias")
         header["cls_token"]["shape"] = [64, 1]
 
-    told = spoilt(rename)
-    assert "missing: norm.bias" in told
-    assert "left over: norm.extra" in told
-    assert "of another shape: cls_token" in told
+    message = spoilt(rename)
+    assert "missing: norm.bias" in message
+    assert "left over: norm.extra" in message
+    assert "of another shape: cls_token" in message
 
 
 def test_a_changed_byte(spoilt):
@@ -83,7 +83,7 @@ def describe(**values):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda h: h.pop("__metadata__"), "was not written by remind-jax"),
         (lambda h: h["__metadata__"].update(schema="2"), "has schema 2, this version reads 1"),
@@ -100,15 +100,15 @@ def describe(**values):
         (describe(name="dinov3-vits16"), "calls itself 'dinov3-vits16' but describes 'custom'"),
     ],
 )
-def test_headers_are_not_believed(spoilt, change, told):
+def test_headers_are_not_believed(spoilt, change, message):
     import re
 
-    assert re.search(told, spoilt(change))
+    assert re.search(message, spoilt(change))
 
 
 def test_another_network_than_asked_for(spoilt):
-    told = spoilt(expected="dinov3-vits16")
-    assert "holds 'custom', not 'dinov3-vits16'" in told
+    message = spoilt(expected="dinov3-vits16")
+    assert "holds 'custom', not 'dinov3-vits16'" in message
 
 
 def test_missing_file(tmp_path):
@@ -168,12 +168,12 @@ class TestFinding:
     def test_absent_weights_say_where_to_get_them_and_under_which_license(self, name):
         with pytest.raises(WeightsError) as caught:
             find_weights(name, None)
-        told = str(caught.value)
-        assert "\n" not in told
-        assert ("DINOv3 License" if name.startswith("dinov3") else "Apache-2.0") in told
-        assert "https://" in told
-        assert "remind convert" in told
-        assert WEIGHTS_VARIABLE in told
+        message = str(caught.value)
+        assert "\n" not in message
+        assert ("DINOv3 License" if name.startswith("dinov3") else "Apache-2.0") in message
+        assert "https://" in message
+        assert "remind convert" in message
+        assert WEIGHTS_VARIABLE in message
 
 
 def test_leaves_of_every_variant_are_consistent():

@@ -39,18 +39,18 @@ def test_every_tour_has_room_for_its_objects(options):
 
 
 def test_a_tour_is_rendered_once_and_found_again(tmp_path):
-    told: list[str] = []
-    first = tours.render_tours(tmp_path, (SMALL,), told.append)
-    again = tours.render_tours(tmp_path, (SMALL,), told.append)
+    rendered: list[str] = []
+    first = tours.render_tours(tmp_path, (SMALL,), rendered.append)
+    again = tours.render_tours(tmp_path, (SMALL,), rendered.append)
     assert first == again
-    assert told == ["small"]
+    assert rendered == ["small"]
     (scene,) = find_scenes(first)
     assert scene.has_masks
     assert sum(1 for _ in scene.open()) == SMALL.frames
 
-    other = tours.render_tours(tmp_path, (dataclasses.replace(SMALL, seed=1),), told.append)
+    other = tours.render_tours(tmp_path, (dataclasses.replace(SMALL, seed=1),), rendered.append)
     assert other != first
-    assert told == ["small", "small"]
+    assert rendered == ["small", "small"]
 
 
 def test_an_unfinished_tour_is_not_there(tmp_path, monkeypatch):
