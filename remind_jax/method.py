@@ -111,7 +111,7 @@ class Method:
         return None if self.explainer_name is None else _import_attribute(self.explainer_name)
 
     def check_static(self, names: Iterable[str]) -> None:
-        """Makes sure that switches that somebody chose are read.
+        """Makes sure that the switches that a configuration chose are read.
 
         Raises:
           ConfigError: If this method reads one of them nowhere.

@@ -16,6 +16,9 @@ import numpy as np
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError
+from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
+from remind_jax.explanation.explainer import Explainer, open_archive
+from remind_jax.explanation.explanation import Explanation
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import get_method
 from remind_jax.outputs import store
@@ -32,10 +35,6 @@ from remind_jax.tracks import Tracks
 if TYPE_CHECKING:
     import pandas as pd
     import supervision as sv
-
-    from remind_jax.explanation.archive import TraceArchive
-    from remind_jax.explanation.explainer import Explainer
-    from remind_jax.explanation.explanation import Explanation
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -206,8 +205,6 @@ class Result(Printable):
     def save_trace(self, run_dir: str | Path) -> None:
         """Writes `trace.npz`, if there is a trace."""
         if self.trace is not None:
-            from remind_jax.explanation.archive import TRACE_NAME
-
             self.trace.save(Path(run_dir) / TRACE_NAME)
 
     def save_run_json(self, run_dir: str | Path) -> None:
@@ -236,8 +233,6 @@ class Result(Printable):
         Raises:
           OutputError: If the folder holds no run or the run is damaged.
         """
-        from remind_jax.explanation.explainer import open_archive
-
         run_dir = Path(run_dir)
         content, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
         info = RunInfo.from_json(content)

@@ -15,6 +15,7 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.errors import OutputError
+from remind_jax.explanation.archive import TRACE_NAME
 from remind_jax.frame import Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
 from remind_jax.outputs.result import Result
@@ -38,7 +39,6 @@ FILE_NAMES = (
     report.REPORT_NAME,
     store.RUN_NAME,
 )
-TRACE_NAME = "trace.npz"  # written by a run with a trace only
 # Image folders have no clock of their own.
 _DEFAULT_FPS = 10.0
 

@@ -117,7 +117,7 @@ def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
 
 
 def chosen_switches(config: Config) -> dict[str, Any]:
-    """What somebody chose of `static` beside capacities that follow the frames."""
+    """What a configuration chose of `static` beside capacities that follow the frames."""
     return {
         name: value
         for name, value in dataclasses.asdict(config.static).items()

@@ -123,7 +123,8 @@ def follow_run(
     """What is called after every frame: the caller's function, the line, or nothing.
 
     Args:
-      progress: A function; False for nothing; None or True for the line where somebody looks on.
+      progress: A function; False for nothing; None or True for the line on terminals and in
+        notebooks.
       title: Name of the run.
       num_frames: Frames in all, where known.
 

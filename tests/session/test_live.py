@@ -1,15 +1,12 @@
-"""The live tracker: one compilation, growth, and a memory that survives an interruption."""
+"""The live tracker: one compilation, warm-ups, and choices that are refused."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from remind_jax.compiled.ahead import Forecast
 from remind_jax.compiled.programs import clear_programs
-from remind_jax.errors import ConfigError, SourceError
-from remind_jax.frame import Frame
-from remind_jax.session import growing_memory
+from remind_jax.errors import ConfigError
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
 
@@ -58,76 +55,6 @@ def test_time_spent_on_programs_is_reported():
     first = tracker.compile_s
     tracker.update(*frames(2)[1])
     assert tracker.compile_s == first > 0.0
-
-
-def squares(index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two new objects every four frames, at places of their own."""
-    image, labels = scenes.picture(0, ())
-    for which in (0, 1):
-        thing = 2 * (index // 4) + which
-        rng = np.random.default_rng(thing)
-        top, left = 16 + 80 * which, 16 + 72 * (thing // 2 % 3)
-        window = np.s_[top : top + 64, left : left + 64]
-        image[window] = np.kron(rng.integers(0, 255, (4, 4, 3)), np.ones((16, 16, 1)))
-        labels[window] = 1 + thing
-    return image, labels
-
-
-def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same(
-    looks_ahead, monkeypatch
-):
-    def follow(num_objects: int) -> tuple[Tracker, list]:
-        static = {"num_detections": 4, "num_objects": num_objects, "num_pending": 4}
-        tracker = Tracker({"tracker": "plus", "static": static})
-        answers = []
-        for index in range(28):
-            answers.append(tracker.update(*squares(index)))
-            tracker._memory.preparation.finish()
-        return tracker, answers
-
-    ahead, prepared = follow(8)
-    assert ahead.static.num_objects > 8
-    with monkeypatch.context() as patched:
-        patched.setattr(Forecast, "needed", lambda self, static: static)
-        at_need, grown = follow(8)
-    roomy, expected = follow(64)
-    assert at_need.static.num_objects > 8
-    assert roomy.static.num_objects == 64
-    for one, two, three in zip(prepared, grown, expected, strict=True):
-        np.testing.assert_array_equal(one.object_id, three.object_id)
-        np.testing.assert_array_equal(two.object_id, three.object_id)
-        np.testing.assert_array_equal(one.outcome, three.outcome)
-
-
-def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monkeypatch, tmp_path):
-    tracker = Tracker(CONFIG)
-    first, second, third = frames(3)
-    tracker.update(*first)
-
-    def interrupt(tree):
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr(growing_memory.jax, "device_get", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            tracker.update(*second)
-    tracker.save(tmp_path / "memory.safetensors")
-    other = Tracker(CONFIG)
-    other.load(tmp_path / "memory.safetensors")
-    assert int(other.state.frame) == int(tracker.state.frame) == 2
-    ours, expected = other.update(*third), tracker.update(*third)
-    np.testing.assert_array_equal(ours.object_id, expected.object_id)
-    assert set(ours.object_id) == {0, 1, 2}
-
-
-def test_features_of_another_width_are_refused():
-    tracker = Tracker(CONFIG)
-    image, labels = frames(1)[0]
-    tracker.update(image, labels)
-    grid = (scenes.HEIGHT_PX // scenes.PATCH_PX, scenes.WIDTH_PX // scenes.PATCH_PX)
-    frame = Frame(1, 1, 1.0, "1", image, features=np.zeros((*grid, 7), np.float32))
-    with pytest.raises(SourceError, match=r"features of 7 numbers.*the memory knows"):
-        tracker.update(frame, labels)
 
 
 def test_a_switch_that_the_method_does_not_read_is_refused():

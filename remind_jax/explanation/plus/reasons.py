@@ -49,7 +49,7 @@ def _explain_stage(e: PlusExplanation, t: PlusThresholds) -> str:
 
 
 def _explain_candidates(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
-    """What speaks for and against the two best."""
+    """The evidence for and against the two best."""
     if not e.candidates:
         yield f"no known {e.label} is free to be it"
         return

@@ -273,7 +273,7 @@ def _explain_unassigned(case: Case) -> str:
 
 
 def _explain_trade(case: Case, object_id: int, holder: int) -> str:
-    """The two sums behind a lost object, where nobody else was involved.
+    """The two sums behind a lost object, where no third detection was involved.
 
     Rule: method.md#dummy-columns.
     """
@@ -316,7 +316,7 @@ def _explain_closed(case: Case, object_id: int) -> str:
         return f"misses the threshold ({compare(visual, '<', t.match)}{lifted})"
     holder = case.holder(object_id, "assigned_id")
     if holder is None:
-        return "is left to nobody"
+        return "goes to no detection"
     if gate == Gate.BLOCK_USED_OBJECT:
         return f"was locked by detection {holder}"
     return f"goes to detection {holder}"
