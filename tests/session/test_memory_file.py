@@ -11,6 +11,7 @@ import json
 import re
 from pathlib import Path
 
+import chex
 import jax
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from remind_jax.session.memory_file import (
     static_of,
 )
 from remind_jax.static import Static
-from tests.remind.test_state import assert_equal, fill
+from tests.remind.test_state import fill
 from tests.tiny_world import STATIC
 
 NAMES = ("cup", "Stuhl", "椅子", "a, b")
@@ -63,7 +64,7 @@ def rewrite(path: Path, *, header: dict | None = None, drop: str = "", change: s
 
 def test_round_trip_is_exact(path, memory):
     loaded = load_memory(path)
-    assert_equal(loaded.state, memory.state)
+    chex.assert_trees_all_equal(loaded.state, memory.state, strict=True)
     assert loaded.static == memory.static
     assert hash(loaded.static) == hash(memory.static)
     assert (loaded.class_names, loaded.backbone) == (NAMES, "patch-statistics")
@@ -93,7 +94,7 @@ def test_round_trip_in_double_precision(tmp_path, x64):
     )
     save_memory(tmp_path / "memory", SavedMemory(state, static, (), "features"))
     loaded = load_memory(tmp_path / "memory")
-    assert_equal(loaded.state, state)
+    chex.assert_trees_all_equal(loaded.state, state, strict=True)
     assert loaded.static == static
 
 
