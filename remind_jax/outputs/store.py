@@ -26,6 +26,16 @@ RUN_NAME = "run.json"
 FORMAT = "remind-jax detections"
 VERSION = 1
 
+# Keys of a detection, and the fields of `Tracks` that they are.
+_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
+_INTEGERS = {
+    "object_id": "object_id",
+    "pending_id": "pending_id",
+    "area": "areas",
+    "instance_id": "instance_ids",
+}
+_REALS = {"score": "score", "confidence": "confidence", "detector_score": "detector_scores"}
+
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
@@ -83,18 +93,11 @@ def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
     )
     return {
         "label": tracks.labels[row],
-        "outcome": Outcome(tracks.outcome[row]).name.lower(),
-        "reason": Reason(tracks.reason[row]).name.lower(),
-        "object_id": int(tracks.object_id[row]),
-        "pending_id": int(tracks.pending_id[row]),
-        "status": Status(tracks.status[row]).name.lower(),
-        "score": _number(tracks.score[row]),
-        "confidence": _number(tracks.confidence[row]),
+        **{key: kind(getattr(tracks, key)[row]).name.lower() for key, kind in _CODES.items()},
+        **{key: int(getattr(tracks, field)[row]) for key, field in _INTEGERS.items()},
+        **{key: _number(getattr(tracks, field)[row]) for key, field in _REALS.items()},
         "candidates": [list(pair) for pair in candidates],
         "box": [_number(side) for side in tracks.boxes[row]],
-        "area": int(tracks.areas[row]),
-        "detector_score": _number(tracks.detector_scores[row]),
-        "instance_id": int(tracks.instance_ids[row]),
         "rle": tracks.rles[row]["counts"].decode("ascii"),
     }
 
@@ -110,34 +113,28 @@ def tracks_from_json(content: dict[str, Any]) -> Tracks:
             candidate_id[row, column] = object_id
             candidate_score[row, column] = np.nan if score is None else score
 
-    def integers(key: str) -> np.ndarray:
-        return np.array([row[key] for row in rows], np.int32)
-
-    def reals(key: str) -> np.ndarray:
-        return np.array([row[key] for row in rows], float)  # None becomes NaN
+    def read(key: str, kind: Any) -> np.ndarray:
+        return np.array([row[key] for row in rows], kind)  # of floats, None becomes NaN
 
     size = (int(content["size"][0]), int(content["size"][1]))
+    codes = {
+        key: np.array([kind[row[key].upper()] for row in rows], np.int32)
+        for key, kind in _CODES.items()
+    }
     return Tracks(
         frame_index=content["frame"],
         source_index=content["source_index"],
         time_s=content["time_s"],
         name=content["name"],
         frame_size=size,
-        outcome=np.array([Outcome[row["outcome"].upper()] for row in rows], np.int32),
-        reason=np.array([Reason[row["reason"].upper()] for row in rows], np.int32),
-        object_id=integers("object_id"),
-        pending_id=integers("pending_id"),
-        status=np.array([Status[row["status"].upper()] for row in rows], np.int32),
-        score=reals("score"),
-        confidence=reals("confidence"),
         candidate_id=candidate_id,
         candidate_score=candidate_score,
         labels=tuple(row["label"] for row in rows),
-        boxes=reals("box").reshape(num, 4),
-        areas=integers("area"),
-        detector_scores=reals("detector_score"),
-        instance_ids=integers("instance_id"),
+        boxes=read("box", float).reshape(num, 4),
         rles=tuple(_rle(size, row["rle"]) for row in rows),
+        **codes,
+        **{field: read(key, np.int32) for key, field in _INTEGERS.items()},
+        **{field: read(key, float) for key, field in _REALS.items()},
     )
 
 

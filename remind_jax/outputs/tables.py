@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,66 +23,43 @@ from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.masks.run_length import decode_mask, encode_masks, mask_areas, union_area
 from remind_jax.tracks import Rle, Tracks
 
-CSV_COLUMNS: tuple[str, ...] = (
-    "frame",
-    "source_index",
-    "time_s",
-    "name",
-    "detection",
-    "label",
-    "outcome",
-    "reason",
-    "object_id",
-    "pending_id",
-    "status",
-    "score",
-    "confidence",
-    "candidates",
-    "left",
-    "top",
-    "right",
-    "bottom",
-    "area",
-    "detector_score",
-)
+# Columns of `tracks.csv`: a value of a detection by frame and row.
+_CSV: dict[str, Callable[[Tracks, int], Any]] = {
+    "frame": lambda tracks, row: int(tracks.frame_index),
+    "source_index": lambda tracks, row: int(tracks.source_index),
+    "time_s": lambda tracks, row: round(float(tracks.time_s), 6),
+    "name": lambda tracks, row: tracks.name,
+    "detection": lambda tracks, row: row,
+    "label": lambda tracks, row: tracks.labels[row],
+    "outcome": lambda tracks, row: Outcome(tracks.outcome[row]).name.lower(),
+    "reason": lambda tracks, row: Reason(tracks.reason[row]).name.lower(),
+    "object_id": lambda tracks, row: int(tracks.object_id[row]),
+    "pending_id": lambda tracks, row: int(tracks.pending_id[row]),
+    "status": lambda tracks, row: Status(tracks.status[row]).name.lower(),
+    "score": lambda tracks, row: _round(tracks.shown_score(row)),
+    "confidence": lambda tracks, row: _round(tracks.shown_confidence(row)),
+    "candidates": lambda tracks, row: _list_candidates(tracks, row),
+    "left": lambda tracks, row: round(float(tracks.boxes[row, 0]), 2),
+    "top": lambda tracks, row: round(float(tracks.boxes[row, 1]), 2),
+    "right": lambda tracks, row: round(float(tracks.boxes[row, 2]), 2),
+    "bottom": lambda tracks, row: round(float(tracks.boxes[row, 3]), 2),
+    "area": lambda tracks, row: int(tracks.areas[row]),
+    "detector_score": lambda tracks, row: _round(float(tracks.detector_scores[row])),
+}
+CSV_COLUMNS = tuple(_CSV)
 
 
 def detection_rows(tracks: Tracks) -> list[dict[str, Any]]:
     """The rows of `tracks.csv` for one frame, one per detection; pixels, seconds, None: empty."""
-    return [_detection_row(tracks, row) for row in range(len(tracks))]
+    return [
+        {name: value(tracks, row) for name, value in _CSV.items()} for row in range(len(tracks))
+    ]
 
 
-def _detection_row(tracks: Tracks, row: int) -> dict[str, Any]:
-    left, top, right, bottom = (round(float(side), 2) for side in tracks.boxes[row])
-    candidates = (
-        f"{object_id}:{score:.4g}"
-        for object_id, score in zip(
-            tracks.candidate_id[row].tolist(), tracks.candidate_score[row].tolist(), strict=True
-        )
-        if object_id != NO_ID
-    )
-    return {
-        "frame": int(tracks.frame_index),
-        "source_index": int(tracks.source_index),
-        "time_s": round(float(tracks.time_s), 6),
-        "name": tracks.name,
-        "detection": row,
-        "label": tracks.labels[row],
-        "outcome": Outcome(tracks.outcome[row]).name.lower(),
-        "reason": Reason(tracks.reason[row]).name.lower(),
-        "object_id": int(tracks.object_id[row]),
-        "pending_id": int(tracks.pending_id[row]),
-        "status": Status(tracks.status[row]).name.lower(),
-        "score": _round(tracks.shown_score(row)),
-        "confidence": _round(tracks.shown_confidence(row)),
-        "candidates": ";".join(candidates),
-        "left": left,
-        "top": top,
-        "right": right,
-        "bottom": bottom,
-        "area": int(tracks.areas[row]),
-        "detector_score": round(float(tracks.detector_scores[row]), 6),
-    }
+def _list_candidates(tracks: Tracks, row: int) -> str:
+    ids, scores = tracks.candidate_id[row].tolist(), tracks.candidate_score[row].tolist()
+    pairs = zip(ids, scores, strict=True)
+    return ";".join(f"{i}:{score:.4g}" for i, score in pairs if i != NO_ID)
 
 
 def _round(value: float | None) -> float | None:
