@@ -17,8 +17,8 @@ from remind_jax.errors import SourceError
 from remind_jax.masks.reduction import pad_masks
 from remind_jax.method import Method
 from remind_jax.observation import FrameFeats
+from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.preparation import Prepared
-from remind_jax.session.readout import Outlines, outline
 from remind_jax.static import Static
 
 _log = logging.getLogger("remind_jax")

@@ -25,6 +25,7 @@ from remind_jax.method import get_method
 from remind_jax.observation import FrameFeats, PatchAttention
 from remind_jax.outputs.run_info import Event
 from remind_jax.session.announcement import Announcements, announce, as_announced, choose_after
+from remind_jax.session.answers import Outlines, read_tracks
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.memory_file import (
     SavedMemory,
@@ -36,7 +37,6 @@ from remind_jax.session.memory_file import (
     static_of,
 )
 from remind_jax.session.preparation import FramePreparer, Prepared
-from remind_jax.session.readout import Outlines, read_tracks
 from remind_jax.static import Static
 from remind_jax.tracks import Tracks
 
