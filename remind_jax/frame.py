@@ -17,6 +17,7 @@ from remind_jax.errors import SourceError
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 NO_INSTANCE = -1
+Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 
 @dataclasses.dataclass(frozen=True)

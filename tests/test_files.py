@@ -1,13 +1,14 @@
-"""Where files that can be obtained again are kept."""
+"""Where files that can be obtained again are kept; reading that comes to an end."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from remind_jax import files as user_folders
-from remind_jax.files import user_cache_folder
+from remind_jax.files import read_bytes, read_text, user_cache_folder
 
 
 @pytest.mark.parametrize(
@@ -26,3 +27,27 @@ def test_cache_folder_follows_the_system(monkeypatch, tmp_path, system, variable
 def test_cache_folder_below_the_home_folder(monkeypatch):
     monkeypatch.setattr(user_folders.sys, "platform", "darwin")
     assert user_cache_folder() == Path.home() / "Library" / "Caches" / "remind-jax"
+
+
+@pytest.mark.parametrize("read", [read_bytes, read_text])
+def test_what_never_ends_is_not_read(tmp_path, read):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zero").symlink_to("/dev/zero")
+    for name in ("pipe", "zero"):
+        with pytest.raises(OSError, match="it is a pipe, a device or a socket; give a file"):
+            read(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [("mug".encode("utf-16"), "its text is UTF-16"), (b"caf\xe9", r"not UTF-8 \(byte 3\)")],
+)
+def test_text_in_another_encoding_is_refused_by_name(tmp_path, data, said):
+    (tmp_path / "words.txt").write_bytes(data)
+    with pytest.raises(OSError, match=said):
+        read_text(tmp_path / "words.txt")
+
+
+def test_a_byte_order_mark_is_no_text(tmp_path):
+    (tmp_path / "words.txt").write_bytes(b"\xef\xbb\xbfcaf\xc3\xa9")
+    assert read_text(tmp_path / "words.txt") == "caf\u00e9"

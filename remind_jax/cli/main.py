@@ -26,6 +26,7 @@ from remind_jax.cli.sweep import Sweep
 from remind_jax.cli.view import View
 from remind_jax.cli.warmup import Warmup
 from remind_jax.errors import OptionError, RemindError, nearest_names
+from remind_jax.printing.terminal import printable
 
 DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
 
@@ -83,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return process.FINE
     if not words[0].startswith("-") and words[0] not in VERBS:
         hint = nearest_names(words[0], VERBS)
-        print(f"remind: there is no verb {words[0]!r}; {hint}", file=sys.stderr)
+        process.complain(f"there is no verb {words[0]!r}; {hint}")
         return process.USAGE
     try:
         verb = _parse(words)
@@ -92,23 +93,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # help was shown, or wrong usage explained
         return stop.code if isinstance(stop.code, int) else process.USAGE
     except UsageError as error:
-        print(f"remind: {error}", file=sys.stderr)
+        process.complain(str(error))
         return process.USAGE
     except OptionError as error:
-        print(f"remind: {error.spelled(spell_flag)}", file=sys.stderr)
+        process.complain(error.spelled(spell_flag))
         return process.USAGE
     except RemindError as error:
-        print(f"remind: {error}", file=sys.stderr)
+        process.complain(str(error))
         for note in getattr(error, "__notes__", ()):
-            print(note, file=sys.stderr)
+            print(printable(note), file=sys.stderr)
         return process.ERROR
     except KeyboardInterrupt:
-        print("remind: stopped", file=sys.stderr)
+        process.complain("stopped")
         return process.INTERRUPTED
     except BrokenPipeError:
         # Whatever Python flushes at its end would complain once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return process.BROKEN_PIPE
+    except MemoryError as error:
+        process.complain(
+            f"there is not enough memory ({error or 'no more could be had'}); what was written so "
+            "far is kept, give smaller frames, fewer detections or fewer settings at once"
+        )
+        return process.ERROR
+    except Exception as error:
+        process.report_failure(error)
+        return process.FAILED
 
 
 def _parse(words: Sequence[str]) -> Verb:

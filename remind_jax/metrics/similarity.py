@@ -13,9 +13,9 @@ from jaxtyping import Float, Int
 from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
+from remind_jax.frame import Rle
 from remind_jax.masks.run_length import mask_areas, union_area
 from remind_jax.metrics.sequence import frame_starts
-from remind_jax.tracks import Rle
 
 # pycocotools types its masks as a class of its own; they are plain dictionaries.
 _coco: Any = coco_mask

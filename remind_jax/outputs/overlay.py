@@ -16,6 +16,7 @@ from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.files import writing
+from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, mask_box
 from remind_jax.outputs.drawing import (
     AMBIGUOUS,
@@ -29,7 +30,7 @@ from remind_jax.outputs.drawing import (
     put_text,
     text_width,
 )
-from remind_jax.tracks import Rle, Tracks
+from remind_jax.tracks import Tracks
 
 _TINT = 0.42
 # A seek decodes from the last key frame on: one per second keeps clicks in the report quick.

@@ -19,7 +19,8 @@ import numpy as np
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
 from remind_jax.files import replace_file, writing
-from remind_jax.tracks import Rle, Tracks
+from remind_jax.frame import Rle
+from remind_jax.tracks import Tracks
 
 DETECTIONS_NAME = "detections.jsonl"
 RUN_NAME = "run.json"

@@ -20,8 +20,9 @@ from jaxtyping import Bool, Int
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
+from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, encode_masks, mask_areas, union_area
-from remind_jax.tracks import Rle, Tracks
+from remind_jax.tracks import Tracks
 
 # Columns of `tracks.csv`: a value of a detection by frame and row.
 _CSV: dict[str, Callable[[Tracks, int], Any]] = {

@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Decisions
-from remind_jax.frame import Detections, Frame
+from remind_jax.frame import Detections, Frame, Rle
 from remind_jax.masks.run_length import encode_masks
-from remind_jax.tracks import Rle, Tracks
+from remind_jax.tracks import Tracks
 
 
 @dataclasses.dataclass(frozen=True)

@@ -110,12 +110,6 @@ def test_interruption_before_anything_is_done(monkeypatch, capfd):
     assert capfd.readouterr().err == "remind: stopped\n"
 
 
-def test_defects_are_not_hidden(monkeypatch):
-    monkeypatch.setattr(main_module, "_parse", raising(RuntimeError("a defect")))
-    with pytest.raises(RuntimeError, match="a defect"):
-        main(["run"])
-
-
 def test_reader_that_goes_away_is_no_error():
     with subprocess.Popen(
         [sys.executable, "-m", "remind_jax.cli.main", "config", "show"],
@@ -146,3 +140,35 @@ def test_real_process_says_one_sentence(tmp_path):
 
 def test_interrupt_code_is_what_shells_report():
     assert exit_codes.INTERRUPTED == 128 + signal.SIGINT
+
+
+def test_a_defect_of_ours_ends_in_one_sentence_and_a_file(monkeypatch, capfd, tmp_path):
+    def break_down(verb):
+        raise KeyError("inner\nthing")
+
+    monkeypatch.setattr(main_module.VERBS["view"], "execute", break_down)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    assert main(["view", "anything"]) == exit_codes.FAILED
+    told = capfd.readouterr().err
+    assert told.startswith("remind: this should not have happened (KeyError: ")
+    assert told.count("\n") == 1
+    (kept,) = tmp_path.glob("remind-*.traceback.txt")
+    assert str(kept) in told
+    assert "break_down" in kept.read_text()
+
+
+def test_too_little_memory_is_said(monkeypatch, capfd):
+    def take_all(verb):
+        raise MemoryError
+
+    monkeypatch.setattr(main_module.VERBS["view"], "execute", take_all)
+    assert main(["view", "anything"]) == exit_codes.ERROR
+    assert "there is not enough memory" in capfd.readouterr().err
+
+
+def test_names_cannot_command_the_terminal(capfd):
+    assert main(["view", "\x1b[31mred\u202e\x07"]) == exit_codes.ERROR
+    told = capfd.readouterr().err
+    assert "\\x1b[31mred\\u202e\\x07" in told
+    assert "\x1b" not in told

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pycocotools import mask as coco_mask
 
+from remind_jax.frame import Rle
 from remind_jax.masks.run_length import (
     decode_mask,
     encode_label_map,
@@ -18,7 +19,6 @@ from remind_jax.masks.run_length import (
     mask_box,
     union_area,
 )
-from remind_jax.tracks import Rle
 
 LABELS = arrays(
     np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.integers(0, 3)

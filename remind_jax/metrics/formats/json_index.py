@@ -13,8 +13,8 @@ from typing import Any
 from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
+from remind_jax.frame import Rle
 from remind_jax.metrics.formats.rows import Federation
-from remind_jax.tracks import Rle
 
 _coco: Any = coco_mask
 

@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 from remind_jax.errors import SourceError
+from remind_jax.frame import Rle
 from remind_jax.metrics.formats.json_index import (
     JsonIndex,
     Video,
@@ -26,7 +27,6 @@ from remind_jax.metrics.formats.json_index import (
     to_rle,
 )
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
-from remind_jax.tracks import Rle
 
 JsonFormat = Literal["coco-video", "tao", "burst"]
 

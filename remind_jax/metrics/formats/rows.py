@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
+from remind_jax.frame import Rle
 from remind_jax.masks.run_length import find_malformed, mask_areas
-from remind_jax.tracks import Rle
 
 UNKNOWN_CLASS = -1
 

@@ -17,11 +17,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from remind_jax.errors import SourceError
+from remind_jax.frame import Rle
 from remind_jax.masks.run_length import find_malformed
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.metrics.sequence import check_rows
 from remind_jax.metrics.similarity import find_overlap
-from remind_jax.tracks import Rle
 
 FileFormat = Literal["mot", "mots", "kitti-mots"]
 
