@@ -15,6 +15,7 @@ import numpy as np
 from av.error import FFmpegError
 from jaxtyping import Integer
 
+from remind_jax.sources.image_folder import decode_pixels
 from remind_jax.sources.source import UnreadableFrame
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -53,14 +54,7 @@ def _read_palette_indices(data: bytes) -> Integer[np.ndarray, "H W"]:
 
 
 def _decode(data: bytes) -> Integer[np.ndarray, "H W"]:
-    if not data:
-        raise UnreadableFrame("the file is empty")
-    try:
-        labels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise UnreadableFrame(f"it cannot be decoded ({error.err})") from error
-    if labels is None:
-        raise UnreadableFrame("it is damaged or not an image")
+    labels = decode_pixels(data, cv2.IMREAD_UNCHANGED)
     if labels.ndim == 3:
         colors = labels[..., :3]
         if (colors != colors[..., :1]).any():

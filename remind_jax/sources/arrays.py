@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Generator, Iterable, Sequence, Sized
+from collections.abc import Callable, Generator, Iterable, Sequence, Sized
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Integer, UInt8
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
@@ -81,16 +81,18 @@ class ItemReader:
 
 
 class ArrayMasks:
-    """Given masks by frame number: instance maps `[T, H, W]` or one form of detections each.
+    """Given masks by frame number.
 
     Args:
-      per_frame: What `detections_from` takes, per source frame.
-      class_names: Name per class id, or class per instance id of instance maps.
+      per_frame: Masks per source frame, in any form that `convert` takes.
+      convert: Makes detections of them and the size of the frame.
     """
 
-    def __init__(self, per_frame: Sequence[Any], class_names: ClassNaming | None = None) -> None:
+    def __init__(
+        self, per_frame: Sequence[Any], convert: Callable[[Any, tuple[int, int]], Detections]
+    ) -> None:
         self.notes: list[str] = []
-        self._per_frame, self._class_names = per_frame, class_names
+        self._per_frame, self._convert = per_frame, convert
 
     def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
         """Detections of one frame.
@@ -105,43 +107,30 @@ class ArrayMasks:
             )
         return self._convert(self._per_frame[entry.source_index], frame_size)
 
-    def _convert(self, given: Any, frame_size: tuple[int, int]) -> Detections:
-        return detections_from(given, frame_size, self._class_names)
 
-
-class StoredMaps(ArrayMasks):
-    """Instance maps `[T, H, W]` of a NumPy file.
-
-    Args:
-      maps: The maps, by source frame.
-      classes: Class of each instance id.
-      file: The file for messages.
-      unlabelled: What an instance without class is: an error, or left out.
+def open_stored_maps(
+    maps: np.ndarray,
+    classes: ClassNames,
+    file: str,
+    unlabelled: Unlabelled,
+) -> ArrayMasks:
+    """Instance maps `[T, H, W]` of a NumPy file, by source frame.
 
     Raises:
-      SourceError: If instances have no class.
+      SourceError: If they are something else, or instances have no class.
     """
+    if maps.ndim != 3 or maps.dtype.kind not in "ui":
+        raise SourceError(
+            f"masks in '{file}' are {maps.dtype} {maps.shape}; give instance maps, whole "
+            "numbers [T, H, W]"
+        )
+    if unlabelled == "error":
+        require_classes(classes, instance_ids_in(maps), file)
 
-    def __init__(
-        self,
-        maps: np.ndarray,
-        classes: ClassNames,
-        file: str,
-        unlabelled: Unlabelled = "error",
-    ) -> None:
-        super().__init__(maps)  # pyright: ignore[reportArgumentType]
-        if maps.ndim != 3 or maps.dtype.kind not in "ui":
-            raise SourceError(
-                f"masks in '{file}' are {maps.dtype} {maps.shape}; give instance maps, whole "
-                "numbers [T, H, W]"
-            )
-        if unlabelled == "error":
-            require_classes(classes, instance_ids_in(maps), file)
-        self._classes, self._file = classes, file
+    def convert(labels: Integer[np.ndarray, "H W"], frame_size: tuple[int, int]) -> Detections:
+        return detections_in(fit_plane(labels, frame_size, f"a map in '{file}'"), classes)
 
-    def _convert(self, given: Any, frame_size: tuple[int, int]) -> Detections:
-        labels = fit_plane(given, frame_size, f"a map in '{self._file}'")
-        return detections_in(labels, self._classes)
+    return ArrayMasks(list(maps), convert)
 
 
 def _read_item(item: Any, index: int, class_names: ClassNaming | None) -> Content:

@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import UInt, UInt8
 
 from remind_jax.errors import SourceError
 from remind_jax.sources.file_tree import FileTree, join
@@ -81,17 +81,26 @@ def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
     Raises:
       UnreadableFrame: If it is damaged.
     """
+    if data[:2] == JPEG_START and not _has_jpeg_end(data):
+        raise UnreadableFrame("it is cut off or damaged")
+    return cv2.cvtColor(decode_pixels(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+
+def decode_pixels(data: bytes, mode: int) -> UInt[np.ndarray, "H W *C"]:
+    """Decodes an image file by OpenCV, in one of its modes of reading.
+
+    Raises:
+      UnreadableFrame: If it is damaged.
+    """
     if not data:
         raise UnreadableFrame("the file is empty")
-    if data[:2] == JPEG_START and not _has_jpeg_end(data):
-        raise UnreadableFrame("the image is cut off or damaged")
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
     except cv2.error as error:
-        raise UnreadableFrame(f"the image cannot be decoded ({error.err})") from error
-    if image is None:
-        raise UnreadableFrame("the image is cut off or damaged")
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+        raise UnreadableFrame(f"it cannot be decoded ({error.err})") from error
+    if pixels is None:
+        raise UnreadableFrame("it is cut off, damaged or no image")
+    return pixels
 
 
 def _has_jpeg_end(data: bytes) -> bool:

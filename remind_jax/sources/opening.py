@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.errors import ConfigError, OptionError, SourceError, nearest_names
-from remind_jax.sources.arrays import ArrayMasks, ItemReader, StoredMaps
+from remind_jax.sources.arrays import ArrayMasks, ItemReader, open_stored_maps
 from remind_jax.sources.class_names import UNNAMED, read_metadata
 from remind_jax.sources.coco_masks import CocoMasks, read_categories
-from remind_jax.sources.detections import ClassNaming
+from remind_jax.sources.detections import ClassNaming, detections_from
 from remind_jax.sources.features import FEATURE_SUFFIXES, classes_in, load_arrays
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
@@ -141,7 +142,7 @@ def _open_masks(
                 "maps [T, H, W] or one item per frame"
             )
         masks = list(masks)
-    return ArrayMasks(masks, class_names)
+    return ArrayMasks(masks, functools.partial(detections_from, class_names=class_names))
 
 
 def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
@@ -159,7 +160,7 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
         classes = read_metadata(choice.metadata, reader.name).classes
     else:
         classes = classes_in(arrays, str(path)) or UNNAMED
-    return StoredMaps(arrays["masks"], classes, str(path), choice.unlabelled)
+    return open_stored_maps(arrays["masks"], classes, str(path), choice.unlabelled)
 
 
 def _existing(path: str | Path) -> Path:

@@ -35,7 +35,7 @@ def test_corrupt_image_is_skipped_and_reported(tmp_path):
         (2, 4, "4.jpg"),
     ]
     assert [(s.name, s.reason) for s in source.skipped] == [
-        ("2.jpg", "the image is cut off or damaged"),
+        ("2.jpg", "it is cut off or damaged"),
         ("3.jpg", "the file is empty"),
     ]
     assert len(list(source)) == 3
