@@ -15,12 +15,11 @@ import functools
 import zipfile
 from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from remind_jax.errors import SourceError, nearest_names
-from remind_jax.sources.class_names import UNNAMED, ClassNames
+from remind_jax.sources.class_names import UNNAMED, ClassNames, read_metadata
 from remind_jax.sources.label_maps import (
     Unlabelled,
     detections_in,
@@ -41,7 +40,7 @@ class FeatureReader:
       name: Name of the sequence.
       fps: Frames per second, where there are no `times_s`.
       file: The file for messages.
-      classes: Class of each instance id, if not in `arrays`.
+      classes: Class of each instance id in `masks`.
       unlabelled: What an instance without class is: an error, or left out.
 
     Raises:
@@ -52,15 +51,15 @@ class FeatureReader:
 
     def __init__(
         self,
-        arrays: Mapping[str, Any],
+        arrays: Mapping[str, np.ndarray],
         name: str,
         fps: float,
         file: str,
-        classes: ClassNames | None = None,
-        unlabelled: Unlabelled = "error",
+        classes: ClassNames,
+        unlabelled: Unlabelled,
     ) -> None:
-        self._arrays = {key: np.asanyarray(value) for key, value in arrays.items()}
-        _check_arrays(self._arrays, file)
+        _check_arrays(arrays, file)
+        self._arrays = arrays
         self.name = name
         self.num_entries: int | None = len(self._arrays["features"])
         self._times_s = self._arrays.get("times_s", np.arange(self.num_entries) / fps)
@@ -70,7 +69,7 @@ class FeatureReader:
             for n in self._arrays.get("names", [f"{i:06d}" for i in range(len(self._times_s))])
         )
         self.entry_names: tuple[str, ...] | None = self._names
-        self._classes = classes or classes_in(self._arrays, file) or UNNAMED
+        self._classes = classes
         if "masks" in self._arrays and unlabelled == "error":
             require_classes(self._classes, instance_ids_in(self._arrays["masks"]), file)
 
@@ -132,18 +131,24 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], file: str) -> None:
                 f"'{file}' has features for {len(features)} frames, but '{key}' for "
                 f"{len(arrays[key])}"
             )
-    if ("ids" in arrays) != ("labels" in arrays) or len(arrays.get("ids", ())) != len(
-        arrays.get("labels", ())
-    ):
+
+
+def find_classes(
+    arrays: Mapping[str, np.ndarray], file: str, metadata: Path | None, sequence: str
+) -> ClassNames:
+    """Classes from the metadata that was named, else from the arrays `ids` and `labels`.
+
+    Raises:
+      SourceError: If the metadata cannot be read, or says nothing about classes, or the arrays
+        disagree in length.
+    """
+    if metadata is not None:
+        return read_metadata(metadata, sequence).classes
+    ids, labels = arrays.get("ids", np.empty(0)), arrays.get("labels", np.empty(0))
+    if len(ids) != len(labels):
         raise SourceError(f"'{file}' needs as many 'labels' as 'ids', one class name per id")
-
-
-def classes_in(arrays: Mapping[str, np.ndarray], file: str) -> ClassNames | None:
-    """Classes from the arrays `ids` and `labels`, if they are there."""
-    if "ids" not in arrays:
-        return None
-    pairs = zip(arrays["ids"], arrays["labels"], strict=True)
-    return ClassNames({int(i): str(label) for i, label in pairs}, file=file)
+    by_id = {int(i): str(label) for i, label in zip(ids, labels, strict=True)}
+    return ClassNames(by_id, file=file) if "ids" in arrays else UNNAMED
 
 
 def _rate(times_s: np.ndarray, fps: float) -> float | None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from remind_jax.errors import SourceError
 from remind_jax.sources import davis, scannetpp
 from remind_jax.sources.class_names import Metadata, find_metadata, read_metadata
-from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, load_arrays
+from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, find_classes, load_arrays
 from remind_jax.sources.file_tree import FileTree, FolderTree, is_tar_name, join, open_tree
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES, ImageReader, list_images
 from remind_jax.sources.label_maps import LabelMaps, Unlabelled
@@ -49,7 +49,7 @@ def locate(path: Path, choice: Choice) -> Located:
         return _locate_in_tree(path, choice)
     if suffix in FEATURE_SUFFIXES:
         arrays = load_arrays(path)
-        classes = read_metadata(choice.metadata, name).classes if choice.metadata else None
+        classes = find_classes(arrays, str(path), choice.metadata, name)
         return FeatureReader(
             arrays, name, choice.image_fps, str(path), classes, choice.unlabelled
         ), None

@@ -12,10 +12,9 @@ from typing import Any
 
 from remind_jax.errors import ConfigError, OptionError, SourceError, nearest_names
 from remind_jax.sources.arrays import ArrayMasks, ItemReader, open_stored_maps
-from remind_jax.sources.class_names import UNNAMED, read_metadata
 from remind_jax.sources.coco_masks import CocoMasks, read_categories
 from remind_jax.sources.detections import ClassNaming, detections_from
-from remind_jax.sources.features import FEATURE_SUFFIXES, classes_in, load_arrays
+from remind_jax.sources.features import FEATURE_SUFFIXES, find_classes, load_arrays
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.layouts import Choice, locate, open_maps_at
@@ -156,10 +155,7 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
     arrays = load_arrays(path, "masks")
     if "masks" not in arrays:
         raise SourceError(f"'{path}' holds no array 'masks'; it must be [T, H, W]")
-    if choice.metadata is not None:
-        classes = read_metadata(choice.metadata, reader.name).classes
-    else:
-        classes = classes_in(arrays, str(path)) or UNNAMED
+    classes = find_classes(arrays, str(path), choice.metadata, reader.name)
     return open_stored_maps(arrays["masks"], classes, str(path), choice.unlabelled)
 
 

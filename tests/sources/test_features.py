@@ -111,3 +111,10 @@ def test_pickles_and_damaged_files_are_refused(tmp_path, name):
     save(tmp_path / name, np.array([{"a": 1}], dtype=object))
     with pytest.raises(SourceError, match="cannot be read as a NumPy file"):
         open_source(tmp_path / name)
+
+
+def test_masks_with_ids_need_labels(tmp_path):
+    making.write_images(tmp_path / "v", ["0.png", "1.png", "2.png"])
+    np.savez(tmp_path / "m.npz", masks=MAPS, ids=np.array([1, 2]))
+    with pytest.raises(SourceError, match="as many 'labels' as 'ids'"):
+        open_source(tmp_path / "v", masks=tmp_path / "m.npz")
