@@ -17,7 +17,7 @@ typical histogram, a few simple laws written down below and no average over any 
 subtracted in part: what all objects share would otherwise lift every cosine towards one.
 
 Weights and bin counts were chosen by rank-1 on development sequences, one setting for all of them;
-none is delicate: `benchmarks/nearest_neighbour.py` changes by less than 0.05 on the mean when a
+none is delicate: `benchmarks/nearest_neighbor.py` changes by less than 0.05 on the mean when a
 block is left out, halved or doubled.
 """
 

@@ -48,7 +48,7 @@ def test_image_is_scaled_by_area_and_cropped():
     np.testing.assert_array_equal(aligned, scaled[0:24, 2:98])
 
 
-def test_masks_are_scaled_by_nearest_neighbour_like_one_label_map():
+def test_masks_are_scaled_by_nearest_neighbor_like_one_label_map():
     labels = np.random.default_rng(1).integers(0, 4, (75, 303)).astype(np.uint8)
     masks = np.stack([labels == label for label in range(4)])
     alignment = fit((75, 303), 8, max_width_px=101)

@@ -1,6 +1,6 @@
 """How well a backbone tells objects apart, without any tracker.
 
-Usage: python benchmarks/nearest_neighbour.py ROOT [--backbone NAME] [--json OUT]
+Usage: python benchmarks/nearest_neighbor.py ROOT [--backbone NAME] [--json OUT]
 
 Every 10th frame of each sequence under ROOT (`JPEGImages`, `Annotations`, `metadata.json`) is
 described; each instance of at least 400 pixels in it becomes one vector, the mean of its patch
@@ -38,7 +38,7 @@ PUBLISHED = {
         "rooms_a": (0.473, 0.555),
         "rooms_b": (0.295, 0.436),
     },
-    "colour histogram (HSV)": {
+    "color histogram (HSV)": {
         "kitchen": (0.769, 0.735),
         "rooms_a": (0.466, 0.373),
         "rooms_b": (0.305, 0.372),
@@ -70,7 +70,7 @@ class Sightings:
 
 
 def read_sightings(folder: Path, patch_px: int) -> Sightings:
-    """Reads every `FRAME_STEP`-th frame, cut about the centre to whole patches."""
+    """Reads every `FRAME_STEP`-th frame, cut about the center to whole patches."""
     name = folder.name
     classes = json.loads((folder / "metadata.json").read_text())["id_to_class"]
     images, masks, rows = [], [], []

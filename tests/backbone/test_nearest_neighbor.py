@@ -15,7 +15,7 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 @pytest.fixture
 def benchmark_module(monkeypatch) -> ModuleType:
     monkeypatch.syspath_prepend(BENCHMARKS)
-    return importlib.import_module("nearest_neighbour")
+    return importlib.import_module("nearest_neighbor")
 
 
 def make_sightings(module: ModuleType, frames, instances, labels=None):
