@@ -17,9 +17,16 @@ from remind_jax.errors import SourceError
 from remind_jax.masks.reduction import pad_masks
 from remind_jax.method import Method
 from remind_jax.observation import FrameFeats
+from remind_jax.printing.words import listing
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import Static
+
+_CAPACITIES = {
+    "detections": "num_detections",
+    "objects": "num_objects",
+    "undecided tracks": "num_pending",
+}
 
 _log = logging.getLogger("remind_jax")
 
@@ -98,12 +105,14 @@ class GrowingMemory:
 
     def make_room(self, **needed: int) -> None:
         """Moves the memory into larger capacities; the programs are often ready by then."""
-        self.static = self.preparation.room_for(self.static.grow(**needed))
+        before, self.static = self.static, self.preparation.room_for(self.static.grow(**needed))
         self.state = self._method.enlarge(self.state, self.static)
-        _log.debug(
-            "there is room for %d objects, %d undecided tracks and %d detections now",
-            *(self.static.num_objects, self.static.num_pending, self.static.num_detections),
-        )
+        grown = [
+            f"{getattr(self.static, name)} {what}"
+            for what, name in _CAPACITIES.items()
+            if getattr(self.static, name) != getattr(before, name)
+        ]
+        _log.debug("there is room for %s now", listing(grown))
 
     def _with_feature_dim(self, dim: int) -> Static:
         """The capacities with the width of the features, which the first frame brings."""

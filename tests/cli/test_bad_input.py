@@ -158,7 +158,7 @@ def test_changing_frame_size_is_skipped_and_reported(command, scene):
 
 
 def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path, caplog):
-    """The fourth object comes while three are remembered; nobody but who debugs is told."""
+    """The fourth object comes while three are remembered; only who debugs reads of it."""
     caplog.set_level(logging.DEBUG, "remind_jax")
     images, masks = scenes.write_scene(tmp_path / "scene", seen={2: (1, 2, 3, 4), 3: (1, 2, 3, 4)})
     words = ("run", images, "--masks", masks, "--json", "--out")
@@ -170,8 +170,8 @@ def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path,
         static=("static.num_detections=2", "static.num_objects=3", "static.num_pending=4"),
     )
     assert summary_of(tight)["events"] == []
-    told = [record.getMessage() for record in caplog.records if record.name == "remind_jax"]
-    grown = [re.findall(r"(\d+) now|room for (\d+)", message)[0] for message in told]
+    messages = [record.getMessage() for record in caplog.records if record.name == "remind_jax"]
+    grown = [re.findall(r"(\d+) now|room for (\d+)", message)[0] for message in messages]
     assert [int(first or second) for first, second in grown] == [4, 6, 12]
     assert summary_of(ample)["identities"] == 4
     runs = (Result.load(tmp_path / name).tracks for name in ("ample", "tight"))

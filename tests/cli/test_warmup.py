@@ -9,7 +9,7 @@ from remind_jax.compiled import kept
 from remind_jax.compiled.programs import clear_programs
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
-from tests.compiled.test_programs import without_cache_of_jax
+from tests.compiled.conftest import without_cache_of_jax
 
 
 @pytest.fixture
