@@ -52,8 +52,6 @@ class Weights:
     variant: Variant
     params: dict[str, Any]  # tree of arrays for `vit.VisionTransformer`, host memory
     sha256: str  # of the tensor bytes; names the weights wherever features are kept
-    header: Mapping[str, str]  # provenance and license
-    path: Path
 
 
 def leaf_shapes(variant: Variant) -> dict[str, tuple[int, ...]]:
@@ -163,7 +161,7 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
             f"'{path}' is damaged, cut short or no converted weight file ({first_line(error)}); "
             "convert it again with 'remind convert'"
         ) from error
-    return Weights(variant, params, header["data_sha256"], header, path)
+    return Weights(variant, params, header["data_sha256"])
 
 
 def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> Variant:

@@ -129,6 +129,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         ],
         "settings": {
             "Configuration": info.config,
+            **({"Detector": info.detector} if info.detector else {}),
             "Source": info.source or {"source": "not kept; it cannot be opened again"},
             "Versions and device": info.versions | {"device": info.device},
         },

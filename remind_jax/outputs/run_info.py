@@ -24,6 +24,7 @@ class RunInfo(Printable):
     versions: dict[str, str]  # remind_jax, jax, numpy, opencv, python
     device: str
     started_at: str  # ISO 8601
+    detector: dict[str, Any] | None = None  # what found the detections; None for given masks
 
     def to_json(self) -> dict[str, Any]:
         """The same as a dictionary that `json` can write."""
@@ -39,11 +40,11 @@ class RunInfo(Printable):
         Raises:
           OutputError: If a key is missing.
         """
-        names = [field.name for field in dataclasses.fields(cls)]
+        names = [field.name for field in dataclasses.fields(cls) if field.name != "detector"]
         missing = [name for name in names if name not in content]
         if missing:
             raise OutputError(f"the description of the run lacks {', '.join(missing)}")
-        values = {name: content[name] for name in names}
+        values = {"detector": content.get("detector"), **{name: content[name] for name in names}}
         height, width = values["frame_size"]
         values["frame_size"] = (int(height), int(width))
         values["class_names"] = tuple(values["class_names"])

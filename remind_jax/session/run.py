@@ -17,7 +17,7 @@ import jax
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
-from remind_jax.detectors import DetectorOptions, as_detector
+from remind_jax.detectors import Detector, DetectorOptions, as_detector
 from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError, nearest_names
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import RunInfo
@@ -121,7 +121,7 @@ def run(
         first = next(ahead, None)
         if first is None:
             raise SourceError(f"'{frames.name}' has no frames")
-        info = describe_run(frames, live, first)
+        info = describe_run(frames, detector, live, first)
         if out is None:
             return loop.conclude(info, loop.consume(first, ahead, None))
         with RunWriter(out, info, overlay=overlay, overwrite=overwrite) as writer:
@@ -167,7 +167,9 @@ def _finish(result: Result, tracker: Tracker, writer: RunWriter) -> Result:
     return result
 
 
-def describe_run(source: Source, tracker: Tracker, first: Prepared) -> RunInfo:
+def describe_run(
+    source: Source, detector: Detector | None, tracker: Tracker, first: Prepared
+) -> RunInfo:
     """What a run is made with, as far as it is known before it starts."""
     brings_features = first.features is not None
     backbone = FEATURES_GIVEN if brings_features else tracker.backbone.name
@@ -191,4 +193,5 @@ def describe_run(source: Source, tracker: Tracker, first: Prepared) -> RunInfo:
         },
         device=jax.devices()[0].device_kind,
         started_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        detector=None if detector is None else detector.describe(),
     )

@@ -6,6 +6,7 @@ All runs share the compiled program of the tests of the live tracker.
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -108,6 +109,15 @@ def as_detector() -> dict[str, Any]:
 @pytest.mark.parametrize("give", [as_arrays, as_iterator, as_frames, as_detector])
 def test_the_form_of_the_input_does_not_matter(whole, give):
     assert_same_decisions(rj.run(**give(), config=CONFIG), whole)
+
+
+def test_a_run_folder_says_what_found_the_detections(tmp_path):
+    result = rj.run(**as_detector(), config=CONFIG, tracker="iou", out=tmp_path, overlay=False)
+    detector = Result.load(tmp_path).info.detector
+    assert detector == json.loads(json.dumps(result.info.detector))
+    assert detector is not None
+    assert detector["kind"] == "callable"
+    assert detector["options"]["erosion_px"] == 0
 
 
 def test_live_tracker_decides_the_same(whole):
