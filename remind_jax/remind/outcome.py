@@ -48,7 +48,6 @@ def decide(
     usable = descriptors.valid
     given = jnp.where(masks.valid, Outcome.DROPPED, Outcome.EMPTY)
     why = jnp.where(masks.valid, Reason.INVALID_INPUT, Reason.NONE)
-    ids = lambda slot: jnp.where(slot >= 0, objects.id[jnp.maximum(slot, 0)], NO_ID)  # noqa: E731
 
     comparison, pairs = table.comparison, table.pairs
     candidate_id, rows = rank_candidates(objects, comparison, static.num_candidates)
@@ -64,7 +63,7 @@ def decide(
     return Decisions(
         outcome=jnp.where(usable, outcome, given).astype(jnp.int32),
         reason=jnp.where(usable, reason, why).astype(jnp.int32),
-        object_id=ids(settlement.slot),
+        object_id=objects.id_of(settlement.slot),
         pending_id=jnp.full_like(rows[:, 0], NO_ID),
         score=jnp.where(usable, score, 0.0),
         status=jnp.where(masks.valid, evidence.status, Status.NONE),
@@ -75,10 +74,10 @@ def decide(
         num_close=evidence.num_close,
         lock=assignment.lock,
         source=jnp.where(settlement.slot >= 0, settlement.source, 0).astype(jnp.int32),
-        assigned_id=ids(assignment.slot),
-        guarded_id=ids(settlement.guarded),
+        assigned_id=objects.id_of(assignment.slot),
+        guarded_id=objects.id_of(settlement.guarded),
         is_anchor=jnp.any(anchors, axis=1),
-        option_id=_option_ids(objects, option, settlement),
+        option_id=named_ids(objects, option, settlement.reserved_id),
         option_score=jnp.where(option >= 0, option_score, 0.0),
         option_blocked=doubts.blocked,
         candidate_id=candidate_id,
@@ -112,13 +111,13 @@ def _verdicts(settlement: Settlement) -> tuple[Array, Array, Array]:
     return outcome, reason, score
 
 
-def _option_ids(
-    objects: Objects, slot: Int[Array, "N K"], settlement: Settlement
-) -> Int[Array, "N K"]:
+def named_ids(
+    objects: Objects, slot: Int[Array, "*any"], reserved_id: Int[Array, "N"]
+) -> Int[Array, "*any"]:
     """Ids of the named objects, those that the frame founds included."""
     width = objects.id.shape[0]
     known = objects.id[jnp.clip(slot, 0, width - 1)]
-    founded = settlement.reserved_id[jnp.clip(slot - width, 0, len(slot) - 1)]
+    founded = reserved_id[jnp.clip(slot - width, 0, len(reserved_id) - 1)]
     return jnp.where(slot < 0, NO_ID, jnp.where(slot < width, known, founded))
 
 

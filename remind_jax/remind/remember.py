@@ -35,9 +35,9 @@ from remind_jax.remind.memory.pending import (
     open_tracks,
     write_tracks,
 )
-from remind_jax.remind.memory.prototypes import DualBank
+from remind_jax.remind.memory.prototypes import DualBank, keep_rows
 from remind_jax.remind.perception.relations import Relations
-from remind_jax.remind.state import TrackerState, remove_objects
+from remind_jax.remind.state import TrackerState, map_banks, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.provisional_commit import (
     claim_origins,
@@ -80,7 +80,7 @@ def remember(
     now = state.frame
     is_new = decisions.outcome == Outcome.NEW
 
-    support_id = _ids_of(state.objects, birth_support)
+    support_id = state.objects.id_of(birth_support)
     ended = claim_origins(state.pending, is_new, descriptors.class_id, support_id, t.pending)
     tracks = end_tracks(state.pending, ended)
     items = _undecided(decisions, settlement, descriptors, masks, t)
@@ -141,7 +141,8 @@ def remember(
         static,
         t,
     )
-    cleared = _clear_rows(state, jnp.concatenate([jnp.zeros(slots, bool), ended & fits]))
+    kept = jnp.concatenate([jnp.ones(slots, bool), ~(ended & fits)])
+    cleared = map_banks(state, lambda _, banks: keep_rows(banks, kept))
     updated = dataclasses.replace(
         _update_banks(cleared, jnp.stack([row, founder_row]), descriptors, permit, static, t),
         objects=objects,
@@ -163,10 +164,6 @@ def remember(
 
 def _count(slot: Int[Array, "N"], slots: int) -> Int[Array, "O"]:
     return jnp.zeros(slots, jnp.int32).at[slot].add(1, mode="drop")
-
-
-def _ids_of(objects: Objects, slot: Int[Array, "N K"]) -> Int[Array, "N K"]:
-    return jnp.where(slot >= 0, objects.id[jnp.maximum(slot, 0)], NO_ID)
 
 
 def _undecided(
@@ -198,27 +195,6 @@ def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
     """Objects that an undecided detection names: they count no miss (method.md#lifecycle)."""
     named = jnp.where((items.kind != Kind.FREE)[:, None], items.known_id, NO_ID)
     return objects.exists & jnp.any(objects.id[:, None, None] == named, axis=(1, 2))
-
-
-def _clear_rows(state: TrackerState, rows: Bool[Array, "R"]) -> TrackerState:
-    """Empties the banks of pending tracks that ended."""
-
-    def clear(banks: DualBank | None) -> DualBank | None:
-        if banks is None:
-            return None
-
-        def empty(bank):
-            return dataclasses.replace(bank, size=jnp.where(rows, 0, bank.size))
-
-        return DualBank(empty(banks.work), empty(banks.stable))
-
-    return dataclasses.replace(
-        state,
-        appearance=clear(state.appearance),
-        parts=clear(state.parts),
-        rings=clear(state.rings),
-        ring_prototypes=clear(state.ring_prototypes),
-    )
 
 
 def gate_updates(decisions: Decisions, t: Thresholds) -> tuple[Bool[Array, "N"], Permit]:

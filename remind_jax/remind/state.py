@@ -8,6 +8,7 @@ rising id; ids, never slots, are shown outside.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -26,11 +27,12 @@ from remind_jax.remind.memory.cooccurrence import (
 from remind_jax.remind.memory.distances import DistanceGraph, empty_distances, reorder_distances
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.memory.pending import Kind, PendingTracks, no_pending
-from remind_jax.remind.memory.prototypes import DualBank, empty_bank
+from remind_jax.remind.memory.prototypes import DualBank, empty_bank, keep_rows
 from remind_jax.static import Static
 
 NUM_APPEARANCE_CHANNELS = 2
 NUM_RINGS = 2
+BANKS = ("appearance", "rings", "parts", "ring_prototypes")
 
 
 @jax.tree_util.register_dataclass
@@ -108,12 +110,18 @@ def grow(state: TrackerState, static: Static) -> TrackerState:
         widened[:, new_objects : new_objects + pending.shape[1]] = pending
         return widened
 
-    banks = {
-        name: jax.tree.map(widen_rows, getattr(state, name), getattr(empty, name))
-        for name in ("appearance", "parts", "rings", "ring_prototypes")
-    }
+    widened = map_banks(
+        state, lambda name, banks: jax.tree.map(widen_rows, banks, getattr(empty, name))
+    )
     # Banks have their size already: they are copied as they are.
-    return extend(dataclasses.replace(state, **banks), empty)
+    return extend(widened, empty)
+
+
+def map_banks(state: TrackerState, function: Callable[[str, DualBank], DualBank]) -> TrackerState:
+    """Applies a function of name and banks to the banks of every channel that there is."""
+    names = [name for name in BANKS if getattr(state, name) is not None]
+    changed = {name: function(name, getattr(state, name)) for name in names}
+    return dataclasses.replace(state, **changed)
 
 
 def count_occupied(state: TrackerState) -> tuple[Int[Array, ""], Int[Array, ""]]:
@@ -136,20 +144,12 @@ def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerS
         class_id=jnp.where(alive, kept.class_id, NO_ID),
     )
 
-    def compact(banks: DualBank | None) -> DualBank | None:
-        if banks is None:
-            return None
-        moved = jax.tree.map(lambda leaf: leaf[:, rows], banks)
-        clear = lambda bank: dataclasses.replace(bank, size=jnp.where(filled, bank.size, 0))  # noqa: E731
-        return DualBank(clear(moved.work), clear(moved.stable))
-
+    compacted = map_banks(
+        state, lambda _, banks: keep_rows(jax.tree.map(lambda leaf: leaf[:, rows], banks), filled)
+    )
     return dataclasses.replace(
-        state,
+        compacted,
         objects=objects,
         cooccurrence=reorder_cooccurrence(state.cooccurrence, order, alive),
         distances=reorder_distances(state.distances, order, alive),
-        appearance=compact(state.appearance),
-        parts=compact(state.parts),
-        rings=compact(state.rings),
-        ring_prototypes=compact(state.ring_prototypes),
     )

@@ -29,6 +29,8 @@ from remind_jax.remind.context.veto import expect_neighbors, plausibly_in_view
 from remind_jax.remind.disambiguation.distance_evidence import (
     tabulate_edges,
 )
+from remind_jax.remind.disambiguation.joint_assignments import NUMBERS
+from remind_jax.remind.outcome import named_ids
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
@@ -321,18 +323,15 @@ def _find_rivals(d: Intermediates) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
 
 
 def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
-    s, ids = d.settlement, d.state.objects.id
-    width, num = ids.shape[0], s.slot.shape[0]
+    s = d.settlement
+    width, num = d.state.objects.id.shape[0], s.slot.shape[0]
     rounds, groups = s.rounds, s.groups
     edges = d.state.distances.edges
     table = tabulate_edges(edges, t.known_sets)
     now = d.relations.distance
 
     def name(slot: Array) -> Array:
-        """Ids of slots, those of objects that the frame founds included."""
-        known = ids[jnp.clip(slot, 0, width - 1)]
-        founded = s.reserved_id[jnp.clip(slot - width, 0, num - 1)]
-        return jnp.where(slot < 0, NO_ID, jnp.where(slot < width, known, founded))
+        return named_ids(d.state.objects, slot, s.reserved_id)
 
     in_group = rounds.root >= 0  # [R N]
     at = jnp.maximum(rounds.root, 0)
@@ -348,6 +347,8 @@ def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
     target = jnp.maximum(anchor, 0)[:, :, None]
     known = (option >= 0) & (option < width)
     known = known[..., None] & (anchor >= 0)[:, :, None]
+    numbers = jnp.moveaxis(of_group(groups.numbers), -1, 0)
+    number = dict(zip(NUMBERS, numbers, strict=True))
     far = now[jnp.arange(num)[None, :, None], jnp.maximum(place, 0)]
     by_pass = PassTrace(
         undecided=rounds.entries.present,
@@ -358,11 +359,11 @@ def _trace_passes(d: Intermediates, t: Thresholds) -> PassTrace:
         status=of_group(groups.status),
         num_objects=of_group(groups.num_candidates),
         proposed_id=name(rounds.proposed),
-        score=of_group(groups.score),
-        second=of_group(groups.second),
-        core=of_group(groups.core),
-        core_gap=of_group(groups.core_gap),
-        evidence=of_group(groups.evidence),
+        score=number["score"],
+        second=number["second"],
+        core=number["core"],
+        core_gap=number["core_gap"],
+        evidence=number["evidence"],
         anchor_id=name(anchor),
         anchor_detection=place,
         anchor_quality=of_group(groups.anchor_quality),

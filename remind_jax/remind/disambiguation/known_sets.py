@@ -50,17 +50,11 @@ class GroupOutcome:
     Numbers are 0 where a group was skipped before scoring.
     """
 
-    root: Int[Array, "N"]  # the row itself if it is a root, else -1
     status: Int[Array, "N"]  # GroupStatus
     num_detections: Int[Array, "N"]
     num_candidates: Int[Array, "N"]  # virtual ones included
     num_anchors: Int[Array, "N"]  # an object that counts twice is counted twice
-    score: Float[Array, "N"]  # of the best assignment
-    second: Float[Array, "N"]  # of the runner-up, -1 without any
-    gap: Float[Array, "N"]
-    core: Float[Array, "N"]  # score of the best assignment without appearance
-    core_gap: Float[Array, "N"]
-    evidence: Float[Array, "N"]
+    numbers: Float[Array, "N 6"]  # joint_assignments.NUMBERS
     anchor: Int[Array, "N A"]  # objects whose distances voted, -1 padding
     anchor_place: Int[Array, "N A"]  # detection whose geometry each of them has
     anchor_quality: Float[Array, "N A"]  # how well each separates the group
@@ -129,16 +123,18 @@ def settle_known_sets(
         pending = groups.fits & groups.closed
         order = jnp.cumsum(pending, dtype=jnp.int32)
 
-        def solve_next(number: Int[Array, ""], solved: _Solved) -> _Solved:
+        def solve_next(
+            number: Int[Array, ""], solved: tuple[Int[Array, "N"], GroupOutcome]
+        ) -> tuple[Int[Array, "N"], GroupOutcome]:
             root = jnp.argmax(order == number + 1).astype(jnp.int32)
             group = extract_group(root, undecided, groups, static)
             return _solve_group(
-                root, group, solved, voters, known_score, relations, edge_table, graph, static, t
+                root, group, *solved, voters, known_score, relations, edge_table, graph, static, t
             )
 
-        start = _unsolved(groups, static, scalar)
-        solved = jax.lax.fori_loop(0, order[-1], solve_next, start)
-        return _conclude(solved, undecided, groups, known_score, object_exists)
+        start = jnp.full(matched_slot.shape, NO_SLOT, jnp.int32), _unsolved(groups, static, scalar)
+        proposed, outcome = jax.lax.fori_loop(0, order[-1], solve_next, start)
+        return _conclude(proposed, outcome, undecided, groups, known_score, object_exists)
 
     def skip() -> Settled:
         return _untouched(undecided, static, scalar)
@@ -146,45 +142,36 @@ def settle_known_sets(
     return branch(t.enabled & jnp.any(undecided.present), solve, skip)
 
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class _Solved:
-    """Groups solved so far; `[N]` by root but for the proposals."""
-
-    proposed: Int[Array, "N"]  # by detection
-    status: Int[Array, "N"]
-    num_anchors: Int[Array, "N"]
-    numbers: Float[Array, "N 6"]  # joint_assignments.NUMBERS
-    anchor: Int[Array, "N A"]
-    anchor_place: Int[Array, "N A"]
-    anchor_quality: Float[Array, "N A"]
-
-
-def _unsolved(groups: Groups, static: Static, scalar: jnp.dtype) -> _Solved:
+def _unsolved(groups: Groups, static: Static, scalar: jnp.dtype) -> GroupOutcome:
     """Groups before any is solved; those that cannot be solved have their status already."""
     num = groups.root.shape[0]
-    zero = jnp.zeros(num, jnp.int32)
     status = jnp.where(groups.fits, GroupStatus.NOT_CLOSED, GroupStatus.TOO_LARGE_OR_SMALL)
-    return _Solved(
-        proposed=jnp.full(num, NO_SLOT, jnp.int32),
-        status=jnp.where(groups.num_detections > 0, status, zero).astype(jnp.int32),
-        num_anchors=zero,
-        numbers=jnp.zeros((num, len(NUMBERS)), scalar),
-        **_no_anchors(num, static, scalar),
-    )
+    status = jnp.where(groups.num_detections > 0, status, GroupStatus.NONE).astype(jnp.int32)
+    numbers = jnp.zeros((num, len(NUMBERS)), scalar)
+    return _no_anchors(status, groups.num_detections, groups.num_candidates, numbers, static)
 
 
-def _no_anchors(num: int, static: Static, scalar: jnp.dtype) -> dict[str, Array]:
-    """The anchors of groups that were not scored."""
-    nobody = jnp.full((num, max(FEWEST_ANCHORS, static.group_anchors)), NO_SLOT, jnp.int32)
-    quality = jnp.zeros(nobody.shape, scalar)
-    return {"anchor": nobody, "anchor_place": nobody, "anchor_quality": quality}
+def _no_anchors(
+    status: Int[Array, "N"],
+    num_detections: Int[Array, "N"],
+    num_candidates: Int[Array, "N"],
+    numbers: Float[Array, "N 6"],
+    static: Static,
+) -> GroupOutcome:
+    """Groups that were not scored."""
+    room = (status.shape[0], max(FEWEST_ANCHORS, static.group_anchors))
+    nobody = jnp.full(room, NO_SLOT, jnp.int32)
+    return GroupOutcome(
+        status, num_detections, num_candidates, jnp.zeros_like(status), numbers,
+        nobody, nobody, jnp.zeros(room, numbers.dtype),
+    )  # fmt: skip
 
 
 def _solve_group(
     root: Int[Array, ""],
     group: Group,
-    solved: _Solved,
+    proposed: Int[Array, "N"],
+    outcome: GroupOutcome,
     voters: Voters,
     known_score: Float[Array, "N O"],
     relations: Relations,
@@ -192,8 +179,8 @@ def _solve_group(
     graph: DistanceGraph,
     static: Static,
     t: KnownSets,
-) -> _Solved:
-    """Solves one group and adds it to those solved."""
+) -> tuple[Int[Array, "N"], GroupOutcome]:
+    """Solves one group; the candidate that each detection is given, and all groups so far."""
     slot, stored = group.slot, group.stored
     edges = read_edges(edge_table, slot[:, None], voters.slot, stored[:, None])
     pair_stored = (stored[:, None] & stored)[..., None]
@@ -207,29 +194,31 @@ def _solve_group(
     visual = known_score[group.detection[:, None], slot]
     best = settle(score_assignments(group, vote, weight, anchors, visual, t), t)
 
-    num = solved.status.shape[0]
+    num = proposed.shape[0]
     is_root = jnp.arange(num) == root
     place = group.is_detection & (group.detection == jnp.arange(num)[:, None])  # [N, G]
     place = place & (best.status != GroupStatus.NO_ASSIGNMENT)
-    proposed = jnp.sum(jnp.where(place, group.candidate[best.choice], 0), axis=1, dtype=jnp.int32)
-
-    def note(column: Array, value: Array) -> Array:
-        return jnp.where(is_root[:, None], value, column)
-
+    given = jnp.sum(jnp.where(place, group.candidate[best.choice], 0), axis=1, dtype=jnp.int32)
     votes = anchors.votes > 0
-    return _Solved(
-        proposed=jnp.where(jnp.any(place, axis=1), proposed, solved.proposed),
-        status=jnp.where(is_root, best.status, solved.status),
-        num_anchors=jnp.where(is_root, jnp.sum(anchors.votes, dtype=jnp.int32), solved.num_anchors),
-        numbers=note(solved.numbers, best.numbers),
-        anchor=note(solved.anchor, jnp.where(votes, voters.slot[anchors.voter], NO_SLOT)),
-        anchor_place=note(solved.anchor_place, jnp.where(votes, anchors.place, NO_SLOT)),
-        anchor_quality=note(solved.anchor_quality, jnp.where(votes, anchors.quality, 0.0)),
-    )
+    mine = {
+        "status": best.status,
+        "num_anchors": jnp.sum(anchors.votes, dtype=jnp.int32),
+        "numbers": best.numbers,
+        "anchor": jnp.where(votes, voters.slot[anchors.voter], NO_SLOT),
+        "anchor_place": jnp.where(votes, anchors.place, NO_SLOT),
+        "anchor_quality": jnp.where(votes, anchors.quality, 0.0),
+    }
+    written = {
+        name: jnp.where(is_root.reshape(num, *(1,) * value.ndim), value, getattr(outcome, name))
+        for name, value in mine.items()
+    }
+    proposed = jnp.where(jnp.any(place, axis=1), given, proposed)
+    return proposed, dataclasses.replace(outcome, **written)
 
 
 def _conclude(
-    solved: _Solved,
+    proposed: Int[Array, "N"],
+    outcome: GroupOutcome,
     undecided: Undecided,
     groups: Groups,
     known_score: Float[Array, "N O"],
@@ -237,12 +226,12 @@ def _conclude(
 ) -> Settled:
     """What the solved groups mean for every detection."""
     in_group = groups.root >= 0
-    status = jnp.where(in_group, solved.status[jnp.maximum(groups.root, 0)], 0)
+    status = jnp.where(in_group, outcome.status[jnp.maximum(groups.root, 0)], 0)
     full = status == GroupStatus.RESOLVED
     partial = status == GroupStatus.PARTIAL_RESOLVED
     source = jnp.where(full, MatchOrigin.DISTANCE_FULL, MatchOrigin.DISTANCE_PARTIAL)
-    real = (solved.proposed >= 0) & (solved.proposed < object_exists.shape[0])
-    slot = jnp.where(real, solved.proposed, 0)
+    real = (proposed >= 0) & (proposed < object_exists.shape[0])
+    slot = jnp.where(real, proposed, 0)
     real = real & object_exists[slot] & (full | partial)
     row = jnp.arange(slot.shape[0], dtype=jnp.int32)
     return Settled(
@@ -251,18 +240,8 @@ def _conclude(
         source=jnp.where(real, source, MatchOrigin.NONE).astype(jnp.int32),
         remaining=undecided.present & ~(full | partial),
         root=groups.root,
-        proposed=solved.proposed,
-        groups=GroupOutcome(
-            jnp.where(groups.num_detections > 0, row, -1),
-            solved.status,
-            groups.num_detections,
-            groups.num_candidates,
-            solved.num_anchors,
-            **dict(zip(NUMBERS, solved.numbers.T, strict=True)),
-            anchor=solved.anchor,
-            anchor_place=solved.anchor_place,
-            anchor_quality=solved.anchor_quality,
-        ),
+        proposed=proposed,
+        groups=outcome,
     )
 
 
@@ -270,11 +249,8 @@ def _untouched(undecided: Undecided, static: Static, scalar: jnp.dtype) -> Settl
     """The answer where there is nothing to settle."""
     num = undecided.present.shape[0]
     none, zero = jnp.full(num, NO_SLOT, jnp.int32), jnp.zeros(num, jnp.int32)
-    real = jnp.zeros(num, scalar)
-    numbers = dict.fromkeys(NUMBERS, real)
-    anchors = _no_anchors(num, static, scalar)
-    nothing = GroupOutcome(none, zero, zero, zero, zero, **numbers, **anchors)
-    return Settled(none, real, zero, undecided.present, none, none, nothing)
+    nothing = _no_anchors(zero, zero, zero, jnp.zeros((num, len(NUMBERS)), scalar), static)
+    return Settled(none, jnp.zeros(num, scalar), zero, undecided.present, none, none, nothing)
 
 
 def extract_group(

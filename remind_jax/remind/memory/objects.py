@@ -40,6 +40,10 @@ class Objects:
         """Slots in use."""
         return self.id != NO_ID
 
+    def id_of(self, slot: Int[Array, "*any"]) -> Int[Array, "*any"]:
+        """Ids of the objects in these slots."""
+        return jnp.where(slot >= 0, self.id[jnp.maximum(slot, 0)], NO_ID)
+
 
 def create_objects(
     objects: Objects,

@@ -58,6 +58,12 @@ def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype
     )
 
 
+def keep_rows(banks: DualBank, kept: Bool[Array, "R"]) -> DualBank:
+    """Empties the banks of the other rows; leading axes `[C R]`."""
+    empty = lambda bank: dataclasses.replace(bank, size=jnp.where(kept, bank.size, 0))  # noqa: E731
+    return DualBank(empty(banks.work), empty(banks.stable))
+
+
 def live(bank: Bank) -> Bool[Array, "... S"]:
     """Slots that hold a prototype."""
     return jnp.arange(bank.hits.shape[-1]) < bank.size[..., None]
