@@ -17,7 +17,6 @@ from remind_jax.errors import SourceError
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 NO_INSTANCE = -1
-Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 
 @dataclasses.dataclass(frozen=True)
