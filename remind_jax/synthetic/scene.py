@@ -81,12 +81,6 @@ class Placement:
     start_frame: int = 0
     end_frame: int | None = None  # first frame without it; None: to the end
 
-    def holds_at(self, source_frame: int) -> bool:
-        """Whether the object is here in that frame."""
-        return self.start_frame <= source_frame and (
-            self.end_frame is None or source_frame < self.end_frame
-        )
-
 
 @dataclasses.dataclass(frozen=True)
 class SceneObject:
@@ -101,7 +95,11 @@ class SceneObject:
 
     def placement_at(self, source_frame: int) -> Placement | None:
         """The placement valid in a frame, or None while the object is away."""
-        return next((p for p in self.placements if p.holds_at(source_frame)), None)
+        for place in self.placements:
+            has_ended = place.end_frame is not None and source_frame >= place.end_frame
+            if place.start_frame <= source_frame and not has_ended:
+                return place
+        return None
 
 
 @dataclasses.dataclass(frozen=True)
