@@ -44,7 +44,7 @@ def test_left_out_the_result_lies_where_backbones_look(command, source, tmp_path
     monkeypatch.setattr(vit_weights, "user_cache_folder", lambda: tmp_path / "cache")
     outcome = command("convert", source, *TINY, "--quiet")
     assert (outcome.code, outcome.stdout) == (0, "")
-    assert load_weights(tmp_path / "cache" / "weights" / "custom.safetensors").path.is_file()
+    assert load_weights(tmp_path / "cache" / "weights" / "custom.safetensors").params
 
 
 def test_list_shows_every_network(command):

@@ -29,6 +29,7 @@ from remind_jax.session.announcement import (
     as_announced,
     choose_after,
 )
+from remind_jax.session.progress import Progress
 from remind_jax.tracks import Tracks
 from tests.cli import scenes
 from tests.outputs.fake_run import make_tracks
@@ -313,7 +314,7 @@ def test_pictures_wait_for_announcements(tmp_path, monkeypatch):
 
 
 def test_an_interrupted_run_has_all_frames(tmp_path):
-    def stop(step: rj.Progress) -> None:
+    def stop(step: Progress) -> None:
         if step.num_done == 4:
             raise KeyboardInterrupt
 
