@@ -54,17 +54,18 @@ def associate(
     candidate, score = comparison.candidate, comparison.score
     num, slots = candidate.shape
     everyone, nothing = jnp.ones(num, bool), jnp.zeros(slots, bool)
-    listens = admit_by_status(
-        evidence.status, context.on_strong, context.on_ambiguous, context.on_weak
+    rules = context.rules
+    open_to_context = admit_by_status(
+        evidence.status, rules.on_strong, rules.on_ambiguous, rules.on_weak
     )
     pairs = gate_pairs(
-        initial_pairs(score), candidate, score, context, listens, everyone, nothing, t
+        initial_pairs(score), candidate, score, context, open_to_context, everyone, nothing, t
     )
     locked, lock = lock_pairs(pairs, score, t)
     used, free = jnp.any(locked, axis=0), ~jnp.any(locked, axis=1)
     locked_score = jnp.sum(jnp.where(locked, pairs.score_final, 0.0), axis=1)
 
-    pairs = gate_pairs(pairs, candidate, score, context, listens, free, used, t)
+    pairs = gate_pairs(pairs, candidate, score, context, open_to_context, free, used, t)
     allowed, dummy = pairs.eligible & free[:, None], dummy_scores(evidence, t)
     if static.assignment == "greedy":
         column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)

@@ -47,14 +47,9 @@ class ContextVerdict:
     """What context says of pairs and objects; neutral where there is none."""
 
     plausible: Bool[Array, "N O"]  # candidates that context does not veto
-    veto: Int[Array, "N O"]  # context.veto.Veto
     bonus_raw: Float[Array, "O"]  # signed adjustment of the score
     supported: Bool[Array, "O"]  # clearly backed by context
-    influences: Bool[Array, ""]  # context may change scores at all
-    on_strong: Bool[Array, ""]  # those of detections with strong evidence,
-    on_ambiguous: Bool[Array, ""]  # ambiguous
-    on_weak: Bool[Array, ""]  # or weak evidence
-    rescue_min_visual: Float[Array, ""]  # least visual score of a rescued pair
+    rules: InfluenceRules  # whose scores context may change, and which pairs it may rescue
 
 
 def read_context(
@@ -75,14 +70,9 @@ def read_context(
     supported = some & (context.compat_band | strong)
     return ContextVerdict(
         plausible=reasoning.plausible,
-        veto=reasoning.veto,
         bonus_raw=context.bonus_raw,
         supported=supported | (context.score_sets >= ambiguous.min_net_support),
-        influences=influence.enabled,
-        on_strong=influence.on_strong,
-        on_ambiguous=influence.on_ambiguous,
-        on_weak=influence.on_weak,
-        rescue_min_visual=influence.rescue_visual,
+        rules=influence,
     )
 
 
@@ -116,9 +106,9 @@ def gate_pairs(
       t: Thresholds.
     """
     allowed = open_to_context | jnp.any(candidate & used[None], axis=1)
-    allowed = allowed & context.influences
+    allowed = allowed & context.rules.enabled
     bonus = jnp.where(allowed[:, None], context.bonus_raw[None], 0.0)
-    rescued = allowed[:, None] & (score >= context.rescue_min_visual)
+    rescued = allowed[:, None] & (score >= context.rules.rescue_visual)
     rescued = rescued & (bonus > 0) & (score + bonus >= t.match)
     low = (score < t.min_visual) & t.gate_min_visual
     below = (score < t.match) & t.gate_match

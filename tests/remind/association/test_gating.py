@@ -22,6 +22,7 @@ from remind_jax.remind.context.influence import no_influence
 from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Matching
+from remind_jax.remind.thresholds.context import Influence
 
 GATE = jax.jit(gate_pairs)
 
@@ -45,14 +46,9 @@ def build(
     full = lambda value, *shape: jnp.broadcast_to(jnp.asarray(value), shape)  # noqa: E731
     context = ContextVerdict(
         plausible=full(plausible, num, width),
-        veto=jnp.zeros((num, width), jnp.int32),
         bonus_raw=full(np.asarray(bonus, float), width),
         supported=jnp.zeros(width, bool),
-        influences=jnp.asarray(influences),
-        on_strong=jnp.asarray(False),
-        on_ambiguous=jnp.asarray(True),
-        on_weak=jnp.asarray(True),
-        rescue_min_visual=jnp.asarray(0.60),
+        rules=jax.tree.map(jnp.asarray, Influence(enabled=influences, rescue_visual=0.60)),
     )
     t = jax.tree.map(jnp.asarray, dataclasses.replace(Matching(), **changed))  # pyright: ignore[reportArgumentType]
     pairs = before or initial_pairs(jnp.asarray(score))
