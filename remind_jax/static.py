@@ -24,6 +24,7 @@ _S = "association.scores.neighbor_sets"
 _A = "update.appearance_memory"
 _P = "update.parts_memory"
 
+_MORE = "as relations of all pairs would not fit into memory"
 _CAPACITY = "more memory and time, the same results; grows by itself"
 _ROOM = "more views are remembered; more memory and time"
 _INSERT = {"always": "always", "novel_only": "novel"}
@@ -42,10 +43,11 @@ class Static:
     """
 
     num_detections: int = setting(16, "detection slots of a frame; grows", "detections",
-        more=_CAPACITY)
-    num_objects: int = setting(64, "object slots of the memory; grows", "objects", more=_CAPACITY)
+        more=_CAPACITY, most=8192, why=_MORE)
+    num_objects: int = setting(64, "object slots of the memory; grows", "objects",
+        more=_CAPACITY, most=32768, why=_MORE)
     num_pending: int = setting(32, "slots of ambiguous and of provisional tracks each; grows",
-        "tracks", more=_CAPACITY)
+        "tracks", more=_CAPACITY, most=8192, why=_MORE)
     feature_dim: int = setting(0, "width of the patch features; 0: taken from the backbone",
         "numbers", more="must be what the backbone gives", least=0)
     num_candidates: int = setting(5, "candidates shown per detection in the decisions",

@@ -24,6 +24,8 @@ from remind_jax.settings.checks import check_most
 from remind_jax.settings.record import Setting, setting
 from remind_jax.static import Static
 
+_LARGEST = 3e38  # thresholds are traced in single precision
+
 
 @dataclasses.dataclass(frozen=True)
 class Config:
@@ -203,20 +205,22 @@ def _update(node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin
 
 def _coerce(value: Any, old: Any, name: str) -> Any:
     """The value in the kind of the one that it replaces; arrays pass, they are sweeps."""
-    wanted = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    is_whole = is_number and isinstance(value, int)
     if isinstance(old, bool):
-        fits = isinstance(value, bool)
+        fits, wanted = isinstance(value, bool), "true or false"
     elif isinstance(old, int):
-        fits = isinstance(value, int) and not isinstance(value, bool)
+        fits = is_whole and -(2**31) <= value < 2**31
+        wanted = "a whole number of at most 31 bits" if is_whole else "a whole number"
     elif isinstance(old, float):
-        fits = isinstance(value, (int, float)) and not isinstance(value, bool)
+        fits = is_number and abs(value) <= _LARGEST  # NaN is not
+        wanted = "a finite number" if is_number else "a number"
         value = float(value) if fits else value
     elif isinstance(old, tuple):
-        fits = isinstance(value, (list, tuple))
-        value = tuple(value) if fits else value
+        fits, wanted = isinstance(value, (list, tuple)), "a list"
+        value = tuple(value) if isinstance(value, (list, tuple)) else value
     else:
-        fits = isinstance(value, type(old))
+        fits, wanted = isinstance(value, type(old)), "a text" if isinstance(old, str) else "a list"
     if not fits and not hasattr(value, "dtype"):
-        kind = wanted.get(type(old), "a list")
-        raise ConfigError(f"{name} is {value!r}; it must be {kind}")
+        raise ConfigError(f"{name} is {value!r}; it must be {wanted}")
     return value

@@ -7,6 +7,7 @@ import itertools
 from pathlib import Path
 from typing import Any
 
+from remind_jax import files
 from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.method import PAPER_METHOD
 
@@ -72,7 +73,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     import yaml  # the core needs no YAML
 
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+        values = yaml.safe_load(files.read_text(path))
     except OSError as error:
         raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
     except yaml.YAMLError as error:

@@ -130,6 +130,7 @@ class TraceArchive(Generic[Record]):
         path = self._path
         try:
             # NumPy leaves open what it cannot read.
+            files.check_regular(path)
             with path.open("rb") as stream, np.load(stream) as file:
                 tracker, version = str(file["tracker"]), int(file["version"])
                 if tracker != self._tracker:

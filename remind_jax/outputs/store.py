@@ -18,7 +18,7 @@ import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.files import replace_file, writing
+from remind_jax.files import read_bytes, read_text, replace_file, writing
 from remind_jax.frame import Rle
 from remind_jax.tracks import Tracks
 
@@ -37,6 +37,16 @@ _INTEGERS = {
 }
 _REALS = {"score": "score", "confidence": "confidence", "detector_score": "detector_scores"}
 
+# How values that are not what was written fail to be read.
+_DAMAGE = (
+    ValueError,
+    KeyError,
+    TypeError,
+    IndexError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
@@ -163,7 +173,7 @@ def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
       OutputError: If the file is missing, of another kind, or damaged before its last line.
     """
     try:
-        lines = path.read_bytes().splitlines(keepends=True)
+        lines = read_bytes(path).splitlines(keepends=True)
     except OSError as error:
         raise OutputError(
             f"'{path.parent}' is not the output folder of a run: {_say_lacking(path)}"
@@ -179,7 +189,7 @@ def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
                 info = _read_header(path, content)
             else:
                 frames.append(tracks_from_json(content))
-        except (ValueError, KeyError, TypeError, IndexError) as error:
+        except _DAMAGE as error:
             if isinstance(error, OutputError):
                 raise
             raise OutputError(
@@ -211,10 +221,10 @@ def read_run_json(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
         if not isinstance(content, dict):
             raise ValueError("not an object")
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise OutputError(
             f"'{path}' is damaged ({error}); delete it to open the run without its timings"
         ) from error

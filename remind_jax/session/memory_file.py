@@ -14,6 +14,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
+from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.keys import how_to_choose
 from remind_jax.errors import OutputError, RemindError
@@ -80,9 +81,10 @@ def load_memory(path: str | Path) -> SavedMemory:
             f"memory '{path}' is a folder; give the file, memory.safetensors of a run"
         )
     try:
+        files.check_regular(path)
         header = _read_header(path)
         tensors = load_file(path)
-    except (OSError, SafetensorError, json.JSONDecodeError) as error:
+    except (OSError, SafetensorError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"cannot read memory from {path}: {reason}") from error
     if header.get("format") != _FORMAT:
@@ -171,7 +173,9 @@ def _read_header(path: Path) -> dict[str, str]:
         length = int.from_bytes(file.read(8), "little")
         if not 0 < length <= 1 << 26:
             raise OSError("it is not a safetensors file")
-        return json.loads(file.read(length)).get("__metadata__", {})
+        header = json.loads(file.read(length))
+        metadata = header.get("__metadata__", {}) if isinstance(header, dict) else {}
+        return metadata if isinstance(metadata, dict) else {}
 
 
 def _read_description(

@@ -32,6 +32,8 @@ def check_fields(settings: Any, section: str) -> None:
         if kind is int and not _is_count(value, 1 if least is None else least):
             sign = "positive " if least is None else ""
             raise ConfigError(f"{name} is {value!r}; it must be a {sign}whole number")
+        if kind is int:
+            check_most(name, value, field.metadata["setting"])
         if arguments == (int, int) and not _are_two_counts(value):
             raise ConfigError(f"{name} is {value!r}; it must be two positive whole numbers")
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Integer, UInt8
 
+from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.sources.class_names import ClassNames
@@ -143,7 +144,7 @@ def _read_item(item: Any, index: int, class_names: ClassNaming | None) -> Conten
 def _as_image(item: Any, index: int) -> UInt8[np.ndarray, "H W 3"]:
     if isinstance(item, str | Path):
         try:
-            return decode_image(Path(item).read_bytes())
+            return decode_image(files.read_bytes(item))
         except OSError as error:
             raise UnreadableFrame(f"'{item}' cannot be read: {error.strerror or error}") from error
     array = np.asarray(item)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from remind_jax import files
 from remind_jax.errors import SourceError, nearest_names
 from remind_jax.sources.class_names import UNNAMED, ClassNames, read_metadata
 from remind_jax.sources.label_maps import (
@@ -100,6 +101,7 @@ def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
       SourceError: If it is no NumPy file.
     """
     try:
+        files.check_regular(path)
         if path.suffix.lower() == ".npy":
             return {single: np.load(path, mmap_mode="r", allow_pickle=False)}
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:

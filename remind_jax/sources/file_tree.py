@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import IO
 
+from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.sources.source import UnreadableFrame
 
@@ -47,7 +48,7 @@ class FolderTree:
           UnreadableFrame: If it cannot be read.
         """
         try:
-            return (self.path / path).read_bytes()
+            return files.read_bytes(self.path / path)
         except OSError as error:
             raise UnreadableFrame(f"cannot be read: {error.strerror or error}") from error
 
@@ -163,7 +164,7 @@ def read_bytes(path: Path) -> bytes:
       SourceError: If it cannot be read.
     """
     try:
-        return path.read_bytes()
+        return files.read_bytes(path)
     except OSError as error:
         raise SourceError(f"'{path}' cannot be read: {error.strerror or error}") from error
 
@@ -204,6 +205,7 @@ def _list_members(path: Path) -> dict[str, tarfile.TarInfo]:
     archive_bytes = path.stat().st_size
     members: dict[str, tarfile.TarInfo] = {}
     try:
+        files.check_regular(path)
         with tarfile.open(path) as archive:
             is_plain = isinstance(archive.fileobj, io.BufferedReader)
             while (member := _next_member(archive, bool(members))) is not None:

@@ -14,6 +14,7 @@ from av.error import EOFError as EndOfFile
 from av.error import FFmpegError
 from jaxtyping import UInt8
 
+from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.frame import SkippedFrame
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
@@ -68,7 +69,9 @@ class VideoReader:
         with contextlib.ExitStack() as stack:
             try:
                 file = self._open_file()
-                if not isinstance(file, str):  # PyAV leaves open what it did not open
+                if isinstance(file, str):
+                    files.check_regular(file)
+                else:  # PyAV leaves open what it did not open
                     stack.enter_context(file)
                 container = stack.enter_context(av.open(file, mode="r"))
             except (FFmpegError, OSError, ValueError) as error:

@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.keys import THRESHOLDS, full_key
@@ -112,7 +113,7 @@ def read_settings(path: str | Path) -> list[Setting]:
 
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = files.read_text(path)
     except OSError as error:
         raise ConfigError(f"cannot read settings from '{path}': {error.strerror}") from error
     if path.suffix.lower() != ".json":

@@ -346,3 +346,24 @@ def test_thresholds_become_typed_arrays():
 
 def test_input_defaults_are_valid():
     assert Input() == Config().input
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("decision.new", float("nan"), "it must be a finite number"),
+        ("decision.new", float("inf"), "it must be a finite number"),
+        ("decision.new", 10**400, "it must be a finite number"),
+        ("decision.commit_age", 2**31, "it must be a whole number of at most 31 bits"),
+        ("static.num_objects", 10**9, "supported: up to 32768"),
+        ("static.num_detections", 10**9, "supported: up to 8192"),
+    ],
+)
+def test_numbers_that_nothing_can_be_computed_with_are_refused(key, value, said):
+    with pytest.raises(ConfigError, match=said):
+        load_config("default").updated({key: value})
+
+
+def test_impossible_capacities_are_refused_however_they_are_given():
+    with pytest.raises(ConfigError, match=r"num_objects is 1000000000000; supported: up to 32768"):
+        Static(num_objects=10**12)

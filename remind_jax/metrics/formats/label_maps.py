@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.masks.run_length import encode_label_map
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of
@@ -64,7 +65,7 @@ def find_classes(folder: Path, name: str) -> ClassNames | None:
         for file in dict.fromkeys(Path(file).name for file in metadata_files(name)):
             path = place / file
             if path.is_file():
-                classes = parse_metadata(path.read_bytes(), str(path), name).classes
+                classes = parse_metadata(files.read_bytes(path), str(path), name).classes
                 if classes is not UNNAMED:
                     return classes
     return None
@@ -130,7 +131,7 @@ def _name_instances(
 
 def _read_map(file: Path) -> np.ndarray:
     try:
-        return read_label_map(file.read_bytes())
+        return read_label_map(files.read_bytes(file))
     except (OSError, UnreadableFrame) as error:
         why = getattr(error, "strerror", None) or str(error)
         raise SourceError(f"the instance map '{file}' cannot be used: {why}") from error

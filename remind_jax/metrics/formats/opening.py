@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from remind_jax import files
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.metrics.formats.json_index import JsonIndex, index_json
 from remind_jax.metrics.formats.json_tracks import group_by_video, index_burst, read_video
@@ -152,7 +153,7 @@ def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
 
 def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> SceneSet:
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(files.read_bytes(path))
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
@@ -223,4 +224,4 @@ def _recognize_json(path: Path, content: Any, truth: SceneSet | None) -> Format:
 
 
 def _is_blank(path: Path) -> bool:
-    return not path.read_bytes().strip()
+    return not files.read_bytes(path).strip()

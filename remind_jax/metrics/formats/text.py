@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
+from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import find_malformed
@@ -271,7 +272,7 @@ def _check_classes(class_id: int, truth: TrackRows, prediction: TrackRows) -> No
 
 def _read_text(path: str | Path) -> str:
     try:
-        return Path(path).read_bytes().decode("utf-8-sig")
+        return files.read_bytes(path).decode("utf-8-sig")
     except OSError as error:
         raise SourceError(f"{path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
