@@ -15,7 +15,11 @@ import jax
 import jaxtyping
 import pytest
 
-from remind_jax.compiled import ahead, kept, programs
+from tests import shape_checks
+
+shape_checks.switch_on()
+
+from remind_jax.compiled import ahead, kept, programs  # noqa: E402  (checked as well)
 
 # The tests ask what is decided, not how fast: a third of the time to compile, the same results.
 jax.config.update("jax_disable_most_optimizations", True)
