@@ -74,7 +74,7 @@ def _coco_results(folder: Path) -> Path:
             {
                 "image_id": index,
                 "category_id": 1,
-                "segmentation": _rle((labels == instance).astype(np.uint8)),
+                "segmentation": _rle(labels == instance),
                 "score": 0.9,
                 "track_id": instance,
             }
@@ -105,7 +105,7 @@ def _coco_video(folder: Path) -> Path:
                 "video_id": 1,
                 "category_id": 1,
                 "iscrowd": 0,
-                "segmentations": [_rle((labels == instance).astype(np.uint8)) for labels in maps],
+                "segmentations": [_rle(labels == instance) for labels in maps],
             }
             for instance in scenes.FIRST_THREE
         ],
@@ -122,7 +122,7 @@ def _frame_lines(folder: Path) -> Path:
                 "frame": index,
                 "detections": [
                     {
-                        "segmentation": _rle((scenes.picture(index)[1] == instance).astype("u1")),
+                        "segmentation": _rle(scenes.picture(index)[1] == instance),
                         "label": "cup",
                         "score": 0.5,
                     }

@@ -54,6 +54,7 @@ def test_giant_picture_is_refused_before_memory_is_taken():
         read_label_map(bytes(header))
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_fractions_are_refused():
     ok, data = cv2.imencode(".tiff", np.full((4, 4), 0.5, np.float32))
     assert ok

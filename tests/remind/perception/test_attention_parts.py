@@ -14,6 +14,7 @@ from remind_jax.config import load_config
 from remind_jax.errors import ConfigError
 from remind_jax.remind.tracker import init, step
 from remind_jax.session import live
+from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.live import Tracker
 from tests.backbone.networks import converted_file
 
@@ -56,11 +57,11 @@ def reached(monkeypatch):
     """Frames as they reach the step, which is not run."""
     taken = []
 
-    def look(self, frame_feats, prepared):
+    def look(self, frame_feats, prepared, thresholds):
         taken.append((frame_feats, prepared.masks))
         raise Stopped
 
-    monkeypatch.setattr(Tracker, "_step", look)
+    monkeypatch.setattr(GrowingMemory, "step", look)
     return taken
 
 
