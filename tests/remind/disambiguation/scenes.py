@@ -107,7 +107,6 @@ def undecided(present: Any, slot: Any) -> Undecided:
 
 def known_pairs(score: Any, eligible: Any) -> Pairs:
     """Pairs of which only the known score matters."""
-
     over_scenes = initial_pairs if np.ndim(score) == 2 else jax.vmap(initial_pairs)
     return dataclasses.replace(over_scenes(score), eligible=eligible)
 
