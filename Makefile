@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow fuzz lint types bench figures notebooks docs clean
+.PHONY: help demo test test-slow test-matrix fuzz lint types bench figures notebooks docs clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,6 +16,10 @@ test: $(VENV)/.dev  ## all tests but the slow ones
 
 test-slow: $(VENV)/.dev  ## the slow tests
 	$(BIN)/python -m pytest -m slow
+
+test-matrix: $(VENV)/.dev  ## a share of the tests with oldest and newest versions, on every Python there is
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	UV=$(BIN)/uv tests/matrix.sh
 
 fuzz: $(VENV)/.dev  ## changed files of every format, for an hour (make fuzz SECONDS=300)
 	$(BIN)/python -m tests.corpus.fuzz --seconds $(or $(SECONDS),3600)

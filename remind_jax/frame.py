@@ -50,6 +50,11 @@ class Detections:
 
         Raises:
           SourceError: If the parts disagree about the number of detections.
+
+        Example:
+          >>> seen = Detections.create(np.ones((2, 4, 6)), labels=["mug", "bowl"])
+          >>> seen.scores.tolist(), seen.instance_ids.tolist()
+          ([1.0, 1.0], [-1, -1])
         """
         masks = np.asarray(masks)
         if masks.ndim != 3:

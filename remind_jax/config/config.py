@@ -140,6 +140,12 @@ def load_config(name: str | Path | Config | Mapping[str, Any] = "default") -> Co
 
     Raises:
       ConfigError: If there is no such configuration or it holds an unknown key or a wrong value.
+
+    Example:
+      >>> load_config("published").thresholds.matching.match
+      0.75
+      >>> load_config({"decision": {"new": 1.5}}).thresholds.decision.new
+      1.5
     """
     return name if isinstance(name, Config) else _load(name, ())
 

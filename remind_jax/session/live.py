@@ -50,6 +50,16 @@ class Tracker:
     Not thread-safe. Touches no file but in `save` and `load`, and for the compiled programs that it
     keeps (`remind_jax.compiled.kept`); programs for larger capacities are compiled in a thread of
     its own before they are needed. Results depend on neither.
+
+    Example:
+      >>> import numpy as np
+      >>> import remind_jax as rj
+      >>> tracker = rj.Tracker()
+      >>> image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), np.uint8)
+      >>> masks = np.zeros((1, 96, 128), bool)
+      >>> masks[0, 16:80, 32:96] = True
+      >>> tracker.update(image, rj.Detections.create(masks, ["mug"])).display_name(0)
+      'mug 0'
     """
 
     def __init__(

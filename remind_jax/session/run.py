@@ -95,6 +95,16 @@ def run(
     Raises:
       RemindError: If something about the input, the configuration or the output is wrong; what was
         written until then is kept and finished.
+
+    Example:
+      >>> import numpy as np
+      >>> import remind_jax as rj
+      >>> frames = np.random.default_rng(0).integers(0, 255, (3, 96, 128, 3), np.uint8)
+      >>> maps = np.zeros((3, 96, 128), np.uint8)
+      >>> maps[:, 16:80, 32:96] = 1  # one object, in every frame
+      >>> result = rj.run(frames, masks=maps, progress=False)
+      >>> [tracks.object_id.tolist() for tracks in result.tracks]
+      [[0], [0], [0]]
     """
     _check_options(source_options)
     if out is not None:
