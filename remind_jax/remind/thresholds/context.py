@@ -44,7 +44,7 @@ class Sets:
     min_links: Whole = setting(1, "links that every member needs", "links",
         more="loosely linked sets are left out", key=f"{_S}.connectivity_require_min_degree")
     linked_power: Real = setting(1.5,
-        "of the share of members with a link; felt only if min_links is 0", "exponent",
+        "of the share of members with a link; has an effect only if min_links is 0", "exponent",
         more="sets with single members lose more", key=f"{_S}.connectivity_node_gamma")
     pairs_power: Real = setting(1.0, "of the share of linked pairs in the connection", "exponent",
         more="sets with missing links lose more", key=f"{_S}.connectivity_edge_gamma")
