@@ -35,7 +35,7 @@ import numpy as np
 from IPython.display import Image
 
 import remind_jax as rj
-from remind_jax.decision import Source
+from remind_jax.decision import MatchOrigin
 from remind_jax.outputs.overlay import draw_overlay
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 
@@ -73,7 +73,7 @@ explanations = [
     for tracks in result.tracks
     for row in np.flatnonzero(tracks.outcome == rj.Outcome.MATCH)
 ]
-by_layout = [one for one in explanations if one.source not in (Source.NONE, Source.ASSOCIATION)]
+by_layout = [one for one in explanations if one.source not in (MatchOrigin.NONE, MatchOrigin.ASSOCIATION)]
 explanation = by_layout[0] if by_layout else min(explanations, key=lambda one: one.confidence)
 print(len(explanations), "matches,", len(by_layout), "decided by layout")
 print(f"frame {explanation.frame}, detection {explanation.detection}: {explanation.name}")
