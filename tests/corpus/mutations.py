@@ -158,7 +158,8 @@ def _change_npz(path: Path, rng: random.Random) -> Change:
     if kind == "removed":
         del arrays[name]
     elif kind == "other type":
-        arrays[name] = array.astype(rng.choice(["U8", "c8", "f8", "i1", "?"]), casting="unsafe")
+        others = ["S8"] if array.dtype.kind == "U" else ["U8", "c8", "f8", "i1", "?"]
+        arrays[name] = array.astype(rng.choice(others), casting="unsafe")
     elif kind == "other shape":
         arrays[name] = array.reshape(-1) if array.ndim > 1 else array[None]
     elif kind == "empty":
