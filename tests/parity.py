@@ -22,6 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from remind_jax.compiled.programs import clear_programs
 from tests.golden import load
 
 # Scores: the original's are float64 on float32 cosines; summation order alone moves them by 1e-7.
@@ -38,6 +39,9 @@ OUTCOMES = {  # the original's name of each of our outcomes
     "UNASSIGNED": "UNASSIGNED",
 }
 LIFECYCLES = ("NEW", "TENTATIVE", "CONFIRMED", "INACTIVE")
+# Compiled programs of more traces take more mappings of memory than systems allow a process.
+TRACES_AT_ONCE = 16
+
 BANKS = {  # column of the trace: leaf of the state, channel, bank
     f"{name}_{bank}": (leaf, channel, bank)
     for name, leaf, channel in (
@@ -339,6 +343,9 @@ def main(arguments: list[str] | None = None) -> int:
             continue
         report = compare_trace(name, variant, options.precision, options.folder, options.only)
         reports.append(report)
+        if len(reports) % TRACES_AT_ONCE == 0:
+            clear_programs()
+            jax.clear_caches()
         state = {
             field: f"{agreeing}/{compared}"
             for field, (agreeing, compared) in report.fields.items()

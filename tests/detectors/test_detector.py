@@ -26,7 +26,7 @@ from .test_onnx_session import HAS_ONNXRUNTIME, engines
 from .test_rfdetr_seg import NAMED, answer
 from .test_yolo_seg import NAMES, raw_outputs
 
-REAL = Path(os.environ.get("REMIND_REAL_DATA", "/work/shared/real"))
+REAL = Path(os.environ.get("REMIND_REAL_DATA", "no-test-network"))
 FRAME = np.zeros((192, 256, 3), np.uint8)
 
 
