@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pycocotools.mask
+from hotcoco import mask as coco
 from scipy.optimize import linear_sum_assignment
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -47,7 +47,6 @@ from remind_jax.tracks import Tracks
 
 AFTER = (1, 2, 3, 4, 5, 6, 8)
 OFTEN = 5  # detections of an object that should be announced
-_coco: Any = pycocotools.mask  # its stubs know no lists of masks
 
 # About what a small network does on a video: the kitchen through YOLOv8n.
 NOISE = DetectorNoise(
@@ -75,7 +74,7 @@ def track(frames: Iterable[tuple[Frame, Detections]], config: str) -> list[Seen]
         true_rles = list(encode_masks(truth.masks))
         overlap = np.zeros((len(tracks), len(true_rles)))
         if overlap.size:
-            overlap = _coco.iou(list(tracks.rles), true_rles, [0] * len(true_rles))
+            overlap = coco.iou(list(tracks.rles), true_rles, [0] * len(true_rles))
         seen.append(Seen(tracks, merges, truth.instance_ids, overlap))
     return seen
 

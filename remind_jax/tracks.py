@@ -6,19 +6,15 @@ Letters: `N` detections, `C` candidates shown per detection.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
-import pycocotools.mask
+from hotcoco import mask as coco
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.frame import Rle
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import number
-
-# Its stubs know neither bytes in `counts` nor lists of masks.
-_coco: Any = pycocotools.mask
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -57,7 +53,7 @@ class Tracks(Printable):
         """Pixel masks, decoded anew at every call."""
         if not self.rles:
             return np.zeros((0, *self.frame_size), bool)
-        return np.moveaxis(_coco.decode(list(self.rles)), -1, 0).astype(bool)
+        return np.moveaxis(coco.decode(list(self.rles)), -1, 0).view(bool)
 
     @property
     def is_firm(self) -> Bool[np.ndarray, "N"]:

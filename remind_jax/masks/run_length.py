@@ -8,16 +8,13 @@ foreground over the pixels in column-major order.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
+import cv2
 import numpy as np
-import pycocotools.mask
+from hotcoco import mask as coco
 from jaxtyping import Bool, Int, Integer, UInt8
 
 from remind_jax.frame import Rle
-
-# Its stubs know neither bytes in `counts` nor lists of masks.
-_coco: Any = pycocotools.mask
 
 # More characters to a number overflow 64 bits; no picture is that large.
 _MAX_CHARACTERS = 8
@@ -25,9 +22,10 @@ _MAX_CHARACTERS = 8
 
 def encode_masks(masks: Bool[np.ndarray, "N H W"]) -> tuple[Rle, ...]:
     """Run-length encodes pixel masks, one COCO RLE per mask."""
-    if not len(masks):
-        return ()
-    return tuple(_coco.encode(np.asfortranarray(np.moveaxis(masks, 0, -1).astype(np.uint8))))
+    # A code goes column by column: transposed by OpenCV first, that takes a quarter of the time.
+    planes = np.ascontiguousarray(masks).view(np.uint8)
+    columns = (np.asarray(cv2.transpose(plane), np.uint8) for plane in planes)
+    return tuple(coco.encode(plane.T) for plane in columns)
 
 
 def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:
@@ -46,35 +44,35 @@ def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:
         edges = np.column_stack([starts[runs], stops[runs]]).ravel()
         counts = np.diff(edges, prepend=0, append=pixels.size).tolist()
         plain = {"size": [height, width], "counts": counts if counts[-1] else counts[:-1]}
-        rles[int(values[runs[0]])] = _coco.frPyObjects(plain, height, width)
+        rles[int(values[runs[0]])] = coco.frPyObjects(plain, height, width)
     return rles
 
 
 def decode_mask(rle: Rle) -> UInt8[np.ndarray, "H W"]:
     """The mask as pixels, 1 inside."""
-    return _coco.decode(rle)
+    return coco.decode(rle)
 
 
 def mask_box(rle: Rle) -> tuple[int, int, int, int]:
     """Left, top, width and height in pixels of the smallest box around a mask; zero if empty."""
-    left, top, width, height = (int(side) for side in _coco.toBbox(rle))
+    left, top, width, height = (int(side) for side in coco.toBbox(rle))
     return left, top, width, height
 
 
 def mask_areas(rles: Sequence[Rle]) -> Int[np.ndarray, "N"]:
     """Pixels of each mask."""
-    return np.array([int(_coco.area(rle)) for rle in rles], int)
+    return np.asarray(coco.area(list(rles)), int)
 
 
 def union_area(rles: Sequence[Rle]) -> int:
     """Pixels that at least one mask holds."""
-    return int(_coco.area(_coco.merge(list(rles)))) if rles else 0
+    return int(coco.area(coco.merge(list(rles)))) if rles else 0
 
 
 def find_malformed(rles: Sequence[Rle]) -> int | None:
     """The first code that is damaged or does not cover its picture exactly; None if all are sound.
 
-    pycocotools does not look and reads beyond its memory on such codes.
+    The library that decodes them takes codes that end early for sound, and memory for any size.
     """
     sizes = np.array([rle["size"] for rle in rles], np.int64).reshape(-1, 2)
     lengths = np.array([len(rle["counts"]) for rle in rles], np.int64)

@@ -16,7 +16,6 @@ from typing import Any
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
@@ -28,9 +27,6 @@ from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.similarity import Pairs, covered_share, merge_rles, pair_boxes, rle_iou
 from remind_jax.sources.file_tree import last_number
 from remind_jax.sources.image_folder import IMAGE_SUFFIXES
-
-# pycocotools' stubs know no plain dictionaries.
-_coco: Any = coco_mask
 
 MAX_ASPECT_DIFFERENCE = 0.01
 NOT_ALIGNED = -1
@@ -208,7 +204,7 @@ def _resize(rle: Rle, size: tuple[int, int], name: str) -> Rle:
             f"{name}: predicted masks are {width} x {height} pixels, those of the truth "
             f"{size[1]} x {size[0]} (width x height): their aspect ratios differ"
         )
-    mask = np.ascontiguousarray(_coco.decode(rle))
+    mask = np.ascontiguousarray(decode_mask(rle))
     resized = cv2.resize(mask, size[::-1], interpolation=cv2.INTER_NEAREST)
     return encode_masks(resized[None] > 0)[0]
 

@@ -6,19 +6,15 @@ Letters: `G` ground truths, `P` predictions, `K` overlapping pairs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+from hotcoco import mask as coco
 from jaxtyping import Float, Int
-from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import mask_areas, union_area
 from remind_jax.metrics.sequence import frame_starts
-
-# pycocotools types its masks as a class of its own; they are plain dictionaries.
-_coco: Any = coco_mask
 
 _EPSILON = float(np.finfo(np.float64).eps)
 
@@ -106,15 +102,15 @@ def rle_iou(gt_rles: Sequence[Rle], pred_rles: Sequence[Rle]) -> Float[np.ndarra
         )
     if not gt_rles or not pred_rles:
         return np.zeros((len(gt_rles), len(pred_rles)))
-    return np.asarray(_coco.iou(list(gt_rles), list(pred_rles), [0] * len(pred_rles)), float)
+    return np.asarray(coco.iou(list(gt_rles), list(pred_rles), [0] * len(pred_rles)), float)
 
 
 def covered_share(rles: Sequence[Rle], region: Rle) -> Float[np.ndarray, "N"]:
     """Share of each mask that lies inside a region (MOTS ignore regions); 0 for empty masks."""
     if not rles:
         return np.zeros(0)
-    # With `iscrowd` set, pycocotools divides by the area of the first mask alone.
-    return np.asarray(_coco.iou(list(rles), [region], [1]), float)[:, 0]
+    # With `iscrowd` set, the library divides by the area of the first mask alone.
+    return np.asarray(coco.iou(list(rles), [region], [1]), float)[:, 0]
 
 
 def find_overlap(rles: Sequence[Rle]) -> bool:
@@ -124,4 +120,4 @@ def find_overlap(rles: Sequence[Rle]) -> bool:
 
 def merge_rles(rles: Sequence[Rle]) -> Rle:
     """The union of masks."""
-    return _coco.merge(list(rles))
+    return coco.merge(list(rles))

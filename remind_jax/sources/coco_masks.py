@@ -25,8 +25,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+from hotcoco import mask as coco
 from jaxtyping import Bool
-from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import NO_INSTANCE, Detections
@@ -36,7 +36,7 @@ from remind_jax.sources.detections import detections_from, fill_boxes, name_clas
 from remind_jax.sources.file_tree import last_number
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame
 
-MAX_COORDINATE_PX = 1e5  # pycocotools takes memory by the length of an outline
+MAX_COORDINATE_PX = 1e5  # memory goes by the length of an outline
 Annotation = Mapping[str, Any]
 
 
@@ -155,7 +155,7 @@ def _decode_runs(code: Mapping[str, Any]) -> Bool[np.ndarray, "H W"]:
     counts = code["counts"].encode() if isinstance(code["counts"], str) else code["counts"]
     rle: Any = {"size": [height, width], "counts": counts}
     if isinstance(counts, list):
-        rle = coco_mask.frPyObjects(rle, height, width)
+        rle = coco.frPyObjects(rle, height, width)
     if find_malformed([rle]) is not None:
         raise UnreadableFrame(f"a run-length code does not add up to its size of {width}x{height}")
     return _decode(rle)
@@ -168,13 +168,13 @@ def _fill_polygons(polygons: Any, frame_size: tuple[int, int]) -> Bool[np.ndarra
             raise UnreadableFrame("a polygon is not a list of three or more points x, y")
         if not (np.abs(part) <= MAX_COORDINATE_PX).all():
             raise UnreadableFrame("a polygon leads to infinity")
-    rles = coco_mask.frPyObjects([part.tolist() for part in parts], *frame_size)
-    return _decode(coco_mask.merge(rles))
+    rles = coco.frPyObjects([part.tolist() for part in parts], *frame_size)
+    return _decode(coco.merge(rles))
 
 
 def _decode(rle: Any) -> Bool[np.ndarray, "H W"]:
     """Decodes by columns, as COCO stores them, and turns that into rows where OpenCV is quick."""
-    return cv2.transpose(coco_mask.decode(rle).T).astype(bool)
+    return cv2.transpose(coco.decode(rle).T).astype(bool)
 
 
 def read_categories(data: bytes, file: str) -> dict[int, str]:

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hotcoco import mask as coco_mask
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from pycocotools import mask as coco_mask
 
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import (

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 import trackeval  # pyright: ignore[reportMissingImports]
+from hotcoco import mask as coco
 from PIL import Image
-from pycocotools import mask as coco_mask
 
 NUM_FRAMES, HEIGHT, WIDTH = 5, 12, 18
 VOID = 255
@@ -67,7 +67,7 @@ def score(truth: np.ndarray, answers: np.ndarray) -> dict[str, Any]:
     as_is = measure(data)
     ids, overlaps = [], []
     for place, masks in enumerate(data["tracker_dets"]):
-        left = [row for row, mask in enumerate(masks) if coco_mask.area(mask) > 0]
+        left = [row for row, mask in enumerate(masks) if coco.area(mask) > 0]
         found = dataset._calculate_similarities(data["gt_dets"][place], [masks[r] for r in left])
         ids.append(data["tracker_ids"][place][left])
         overlaps.append(np.asarray(found).reshape(len(data["gt_dets"][place]), len(left)))

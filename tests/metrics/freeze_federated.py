@@ -19,12 +19,11 @@ from typing import Any
 
 import numpy as np
 import trackeval  # pyright: ignore[reportMissingImports]
-from pycocotools import mask as coco_mask
+from hotcoco import mask as coco
 from trackeval.datasets import burst  # pyright: ignore[reportMissingImports]
 
 CLASSES = {1: "acorn", 2: "aerosol_can", 3: "air_conditioner", 4: "airplane", 20: "antenna"}
 NUM_FRAMES, WIDTH, HEIGHT = 6, 64, 48
-_coco: Any = coco_mask
 
 
 class MaskBurst(burst.BURST):
@@ -170,7 +169,7 @@ def as_burst(truth: dict[str, Any], answers: list[Any]) -> tuple[dict[str, Any],
                 class_id = classes.setdefault(
                     track, 20 if row["category_id"] == 4 else row["category_id"]
                 )
-                rle = _coco.encode(np.asfortranarray(draw_ellipse(row["bbox"])))
+                rle = coco.encode(np.asfortranarray(draw_ellipse(row["bbox"])))
                 masks[row["image_id"] % 100][track] = {"rle": rle["counts"].decode()}
                 if rows is answers and row["category_id"] == class_id:
                     masks[row["image_id"] % 100][track]["category_id"] = class_id

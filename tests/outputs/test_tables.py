@@ -2,7 +2,7 @@ import csv
 
 import numpy as np
 import pytest
-from pycocotools import mask as coco_mask
+from hotcoco import mask as coco_mask
 
 from remind_jax.decision import Outcome
 from remind_jax.outputs import tables

@@ -2,10 +2,10 @@ import json
 
 import numpy as np
 import pytest
+from hotcoco import mask as coco_mask
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.sources import open_source

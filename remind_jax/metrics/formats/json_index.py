@@ -10,13 +10,11 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from pycocotools import mask as coco_mask
+from hotcoco import mask as coco
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
 from remind_jax.metrics.formats.rows import Federation
-
-_coco: Any = coco_mask
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,11 +126,11 @@ def to_rle(segmentation: Any, size: tuple[int, int] | None, place: str) -> Rle:
                 return {"size": [height, width], "counts": text}
             if sum(counts) != height * width or min(counts, default=0) < 0:
                 raise ValueError("the counts do not add up to the size")
-            return _coco.frPyObjects({"size": [height, width], "counts": counts}, height, width)
+            return coco.frPyObjects({"size": [height, width], "counts": counts}, height, width)
         polygons = [[float(number) for number in polygon] for polygon in segmentation]
         if any(len(polygon) < 6 or len(polygon) % 2 for polygon in polygons) or not polygons:
             raise ValueError("a polygon has three or more points x, y")
-        return _coco.merge(_coco.frPyObjects(polygons, *_known(size)))
+        return coco.merge(coco.frPyObjects(polygons, *_known(size)))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise SourceError(f"{place}: a segmentation is malformed ({error})") from error
 

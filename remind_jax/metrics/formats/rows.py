@@ -10,17 +10,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from hotcoco import mask as coco
 from jaxtyping import Bool, Float, Int
-from pycocotools import mask as coco_mask
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import find_malformed, mask_areas
 
 UNKNOWN_CLASS = -1
-
-# pycocotools' stubs know no lists of masks.
-_coco: Any = coco_mask
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,7 +162,7 @@ def boxes_of(rles: Sequence[Rle]) -> Float[np.ndarray, "N 4"]:
     """Left, top, right, bottom of masks; right and bottom excluded."""
     if not rles:
         return np.zeros((0, 4))
-    boxes = np.asarray(_coco.toBbox(list(rles)), float).reshape(-1, 4)
+    boxes = np.asarray(coco.toBbox(list(rles)), float).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]
     return boxes
 
