@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from remind_jax import files as user_folders
-from remind_jax.files import read_bytes, read_text, user_cache_folder
+from remind_jax.files import read_bytes, read_text, saving, user_cache_folder
 
 
 @pytest.mark.parametrize(
@@ -19,13 +18,13 @@ from remind_jax.files import read_bytes, read_text, user_cache_folder
     ],
 )
 def test_cache_folder_follows_the_system(monkeypatch, tmp_path, system, variable, expected):
-    monkeypatch.setattr(user_folders.sys, "platform", system)
+    monkeypatch.setattr(saving.sys, "platform", system)
     monkeypatch.setenv(variable, str(tmp_path))
     assert user_cache_folder() == tmp_path / expected
 
 
 def test_cache_folder_below_the_home_folder(monkeypatch):
-    monkeypatch.setattr(user_folders.sys, "platform", "darwin")
+    monkeypatch.setattr(saving.sys, "platform", "darwin")
     assert user_cache_folder() == Path.home() / "Library" / "Caches" / "remind-jax"
 
 
@@ -51,3 +50,21 @@ def test_text_in_another_encoding_is_refused_by_name(tmp_path, data, said):
 def test_a_byte_order_mark_is_no_text(tmp_path):
     (tmp_path / "words.txt").write_bytes(b"\xef\xbb\xbfcaf\xc3\xa9")
     assert read_text(tmp_path / "words.txt") == "caf\u00e9"
+
+
+@pytest.mark.parametrize("text", ["mug", "{}"])
+def test_text_without_a_mark_in_another_encoding_is_seen(tmp_path, text):
+    (tmp_path / "words.txt").write_bytes(text.encode("utf-16-le"))
+    with pytest.raises(OSError, match="its text is UTF-16 or no text at all"):
+        read_text(tmp_path / "words.txt")
+
+
+@pytest.mark.parametrize("read", [read_bytes, read_text])
+def test_what_is_too_large_is_not_read(tmp_path, read):
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(10 << 30)  # takes no room on the disk
+    with pytest.raises(OSError, match="it has 10 GiB, at most 512 MiB are read; split it"):
+        read(tmp_path / "large")
+    (tmp_path / "small").write_bytes(b"12")
+    with pytest.raises(OSError, match="it has 2 bytes, at most 1 bytes"):
+        read(tmp_path / "small", most_bytes=1)

@@ -1,11 +1,9 @@
-"""Where files of a user are kept that can be made again; reading and writing that end well."""
+"""Writing whole files or none, and where files are kept that can be made again."""
 
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
-import stat
 import sys
 import threading
 from collections.abc import Iterator
@@ -23,43 +21,6 @@ def user_cache_folder() -> Path:
     else:
         base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "remind-jax"
-
-
-def check_regular(path: str | Path) -> None:
-    """Makes sure that reading a file comes to an end: pipes and devices may go on for ever.
-
-    Raises:
-      OSError: If there is no such file, or it is a pipe, a device or a socket.
-    """
-    mode = os.stat(path).st_mode
-    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        why = "it is a pipe, a device or a socket; give a file"
-        raise OSError(errno.EINVAL, why, str(path))
-
-
-def read_bytes(path: str | Path) -> bytes:
-    """What a file holds.
-
-    Raises:
-      OSError: If it cannot be read, or is no file.
-    """
-    check_regular(path)
-    return Path(path).read_bytes()
-
-
-def read_text(path: str | Path) -> str:
-    """What a text file in UTF-8 holds, with or without a byte order mark.
-
-    Raises:
-      OSError: If it cannot be read, is no file, or is text in another encoding.
-    """
-    data = read_bytes(path)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        found = "UTF-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "not UTF-8"
-        why = f"its text is {found} (byte {error.start}); save it as UTF-8"
-        raise OSError(errno.EILSEQ, why, str(path)) from error
 
 
 @contextlib.contextmanager

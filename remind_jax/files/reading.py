@@ -1,0 +1,85 @@
+"""Reading what a user hands over: files only, of limited size, whole, and text in UTF-8."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+MOST_BYTES = 512 << 20  # of a file that is read whole
+_MARKS = {  # byte order marks, the longer ones first
+    b"\xff\xfe\x00\x00": "UTF-32",
+    b"\x00\x00\xfe\xff": "UTF-32",
+    b"\xff\xfe": "UTF-16",
+    b"\xfe\xff": "UTF-16",
+}
+
+
+def check_regular(path: str | Path) -> None:
+    """Makes sure that reading a file comes to an end: pipes and devices may go on for ever.
+
+    Raises:
+      OSError: If there is no such file, or it is a pipe, a device or a socket.
+    """
+    mode = os.stat(path).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        why = "it is a pipe, a device or a socket; give a file"
+        raise OSError(errno.EINVAL, why, str(path))
+
+
+def check_size(path: str | Path, most_bytes: int) -> None:
+    """Makes sure that a file fits the memory that is meant for it, before it is read.
+
+    Raises:
+      OSError: If there is no such file, or it is larger.
+    """
+    size = os.stat(path).st_size
+    if size > most_bytes:
+        why = f"it has {say_bytes(size)}, at most {say_bytes(most_bytes)} are read; split it"
+        raise OSError(errno.EFBIG, why, str(path))
+
+
+def read_bytes(path: str | Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """What a file holds.
+
+    Raises:
+      OSError: If it cannot be read, is no file, or is larger than `most_bytes`.
+    """
+    check_regular(path)
+    check_size(path, most_bytes)
+    return Path(path).read_bytes()
+
+
+def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
+    """What a text file in UTF-8 holds, with or without a byte order mark.
+
+    Raises:
+      OSError: If it cannot be read, is no file, is larger than `most_bytes`, or is text in another
+        encoding.
+    """
+    data = read_bytes(path, most_bytes)
+    if wrong := wrong_encoding(data):
+        raise OSError(errno.EILSEQ, wrong, str(path))
+    return data.decode("utf-8-sig")
+
+
+def wrong_encoding(data: bytes) -> str:
+    """Half a sentence on text that is not UTF-8; nothing if it is."""
+    found = next((name for mark, name in _MARKS.items() if data.startswith(mark)), "")
+    if found or b"\x00" in data[:4]:
+        return f"its text is {found or 'UTF-16 or no text at all'}; save it as UTF-8"
+    try:
+        if not data.isascii():
+            data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return f"its text is not UTF-8 (byte {error.start}); save it as UTF-8"
+    return ""
+
+
+def say_bytes(size: int) -> str:
+    """A size in words, in the largest unit of which there is one."""
+    for unit, place in (("GiB", 30), ("MiB", 20), ("KiB", 10)):
+        if size >= 1 << place:
+            return f"{size / (1 << place):.4g} {unit}"
+    return f"{size} bytes"
