@@ -1,0 +1,65 @@
+"""Messages of several topics that belong to one image."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Sequence
+from typing import Any
+
+_RESTART_NS = 5_000_000_000  # a message older than the last answer by this starts a new time
+
+
+class Pairing:
+    """Collects messages by stamp until those of one image are complete.
+
+    Detections bear the stamp of their image, as a rule exactly. What is not newer than the last
+    complete set is let go, and so is the oldest message of a topic that has too many. Where time
+    starts again, as in a bag that is played in a loop, so does the pairing.
+    """
+
+    def __init__(self, topics: Sequence[str], slop_ns: int, most: int = 60) -> None:
+        """Waits for one message of each topic.
+
+        Args:
+          topics: The first one is that of the image.
+          slop_ns: By how much stamps of one image may differ, in nanoseconds.
+          most: Messages of a topic that are kept while others are missing.
+        """
+        self._slop_ns, self._most = slop_ns, most
+        self._waiting: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in topics}
+        self._done_ns = dict.fromkeys(topics, -1)  # stamps of the last complete set
+
+    def add(self, topic: str, stamp_ns: int, message: Any) -> list[dict[str, Any]]:
+        """Takes a message; gives the sets, by topic, that it completes, oldest first."""
+        if stamp_ns < self._done_ns[topic] - _RESTART_NS:
+            self._waiting = {name: [] for name in self._waiting}
+            self._done_ns = dict.fromkeys(self._waiting, -1)
+        waiting = self._waiting[topic]
+        if stamp_ns <= self._done_ns[topic]:
+            return []
+        bisect.insort(waiting, (stamp_ns, message), key=lambda one: one[0])
+        del waiting[: -self._most]
+        image_topic, *others = self._waiting
+        complete = []
+        for stamp, image in list(self._waiting[image_topic]):
+            found = {name: self._nearest(name, stamp) for name in others}
+            if any(one is None for one in found.values()):
+                continue
+            times = {image_topic: stamp, **{name: one[0] for name, one in found.items() if one}}
+            complete.append({image_topic: image, **{n: one[1] for n, one in found.items() if one}})
+            self._done_ns = times
+            for name, time in times.items():
+                self._waiting[name] = [one for one in self._waiting[name] if one[0] > time]
+        return complete
+
+    def _nearest(self, topic: str, stamp_ns: int) -> tuple[int, Any] | None:
+        """The message of a topic nearest to a time, if it is near enough."""
+        near = [one for one in self._waiting[topic] if abs(one[0] - stamp_ns) <= self._slop_ns]
+        return min(near, key=lambda one: abs(one[0] - stamp_ns), default=None)
+
+
+def stamp_ns(message: Any) -> int:
+    """The time of a message's header in nanoseconds."""
+    stamp = message.header.stamp
+    nanoseconds = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsec
+    return int(stamp.sec) * 1_000_000_000 + int(nanoseconds)

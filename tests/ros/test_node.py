@@ -1,0 +1,194 @@
+"""The node over a stand-in for `rclpy` that calls back at once."""
+
+import importlib
+import sys
+import threading
+import types
+from typing import Any
+
+import pytest
+
+from tests.ros import messages
+
+WAIT_S = 30
+
+
+class StandInNode:
+    """Keeps what is subscribed, published, offered and logged."""
+
+    def __init__(self, parameters: dict[str, Any]) -> None:
+        self.parameters = parameters
+        self.subscribed: dict[str, Any] = {}
+        self.published: dict[str, list[Any]] = {}
+        self.services: dict[str, Any] = {}
+        self.logged: list[str] = []
+        self.changed = threading.Condition()
+
+    def declare_parameter(self, name: str, value: Any) -> Any:
+        return types.SimpleNamespace(value=self.parameters.get(name, value))
+
+    def create_subscription(self, kind: Any, topic: str, callback: Any, _: Any) -> None:
+        self.subscribed[topic] = (kind, callback)
+
+    def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
+        assert depth > 0
+        said = self.published[topic] = []
+
+        def publish(message: Any) -> None:
+            assert isinstance(message, kind)
+            with self.changed:
+                said.append(message)
+                self.changed.notify_all()
+
+        return types.SimpleNamespace(publish=publish)
+
+    def create_service(self, kind: Any, topic: str, answer: Any) -> None:
+        self.services[topic] = (kind, answer)
+
+    def get_logger(self) -> Any:
+        def log(text: str, **_: Any) -> None:
+            with self.changed:
+                self.logged.append(text)
+                self.changed.notify_all()
+
+        return types.SimpleNamespace(info=log, warning=log)
+
+    def receive(self, topic: str, message: Any) -> None:
+        kind, callback = self.subscribed[topic]
+        assert isinstance(message, kind)
+        callback(message)
+
+    def wait_for(self, condition: Any) -> None:
+        with self.changed:
+            assert self.changed.wait_for(condition, WAIT_S)
+
+    def call(self, topic: str, **request: Any) -> tuple[bool, str]:
+        answered = types.SimpleNamespace(success=None, message=None)
+        response = self.services[topic][1](types.SimpleNamespace(**request), answered)
+        return response.success, response.message
+
+
+@pytest.fixture
+def start(monkeypatch):
+    """Starts the node with parameters; gives the stand-in and the node."""
+    started = []
+
+    def begin(**parameters: Any) -> tuple[StandInNode, Any]:
+        stand_in = StandInNode(parameters)
+        rclpy = types.ModuleType("rclpy")
+        rclpy.create_node = lambda name: stand_in  # pyright: ignore
+        qos = types.ModuleType("rclpy.qos")
+        qos.qos_profile_sensor_data = object()  # pyright: ignore
+        monkeypatch.setitem(sys.modules, "rclpy", rclpy)
+        monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
+        packages: dict[str, types.ModuleType] = {}
+        for kind, cls in messages.TYPES.types.items():
+            package, _, name = kind.split("/")
+            module = packages.setdefault(package, types.ModuleType(f"{package}.msg"))
+            setattr(module, name, cls)
+        for package, module in packages.items():
+            monkeypatch.setitem(sys.modules, f"{package}.msg", module)
+        for kind in ("std_srvs/Trigger", "interfaces/UseMemory", "interfaces/RenameObject"):
+            package, name = kind.replace("interfaces", "remind_ros_interfaces").split("/")
+            module = sys.modules.get(f"{package}.srv") or types.ModuleType(f"{package}.srv")
+            setattr(module, name, type(name, (), {}))
+            monkeypatch.setitem(sys.modules, f"{package}.srv", module)
+        monkeypatch.delitem(sys.modules, "remind_ros.node", raising=False)
+        node = importlib.import_module("remind_ros.node")
+        monkeypatch.setattr(node, "make_ros_message", messages.make)
+        identity_node = node.IdentityNode()
+        started.append(identity_node)
+        return stand_in, identity_node
+
+    yield begin
+    for identity_node in started:
+        identity_node.close()
+
+
+def show(node: StandInNode, index: int) -> None:
+    picture, numbers = messages.scene(index)
+    before = len(node.published["~/detections"])
+    stamp = 1_000_000_000 + 100_000_000 * index
+    node.receive("~/image", messages.image(picture, "rgb8", stamp))
+    node.receive("~/instances", messages.image(numbers, "16UC1", stamp))
+    node.wait_for(lambda: len(node.published["~/detections"]) > before)
+
+
+WITH_MAPS = {"use_instances": True, "use_detections": False}
+
+
+def test_images_are_answered(start):
+    node, _ = start(**WITH_MAPS)
+    for index in range(3):
+        show(node, index)
+    ids = [[one.id for one in said.detections] for said in node.published["~/detections"]]
+    assert ids == [ids[0]] * 3
+    assert all(ids[0])
+    stamps = [said.header.stamp.nanosec for said in node.published["~/identities"]]
+    assert stamps == [0, 100_000_000, 200_000_000]
+
+
+def test_memory_is_kept_between_starts(start, tmp_path):
+    kept = str(tmp_path / "memory")
+    node, identity_node = start(**WITH_MAPS, memory=kept)
+    assert "starting with an empty memory" in node.logged[0]
+    for index in range(10):
+        show(node, index)
+    ids = [one.id for one in node.published["~/detections"][-1].detections]
+    assert node.call("~/rename", id=ids[0], name="my mug")[0]
+    identity_node.close()
+    assert node.logged[-1] == f"2 objects were written to {kept}"
+    again, _ = start(**WITH_MAPS, memory=kept)
+    show(again, 11)
+    assert [one.id for one in again.published["~/detections"][-1].detections] == ids
+
+
+def test_services_say_what_they_did(start, tmp_path):
+    node, _ = start(**WITH_MAPS)
+    success, message = node.call("~/save", path=str(tmp_path / "memory"))
+    assert not success
+    assert "before the first frame" in message
+    for index in range(10):
+        show(node, index)
+    assert node.call("~/save", path="") == (False, "name a path, or set the parameter 'memory'")
+    assert node.call("~/save", path=str(tmp_path / "memory"))[0]
+    assert node.call("~/reset") == (True, "2 objects were forgotten")
+    success, message = node.call("~/load", path=str(tmp_path / "memory"))
+    assert success
+    assert message.startswith("2 objects were read")
+    assert not node.call("~/rename", id="99", name="mug")[0]
+
+
+def test_bad_images_are_left_out_and_told(start):
+    node, _ = start(**WITH_MAPS)
+    picture, numbers = messages.scene(0)
+    node.receive("~/image", messages.image(picture, "rgb8", 1))
+    node.receive("~/instances", messages.image(numbers[:9], "16UC1", 1))
+    node.wait_for(lambda: node.logged)
+    assert "128x9 pixels" in node.logged[0]
+    show(node, 1)
+
+
+def test_a_busy_tracker_skips_images(start):
+    node, identity_node = start(**WITH_MAPS)
+    show(node, 0)
+    identity_node._lock.acquire()  # as if one image took long
+    try:
+        for index in range(1, 6):
+            picture, numbers = messages.scene(index)
+            stamp = 1_000_000_000 + 100_000_000 * index
+            node.receive("~/image", messages.image(picture, "rgb8", stamp))
+            node.receive("~/instances", messages.image(numbers, "16UC1", stamp))
+    finally:
+        identity_node._lock.release()
+    node.wait_for(lambda: node.published["~/identities"][-1].header.stamp.nanosec == 500_000_000)
+    last = node.published["~/identities"][-1]
+    assert len(node.published["~/identities"]) + last.images_skipped == 6
+    assert last.images_skipped >= 3
+
+
+def test_something_must_be_detected(start):
+    from remind_jax.errors import SourceError
+
+    with pytest.raises(SourceError, match="set use_instances, use_detections"):
+        start(use_instances=False, use_detections=False)
