@@ -37,7 +37,7 @@ UNDECLARED = {
     "trackeval": "the reference of the metrics, on no package index",
     "transformers": "the reference of the networks, larger than all the rest",
 }
-OURS = {"remind_jax", "weights_convert", "tests", "benchmarks", "notebooks"}
+OURS = {"remind_jax", "remind_ros", "weights_convert", "tests", "benchmarks", "notebooks"}
 # Modules of the original tracker, which benchmarks import from where it was downloaded.
 ORIGINAL = {"config", "detection", "features", "memory", "pipeline"}
 
