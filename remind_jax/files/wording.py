@@ -187,11 +187,15 @@ def _say_range(
     least: float | None, most: float | None, above: Any = None, below: Any = None, noun: str = ""
 ) -> str:
     if least is not None and most is not None and (least, most) != (-(2**63), 2**63 - 1):
-        return f" from {least} to {most}{noun}"
+        return f" from {_number(least)} to {_number(most)}{noun}"
     if least == -(2**63):
         return " of 64 bits"
     parts = ((least, "of at least"), (most, "of at most"), (above, "above"), (below, "below"))
-    return "".join(f" {words} {bound}{noun}" for bound, words in parts if bound is not None)
+    return "".join(f" {words} {_number(b)}{noun}" for b, words in parts if b is not None)
+
+
+def _number(bound: float) -> str:
+    return str(bound) if isinstance(bound, int) else f"{bound:g}"
 
 
 def _cut(text: str) -> str:

@@ -19,6 +19,7 @@ from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
 from remind_jax.explanation.explainer import Explainer, open_archive
 from remind_jax.explanation.explanation import Explanation
+from remind_jax.files.records import decode_json
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import get_method
 from remind_jax.outputs import store
@@ -235,29 +236,25 @@ class Result(Printable):
         """
         run_dir = Path(run_dir)
         content, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
-        info = RunInfo.from_json(content)
+        info = RunInfo.from_json(content, f"'{run_dir / store.DETECTIONS_NAME}', line 1")
         trace = open_archive(run_dir, info.tracker)
         path = run_dir / store.RUN_NAME
         run = store.read_run_json(path)
         if run is None:
             return cls(tracks, info, complete=False, trace=trace)
-        try:
-            return cls(
-                tracks=tracks,
-                info=RunInfo.from_json(run["info"]),
-                timings_ms=run["timings_ms"],
-                first_frame_ms=run["first_frame_ms"],
-                compile_s=run["compile_s"],
-                skipped=tuple(SkippedFrame(**frame) for frame in run["skipped"]),
-                events=tuple(Event(**event) for event in run["events"]),
-                complete=run["complete"],
-                trace=trace,
-            )
-        except (KeyError, TypeError) as error:
-            raise OutputError(
-                f"'{path}' is damaged ({type(error).__name__}: {error}); delete it to open the run "
-                "without its timings"
-            ) from error
+        where = f"'{path}', `info`"
+        described = decode_json(bytes(run.info), dict[str, Any], where, refused=OutputError)
+        return cls(
+            tracks=tracks,
+            info=RunInfo.from_json(described, where),
+            timings_ms=run.timings_ms,
+            first_frame_ms=run.first_frame_ms,
+            compile_s=run.compile_s,
+            skipped=tuple(SkippedFrame(f.name, f.reason, f.count) for f in run.skipped),
+            events=tuple(Event(e.frame_index, e.kind, e.message) for e in run.events),
+            complete=run.complete,
+            trace=trace,
+        )
 
 
 def _count_repeated(tracks: Tracks) -> int:

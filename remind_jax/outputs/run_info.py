@@ -6,8 +6,18 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
+
 from remind_jax.errors import OutputError
+from remind_jax.files.records import Label, check
+from remind_jax.outputs.run_records import InfoRecord
 from remind_jax.printing.small_table import Printable, SmallTable
+
+
+class _ConfigRecord(msgspec.Struct):
+    """What every configuration names."""
+
+    tracker: Label
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -34,21 +44,17 @@ class RunInfo(Printable):
         }
 
     @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> RunInfo:
+    def from_json(
+        cls, content: Mapping[str, Any], where: str = "the description of the run"
+    ) -> RunInfo:
         """Reads back what `to_json` made; unknown keys of later versions are left out.
 
         Raises:
-          OutputError: If a key is missing.
+          OutputError: If a key is missing or of another kind; `where` it stands is named.
         """
-        names = [field.name for field in dataclasses.fields(cls) if field.name != "detector"]
-        missing = [name for name in names if name not in content]
-        if missing:
-            raise OutputError(f"the description of the run lacks {', '.join(missing)}")
-        values = {"detector": content.get("detector"), **{name: content[name] for name in names}}
-        height, width = values["frame_size"]
-        values["frame_size"] = (int(height), int(width))
-        values["class_names"] = tuple(values["class_names"])
-        return cls(**values)
+        record = check(content, InfoRecord, where, refused=OutputError)
+        check(record.config, _ConfigRecord, f"{where}, `config`", refused=OutputError)
+        return cls(**msgspec.structs.asdict(record))
 
     @property
     def tracker(self) -> str:

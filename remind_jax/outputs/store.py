@@ -14,12 +14,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.files import read_bytes, read_text, replace_file, writing
-from remind_jax.frame import Rle
+from remind_jax.files import check_regular, replace_file, writing
+from remind_jax.files.records import check, decode_json, read_json, read_lines
+from remind_jax.outputs.run_records import FrameRow, RunRecord, StartRow, check_masks, tracks_of
 from remind_jax.tracks import Tracks
 
 DETECTIONS_NAME = "detections.jsonl"
@@ -37,16 +36,8 @@ _INTEGERS = {
 }
 _REALS = {"score": "score", "confidence": "confidence", "detector_score": "detector_scores"}
 
-# How values that are not what was written fail to be read.
-_DAMAGE = (
-    ValueError,
-    KeyError,
-    TypeError,
-    IndexError,
-    AttributeError,
-    OverflowError,
-    RecursionError,
-)
+_CHECKED_AT_ONCE = 256  # frames; checking takes some 100 bytes for a character of a mask
+_RESTORE = "run the tracker again or restore the file"
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 
 
@@ -113,40 +104,13 @@ def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
     }
 
 
-def tracks_from_json(content: dict[str, Any]) -> Tracks:
-    """Reads back one frame; scores come as float64, padding candidates as id -1 and score 0."""
-    rows = content["detections"]
-    num, width = len(rows), content["num_candidates"]
-    candidate_id = np.full((num, width), NO_ID, np.int32)
-    candidate_score = np.zeros((num, width))
-    for row, detection in enumerate(rows):
-        for column, (object_id, score) in enumerate(detection["candidates"]):
-            candidate_id[row, column] = object_id
-            candidate_score[row, column] = np.nan if score is None else score
+def tracks_from_json(content: Any) -> Tracks:
+    """Reads back one frame, see `run_records.tracks_of`.
 
-    def read(key: str, kind: Any) -> np.ndarray:
-        return np.array([row[key] for row in rows], kind)  # of floats, None becomes NaN
-
-    size = (int(content["size"][0]), int(content["size"][1]))
-    codes = {
-        key: np.array([kind[row[key].upper()] for row in rows], np.int32)
-        for key, kind in _CODES.items()
-    }
-    return Tracks(
-        frame_index=content["frame"],
-        source_index=content["source_index"],
-        time_s=content["time_s"],
-        name=content["name"],
-        frame_size=size,
-        candidate_id=candidate_id,
-        candidate_score=candidate_score,
-        labels=tuple(row["label"] for row in rows),
-        boxes=read("box", float).reshape(num, 4),
-        rles=tuple(_rle(size, row["rle"]) for row in rows),
-        **codes,
-        **{field: read(key, np.int32) for key, field in _INTEGERS.items()},
-        **{field: read(key, float) for key, field in _REALS.items()},
-    )
+    Raises:
+      OutputError: If it is no frame.
+    """
+    return tracks_of(check(content, FrameRow, "the frame", refused=OutputError))
 
 
 def _say_lacking(path: Path) -> str:
@@ -172,32 +136,38 @@ def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
     Raises:
       OutputError: If the file is missing, of another kind, or damaged before its last line.
     """
-    try:
-        lines = read_bytes(path).splitlines(keepends=True)
-    except OSError as error:
-        raise OutputError(
-            f"'{path.parent}' is not the output folder of a run: {_say_lacking(path)}"
-        ) from error
-    if lines and not lines[-1].endswith(b"\n"):
-        lines.pop()
-    info: dict[str, Any] | None = None
-    frames = []
-    for number, line in enumerate(lines, start=1):
+    if not path.is_file():
         try:
-            content = json.loads(line)
-            if info is None:
-                info = _read_header(path, content)
-            else:
-                frames.append(tracks_from_json(content))
-        except _DAMAGE as error:
-            if isinstance(error, OutputError):
-                raise
-            raise OutputError(
-                f"'{path}' is damaged in line {number} ({type(error).__name__}: {error}); run the "
-                "tracker again or restore the file"
-            ) from error
-    if info is None:
+            check_regular(path.parent if path.parent.is_file() else path)
+            why = "it is a folder" if path.exists() else _say_lacking(path)
+        except OSError as error:
+            why = _say_lacking(path) if isinstance(error, FileNotFoundError) else error.strerror
+        raise OutputError(f"'{path.parent}' is not the output folder of a run: {why}")
+    lines = read_lines(path, refused=OutputError)
+    _, first = next(lines, (0, b""))
+    if not first.endswith(b"\n"):
         raise OutputError(f"'{path}' holds no run; run the tracker again")
+    info = _read_start(path, first)
+    frames: list[Tracks] = []
+    for number, line in lines:
+        if not line.endswith(b"\n"):
+            break
+        where = f"'{path}', line {number}"
+        frame = decode_json(line, FrameRow, where, refused=OutputError)
+        if frames and frame.frame <= frames[-1].frame_index:
+            raise OutputError(
+                f"{where} is of frame {frame.frame} after frame {frames[-1].frame_index}; "
+                f"{_RESTORE}"
+            )
+        try:
+            frames.append(tracks_of(frame))
+        except OutputError as error:
+            raise OutputError(f"{where}: {error}; {_RESTORE}") from error
+    for start in range(0, len(frames), _CHECKED_AT_ONCE):
+        try:
+            check_masks(frames[start : start + _CHECKED_AT_ONCE])
+        except OutputError as error:
+            raise OutputError(f"'{path}': {error}; {_RESTORE}") from error
     return info, tuple(frames)
 
 
@@ -212,7 +182,7 @@ def write_run_json(path: Path, content: dict[str, Any]) -> None:
     replace_file(path, (text + "\n").encode("utf-8"))
 
 
-def read_run_json(path: Path) -> dict[str, Any] | None:
+def read_run_json(path: Path) -> RunRecord | None:
     """Reads `run.json`; None if the run ended before it was written.
 
     Raises:
@@ -221,29 +191,30 @@ def read_run_json(path: Path) -> dict[str, Any] | None:
     if not path.exists():
         return None
     try:
-        content = json.loads(read_text(path))
-        if not isinstance(content, dict):
-            raise ValueError("not an object")
-    except (OSError, ValueError, RecursionError) as error:
+        return read_json(path, RunRecord, refused=OutputError)
+    except OutputError as error:
         raise OutputError(
-            f"'{path}' is damaged ({error}); delete it to open the run without its timings"
+            f"{error}, or delete the file to open the run without its timings"
         ) from error
-    return content
 
 
-def _read_header(path: Path, content: Any) -> dict[str, Any]:
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
-        raise OutputError(f"'{path}' is not a file of detections written by remind-jax")
-    if content["version"] > VERSION:
+def _read_start(path: Path, line: bytes) -> dict[str, Any]:
+    """The description of the run, from the first line."""
+    where = f"'{path}', line 1"
+    try:
+        start = decode_json(line, StartRow, where, refused=OutputError)
+    except OutputError as error:
         raise OutputError(
-            f"'{path}' has format version {content['version']}, this remind-jax reads up to "
-            f"{VERSION}; upgrade remind-jax"
+            f"'{path}' is not a file of detections written by remind-jax, or damaged: {error}"
+        ) from error
+    if start.format != FORMAT:
+        raise OutputError(f"'{path}' is not a file of detections written by remind-jax")
+    if start.version > VERSION:
+        raise OutputError(
+            f"'{path}' has format version {start.version}, this remind-jax reads up to {VERSION}; "
+            "upgrade remind-jax"
         )
-    return content["info"]
-
-
-def _rle(size: tuple[int, int], counts: str) -> Rle:
-    return {"size": list(size), "counts": counts.encode("ascii")}
+    return decode_json(bytes(start.info), dict[str, Any], where, refused=OutputError)
 
 
 def _number(value: Any) -> float | None:

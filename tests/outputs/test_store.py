@@ -84,7 +84,7 @@ def test_damage_in_the_middle_is_named_by_line(stored):
     lines = path.read_bytes().splitlines(keepends=True)
     lines[3] = lines[3][:50] + b"\n"
     path.write_bytes(b"".join(lines))
-    with pytest.raises(OutputError, match="damaged in line 4"):
+    with pytest.raises(OutputError, match=r"line 4: it is not valid JSON"):
         store.read_detections(path)
 
 
@@ -111,21 +111,62 @@ def test_a_folder_without_a_run_is_named(tmp_path):
 
 def test_run_json_is_readable_and_atomic(tmp_path):
     path = tmp_path / store.RUN_NAME
-    store.write_run_json(path, {"a": [1, 2.5, -3e-7], "b": {"c": "[ 1,\n 2 ]"}, "d": []})
+    content = {"a": [1, 2.5, -3e-7], "b": {"c": "[ 1,\n 2 ]"}, "d": []}
+    store.write_run_json(path, content)
     assert '"a": [1, 2.5, -3e-07]' in path.read_text()
-    assert store.read_run_json(path) == {
-        "a": [1, 2.5, -3e-7],
-        "b": {"c": "[ 1,\n 2 ]"},
-        "d": [],
-    }
+    assert json.loads(path.read_text()) == content
     with pytest.raises(TypeError):
         store.write_run_json(path, {"a": object()})
     assert [p.name for p in tmp_path.iterdir()] == [store.RUN_NAME]
-    assert store.read_run_json(path) is not None
+    assert json.loads(path.read_text()) == content
+
+
+def _change_line(path, number, change):
+    lines = path.read_text().splitlines(keepends=True)
+    content = json.loads(lines[number - 1])
+    change(content)
+    lines[number - 1] = json.dumps(content) + "\n"
+    path.write_text("".join(lines))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c.update(frame=0), "line 4 is of frame 0 after frame 1"),
+        (lambda c: c.update(frame=10**9), "`frame`: found 1000000000, allowed is an integer"),
+        (lambda c: c.update(size=[0, 64]), "`size`, row 1: found 0, allowed"),
+        (lambda c: c.update(size=[7, 9]), "the mask of detection 0 in frame 2 is damaged"),
+        (lambda c: c.update(num_candidates=0), "'num_candidates' is 0, which does not fit"),
+        (
+            lambda c: c["detections"][0].update(outcome="won"),
+            'found "won", allowed is one of "ambig',
+        ),
+        (lambda c: c["detections"][0].update(rle="\u00e9"), "its code is no ASCII text"),
+        (lambda c: c["detections"][0].update(score=float("nan")), "score`: found NaN, allowed is"),
+        (lambda c: c["detections"][0].update(object_id=2**40), "object_id`: found 1099511627776"),
+        (lambda c: c["detections"][0].update(box=[1, 2, 3]), "box`: found a list of 3, allowed"),
+        (lambda c: c["detections"][0].pop("label"), "`detections`, row 1: `label` is missing"),
+    ],
+)
+def test_what_is_wrong_in_a_frame_is_named(tmp_path, change, said):
+    _, result = make_run(num_frames=6)
+    path = tmp_path / store.DETECTIONS_NAME
+    with store.DetectionsWriter(path, make_info().to_json()) as writer:
+        for tracks in result.tracks:
+            writer.add(
+                dataclasses.replace(
+                    tracks,
+                    candidate_id=np.ones((len(tracks), 1), np.int32),
+                    candidate_score=np.ones((len(tracks), 1)),
+                )
+            )
+    _change_line(path, 4, change)
+    with pytest.raises(OutputError, match=said):
+        store.read_detections(path)
 
 
 def test_damaged_run_json_is_named(tmp_path):
     path = tmp_path / store.RUN_NAME
     path.write_text('{"a": ')
-    with pytest.raises(OutputError, match=r"run\.json' is damaged"):
+    with pytest.raises(OutputError, match=r"run\.json': its JSON is cut short or damaged"):
         store.read_run_json(path)

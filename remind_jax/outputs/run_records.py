@@ -1,0 +1,199 @@
+"""What the files of a run may hold: the records of `detections.jsonl` and `run.json`."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+from msgspec import Meta
+
+from remind_jax.decision import NO_ID, Outcome, Reason, Status
+from remind_jax.errors import OutputError
+from remind_jax.files.records import (
+    MOST_ROWS,
+    Count,
+    Label,
+    Positive,
+    Side,
+    Small,
+    Text,
+    Whole,
+)
+from remind_jax.masks.run_length import find_malformed
+from remind_jax.tracks import Tracks
+
+MOST_FRAMES = MOST_ROWS
+MOST_DETECTIONS = 10_000  # in a frame
+MOST_CANDIDATES = 1_000  # of a detection
+_MOST_CELLS = 10_000_000  # detections times candidates: columns are padded to the widest
+
+if TYPE_CHECKING:
+    OutcomeName = ReasonName = StatusName = str
+else:
+
+    def _names(kind: type[enum.IntEnum]) -> Any:
+        return Literal[tuple(code.name.lower() for code in kind)]
+
+    OutcomeName, ReasonName, StatusName = _names(Outcome), _names(Reason), _names(Status)
+
+FrameNumber = Annotated[int, Meta(ge=0, lt=MOST_FRAMES)]
+Milliseconds = Annotated[float, Meta(ge=0.0, le=1e12)]
+
+
+class DetectionRow(msgspec.Struct, frozen=True):
+    """One detection; numbers that were not finite are None."""
+
+    label: Text
+    outcome: OutcomeName
+    reason: ReasonName
+    status: StatusName
+    object_id: Small
+    pending_id: Small
+    area: Count
+    instance_id: Small
+    score: float | None
+    confidence: float | None
+    detector_score: float | None
+    candidates: Annotated[list[tuple[Small, float | None]], Meta(max_length=MOST_CANDIDATES)]
+    box: tuple[float | None, float | None, float | None, float | None]
+    rle: str
+
+
+class FrameRow(msgspec.Struct, frozen=True):
+    """One processed frame."""
+
+    frame: FrameNumber
+    source_index: Whole
+    time_s: float | None
+    name: Text
+    size: tuple[Side, Side]  # height, width in pixels
+    num_candidates: Annotated[int, Meta(ge=0, le=MOST_CANDIDATES)]
+    detections: Annotated[list[DetectionRow], Meta(max_length=MOST_DETECTIONS)]
+
+
+class StartRow(msgspec.Struct, frozen=True):
+    """The first line of `detections.jsonl`."""
+
+    format: Label = ""
+    version: Count = 0
+    info: msgspec.Raw = msgspec.Raw(b"{}")
+
+
+class InfoRecord(msgspec.Struct, frozen=True):
+    """The description of a run; see `RunInfo`."""
+
+    name: Text
+    source: dict[str, Any] | None
+    frame_size: tuple[Side, Side]
+    fps: Annotated[float, Meta(gt=0.0, le=1e6)]
+    class_names: Annotated[tuple[Text, ...], Meta(max_length=100_000)]
+    config: dict[str, Any]
+    backbone: Text
+    versions: Annotated[dict[Label, Text], Meta(max_length=1_000)]
+    device: Text
+    started_at: Label
+    detector: dict[str, Any] | None = None
+
+
+class SkippedRecord(msgspec.Struct, frozen=True):
+    """See `SkippedFrame`."""
+
+    name: Text
+    reason: Text
+    count: Positive = 1
+
+
+class EventRecord(msgspec.Struct, frozen=True):
+    """See `Event`."""
+
+    frame_index: Annotated[int, Meta(ge=-1, lt=MOST_FRAMES)]
+    kind: Label
+    message: Text
+
+
+class RunRecord(msgspec.Struct, frozen=True):
+    """What is read of `run.json`; what it says further follows from the frames."""
+
+    complete: bool
+    info: msgspec.Raw
+    timings_ms: Annotated[
+        dict[Label, Annotated[list[Milliseconds], Meta(max_length=MOST_FRAMES)]],
+        Meta(max_length=100),
+    ]
+    first_frame_ms: Milliseconds | None
+    compile_s: Milliseconds | None
+    skipped: Annotated[list[SkippedRecord], Meta(max_length=MOST_FRAMES)]
+    events: Annotated[list[EventRecord], Meta(max_length=MOST_FRAMES)]
+
+
+def tracks_of(frame: FrameRow) -> Tracks:
+    """The identities of a frame; scores are float64, padding candidates id -1 and score 0.
+
+    Raises:
+      OutputError: If its parts do not fit together. Masks are checked by `check_masks`.
+    """
+    rows = frame.detections
+    num, width = len(rows), frame.num_candidates
+    if max((len(row.candidates) for row in rows), default=0) > width or num * width > _MOST_CELLS:
+        raise OutputError(f"'num_candidates' is {width}, which does not fit the candidates")
+    candidate_id = np.full((num, width), NO_ID, np.int32)
+    candidate_score = np.zeros((num, width))
+    for place, row in enumerate(rows):
+        for column, (object_id, score) in enumerate(row.candidates):
+            candidate_id[place, column] = object_id
+            candidate_score[place, column] = np.nan if score is None else score
+    height, width_px = frame.size
+    size = [height, width_px]
+    try:
+        rles = tuple({"size": list(size), "counts": row.rle.encode("ascii")} for row in rows)
+    except UnicodeEncodeError as error:
+        raise OutputError("a mask is damaged: its code is no ASCII text") from error
+    return Tracks(
+        frame_index=frame.frame,
+        source_index=frame.source_index,
+        time_s=frame.time_s,  # pyright: ignore[reportArgumentType] (as it was written)
+        name=frame.name,
+        frame_size=(height, width_px),
+        outcome=np.array([Outcome[row.outcome.upper()] for row in rows], np.int32),
+        reason=np.array([Reason[row.reason.upper()] for row in rows], np.int32),
+        status=np.array([Status[row.status.upper()] for row in rows], np.int32),
+        object_id=np.array([row.object_id for row in rows], np.int32),
+        pending_id=np.array([row.pending_id for row in rows], np.int32),
+        score=_reals([row.score for row in rows]),
+        confidence=_reals([row.confidence for row in rows]),
+        candidate_id=candidate_id,
+        candidate_score=candidate_score,
+        labels=tuple(row.label for row in rows),
+        boxes=_reals([side for row in rows for side in row.box]).reshape(num, 4),
+        areas=np.array([row.area for row in rows], np.int32),
+        detector_scores=_reals([row.detector_score for row in rows]),
+        instance_ids=np.array([row.instance_id for row in rows], np.int32),
+        rles=rles,
+    )
+
+
+def check_masks(frames: Sequence[Tracks]) -> None:
+    """Checks the codes of all masks, of many frames at once.
+
+    Raises:
+      OutputError: If one is damaged.
+    """
+    wrong = find_malformed([rle for frame in frames for rle in frame.rles])
+    if wrong is None:
+        return
+    owners = [(frame, row) for frame in frames for row in range(len(frame))]
+    frame, row = owners[wrong]
+    height, width = frame.frame_size
+    raise OutputError(
+        f"the mask of detection {row} in frame {frame.frame_index} is damaged: its code is no mask "
+        f"of {height} x {width} pixels (height x width)"
+    )
+
+
+def _reals(values: list[float | None]) -> Float[np.ndarray, "values"]:
+    """None becomes NaN."""
+    return np.array(values, float)
