@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow test-matrix fuzz lint types bench figures notebooks docs clean
+.PHONY: help demo test test-slow test-matrix fuzz lint types bench figures notebooks docs dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -41,6 +41,11 @@ figures: $(VENV)/.core  ## the figures that the README leads with (three minutes
 
 notebooks: $(VENV)/.dev  ## execute the notebooks and write their pages anew
 	$(BIN)/python notebooks/execute.py
+
+dist: $(VENV)/.dev  ## wheel and source archive, checked as the package index does
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation
+	$(BIN)/python -m twine check --strict dist/*
 
 docs: $(VENV)/.docs  ## the documentation as a site, in build/docs
 	$(BIN)/python docs/settings_page.py docs/thresholds.md

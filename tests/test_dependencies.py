@@ -19,7 +19,9 @@ FOR_USERS = ("detect", "viz", "sweep", "cluster", "convert")  # extras; others a
 MODULES = {"ipython": "IPython", "opencv-python-headless": "cv2", "pyyaml": "yaml"}
 # What is used without being imported by us: where, and by which word.
 TOOLS = {
+    "build": ("Makefile", "-m build"),
     "cmaes": ("remind_jax/sweeps/search.py", "CmaEsSampler"),  # Optuna imports it
+    "hatchling": ("pyproject.toml", "hatchling.build"),
     "import-linter": ("Makefile", "lint-imports"),
     "ipykernel": ("tests/notebooks/test_notebooks.py", "ipykernel"),
     "mkdocs-material": ("docs/site/mkdocs.yml", "material"),
@@ -27,6 +29,7 @@ TOOLS = {
     "pyright": ("Makefile", "pyright"),
     "pytest-xdist": ("Makefile", "-n 2"),
     "ruff": ("Makefile", "ruff"),
+    "twine": ("Makefile", "twine check"),
 }
 
 # What is imported without being declared, and why.
