@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from remind_jax.errors import SourceError
+from remind_jax.errors import SourceError, first_line
 
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 NO_INSTANCE = -1
+MOST_LABEL = 200  # characters of a class name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,33 +45,32 @@ class Detections:
 
         Args:
           masks: `[N, H, W]`, non-zero inside an instance.
-          labels: Class name per mask; all `"object"` if left out.
+          labels: Class name per mask, at most 200 characters; all `"object"` if left out.
           scores: Detector confidence per mask in [0, 1]; 1 if left out.
           instance_ids: True instance per mask; -1 if left out.
 
         Raises:
-          SourceError: If the parts disagree about the number of detections.
+          SourceError: If a part is of another kind or range, or the parts disagree about the number
+            of detections.
 
         Example:
           >>> seen = Detections.create(np.ones((2, 4, 6)), labels=["mug", "bowl"])
           >>> seen.scores.tolist(), seen.instance_ids.tolist()
           ([1.0, 1.0], [-1, -1])
         """
-        masks = np.asarray(masks)
-        if masks.ndim != 3:
+        planes = _as_array("masks", masks, "buif")
+        if planes.ndim != 3:
             raise SourceError(
-                f"masks have shape {masks.shape}; give one [H, W] plane per detection, [N, H, W]"
+                f"masks have shape {planes.shape}; give one [H, W] plane per detection, [N, H, W]"
             )
-        num = len(masks)
-        if isinstance(labels, str):
-            raise SourceError(f"labels are one text, {labels!r}; give one name per mask in a list")
-        labels = ("object",) * num if labels is None else tuple(str(label) for label in labels)
-        scores = np.ones(num, np.float32) if scores is None else np.asarray(scores, np.float32)
-        ids = np.full(num, NO_INSTANCE) if instance_ids is None else np.asarray(instance_ids)
-        for name, values in (("labels", labels), ("scores", scores), ("instance_ids", ids)):
+        num = len(planes)
+        names = ("object",) * num if labels is None else _as_labels(labels)
+        confidence = np.ones(num, np.float32) if scores is None else _as_scores(scores)
+        ids = np.full(num, NO_INSTANCE, np.int32) if instance_ids is None else _as_ids(instance_ids)
+        for name, values in (("labels", names), ("scores", confidence), ("instance_ids", ids)):
             if len(values) != num:
                 raise SourceError(f"{len(values)} {name} were given for {num} masks")
-        return cls(masks.astype(bool, copy=False), labels, scores, ids.astype(np.int32))
+        return cls(planes.astype(bool, copy=False), names, confidence, ids)
 
     @classmethod
     def empty(cls, height_px: int, width_px: int) -> Detections:
@@ -129,3 +129,60 @@ class SkippedFrame:
     name: str
     reason: str
     count: int = 1  # frames, where one cause took several
+
+
+def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:
+    """An array of finite numbers of these kinds."""
+    try:
+        array = np.asarray(values)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise SourceError(
+            f"{name} of one frame differ in shape or kind ({first_line(error)}); give one array"
+        ) from error
+    if array.dtype.kind not in kinds and array.size:
+        what = "numbers, non-zero inside" if name == "masks" else "numbers"
+        raise SourceError(f"{name} are {array.dtype}; give {what}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise SourceError(f"{name} hold NaN or infinity; give finite numbers")
+    return array
+
+
+def _as_labels(labels: Any) -> tuple[str, ...]:
+    if isinstance(labels, str):
+        raise SourceError(f"labels are one text, {labels!r}; give one name per mask in a list")
+    try:
+        names = tuple(labels)
+    except TypeError:
+        raise SourceError(f"labels are {labels!r}; give one name per mask in a list") from None
+    for row, name in enumerate(names):
+        if not isinstance(name, str):
+            raise SourceError(f"label {row} is {name!r}; give the name of its class as text")
+        if not name.strip() or len(name) > MOST_LABEL:
+            raise SourceError(
+                f"label {row} has {len(name)} characters ({name[:40]!r}); give a name of 1 to "
+                f"{MOST_LABEL} characters"
+            )
+    return tuple(str(name) for name in names)  # NumPy has a kind of text of its own
+
+
+def _as_scores(scores: Any) -> Float[np.ndarray, "N"]:
+    confidence = _as_array("scores", scores, "buif")
+    if confidence.ndim != 1:
+        raise SourceError(f"scores have shape {confidence.shape}; give one number per mask, [N]")
+    confidence = confidence.astype(np.float32)
+    outside = np.flatnonzero((confidence < 0) | (confidence > 1))
+    if len(outside):
+        row = int(outside[0])
+        raise SourceError(f"score {row} is {confidence[row]:g}; give a confidence from 0 to 1")
+    return confidence
+
+
+def _as_ids(ids: Any) -> Int[np.ndarray, "N"]:
+    numbers = _as_array("instance_ids", ids, "uif")
+    if numbers.ndim != 1:
+        raise SourceError(f"instance_ids have shape {numbers.shape}; give one number per mask, [N]")
+    is_sound = (np.abs(numbers.astype(float)) < 2**31) & (numbers.astype(float) % 1 == 0)
+    if not is_sound.all():
+        row = int(np.flatnonzero(~is_sound)[0])
+        raise SourceError(f"instance id {row} is {numbers[row]}; give whole numbers of 32 bits")
+    return numbers.astype(np.int32)

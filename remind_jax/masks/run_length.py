@@ -18,6 +18,7 @@ from remind_jax.frame import Rle
 
 # More characters to a number overflow 64 bits; no picture is that large.
 _MAX_CHARACTERS = 8
+_CHUNK_CHARACTERS = 1 << 20  # of codes that are checked in one go: some hundred bytes for each
 
 
 def encode_masks(masks: Bool[np.ndarray, "N H W"]) -> tuple[Rle, ...]:
@@ -74,15 +75,23 @@ def find_malformed(rles: Sequence[Rle]) -> int | None:
 
     The library that decodes them takes codes that end early for sound, and memory for any size.
     """
+    bad = are_malformed(rles)
+    return int(np.flatnonzero(bad)[0]) if bad.any() else None
+
+
+def are_malformed(rles: Sequence[Rle]) -> Bool[np.ndarray, "N"]:
+    """Which codes are damaged or do not cover their pictures exactly."""
     sizes = np.array([rle["size"] for rle in rles], np.int64).reshape(-1, 2)
     lengths = np.array([len(rle["counts"]) for rle in rles], np.int64)
     bad = (sizes < 1).any(axis=1) | (lengths == 0)
     sound = np.flatnonzero(~bad)
-    if len(sound):
-        text = np.frombuffer(b"".join(rles[at]["counts"] for at in sound.tolist()), np.uint8)
-        code = np.repeat(np.arange(len(sound)), lengths[sound])
-        bad[sound] = _check_codes(text, code, sizes[sound].prod(axis=1))
-    return int(np.flatnonzero(bad)[0]) if bad.any() else None
+    chunk = np.cumsum(lengths[sound]) // _CHUNK_CHARACTERS
+    for part in np.split(sound, np.flatnonzero(np.diff(chunk)) + 1):
+        if len(part):
+            text = np.frombuffer(b"".join(rles[at]["counts"] for at in part.tolist()), np.uint8)
+            code = np.repeat(np.arange(len(part)), lengths[part])
+            bad[part] = _check_codes(text, code, sizes[part].prod(axis=1))
+    return bad
 
 
 def _check_codes(text: np.ndarray, code: np.ndarray, num_pixels: np.ndarray) -> np.ndarray:

@@ -7,7 +7,6 @@ destroys the numbers; FFmpeg (PyAV) keeps palette indices of every depth.
 from __future__ import annotations
 
 import io
-import struct
 
 import av
 import cv2
@@ -16,11 +15,11 @@ from av.error import FFmpegError
 from jaxtyping import Integer
 
 from remind_jax.sources.image_folder import decode_pixels
+from remind_jax.sources.picture_file import check_picture
 from remind_jax.sources.source import UnreadableFrame
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 GRAY, PALETTE = 0, 3  # PNG color types
-MAX_PIXELS = 1 << 28
 
 
 def read_label_map(data: bytes) -> Integer[np.ndarray, "H W"]:
@@ -30,9 +29,8 @@ def read_label_map(data: bytes) -> Integer[np.ndarray, "H W"]:
       UnreadableFrame: If it is damaged, too large, or a color picture without a palette.
     """
     if data[:8] == PNG_SIGNATURE and len(data) >= 33:
-        width, height, depth, color_type = struct.unpack(">IIBB", data[16:26])
-        if width * height > MAX_PIXELS:
-            raise UnreadableFrame(f"it claims {width}x{height} pixels, more than {MAX_PIXELS}")
+        check_picture(data)
+        depth, color_type = data[24:26]
         if color_type == PALETTE:
             return _read_palette_indices(data)
         if color_type == GRAY and depth < 8:

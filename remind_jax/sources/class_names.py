@@ -11,17 +11,48 @@ the place in this list.
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Optional
+
+import msgspec
+from msgspec import Meta
 
 from remind_jax.errors import SourceError
-from remind_jax.sources.file_tree import FileTree, read_bytes
+from remind_jax.files.records import Count, Label, decode_json, decode_rows
+from remind_jax.sources.file_tree import FileTree, read_bytes, require_inside
 
+_Labels = dict[str, msgspec.Raw]  # by the id of an instance
+_MaybeLabel: Any = Optional[Label]  # noqa: UP045  (one kind, as a value)
 NUMBERED_LABEL = re.compile(r"^(.+)_\d+$")
 ANY_CLASS = "object"
+
+
+class _Content(msgspec.Struct, frozen=True):
+    """What is read of a metadata file; the rest of it is somebody else's."""
+
+    default_class: Label | None = None
+    frame_names: list[Annotated[str, Meta(min_length=1, max_length=1000)]] | None = None
+    id_to_label: dict[str, msgspec.Raw] | None = None
+    id_to_class: dict[str, msgspec.Raw] | None = None
+    segGroups: list[msgspec.Raw] | None = None
+    videos: msgspec.Raw = msgspec.Raw()
+
+
+class _Segment(msgspec.Struct, frozen=True):
+    objectId: Count | None = None
+    id: Count | None = None
+    label: Label | None = None
+
+
+class _Object(msgspec.Struct, frozen=True):
+    category: Label | None = None
+
+
+class _Video(msgspec.Struct, frozen=True):
+    objects: dict[str, _Object] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,13 +125,20 @@ def parse_metadata(data: bytes, file: str, sequence: str) -> Metadata:
     Raises:
       SourceError: If it is damaged.
     """
-    content = _parse_object(data, file)
-    names = content.get("frame_names") or None
-    if names is not None and not (
-        isinstance(names, list) and all(isinstance(name, str) for name in names)
-    ):
-        raise SourceError(f"'frame_names' in '{file}' is not a list of file names")
-    classes = _find_classes(content, file, sequence)
+    where = f"'{file}'"
+    parts = decode_json(data, dict[str, msgspec.Raw], where)
+    content = decode_json(data, _Content, where)
+    names = content.frame_names or None
+    for name in names or ():
+        require_inside(name, f"`frame_names` of {where}")
+    if names and len(set(names)) < len(names):
+        twice, _ = Counter(names).most_common(1)[0]
+        raise SourceError(f"{where}, `frame_names`: '{twice}' stands twice; name every frame once")
+    plain = {key: value for key, value in parts.items() if key != "default_class"}
+    labels: _Labels | None = None
+    if plain and all(key.isascii() and key.isdecimal() for key in plain):
+        labels = plain
+    classes = _find_classes(content, labels, file, sequence)
     return Metadata(classes or UNNAMED, tuple(names) if names else None)
 
 
@@ -110,69 +148,70 @@ def strip_number(label: str) -> str:
     return match.group(1) if match else label.strip()
 
 
-def _find_classes(content: dict[str, Any], file: str, sequence: str) -> ClassNames | None:
-    default = content.get("default_class")
-    if default is not None and not isinstance(default, str):
-        raise SourceError(f"'default_class' in '{file}' is {default!r}; give a class name")
+def _find_classes(
+    content: _Content, plain: _Labels | None, file: str, sequence: str
+) -> ClassNames | None:
+    where = f"'{file}'"
     by_id: dict[int, str | None] = {}
-    is_found = default is not None
+    is_found = content.default_class is not None
+    if content.segGroups is not None:
+        is_found = True
+        for row in decode_rows(content.segGroups, _Segment, f"{where}, `segGroups`"):
+            segment = row.get()
+            number = segment.id if segment.objectId is None else segment.objectId
+            if number is None:
+                raise SourceError(f"{where}, `segGroups`, row {row.number}: `objectId` is missing")
+            by_id[number] = _class_in(segment.label, str, f"{where}, instance {number}")
     for entries, convert in (
-        (_segment_labels(content), str),
-        (_video_objects(content, sequence), str),
-        (content.get("id_to_label"), strip_number),
-        (content.get("id_to_class"), str),
-        (content if _is_plain_map(content) else None, strip_number),
+        (_labels_of_video(content, sequence, where), str),
+        (content.id_to_label, strip_number),
+        (content.id_to_class, str),
+        (plain, strip_number),
     ):
-        if isinstance(entries, Mapping):
+        if entries is not None:
             is_found = True
-            by_id.update(_classes_by_id(entries, convert, file))
-    return ClassNames(by_id, default, file) if is_found else None
+            by_id.update(_classes_by_id(entries, convert, where))
+    if content.default_class is not None and not content.default_class.strip():
+        raise SourceError(f"{where}, `default_class` is empty; give a class name")
+    return ClassNames(by_id, content.default_class, file) if is_found else None
 
 
-def _parse_object(data: bytes, file: str) -> dict[str, Any]:
-    try:
-        metadata = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise SourceError(f"metadata '{file}' is not valid JSON: {error}") from error
-    if not isinstance(metadata, dict):
-        raise SourceError(
-            f"metadata '{file}' is a JSON {type(metadata).__name__}; it must be an object"
-        )
-    return metadata
+def _labels_of_video(content: _Content, sequence: str, where: str) -> _Labels | None:
+    """Class by object id of one video of several (YouTube-VOS)."""
+    if bytes(content.videos)[:1] != b"{":
+        return None
+    videos = decode_json(bytes(content.videos), dict[str, msgspec.Raw], f"{where}, `videos`")
+    if sequence not in videos:
+        return None
+    place = f"{where}, `videos.{sequence[:40]}`"
+    objects = decode_json(bytes(videos[sequence]), _Video, place).objects
+    if objects is None:
+        return None
+    return {i: msgspec.Raw(msgspec.json.encode(found.category)) for i, found in objects.items()}
 
 
 def _classes_by_id(
-    entries: Mapping[Any, Any], convert: Callable[[str], str], file: str
+    labels: _Labels, convert: Callable[[str], str], where: str
 ) -> dict[int, str | None]:
     classes: dict[int, str | None] = {}
-    for key, label in entries.items():
-        if not re.fullmatch(r"\s*\d+\s*", str(key)):
-            raise SourceError(f"instance id {key!r} in '{file}' is not a whole number")
-        if label is not None and (not isinstance(label, str) or not label.strip()):
+    for key, raw in labels.items():
+        number = int(key) if re.fullmatch(r"\s*[0-9]{1,10}\s*", key) else -1
+        if not 0 <= number < 2**31:
             raise SourceError(
-                f"instance {key} in '{file}' has the class {label!r}; give a name, or null to "
-                "leave the instance out"
+                f"{where}: instance id {key[:40]!r} is not a whole number from 0 to {2**31 - 1}"
             )
-        classes[int(key)] = None if label is None else convert(label)
+        place = f"{where}, instance {number}"
+        if number in classes:
+            raise SourceError(f"{place}: it stands twice; give it one class")
+        classes[number] = _class_in(decode_json(bytes(raw), _MaybeLabel, place), convert, place)
     return classes
 
 
-def _is_plain_map(metadata: Mapping[str, Any]) -> bool:
-    return bool(metadata) and all(str(k).isdecimal() for k in metadata if k != "default_class")
-
-
-def _video_objects(metadata: Mapping[str, Any], sequence: str) -> dict[Any, Any] | None:
-    videos = metadata.get("videos")
-    video = videos.get(sequence) if isinstance(videos, Mapping) else None
-    objects = video.get("objects") if isinstance(video, Mapping) else None
-    if not isinstance(objects, Mapping):
+def _class_in(label: str | None, convert: Callable[[str], str], place: str) -> str | None:
+    if label is None:
         return None
-    return {k: o.get("category") for k, o in objects.items() if isinstance(o, Mapping)}
-
-
-def _segment_labels(metadata: Mapping[str, Any]) -> dict[Any, Any] | None:
-    groups = metadata.get("segGroups")
-    if not isinstance(groups, list):
-        return None
-    groups = [g for g in groups if isinstance(g, Mapping)]
-    return {g.get("objectId", g.get("id")): g.get("label") for g in groups}
+    if not label.strip():
+        raise SourceError(
+            f"{place}: its class is {label!r}; give a name, or null to leave the instance out"
+        )
+    return convert(label)

@@ -12,42 +12,44 @@ height), which is filled; "score"; "label", or "category_id" and categories to n
 An image of a COCO file belongs to the frame with the stem of its `file_name`; without that, to the
 frame whose name has its `image_id` as number; in a video, to the frame of that number. The entries
 of "segmentations" belong to the frames at the same place, or to the `file_names` of their video.
+
+Rows that are damaged are left out, counted and told in `notes`.
 """
 
 from __future__ import annotations
 
-import dataclasses
-import json
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import NO_INSTANCE, Detections
-from remind_jax.masks.run_length import find_malformed
+from remind_jax.files.records import Whole, check, decode_json
+from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.detections import detections_from, fill_boxes, name_classes
+from remind_jax.sources.coco_rows import (
+    Category,
+    Code,
+    FoundRows,
+    Name,
+    Place,
+    Position,
+    Row,
+    Segmentation,
+    as_rle,
+    name_categories,
+    say_bad_segmentation,
+)
+from remind_jax.sources.detections import fill_boxes, name_classes
 from remind_jax.sources.file_tree import last_number
+from remind_jax.sources.label_maps import fit_plane, require_room, require_same_picture
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame
-
-MAX_COORDINATE_PX = 1e5  # memory goes by the length of an outline
-Annotation = Mapping[str, Any]
-
-
-@dataclasses.dataclass(frozen=True)
-class Position:
-    """A frame by its place in the sequence, whatever its name."""
-
-    index: int
-
-
-Place = int | str | Position  # a frame by its number, its file name or its place
 
 
 class CocoMasks:
@@ -60,8 +62,8 @@ class CocoMasks:
       categories: Name per category id, where the file has none.
 
     Raises:
-      SourceError: If the file is of no known form, belongs to other frames, or has unnamed
-        categories.
+      SourceError: If the file is of no known form, belongs to other frames, has unnamed
+        categories, or not one good row.
     """
 
     def __init__(
@@ -71,66 +73,107 @@ class CocoMasks:
         reader: Reader,
         categories: Mapping[int, str] | None = None,
     ) -> None:
-        content = _parse(data, file)
-        self._file = file
-        own = {c["id"]: str(c["name"]) for c in _list_in(content, "categories")}
-        self._categories = own or dict(categories or {})
-        by_place = _group_by_frame(content, file)
-        self._rows = _match_places(by_place, reader)
-        if by_place and not self._rows:
+        found = FoundRows(data, file)
+        self._file, self._num_rows = file, found.num_rows
+        self._num_bad, self._first_bad = found.num_bad, str(found.first_bad)
+        self._categories = found.categories or dict(categories or {})
+        self._rows = _match_places(found.by_place, reader)
+        if found.by_place and not self._rows:
             frames = reader.entry_names
             raise SourceError(
                 f"no detection in '{file}' belongs to a frame of '{reader.name}' (first in the "
-                f"file: '{next(iter(by_place))}', first frame: '{frames[0] if frames else 0}')"
+                f"file: '{next(iter(found.by_place))}', first frame: "
+                f"'{frames[0] if frames else 0}')"
             )
         self.notes: list[str] = []
-        if len(self._rows) < len(by_place):
+        if len(self._rows) < len(found.by_place):
             self.notes.append(
-                f"{len(by_place) - len(self._rows)} of {len(by_place)} images in '{file}' are not "
-                f"frames of '{reader.name}'"
+                f"{len(found.by_place) - len(self._rows)} of {len(found.by_place)} images in "
+                f"'{file}' are not frames of '{reader.name}'"
             )
+        self._bad_note = len(self.notes)
+        self._tell_bad()
+        self._unfit: set[tuple[int, int]] = set()  # frame and row of masks of another picture
         self._require_names()
 
     def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
-        """Detections of one frame, in the order of the file."""
-        rows = self._rows.get(entry.source_index, [])
-        if not rows:
-            return Detections.empty(*frame_size)
-        parts = {
-            "masks": [self._decode(row, frame_size) for row in rows],
-            "labels": [self._name(row) for row in rows],
-            "scores": [float(row.get("score", 1.0)) for row in rows],
-            "instance_ids": [int(row.get("instance_id", NO_INSTANCE)) for row in rows],
-        }
-        return detections_from(parts, frame_size)
+        """Detections of one frame, in the order of the file.
 
-    def _decode(self, row: Annotation, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
-        segmentation = row.get("segmentation")
-        if segmentation:
-            return decode_segmentation(segmentation, frame_size)
-        if "bbox" not in row:
-            raise UnreadableFrame(f"a detection in '{self._file}' has no segmentation and no bbox")
-        left, top, width, height = np.asarray(row["bbox"], float)
+        Raises:
+          UnreadableFrame: If there are more than memory is meant for.
+          SourceError: If none of their masks can be of this picture.
+        """
+        rows = self._rows.get(entry.source_index, [])
+        require_room(len(rows), frame_size, f"'{self._file}'")
+        masks = np.zeros((len(rows), *frame_size), bool)
+        kept: list[int] = []
+        unfit: SourceError | None = None
+        for place, row in enumerate(rows):
+            try:
+                plane = self._decode(row, frame_size)
+            except SourceError as error:
+                unfit = error
+                self._leave_out(entry.source_index, place, error)
+                continue
+            # Memory that is not written to is not taken.
+            lines = np.flatnonzero(plane.any(axis=1))
+            masks[len(kept), lines] = plane[lines]
+            kept.append(place)
+        if unfit is not None and not kept:
+            raise unfit
+        chosen = [rows[place] for place in kept]
+        return Detections.create(
+            masks[: len(kept)],
+            [self._name(row) for row in chosen],
+            [row.score for row in chosen],
+            [row.instance_id for row in chosen],
+        )
+
+    def _decode(self, row: Row, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
+        if row.segmentation:
+            plane = _decode_sound(row.segmentation, frame_size)
+            return fit_plane(plane, frame_size, "a mask")
+        assert row.bbox is not None
+        left, top, width, height = row.bbox
         return fill_boxes(np.array([[left, top, left + width, top + height]]), frame_size)[0]
 
-    def _name(self, row: Annotation) -> str:
-        if "label" in row:
-            return str(row["label"])
-        if "category_id" not in row:
+    def _name(self, row: Row) -> str:
+        if row.label is not None:
+            return row.label
+        if row.category_id is None:
             return ANY_CLASS
-        return name_classes([row["category_id"]], self._categories or None)[0]
+        return name_classes([row.category_id], self._categories or None)[0]
+
+    def _leave_out(self, frame: int, place: int, error: SourceError) -> None:
+        if (frame, place) not in self._unfit:  # sources are iterated more than once
+            self._unfit.add((frame, place))
+            self._num_bad += 1
+            if self._num_bad == 1:
+                self._first_bad = f"'{self._file}', a detection of frame {frame}: {error}"
+            self._tell_bad()
+
+    def _tell_bad(self) -> None:
+        if self._num_bad:
+            self.notes[self._bad_note :] = [
+                f"{self._num_bad} of {self._num_rows} detections are left out, the first: "
+                f"{self._first_bad}"
+            ]
 
     def _require_names(self) -> None:
         """Names every category without a name before work starts."""
         if not self._categories:
             return
-        rows = (row for rows in self._rows.values() for row in rows)
-        used = {r["category_id"] for r in rows if "category_id" in r and "label" not in r}
+        used = {
+            row.category_id
+            for rows in self._rows.values()
+            for row in rows
+            if row.category_id is not None and row.label is None
+        }
         missing = sorted(used - set(self._categories))
         if missing:
             raise SourceError(
-                f"categories {', '.join(map(str, missing))} in '{self._file}' have no name; add "
-                "them to its 'categories' or give a file of categories as metadata"
+                f"categories {', '.join(map(str, missing[:20]))} in '{self._file}' have no name; "
+                "add them to its 'categories' or give a file of categories as metadata"
             )
 
 
@@ -138,43 +181,33 @@ def decode_segmentation(segmentation: Any, frame_size: tuple[int, int]) -> Bool[
     """Decodes a COCO segmentation: compressed or plain run-length code, or polygons.
 
     Raises:
-      UnreadableFrame: If it is malformed.
+      UnreadableFrame: If it is malformed, or of another picture.
     """
     try:
-        if isinstance(segmentation, Mapping):
-            return _decode_runs(segmentation)
-        return _fill_polygons(segmentation, frame_size)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        if isinstance(error, UnreadableFrame):
-            raise
-        raise UnreadableFrame(f"a segmentation is malformed ({error})") from error
+        checked = check(segmentation, Segmentation, "a segmentation")  # pyright: ignore[reportArgumentType]
+        why = say_bad_segmentation(checked)
+        if why:
+            raise SourceError(f"a segmentation: {why}")
+        return _decode_sound(checked, frame_size)
+    except SourceError as error:
+        raise UnreadableFrame(str(error)) from error
 
 
-def _decode_runs(code: Mapping[str, Any]) -> Bool[np.ndarray, "H W"]:
-    height, width = (int(n) for n in code["size"])
-    counts = code["counts"].encode() if isinstance(code["counts"], str) else code["counts"]
-    rle: Any = {"size": [height, width], "counts": counts}
-    if isinstance(counts, list):
-        rle = coco.frPyObjects(rle, height, width)
-    if find_malformed([rle]) is not None:
-        raise UnreadableFrame(f"a run-length code does not add up to its size of {width}x{height}")
-    return _decode(rle)
-
-
-def _fill_polygons(polygons: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
-    parts = [np.asarray(polygon, np.float64) for polygon in polygons]
-    for part in parts:
-        if part.ndim != 1 or len(part) < 6 or len(part) % 2:
-            raise UnreadableFrame("a polygon is not a list of three or more points x, y")
-        if not (np.abs(part) <= MAX_COORDINATE_PX).all():
-            raise UnreadableFrame("a polygon leads to infinity")
-    rles = coco.frPyObjects([part.tolist() for part in parts], *frame_size)
-    return _decode(coco.merge(rles))
-
-
-def _decode(rle: Any) -> Bool[np.ndarray, "H W"]:
-    """Decodes by columns, as COCO stores them, and turns that into rows where OpenCV is quick."""
-    return cv2.transpose(coco.decode(rle).T).astype(bool)
+def _decode_sound(
+    segmentation: Segmentation, frame_size: tuple[int, int]
+) -> Bool[np.ndarray, "H W"]:
+    """Pixels of a segmentation that was found to be sound, by its own size or the frame's."""
+    if isinstance(segmentation, Code):
+        require_same_picture(segmentation.size, frame_size, "a mask")
+        if isinstance(segmentation.counts, str):
+            rle = as_rle(segmentation)
+        else:
+            plain = {"size": list(segmentation.size), "counts": segmentation.counts}
+            rle = coco.frPyObjects(plain, *segmentation.size)
+    else:
+        rle = coco.merge(coco.frPyObjects(segmentation, *frame_size))
+    # By columns, as COCO stores them, and then by rows, where OpenCV is quick.
+    return np.asarray(cv2.transpose(coco.decode(rle).T), np.uint8).view(bool)
 
 
 def read_categories(data: bytes, file: str) -> dict[int, str]:
@@ -183,82 +216,36 @@ def read_categories(data: bytes, file: str) -> dict[int, str]:
     Raises:
       SourceError: If it is something else.
     """
-    content = _parse(data, file)
+    if data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"[":
+        listed = decode_json(data, list[Name | _Named], f"'{file}'")
+        return {i: c if isinstance(c, str) else c.name for i, c in enumerate(listed)}
+    parts = decode_json(data, dict[str, msgspec.Raw], f"'{file}'")
+    if "categories" in parts:
+        return name_categories(decode_json(data, _Categories, f"'{file}'").categories, file)
     try:
-        if isinstance(content, list):
-            return {i: c if isinstance(c, str) else c["name"] for i, c in enumerate(content)}
-        if "categories" in content:
-            return {int(c["id"]): str(c["name"]) for c in content["categories"]}
-        return {int(key): str(name) for key, name in content.items()}
-    except (KeyError, TypeError, ValueError) as error:
+        return decode_json(data, dict[Whole, Name], f"'{file}'")
+    except SourceError as error:
         raise SourceError(
             f'\'{file}\' names no categories; give {{"categories": [{{"id": 1, "name": "cup"}}]}}'
         ) from error
 
 
-def _parse(data: bytes, file: str) -> Any:
-    try:
-        if PurePosixPath(file).suffix.lower() == ".jsonl":
-            return [json.loads(line) for line in data.splitlines() if line.strip()]
-        return json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise SourceError(f"'{file}' is not valid JSON: {error}") from error
+class _Named(msgspec.Struct, frozen=True):
+    name: Name
 
 
-def _list_in(content: Any, key: str) -> list[Any]:
-    value = content.get(key) if isinstance(content, Mapping) else None
-    return value if isinstance(value, list) else []
+class _Categories(msgspec.Struct, frozen=True):
+    categories: list[Category]
 
 
-def _group_by_frame(content: Any, file: str) -> dict[Place, list[Annotation]]:
-    """Annotations by frame number or name, in the order of the file."""
-    rows = content if isinstance(content, list) else _list_in(content, "annotations")
-    is_known = isinstance(content, list) or "annotations" in content
-    if not is_known or not all(isinstance(row, Mapping) for row in rows):
-        raise SourceError(
-            f"'{file}' holds no detections in a known form; give a COCO results list, a COCO data "
-            'set, or [{"frame": 0, "detections": [...]}, ...]'
-        )
-    try:
-        if rows and "detections" in rows[0]:
-            return {
-                r["name"] if "frame" not in r else int(r["frame"]): r["detections"] for r in rows
-            }
-        if rows and "segmentations" in rows[0]:
-            return _unroll_videos(content, rows)
-        files = {i["id"]: i["file_name"] for i in _list_in(content, "images") if "file_name" in i}
-        grouped: dict[Place, list[Annotation]] = defaultdict(list)
-        for row in rows:
-            grouped[files.get(row["image_id"], row["image_id"])].append(row)
-        return dict(grouped)
-    except (KeyError, TypeError, ValueError) as error:
-        raise SourceError(f"an entry of '{file}' is incomplete: {error!r} is missing") from error
-
-
-def _unroll_videos(content: Any, rows: Iterable[Annotation]) -> dict[Place, list[Annotation]]:
-    videos = {v["id"]: v.get("file_names") for v in _list_in(content, "videos")}
-    grouped: dict[Place, list[Annotation]] = defaultdict(list)
-    for row in rows:
-        names = videos.get(row.get("video_id"))
-        for index, segmentation in enumerate(row["segmentations"]):
-            if segmentation:
-                place = names[index] if names else Position(index)
-                grouped[place].append(
-                    {"instance_id": row["id"], **row, "segmentation": segmentation}
-                )
-    return dict(grouped)
-
-
-def _match_places(
-    by_place: Mapping[Place, list[Annotation]], reader: Reader
-) -> dict[int, list[Annotation]]:
-    """Annotations by source frame."""
+def _match_places(by_place: Mapping[Place, list[Row]], reader: Reader) -> dict[int, list[Row]]:
+    """Detections by source frame."""
     names = reader.entry_names or ()
     index_of: dict[Any, int] = {PurePosixPath(name).stem: i for i, name in enumerate(names)}
     for i, name in enumerate(names):
         number = last_number(name)
         index_of.setdefault(i if number is None else number, i)
-    rows: dict[int, list[Annotation]] = defaultdict(list)
+    rows: dict[int, list[Row]] = defaultdict(list)
     for place, found in by_place.items():
         if isinstance(place, Position):
             index: int | None = place.index

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Num
+from jaxtyping import Bool
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.label_maps import fit_plane, instance_ids_in
+from remind_jax.sources.label_maps import fit_plane, instance_ids_in, require_room
 
 ClassNaming = Mapping[int, str] | Sequence[str]
 
@@ -54,20 +54,28 @@ def detections_from(
     )
 
 
-def fill_boxes(
-    boxes: Num[np.ndarray, "N 4"], frame_size: tuple[int, int]
-) -> Bool[np.ndarray, "N H W"]:
+def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"]:
     """Masks of boxes (left, top, right, bottom in pixels), cut off at the frame's border.
 
+    Args:
+      boxes: Numbers `[N, 4]`, in any form of array.
+      frame_size: Height and width of the frame in pixels.
+
     Raises:
-      SourceError: If a coordinate is not finite.
+      SourceError: If they are no boxes, or a coordinate is not finite.
     """
-    boxes = np.asarray(boxes, np.float64).reshape(-1, 4)
-    if not np.isfinite(boxes).all():
-        row = int(np.flatnonzero(~np.isfinite(boxes).all(axis=1))[0])
-        raise SourceError(f"box {row} is {boxes[row].tolist()}; coordinates must be finite")
+    array = _as_array(boxes)
+    if array.size and (array.ndim != 2 or array.shape[1] != 4 or array.dtype.kind not in "uif"):
+        raise SourceError(
+            f"boxes are {array.dtype} {array.shape}; give left, top, right, bottom, [N, 4]"
+        )
+    corners = array.astype(np.float64).reshape(-1, 4)
+    if not np.isfinite(corners).all():
+        row = int(np.flatnonzero(~np.isfinite(corners).all(axis=1))[0])
+        raise SourceError(f"box {row} is {corners[row].tolist()}; coordinates must be finite")
+    require_room(len(corners), frame_size, "a frame")
     height, width = frame_size
-    edges = np.clip(np.rint(boxes), 0, [width, height, width, height]).astype(int)
+    edges = np.clip(np.rint(corners), 0, [width, height, width, height]).astype(int)
     masks = np.zeros((len(edges), height, width), bool)
     for mask, (left, top, right, bottom) in zip(masks, edges, strict=True):
         mask[top:bottom, left:right] = True
@@ -80,21 +88,40 @@ def name_classes(class_ids: Any, class_names: ClassNaming | None) -> tuple[str, 
     Raises:
       SourceError: If names are given, but not for every id.
     """
-    ids = [int(i) for i in np.asarray(class_ids).ravel()]
+    ids = _whole_numbers(class_ids)
     if class_names is None:
         return tuple(str(i) for i in ids)
+    if isinstance(class_names, str) or not isinstance(class_names, Mapping | Sequence):
+        raise SourceError(
+            f"class names are {str(class_names)[:40]!r}; give a list of names, or a mapping of ids"
+        )
     named = class_names if isinstance(class_names, Mapping) else dict(enumerate(class_names))
     missing = sorted({i for i in ids if i not in named})
     if missing:
+        known = sorted(i for i in named if isinstance(i, int))
+        span = f", for {known[0]} to {known[-1]}" if known else ""
         raise SourceError(
-            f"class ids {', '.join(map(str, missing))} have no name; "
-            f"{len(named)} names were given, for {min(named, default=0)} to {max(named, default=0)}"
+            f"class ids {', '.join(map(str, missing[:20]))} have no name; {len(named)} names were "
+            f"given{span}"
         )
+    for i in ids:
+        if not isinstance(named[i], str):
+            raise SourceError(f"the name of class {i} is {named[i]!r}; give text")
     return tuple(str(named[i]) for i in ids)
 
 
+def _whole_numbers(values: Any) -> list[int]:
+    array = _as_array(values)
+    if array.dtype.kind not in "uif" and array.size:
+        raise SourceError(f"class ids are {array.dtype}; give whole numbers")
+    if array.dtype.kind == "f" and not (np.isfinite(array) & (array % 1 == 0)).all():
+        raise SourceError("class ids are not whole numbers; give whole numbers")
+    return [int(i) for i in array.ravel()]
+
+
 def _read_attributes(obj: Any) -> dict[str, Any]:
-    data = getattr(obj, "data", None) or {}
+    data = getattr(obj, "data", None)
+    data = data if isinstance(data, Mapping) else {}
     return {
         "boxes": obj.xyxy,
         "masks": obj.mask,
@@ -108,7 +135,7 @@ def _from_mapping(
     parts: Mapping[str, Any], frame_size: tuple[int, int], class_names: ClassNaming | None
 ) -> Detections:
     allowed = ("masks", "boxes", "labels", "class_ids", "scores", "instance_ids")
-    unknown = sorted(set(parts) - set(allowed))
+    unknown = sorted(str(key) for key in set(parts) - set(allowed))
     if unknown:
         raise SourceError(
             f"detections have the unknown part '{unknown[0]}'; allowed: {', '.join(allowed)}"
@@ -117,7 +144,7 @@ def _from_mapping(
     if masks is None and boxes is None:
         raise SourceError("detections have neither 'masks' nor 'boxes'; give one of them")
     if masks is None:
-        planes = fill_boxes(np.asarray(boxes), frame_size)
+        planes = fill_boxes(boxes, frame_size)
     else:
         planes = _as_planes(_as_array(masks), frame_size)
     if labels is None and parts.get("class_ids") is not None:
@@ -131,6 +158,7 @@ def _from_array(
 ) -> Detections:
     if array.ndim == 2 and array.dtype.kind in "ui":
         ids = instance_ids_in(array)
+        require_room(len(ids), frame_size, "an instance map")
         planes = _fit_masks(array == np.reshape(ids, (-1, 1, 1)), frame_size)
         labels = name_classes(ids, class_names) if class_names else [ANY_CLASS] * len(ids)
         return Detections.create(planes, labels, instance_ids=ids)
@@ -140,7 +168,7 @@ def _from_array(
 def _as_array(values: Any) -> np.ndarray:
     try:
         return np.asarray(values)
-    except ValueError as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise SourceError("masks of one frame differ in size; give all the frame's") from error
 
 
@@ -152,6 +180,10 @@ def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarra
     planes = array[None] if array.ndim == 2 else array
     if planes.ndim != 3:
         raise SourceError(f"masks have shape {array.shape}; give [N, H, W]")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise SourceError("masks hold NaN or infinity; give booleans or finite numbers")
+    if array.dtype.kind == "i" and array.size and array.min() < 0:
+        raise SourceError(f"masks hold {array.min()}; give booleans, or numbers of 0 or more")
     return _fit_masks(planes.astype(bool, copy=False), frame_size)
 
 

@@ -5,7 +5,7 @@ Paths inside a tree are relative, with forward slashes; `""` is the top.
 
 from __future__ import annotations
 
-import io
+import os
 import re
 import tarfile
 import weakref
@@ -14,13 +14,15 @@ from pathlib import Path, PurePosixPath
 from typing import IO
 
 from remind_jax import files
-from remind_jax.errors import SourceError
+from remind_jax.errors import SourceError, first_line
+from remind_jax.sources.archive import DAMAGED, Archive, Excessive, open_archive
 from remind_jax.sources.source import UnreadableFrame
 
 TAR_SUFFIXES = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 STREAMED_SUFFIXES = (".mkv", ".mp4", ".mov", ".avi", ".webm", ".m4v", ".bin", ".ply")
 LAYOUT_FOLDERS = ("JPEGImages", "Annotations", "annotations", "dslr", "iphone")  # never a wrapper
-MAX_WHOLE_FILE_BYTES = 1 << 30  # files read as a whole: images, masks, JSON
+MOST_FILE_BYTES = 1 << 29  # of a file that is read as a whole: images, masks, JSON
+MOST_MEMBERS = 2_000_000  # of an archive
 
 
 class FolderTree:
@@ -39,7 +41,10 @@ class FolderTree:
 
     def has_file(self, path: str) -> bool:
         """Whether there is a file of this path."""
-        return (self.path / path).is_file()
+        try:
+            return (self.path / path).is_file()
+        except (OSError, ValueError):  # a name that no file can have
+            return False
 
     def read(self, path: str) -> bytes:
         """The whole file.
@@ -48,7 +53,7 @@ class FolderTree:
           UnreadableFrame: If it cannot be read.
         """
         try:
-            return files.read_bytes(self.path / path)
+            return files.read_bytes(self.path / path, MOST_FILE_BYTES)
         except OSError as error:
             raise UnreadableFrame(f"cannot be read: {error.strerror or error}") from error
 
@@ -65,10 +70,15 @@ class FolderTree:
         return self
 
     def _names(self, folder: str, *, files: bool) -> list[str]:
-        place = self.path / folder
-        if not place.is_dir():
+        try:
+            with os.scandir(self.path / folder) as entries:
+                return _sort(e.name for e in entries if (e.is_file() if files else e.is_dir()))
+        except (FileNotFoundError, NotADirectoryError, ValueError):
             return []
-        return _sort(p.name for p in place.iterdir() if (p.is_file() if files else p.is_dir()))
+        except OSError as error:
+            raise SourceError(
+                f"folder '{self.path / folder}' cannot be read: {error.strerror or error}"
+            ) from error
 
 
 class TarTree:
@@ -81,7 +91,7 @@ class TarTree:
 
     def __init__(self, path: Path, members: dict[str, tarfile.TarInfo] | None = None) -> None:
         self.path = path
-        self._archive: tarfile.TarFile | None = None
+        self._archive: Archive | None = None
         self._members = _strip_top(_list_members(path)) if members is None else members
         self._folders: dict[str, set[str]] = {"": set()}
         self._files: dict[str, set[str]] = {}
@@ -112,8 +122,10 @@ class TarTree:
         try:
             with self.open(path) as file:
                 data = file.read()
-        except (OSError, EOFError, tarfile.TarError, ValueError) as error:
-            raise UnreadableFrame(f"cannot be read from the archive: {error}") from error
+        except DAMAGED as error:
+            raise UnreadableFrame(
+                f"cannot be read from the archive: {first_line(error)}"
+            ) from error
         if len(data) != self._members[path].size:
             raise UnreadableFrame(
                 f"only {len(data)} of its {self._members[path].size} bytes are in the archive"
@@ -123,7 +135,7 @@ class TarTree:
     def open(self, path: str) -> IO[bytes]:
         """The file as a stream of bytes."""
         if self._archive is None:
-            self._archive = tarfile.open(self.path)  # noqa: SIM115  (kept open between frames)
+            self._archive = open_archive(self.path, MOST_FILE_BYTES)  # kept open between frames
             weakref.finalize(self, self._archive.close)
         file = self._archive.extractfile(self._members[path])
         assert file is not None, "only regular files are listed"
@@ -186,6 +198,20 @@ def last_number(name: str) -> int | None:
     return int(digits[-1]) if digits else None
 
 
+def require_inside(name: str, where: str) -> None:
+    """Makes sure that a name from a file leads nowhere else.
+
+    Raises:
+      SourceError: If it is absolute, or leads out of its folder, or no file can have it.
+    """
+    parts = re.split(r"[\\/]", name)
+    is_absolute = name.startswith(("/", "\\")) or re.match(r"[A-Za-z]:", name) is not None
+    if is_absolute or ".." in parts or "\0" in name:
+        raise SourceError(
+            f"{where}: '{name[:200]}' leads out of its folder; give names of files in it"
+        )
+
+
 def join(folder: str, name: str) -> str:
     """Path of a name in a folder of a tree."""
     return f"{folder}/{name}" if folder else name
@@ -202,31 +228,37 @@ def _folder_name(path: PurePosixPath) -> str:
 
 def _list_members(path: Path) -> dict[str, tarfile.TarInfo]:
     """Regular files by name; a truncated archive gives what came before the cut."""
-    archive_bytes = path.stat().st_size
     members: dict[str, tarfile.TarInfo] = {}
     try:
         files.check_regular(path)
-        with tarfile.open(path) as archive:
-            is_plain = isinstance(archive.fileobj, io.BufferedReader)
+        archive_bytes = path.stat().st_size
+        with open_archive(path) as archive:
+            is_plain = archive.is_plain
             while (member := _next_member(archive, bool(members))) is not None:
                 danger = _say_danger(member, archive_bytes if is_plain else None)
                 if danger:
                     raise SourceError(
                         f"archive '{path}' is refused: member '{member.name[:200]}' {danger}"
                     )
+                if len(members) >= MOST_MEMBERS:
+                    raise SourceError(f"archive '{path}' has over {MOST_MEMBERS} files; split it")
                 if member.isreg():
                     members[str(PurePosixPath(member.name))] = member
-    except (OSError, EOFError, tarfile.TarError) as error:
-        raise SourceError(f"archive '{path}' cannot be read: {error}") from error
+    except SourceError:
+        raise
+    except DAMAGED as error:
+        raise SourceError(f"archive '{path}' cannot be read: {first_line(error)}") from error
     if not members:
         raise SourceError(f"archive '{path}' holds no files")
     return members
 
 
-def _next_member(archive: tarfile.TarFile, has_members: bool) -> tarfile.TarInfo | None:
+def _next_member(archive: Archive, has_members: bool) -> tarfile.TarInfo | None:
     try:
         return archive.next()
-    except (OSError, EOFError, tarfile.TarError):
+    except Excessive:
+        raise
+    except DAMAGED:
         if has_members:
             return None
         raise
@@ -249,8 +281,8 @@ def _say_danger(member: tarfile.TarInfo, archive_bytes: int | None) -> str | Non
         return "is a sparse file; pack without 'tar --sparse'"
     if archive_bytes is not None and member.size > archive_bytes:
         return f"claims {member.size} bytes, more than the whole archive has"
-    if member.size > MAX_WHOLE_FILE_BYTES and not name.lower().endswith(STREAMED_SUFFIXES):
-        return f"claims {member.size} bytes; at most {MAX_WHOLE_FILE_BYTES} are accepted"
+    if member.size > MOST_FILE_BYTES and not name.lower().endswith(STREAMED_SUFFIXES):
+        return f"claims {member.size} bytes; at most {MOST_FILE_BYTES} are accepted"
     return None
 
 

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from jaxtyping import UInt, UInt8
 
-from remind_jax.errors import SourceError
-from remind_jax.sources.file_tree import FileTree, join
+from remind_jax.errors import SourceError, first_line
+from remind_jax.sources.file_tree import FileTree, join, require_inside
+from remind_jax.sources.picture_file import check_picture
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
-JPEG_START, JPEG_SCAN, JPEG_END = b"\xff\xd8", b"\xda", b"\xff\xd9"
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 
 
@@ -45,6 +45,8 @@ class ImageReader:
         if file_names is None:
             file_names = list_images(tree, folder)
         else:
+            for file_name in file_names:
+                require_inside(file_name, f"'{tree.locate(folder)}'")
             missing = [f for f in file_names if not tree.has_file(join(folder, f))]
             if missing:
                 raise SourceError(
@@ -79,42 +81,26 @@ def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
     """Decodes a picture to RGB, 8 bits, turned upright as its EXIF entry says.
 
     Raises:
-      UnreadableFrame: If it is damaged.
+      UnreadableFrame: If it is damaged or too large.
     """
-    if data[:2] == JPEG_START and not _has_jpeg_end(data):
-        raise UnreadableFrame("it is cut off or damaged")
-    return cv2.cvtColor(decode_pixels(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    pixels = decode_pixels(data, cv2.IMREAD_COLOR)
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
 
 
 def decode_pixels(data: bytes, mode: int) -> UInt[np.ndarray, "H W *C"]:
     """Decodes an image file by OpenCV, in one of its modes of reading.
 
     Raises:
-      UnreadableFrame: If it is damaged.
+      UnreadableFrame: If it is damaged or too large.
     """
-    if not data:
-        raise UnreadableFrame("the file is empty")
+    check_picture(data)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
-    except cv2.error as error:
-        raise UnreadableFrame(f"it cannot be decoded ({error.err})") from error
+    except (cv2.error, MemoryError) as error:
+        raise UnreadableFrame(f"it cannot be decoded ({first_line(error)})") from error
     if pixels is None:
         raise UnreadableFrame("it is cut off, damaged or no image")
     return pixels
-
-
-def _has_jpeg_end(data: bytes) -> bool:
-    """Whether the picture data are closed; OpenCV 4 fills what is missing with gray instead.
-
-    Segments are skipped by their length up to the scan, since a preview inside of them has an end
-    mark of its own; within the scan no end mark can occur by chance.
-    """
-    at = 2
-    while data[at + 1 : at + 2] != JPEG_SCAN:
-        if data[at : at + 1] != b"\xff" or at + 4 > len(data):
-            return False
-        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return data.find(JPEG_END, at) > 0
 
 
 def _read(tree: FileTree, path: str) -> Content:

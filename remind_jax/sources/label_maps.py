@@ -27,6 +27,9 @@ from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
 Unlabelled = Literal["error", "skip"]
 MAX_ASPECT_DIFFERENCE = 0.01
 NUM_CHECKED = 3  # annotations looked at before work starts
+MOST_MASK_BYTES = 3 << 29  # of one frame
+_FEW_INSTANCES = 64
+_CHUNK_PX = 1 << 22  # of a map that is counted in one go
 
 
 class LabelMaps:
@@ -140,10 +143,31 @@ def detections_in(
     """
     ids = instance_ids_in(labels) if ids is None else ids
     kept = [i for i in ids if classes[i] is not None]
+    require_room(len(kept), labels.shape, "its instance map")
     masks = np.zeros((len(kept), *labels.shape), bool)
-    for row, instance_id in enumerate(kept):
-        np.equal(labels, instance_id, out=masks[row])
+    if len(kept) <= _FEW_INSTANCES:
+        for row, instance_id in enumerate(kept):
+            np.equal(labels, instance_id, out=masks[row])
+    else:  # time and memory go by the pixels, not by pixels times instances
+        pixels = np.flatnonzero(np.isin(labels, kept))
+        rows = np.searchsorted(kept, labels.ravel()[pixels])
+        masks.reshape(len(kept), -1)[rows, pixels] = True
     return Detections.create(masks, [str(classes[i]) for i in kept], instance_ids=kept)
+
+
+def require_room(num: int, frame_size: tuple[int, int], name: str) -> None:
+    """Compares the memory for the masks of a frame with what is meant for them.
+
+    Raises:
+      UnreadableFrame: If it is more.
+    """
+    height, width = frame_size
+    if num * height * width > MOST_MASK_BYTES:
+        raise UnreadableFrame(
+            f"{name} has {num} instances of {width}x{height} pixels, which take "
+            f"{num * height * width >> 20} MiB; at most {MOST_MASK_BYTES >> 20} are meant for a "
+            "frame, give fewer or smaller ones"
+        )
 
 
 def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str) -> None:
@@ -155,7 +179,7 @@ def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str
     missing = classes.missing(i for i in instance_ids if i > 0)
     if missing:
         raise SourceError(
-            f"instances {', '.join(map(str, missing))} in '{place}' have no class; add them to "
+            f"instances {_list(missing)} in '{place}' have no class; add them to "
             f"'{classes.file}' (null leaves one out), or open the source with unlabelled='skip'"
         )
 
@@ -171,15 +195,25 @@ def fit_plane(
     if plane.shape == frame_size:
         return plane
     height, width = plane.shape
-    ratio = (width * frame_size[0]) / max(1, height * frame_size[1])
-    if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
-        raise SourceError(
-            f"{name} is {say_size((height, width))}, its frame is {say_size(frame_size)} (width x "
-            "height): they show different pictures; give masks of the frame's size or aspect ratio"
-        )
+    require_same_picture((height, width), frame_size, name)
     if plane.dtype not in (np.uint8, np.uint16):  # OpenCV knows neither booleans nor uint32
         plane = plane.astype(np.uint8 if plane.dtype == bool else np.int32)
     return cv2.resize(plane, frame_size[::-1], interpolation=cv2.INTER_NEAREST)
+
+
+def require_same_picture(size: tuple[int, int], frame_size: tuple[int, int], name: str) -> None:
+    """Compares aspect ratios, by height and width.
+
+    Raises:
+      SourceError: If they differ by more than a hundredth.
+    """
+    (height, width), (frame_height, frame_width) = size, frame_size
+    ratio = (width * frame_height) / max(1, height * frame_width)
+    if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
+        raise SourceError(
+            f"{name} is {say_size(size)}, its frame is {say_size(frame_size)} (width x height): "
+            "they show different pictures; give masks of the frame's size or aspect ratio"
+        )
 
 
 def match_annotations(
@@ -209,6 +243,12 @@ def match_annotations(
     return dict(enumerate(files)) if len(files) == len(frame_names) else {}
 
 
+def _list(numbers: Sequence[int]) -> str:
+    """Numbers as text, the first of many."""
+    rest = f" and {len(numbers) - 20} others" if len(numbers) > 20 else ""
+    return ", ".join(map(str, numbers[:20])) + rest
+
+
 def _stem(name: str) -> str:
     pure = PurePosixPath(name)
     inner = PurePosixPath(pure.stem)
@@ -219,5 +259,10 @@ def instance_ids_in(labels: Integer[np.ndarray, "..."]) -> list[int]:
     """The numbers above 0, ascending."""
     if labels.dtype == bool or (labels.dtype.kind == "u" and labels.dtype.itemsize <= 2):
         # Counting takes a tenth of the time of sorting the pixels.
-        return [int(i) for i in np.flatnonzero(np.bincount(labels.ravel())) if i > 0]
+        pixels = labels.reshape(-1)
+        is_there = np.zeros(1 << 8 * labels.dtype.itemsize, bool)
+        for start in range(0, pixels.size, _CHUNK_PX):
+            counts = np.bincount(pixels[start : start + _CHUNK_PX])
+            is_there[: len(counts)] |= counts > 0
+        return [int(i) for i in np.flatnonzero(is_there) if i > 0]
     return [int(i) for i in np.unique(labels) if i > 0]

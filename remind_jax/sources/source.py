@@ -108,7 +108,7 @@ class SampledSource:
         self.num_frames = sampling.count(reader.num_entries, reader.fps)
         self.fps = sampling.rate(reader.fps)
         self.skipped: list[SkippedFrame] = []
-        self.notes = list(masks.notes) if masks is not None else []
+        self.notes = masks.notes if masks is not None else []  # masks go on to add to them
         self._reader, self._masks, self._sampling = reader, masks, sampling
         self._allow_size_change = allow_size_change
         self._reopen = reopen

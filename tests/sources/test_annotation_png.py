@@ -1,3 +1,5 @@
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -50,6 +52,7 @@ def test_damaged_files_are_refused(make, keep_bytes):
 def test_giant_picture_is_refused_before_memory_is_taken():
     header = bytearray(making.palette_png(making.instance_map()))
     header[16:24] = (100_000).to_bytes(4, "big") * 2
+    header[29:33] = zlib.crc32(header[12:29]).to_bytes(4, "big")
     with pytest.raises(UnreadableFrame, match="100000x100000"):
         read_label_map(bytes(header))
 

@@ -68,13 +68,22 @@ def test_file_about_other_things_says_nothing():
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        (b"{", "not valid JSON"),
-        (b"[1]", "JSON list"),
-        (b'{"id_to_label": {"one": "cup"}}', "'one' in 'm.json' is not a whole number"),
-        (b'{"id_to_label": {"1": 5}}', "instance 1 in 'm.json' has the class 5"),
-        (b'{"id_to_class": {"1": " "}}', "instance 1 in 'm.json'"),
+        (b"{", "cut short"),
+        (b"[1]", "found a list of 1, allowed is a mapping"),
+        (b'{"id_to_label": {"one": "cup"}}', "'m.json': instance id 'one' is not a whole number"),
+        (b'{"id_to_label": {"1": 5}}', "'m.json', instance 1: found 5, allowed is text"),
+        (b'{"id_to_class": {"1": " "}}', "'m.json', instance 1: its class is ' '"),
         (b'{"default_class": 3}', "default_class"),
-        (b"[" * 100_000, "not valid JSON"),
+        (b"[" * 100_000, "allowed is a mapping"),
+        (b'{"id_to_class": {"99999999999": "a"}}', "not a whole number"),
+        (b'{"id_to_class": {"1": NaN}}', "m.json"),
+        (b'{"id_to_class": {"1": "' + b"x" * 201 + b'"}}', "at most 200 characters"),
+        (b'{"frame_names": ["../a.jpg"]}', "leads out of its folder"),
+        (b'{"frame_names": ["/a.jpg"]}', "leads out of its folder"),
+        (b'{"frame_names": ["a.jpg", "a.jpg"]}', "stands twice"),
+        ("\u00e9".encode("latin-1"), "not UTF-8"),
+        (b'{"segGroups": [{"objectId": [1]}]}', "row 1"),
+        (b'{"segGroups": [{"label": "a"}]}', "`objectId` is missing"),
     ],
 )
 def test_damaged_metadata_is_one_sentence(content, named):

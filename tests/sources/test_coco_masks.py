@@ -155,25 +155,80 @@ def test_random_codes_are_decoded_or_refused(counts):
     assert mask.shape == (3, 4)
 
 
-def test_malformed_code_skips_its_frame(tmp_path):
-    content = [
-        {
-            "frame": 3,
-            "detections": [{"label": "a", "segmentation": {"size": [4, 6], "counts": "9"}}],
-        }
-    ]
-    source = opened(tmp_path, content)
-    assert [f.name for f in source] == ["00004.png"]
-    assert "run-length" in source.skipped[0].reason
+GOOD = {"image_id": 3, "label": "a", "segmentation": RLE}
+BAD_ROWS = {
+    "code": {"segmentation": {"size": [4, 6], "counts": "9"}},
+    "huge code": {"segmentation": {"size": [60000, 60000], "counts": "PPkjmn3"}},
+    "plain runs": {"segmentation": {"size": [4, 6], "counts": [25]}},
+    "negative run": {"segmentation": {"size": [4, 6], "counts": [-1, 25]}},
+    "far away": {"segmentation": [[0, 0, 1e9, 0, 5, 5]]},
+    "odd polygon": {"segmentation": [[0, 0, 1, 1, 2, 2, 3]]},
+    "long outline": {"segmentation": [[0, 0, 1e5, 1e5] * 100]},
+    "short polygon": {"segmentation": [[0, 0, 1, 1]]},
+    "score": {"score": 1.5},
+    "score as text": {"score": "high"},
+    "class": {"category_id": "cup"},
+    "label": {"label": "x" * 201},
+    "empty label": {"label": ""},
+    "no mask": {"segmentation": None},
+    "negative box": {"segmentation": None, "bbox": [1, 2, -3, 4]},
+    "short box": {"segmentation": None, "bbox": [1, 2]},
+    "no image": {"image_id": None},
+    "other size": {"segmentation": encode(np.ones((30, 7), bool))},
+}
+
+
+@pytest.mark.parametrize("bad", BAD_ROWS.values(), ids=BAD_ROWS)
+def test_a_bad_row_is_left_out_counted_and_told(tmp_path, bad):
+    source = opened(tmp_path, [GOOD, {**GOOD, **bad}, GOOD])
+    for _ in range(2):  # sources are iterated more than once
+        assert seen(source) == [(("a", "a"), [1.0, 1.0]), ((), [])]
+    (note,) = source.notes
+    assert note.startswith(f"1 of 3 detections are left out, the first: '{tmp_path / 'd.json'}', ")
+    with pytest.raises(SourceError):
+        list(opened(tmp_path, [{**GOOD, **bad}]))
+
+
+@pytest.mark.parametrize("text", ["NaN", "-Infinity", '"\\ud800"', "[" * 500 + "]" * 500, "1e400"])
+def test_rows_that_are_no_json_are_refused(tmp_path, text):
+    row = json.dumps({**GOOD, "score": 7}).replace("7}", f"{text}}}")
+    with pytest.raises(SourceError, match=r"d\.json"):
+        opened(tmp_path, f"[{row}]")
+
+
+def test_bad_masks_of_a_video_are_left_out_alone(tmp_path):
+    tracks = [{"id": 9, "video_id": 1, "label": "tv", "segmentations": [RLE, {"size": [1]}]}]
+    source = opened(tmp_path, {"videos": [{"id": 1}], "annotations": tracks})
+    assert seen(source) == [(("tv",), [1.0]), ((), [])]
+    assert "1 of 2 detections are left out" in source.notes[0]
 
 
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        ("{", "not valid JSON"),
+        ([{"frame": 3, "detections": []}, {"frame": 3, "detections": []}], "frame 3 is twice"),
+        ([{"detections": [{"label": "a", "bbox": [0, 0, 1, 1]}]}], "`frame` is missing"),
+        (
+            {"annotations": [GOOD], "categories": [{"id": 1, "name": n} for n in "ab"]},
+            "id 1 is both 'a' and 'b'",
+        ),
+        ({"annotations": [GOOD], "categories": [{"id": 1}]}, "`name` is missing"),
+        ({"annotations": {}}, "annotations"),
+        ({"annotations": [GOOD], "images": [{"file_name": "a"}]}, "`id` is missing"),
+    ],
+)
+def test_files_that_contradict_themselves_are_refused(tmp_path, content, why):
+    with pytest.raises(SourceError, match=why):
+        opened(tmp_path, content)
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("{", "cut short"),
         ({"a": 1}, "no detections in a known form"),
-        ([1, 2], "no detections in a known form"),
-        ([{"category_id": 1}], "incomplete"),
+        ([1, 2], "not one of 2 detections can be used.*row 1: found 1"),
+        ([{"category_id": 1}], "`image_id` is missing"),
         ([{"image_id": 77, "category_id": 1, "segmentation": RLE}], "no detection in"),
         (
             {

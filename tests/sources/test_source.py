@@ -38,7 +38,7 @@ class Reader:
 class Masks:
     """One detection in every frame."""
 
-    notes = ("one sentence",)
+    notes = ["one sentence"]  # noqa: RUF012
 
     def detections_of(self, entry, frame_size):
         return Detections.create(np.ones((1, *frame_size), bool))

@@ -1,0 +1,135 @@
+"""Picture files before they are decoded: what they are, how large, and whether they are whole.
+
+A library takes memory for any size that a header claims, and writes to the terminal on its own
+where it finds damage. Fields are those of the specifications of PNG, JPEG, WebP, BMP and TIFF.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+from remind_jax.sources.source import UnreadableFrame
+
+MOST_PIXELS = 1 << 26  # 8192 x 8192
+MOST_SIDE = 1 << 16
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG_START, _JPEG_SCAN, _JPEG_END = b"\xff\xd8", 0xDA, b"\xff\xd9"
+_JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # segments that tell the size
+_JPEG_ALONE = {0x01, *range(0xD0, 0xD8)}  # marks without a length
+_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_CUT = "it is cut off or damaged"
+
+
+def check_picture(data: bytes) -> tuple[int, int]:
+    """Height and width of a picture, as its header says.
+
+    Raises:
+      UnreadableFrame: If it is no picture of a known kind, without pixels, too large, or cut off.
+    """
+    if not data:
+        raise UnreadableFrame("the file is empty")
+    measure = next((m for magic, m in _KINDS if data.startswith(magic)), None)
+    if measure is None:
+        raise UnreadableFrame("it is no picture; give PNG, JPEG, WebP, BMP or TIFF")
+    try:
+        height, width = measure(data)
+    except (struct.error, IndexError) as error:
+        raise UnreadableFrame(_CUT) from error
+    if not 0 < width <= MOST_SIDE or not 0 < height <= MOST_SIDE or width * height > MOST_PIXELS:
+        raise UnreadableFrame(
+            f"it claims {width}x{height} pixels; a side has 1 to {MOST_SIDE}, a picture at most "
+            f"{MOST_PIXELS}"
+        )
+    return height, width
+
+
+def _measure_png(data: bytes) -> tuple[int, int]:
+    """Goes through all chunks, comparing their checksums."""
+    size: tuple[int, int] | None = None
+    at = len(_PNG)
+    while True:
+        length, kind = struct.unpack_from(">I4s", data, at)
+        (checksum,) = struct.unpack_from(">I", data, at + 8 + length)
+        if zlib.crc32(memoryview(data)[at + 4 : at + 8 + length]) != checksum:
+            raise UnreadableFrame("it is damaged")
+        if kind == b"IHDR":
+            width, height = struct.unpack_from(">II", data, at + 8)
+            size = height, width
+        elif size is None:
+            raise UnreadableFrame("it is damaged")
+        elif kind == b"IEND":
+            return size
+        at += 12 + length
+
+
+def _measure_jpeg(data: bytes) -> tuple[int, int]:
+    """Goes through all segments up to the scan, and looks for the end after it.
+
+    A preview inside of a segment has an end mark of its own; within the scan none can occur by
+    chance. OpenCV 4 fills what is missing with gray instead.
+    """
+    size: tuple[int, int] | None = None
+    at = 2
+    while True:
+        if data[at] != 0xFF:
+            raise UnreadableFrame(_CUT)
+        mark = data[at + 1]
+        if mark == 0xFF or mark in _JPEG_ALONE:
+            at += 1 if mark == 0xFF else 2
+            continue
+        if mark == _JPEG_SCAN:
+            break
+        (length,) = struct.unpack_from(">H", data, at + 2)
+        if mark in _JPEG_FRAMES:
+            height, width = struct.unpack_from(">HH", data, at + 5)
+            size = height, width
+        at += 2 + length
+    if size is None or data.find(_JPEG_END, at) < 0:
+        raise UnreadableFrame(_CUT)
+    return size
+
+
+def _measure_webp(data: bytes) -> tuple[int, int]:
+    length, name, kind = struct.unpack_from("<I4s4s", data, 4)
+    if name != b"WEBP" or len(data) < length + 8:
+        raise UnreadableFrame(_CUT)
+    if kind == b"VP8X":  # the canvas, less one
+        return int.from_bytes(data[27:30], "little") + 1, int.from_bytes(data[24:27], "little") + 1
+    if kind == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return (bits >> 14 & 0x3FFF) + 1, (bits & 0x3FFF) + 1
+    width, height = struct.unpack_from("<HH", data, 26)
+    return height & 0x3FFF, width & 0x3FFF
+
+
+def _measure_bmp(data: bytes) -> tuple[int, int]:
+    (header,) = struct.unpack_from("<I", data, 14)
+    if header == 12:
+        width, height = struct.unpack_from("<HH", data, 18)
+    else:
+        width, height = struct.unpack_from("<ii", data, 18)
+    return abs(height), width  # rows may go downward
+
+
+def _measure_tiff(data: bytes) -> tuple[int, int]:
+    order = "<" if data[:2] == b"II" else ">"
+    (at,) = struct.unpack_from(f"{order}I", data, 4)
+    (count,) = struct.unpack_from(f"{order}H", data, at)
+    sides = {_TIFF_WIDTH: 0, _TIFF_HEIGHT: 0}
+    for entry in range(at + 2, at + 2 + 12 * count, 12):
+        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
+        if tag in sides:
+            (sides[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, entry + 8)
+    return sides[_TIFF_HEIGHT], sides[_TIFF_WIDTH]
+
+
+_KINDS = (
+    (_PNG, _measure_png),
+    (_JPEG_START, _measure_jpeg),
+    (b"RIFF", _measure_webp),
+    (b"BM", _measure_bmp),
+    (b"II*\0", _measure_tiff),
+    (b"MM\0*", _measure_tiff),
+)

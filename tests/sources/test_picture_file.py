@@ -1,0 +1,102 @@
+"""What headers of pictures say, and what is refused for it before memory is taken."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from remind_jax.sources.image_folder import decode_image
+from remind_jax.sources.picture_file import check_picture
+from remind_jax.sources.source import UnreadableFrame
+from tests.sources import making
+
+KINDS = {
+    "png": (".png", []),
+    "jpeg": (".jpg", []),
+    "progressive jpeg": (
+        ".jpg",
+        [cv2.IMWRITE_JPEG_PROGRESSIVE, 1, cv2.IMWRITE_JPEG_RST_INTERVAL, 2],
+    ),
+    "lossy webp": (".webp", [cv2.IMWRITE_WEBP_QUALITY, 50]),
+    "lossless webp": (".webp", [cv2.IMWRITE_WEBP_QUALITY, 101]),
+    "bmp": (".bmp", []),
+    "tiff": (".tiff", []),
+}
+
+
+def encoded(kind: str, height: int = 7, width: int = 19) -> bytes:
+    suffix, options = KINDS[kind]
+    ok, data = cv2.imencode(suffix, making.picture(1, (height, width)), options)
+    assert ok
+    return data.tobytes()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_sizes_are_those_of_the_pixels(kind):
+    assert check_picture(encoded(kind)) == decode_image(encoded(kind)).shape[:2] == (7, 19)
+
+
+@given(
+    kind=st.sampled_from(list(KINDS)),
+    keep=st.floats(0, 1),
+    flips=st.lists(st.integers(0), max_size=3),
+)
+def test_whatever_is_damaged_is_decoded_or_refused(kind, keep, flips):
+    data = bytearray(encoded(kind))
+    data = data[: round(keep * len(data))]
+    for flip in flips:
+        if data:
+            data[flip // 8 % len(data)] ^= 1 << flip % 8
+    try:
+        decode_image(bytes(data))
+    except UnreadableFrame:
+        return
+
+
+@pytest.mark.parametrize("at", [30, 45])
+def test_a_flipped_bit_of_a_png_is_found_by_its_checksum(at):
+    data = bytearray(encoded("png"))
+    data[at] ^= 4
+    with pytest.raises(UnreadableFrame, match="damaged"):
+        check_picture(bytes(data))
+
+
+def claim(kind: str, height: int, width: int) -> bytes:
+    """A small file of a kind that claims another size."""
+    data = bytearray(encoded(kind))
+    if kind == "png":
+        data[16:24] = struct.pack(">II", width, height)
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    elif kind == "jpeg":
+        at = data.find(b"\xff\xc0")
+        data[at + 5 : at + 9] = struct.pack(">HH", height, width)
+    elif kind == "bmp":
+        data[18:26] = struct.pack("<ii", width, height)
+    else:
+        (at,) = struct.unpack_from("<I", data, 4)
+        (count,) = struct.unpack_from("<H", data, at)
+        for entry in range(at + 2, at + 2 + 12 * count, 12):
+            (tag,) = struct.unpack_from("<H", data, entry)
+            if tag in (256, 257):
+                struct.pack_into("<HHII", data, entry, tag, 4, 1, width if tag == 256 else height)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg", "bmp", "tiff"])
+@pytest.mark.parametrize("size", [(60000, 60000), (0, 5), (5, 0)])
+def test_impossible_sizes_are_refused(kind, size):
+    with pytest.raises(UnreadableFrame, match=f"claims {size[1]}x{size[0]} pixels"):
+        check_picture(claim(kind, *size))
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"GIF89a", b"<svg/>", b"P6 60000 60000 255\n", b"\xff\xd8\xff", b"RIFF", b"BM"]
+)
+def test_what_is_no_picture_is_refused(data):
+    with pytest.raises(UnreadableFrame):
+        check_picture(data)
