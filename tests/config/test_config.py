@@ -28,7 +28,9 @@ def test_remind_differs_from_published_where_users_need_it():
     changed = load_config("remind").difference(load_config("published"))
     keys = [
         "input.ignored_classes",
+        "thresholds.similarity.nominal_if_silent",
         "thresholds.matching.one_detection_each",
+        "thresholds.update.keep_first",
         "backbone_profile",
     ]
     assert [key for key, _, _ in changed] == keys

@@ -31,6 +31,7 @@ RING_PROTOTYPES = 3  # only with `static.ring_prototypes`
 NUM_TERMS = 3
 _SUMMED = (OBJECT, BACKGROUND, RING_PROTOTYPES, PARTS)  # in this order, as in the original
 _SLOTS_AT_ONCE = 4
+_NO_WEIGHT = 1e-12  # at most
 Rule = Literal["work", "stable", "prefer_stable", "max"]
 
 
@@ -398,14 +399,19 @@ def weighted_mean(
     weights: Float[Array, "T N #O"],
     t: Similarity,
 ) -> Float[Array, "N O"]:
-    """One score from the present terms of positive nominal weight (method.md#visual-score)."""
+    """One score from the present terms of positive nominal weight.
+
+    Rules: method.md#visual-score, method.md#first-view.
+    """
     nominal = [t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight]
     nominal = jnp.stack(nominal[: len(value)])
     counted = present & (nominal > 0)[:, None, None]
     weights = jnp.where(counted, weights, 0.0)
+    silent = t.nominal_if_silent & (jnp.sum(weights, axis=0) <= _NO_WEIGHT)
+    weights = jnp.where(silent & counted, nominal[:, None, None], weights)
     total, weight = jnp.zeros(value.shape[1:], value.dtype), jnp.zeros(value.shape[1:], value.dtype)
     for term in [term for term in _SUMMED if term < len(value)]:
         total = total + weights[term] * jnp.where(counted[term], value[term], 0.0)
         weight = weight + weights[term]
-    mean = jnp.where(weight > 1e-12, total / jnp.maximum(weight, 1e-12), 0.0)
+    mean = jnp.where(weight > _NO_WEIGHT, total / jnp.maximum(weight, _NO_WEIGHT), 0.0)
     return jnp.where(t.renormalize, mean, total)

@@ -1,10 +1,11 @@
 """What an observation does to the prototype banks of an object: the one rule of all channels.
 
 An observation refreshes the prototype that it resembles, or founds one in the work bank
-(method.md#banks). A work prototype that proved itself is promoted (method.md#bank-promotion): as a
-whole or a ring, it moves to the stable bank; as a part or a patch of a ring, it stays and feeds
-the stable bank. A full bank merges its closest pair, or gives up its weakest prototype
-(method.md#bank-room). What differs between the channels is data: a `Channel`, see `channels`.
+(method.md#banks, method.md#first-view). A work prototype that proved itself is promoted
+(method.md#bank-promotion): as a whole or a ring, it moves to the stable bank; as a part or a patch
+of a ring, it stays and feeds the stable bank. A full bank merges its closest pair, or gives up its
+weakest prototype (method.md#bank-room). What differs between the channels is data: a `Channel`, see
+`channels`.
 
 Letters: `C` channels of a kind, `N` detections, `S` slots, `D` dimensions.
 """
@@ -86,6 +87,7 @@ class Channel:
     promote_quality: Float[Array, ""] | float = 0.0  # least mean quality of a proven one
     promotes: Bool[Array, ""] | bool = True
     create_quality: Float[Array, ""] | float = 0.0  # least quality of what founds a prototype
+    keeps_first: Bool[Array, ""] | bool = False  # in empty banks any quality will do
     refreshes_work: Bool[Array, ""] | bool = True  # a work duplicate counts
     novel: Float[Array, ""] | None = None  # nothing closer founds a prototype; None: anything may
     novel_when_full: bool = False  # that holds for a full work bank only
@@ -154,7 +156,9 @@ def _observe_one(
     stable = write(stable, twin, joined, leaves & joins)
     work = remove(work, work_at, leaves)
 
-    founds = present & ~in_stable & ~in_work & permit.insert & (quality >= c.create_quality)
+    empty = (banks.work.size == 0) & (banks.stable.size == 0)
+    good = (quality >= c.create_quality) | (c.keeps_first & empty)
+    founds = present & ~in_stable & ~in_work & permit.insert & good
     if c.novel is not None:
         founds = founds & (jnp.maximum(stable_cosine, work_cosine) <= c.novel)
     fresh = new_entry(vector, quality, now)

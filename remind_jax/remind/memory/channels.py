@@ -80,6 +80,7 @@ def observe_appearance(
         promote_quality=a.promote_quality,
         promotes=a.promote_hits > 0,
         create_quality=a.create_quality,
+        keeps_first=t.update.keep_first,
         refreshes_work=a.refresh_work,
         novel=a.novel if static.appearance_insert == "novel" else None,
     )
@@ -101,6 +102,7 @@ def observe_rings(
         promote_hits=b.promote_hits,
         promote_quality=b.promote_quality,
         create_quality=b.create_quality,
+        keeps_first=t.update.keep_first,
         stable_waits=True,
     )
     quality = ring_quality(d.ring_patches, d.mask_quality, b)

@@ -34,6 +34,8 @@ class Similarity:
         more="they decide more (static.ring_prototypes)", key=f"{_W}.background_partials")
     renormalize: Gate = setting(True, "divide by the weights of the channels that are present",
         key="association.matching.renormalize_missing")
+    nominal_if_silent: Gate = setting(False,
+        "where quality leaves no channel any weight, they keep their own")
     inner_share: Real = setting(0.60, "weight of the inner ring in the background score", "weight",
         more="the close background decides more", key="memory.background.combine_weights.inner")
     outer_share: Real = setting(0.40, "weight of the outer ring in it", "weight",

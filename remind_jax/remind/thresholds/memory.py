@@ -170,8 +170,9 @@ class Lifecycle:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Update:
-    """How much of a matched observation reaches memory (method.md#update-permit)."""
+    """How much of an observation reaches memory (method.md#update-permit, method.md#first-view)."""
 
+    keep_first: Gate = setting(False, "empty banks take what comes first, whatever its quality")
     gated: Gate = setting(False, "only clear matches change memory freely",
         key="update.robust_updates.enabled")
     ambiguous_rate: Real = setting(0.2, "share of the step after an ambiguous match", "share",
