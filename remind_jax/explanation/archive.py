@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import io
 import typing
-import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
@@ -21,6 +20,7 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.errors import OutputError
+from remind_jax.files.tensors import read_npz
 from remind_jax.method import named_leaves
 
 TRACE_NAME = "trace.npz"
@@ -129,27 +129,27 @@ class TraceArchive(Generic[Record]):
             return
         path = self._path
         try:
-            # NumPy leaves open what it cannot read.
-            files.check_regular(path)
-            with path.open("rb") as stream, np.load(stream) as file:
-                tracker, version = str(file["tracker"]), int(file["version"])
-                if tracker != self._tracker:
-                    raise OutputError(
-                        f"'{path}' is the trace of tracker '{tracker}', not '{self._tracker}' as "
-                        "the run says; run the tracker again with --trace"
-                    )
-                if version > VERSION:
-                    raise OutputError(
-                        f"'{path}' has version {version}, this remind-jax reads up to {VERSION}; "
-                        "upgrade remind-jax"
-                    )
-                columns = {name: file[name] for name in file.files}
+            columns = read_npz(path, refused=OutputError)
+        except OutputError as error:
+            raise OutputError(f"{error}; run the tracker again with --trace") from error
+        try:
+            tracker, version = str(columns["tracker"]), int(columns["version"])
+            if tracker != self._tracker:
+                raise OutputError(
+                    f"'{path}' is the trace of tracker {tracker[:100]!r}, not '{self._tracker}' as "
+                    "the run says; run the tracker again with --trace"
+                )
+            if version > VERSION:
+                raise OutputError(
+                    f"'{path}' has version {version}, this remind-jax reads up to {VERSION}; "
+                    "upgrade remind-jax"
+                )
             self._frames = _split(self._kind, columns)
             names = columns["label.id"].tolist(), columns["label.name"].tolist()
-            self._labels = dict(zip(*names, strict=True))
+            self._labels = {int(i): str(name) for i, name in zip(*names, strict=True)}
         except OutputError:
             raise
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        except (OSError, ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
             raise OutputError(
                 f"'{path}' is damaged ({type(error).__name__}: {error}); run the tracker again "
                 "with --trace"
@@ -183,21 +183,27 @@ def _join(parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 def _split(kind: type[Record], columns: Mapping[str, np.ndarray]) -> dict[int, Record]:
     """The records by frame index."""
+    index, num = columns["frame.index"].tolist(), columns["frame.detections"].tolist()
     leaves = {
-        path: _cut(column, columns[f"shape.{path}"])
+        path: _cut(path, column, columns[f"shape.{path}"], len(index))
         for path, column in columns.items()
         if f"shape.{path}" in columns
     }
     return {
-        index: _rebuild(kind, {path: parts[place] for path, parts in leaves.items()})
-        for place, index in enumerate(columns["frame.index"].tolist())
+        number: _rebuild(kind, {path: parts[place] for path, parts in leaves.items()}, rows)
+        for place, (number, rows) in enumerate(zip(index, num, strict=True))
     }
 
 
-def _cut(column: np.ndarray, shapes: np.ndarray) -> list[np.ndarray]:
+def _cut(path: str, column: np.ndarray, shapes: np.ndarray, num_frames: int) -> list[np.ndarray]:
     """A leaf in each frame."""
+    if shapes.shape != (num_frames, column.ndim - bool(shapes.shape[-1] == 0)):
+        raise ValueError(f"'{path}' does not have a shape for each of {num_frames} frames")
     if not shapes.shape[1]:
         return list(column)
+    rows = shapes[:, 0].sum(dtype=np.int64)
+    if shapes.min(initial=0) < 0 or rows != len(column) or (shapes[:, 1:] > column.shape[1:]).any():
+        raise ValueError(f"'{path}' has other rows than its shapes say")
     parts = np.split(column, np.cumsum(shapes[:-1, 0]))
     return [
         part[(slice(None), *(slice(n) for n in shape[1:]))]
@@ -205,14 +211,36 @@ def _cut(column: np.ndarray, shapes: np.ndarray) -> list[np.ndarray]:
     ]
 
 
-def _rebuild(kind: type, leaves: Mapping[str, np.ndarray], path: str = "") -> Any:
-    """Nested dataclasses from leaves by dotted path."""
+def _rebuild(kind: type, leaves: Mapping[str, np.ndarray], num: int, path: str = "") -> Any:
+    """Nested dataclasses from leaves by dotted path, for a frame of `num` detections."""
     fields = typing.get_type_hints(kind)
-    return kind(
-        **{
-            name: _rebuild(fields[name], leaves, f"{path}{name}.")
-            if dataclasses.is_dataclass(fields[name])
-            else leaves[path + name]
-            for name in (field.name for field in dataclasses.fields(kind))
-        }
+    values = {}
+    for name in (field.name for field in dataclasses.fields(kind)):
+        if dataclasses.is_dataclass(fields[name]):
+            values[name] = _rebuild(fields[name], leaves, num, f"{path}{name}.")
+        else:
+            values[name] = leaves[path + name]
+            _check_leaf(values[name], fields[name], num, path + name)
+    return kind(**values)
+
+
+def _check_leaf(leaf: np.ndarray, kind: Any, num: int, path: str) -> None:
+    """Compares an array with its annotation: kind of number, dimensions, one row a detection.
+
+    Raises:
+      ValueError: If it differs.
+    """
+    kind = next(iter(typing.get_args(kind)), kind)  # of a choice, which tests make of it
+    dimensions = kind.dim_str.split()
+    expected = [
+        num if name == "N" else int(name) if name.isdigit() else None for name in dimensions
+    ]
+    fits = leaf.ndim == len(expected) and all(
+        side in (None, found) for side, found in zip(expected, leaf.shape, strict=True)
     )
+    letter = {"Bool": "b", "Int": "i", "Float": "f"}[kind.__name__.partition("[")[0]]
+    if not fits or leaf.dtype.kind != letter:
+        raise ValueError(
+            f"'{path}' is {leaf.dtype} {list(leaf.shape)}, in a frame of {num} detections it is "
+            f"{kind.__name__.partition('[')[0]} '{kind.dim_str}'"
+        )

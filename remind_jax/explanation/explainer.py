@@ -74,7 +74,13 @@ class Explainer(abc.ABC, Generic[Record]):
             raise OutputError(
                 f"the trace does not fit frame {frame} of the run; run again with --trace"
             )
-        explanation = self._explain(record, tracks, detection)
+        try:
+            explanation = self._explain(record, tracks, detection)
+        except (ValueError, IndexError, KeyError) as error:  # of codes and ids that there are not
+            raise OutputError(
+                f"the trace of frame {frame} is damaged ({type(error).__name__}: {error}); run "
+                "again with --trace"
+            ) from error
         if tracks.reason[detection] != Reason.SEEN_TOO_FEW_TIMES:
             return explanation
         unannounced = (

@@ -18,7 +18,8 @@ from remind_jax.files import reading
 from remind_jax.files.records import decode_json
 
 MOST_TENSOR_BYTES = 16 << 30  # of a file of weights or a memory, which is as large as its arrays
-MOST_NPZ_BYTES = 8 << 30  # of all members together, as they are in memory
+MOST_NPZ_BYTES = 1 << 30  # of all members together, as they are in memory
+MOST_RATIO = 20  # or so often the bytes of the file, where that is more
 MOST_MEMBERS = 10_000
 MOST_DIMENSIONS = 32
 _MOST_HEADER_BYTES = 64 << 20
@@ -123,7 +124,7 @@ def read_npz(
       path: The file.
       refused: Kind of error.
       names: Only arrays of these names are read; all if left out.
-      most_bytes: Of the arrays together, in memory.
+      most_bytes: Of the arrays together in memory, or `MOST_RATIO` times the size of the file.
 
     Raises:
       RemindError: Of kind `refused`, if the file cannot be read, is no NPZ file, is damaged, holds
@@ -132,6 +133,7 @@ def read_npz(
     where = f"'{path}'"
     try:
         reading.check_regular(path)
+        most_bytes = max(most_bytes, MOST_RATIO * Path(path).stat().st_size)
         with Path(path).open("rb") as stream, zipfile.ZipFile(stream) as archive:
             members = _check_members(archive, where, refused, most_bytes, names)
             return {name: _read_member(archive, info) for name, info in members.items()}

@@ -131,3 +131,31 @@ def test_other_ids_are_given_to_objects_and_not_to_tracks(archive):
     places = (before.detections.candidates.id, after.detections.candidates.id)
     np.testing.assert_array_equal(swap(places[0]), places[1])
     assert renumbered.labels == {1: "mug", 0: "Teetasse ☕"}
+
+
+def _with(path, **changes):
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, **{**arrays, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"frame.index": np.arange(3)}, "damaged"),
+        ({"frame.detections": np.zeros(4, np.int32)}, "in a frame of 0 detections it is Int 'N'"),
+        ({"decisions.score": np.zeros(4, "U3")}, "'decisions.score' is <U3"),
+        ({"decisions.score": np.zeros(3, np.float32)}, "has other rows than its shapes say"),
+        ({"shape.decisions.score": np.full((4, 1), -1)}, "has other rows than its shapes say"),
+        ({"shape.decisions.score": np.zeros((4, 3), int)}, "does not have a shape for each of 4"),
+        ({"label.id": np.array(["a", "b"])}, "damaged"),
+        ({"label.name": np.array(["a"])}, "damaged"),
+        ({"version": np.array([1, 2])}, "damaged"),
+        ({"tracker": np.array([{"a": 1}], object)}, "'tracker' holds Python objects"),
+    ],
+)
+def test_what_does_not_fit_is_refused(archive, tmp_path, changes, said):
+    archive.save(tmp_path / TRACE_NAME)
+    _with(tmp_path / TRACE_NAME, **changes)
+    with pytest.raises(OutputError, match=said):
+        new_archive(tmp_path / TRACE_NAME).frame(0)
