@@ -25,6 +25,8 @@ MOST_LABEL = 200  # characters of a label
 MOST_TEXT = 10_000  # characters of any other text
 MOST_ROWS = 10_000_000
 MOST_LINE_BYTES = 32 << 20
+MOST_MAPPINGS = 4_000_000  # in a JSON file: as records these take up to about a gibibyte
+MOST_ITEMS = 30_000_000  # in a JSON file, likewise
 MOST_YAML_BYTES = 256 << 10  # a second or two
 MOST_VALUES = 100_000  # in a mapping that came otherwise; aliases of YAML count as often as used
 MOST_DEPTH = 32
@@ -94,6 +96,10 @@ def decode_json(
     if wrong := reading.wrong_encoding(data):
         raise refused(f"{where}: {wrong}")
     data = data.removeprefix(b"\xef\xbb\xbf")
+    if len(data) > MOST_MAPPINGS:  # shorter text cannot hold more
+        for what, mark, most in (("mappings", b"{", MOST_MAPPINGS), ("items", b",", MOST_ITEMS)):
+            if data.count(mark) > most:
+                raise refused(f"{where} holds over {most} {what}, which are not read; split it")
     try:
         return _decoder(record).decode(data)
     except (msgspec.DecodeError, RecursionError) as error:

@@ -13,6 +13,7 @@ from remind_jax.errors import close_names
 
 _SMALL_BYTES = 16 << 20  # up to here a refused text is decoded again, to show what was found
 _MOST_SHOWN = 40  # characters of a value
+_MOST_SAID = 100_000  # longer limits of lists are not mentioned
 _PATH = re.compile(r" - at (?:`key` in )?`(\$[^`]*)`$")
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+|\.\.\.)\]")
 _MISSING = re.compile(r"^Object missing required field `([^`]*)`")
@@ -176,7 +177,8 @@ def _say_kind(kind: inspect.Type) -> str:
     if isinstance(kind, inspect.TupleType):
         return f"a list of {len(kind.item_types)}"
     if isinstance(kind, (inspect.ListType, inspect.VarTupleType)):
-        return "a list" + _say_range(kind.min_length, kind.max_length, noun=" in length")
+        most = kind.max_length if (kind.max_length or 0) < _MOST_SAID else None
+        return "a list" + _say_range(kind.min_length, most, noun=" in length")
     if isinstance(kind, (inspect.StructType, inspect.DictType)):
         return "a mapping"
     names = {inspect.BoolType: "true or false", inspect.NoneType: "null"}

@@ -184,3 +184,12 @@ def test_mappings_are_checked_alike(value, said):
 
 def test_a_mapping_becomes_a_record():
     assert check({"number": 2, "sides": (1, 2)}, Part, "'x'") == Part(2, sides=[1, 2])
+
+
+@pytest.mark.parametrize(
+    ("part", "what"), [(b"{},", "4000000 mappings"), (b"1,", "30000000 items")]
+)
+def test_totals_are_compared_before_decoding(part, what):
+    data = b"[" + part * 31_000_000 + b"1]"
+    with pytest.raises(SourceError, match=f"'x' holds over {what}, which are not read; split it"):
+        decode_json(data, list[Any], "'x'")

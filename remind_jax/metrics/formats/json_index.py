@@ -14,7 +14,9 @@ from hotcoco import mask as coco
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
+from remind_jax.metrics.formats.json_records import ImageRecord, Labeling, Shape, TrackFile
 from remind_jax.metrics.formats.rows import Federation
+from remind_jax.sources.coco_rows import Code, say_bad_segmentation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,53 +53,58 @@ class JsonIndex:
         return place_categories(self.categories)
 
 
-def index_json(content: Mapping[str, Any]) -> JsonIndex:
+def index_json(content: TrackFile) -> JsonIndex:
     """Reads `videos`, `images` and `categories` of a truth file.
 
     Frames of a video are its `file_names` or `length` (YouTube-VIS), else its images in the order
     of `frame_index` (TAO) or `frame_id` (CocoVID).
     """
-    categories = {c["id"]: str(c.get("name", c["id"])) for c in content.get("categories") or ()}
-    images_of: dict[Any, list[Mapping[str, Any]]] = {}
-    for image in content.get("images") or ():
-        images_of.setdefault(image.get("video_id"), []).append(image)
+    categories = name_categories(content)
+    images_of: dict[Any, list[ImageRecord]] = {}
+    for image in content.images or ():
+        images_of.setdefault(image.video_id, []).append(image)
     places: dict[Any, tuple[Any, int]] = {}
     videos: dict[Any, Video] = {}
-    for video in content["videos"]:
-        images = sorted(images_of.get(video["id"], ()), key=_frame_number)
-        places |= {image["id"]: (video["id"], place) for place, image in enumerate(images)}
-        names = video.get("file_names") or [i["file_name"] for i in images if "file_name" in i]
-        length = len(images) if images else int(video.get("length", len(names)))
-        height, width = video.get("height"), video.get("width")
-        videos[video["id"]] = Video(
-            name=str(video.get("name") or _common_folder(names) or video["id"]),
+    for video in content.videos or ():
+        images = sorted(images_of.get(video.id, ()), key=_frame_number)
+        places |= {image.id: (video.id, place) for place, image in enumerate(images)}
+        names = video.file_names or tuple(i.file_name for i in images if i.file_name is not None)
+        length = len(names) if video.length is None else video.length
+        length = len(images) if images else length
+        videos[video.id] = Video(
+            name=str(video.name or _common_folder(names) or video.id),
             num_frames=length,
-            frame_names=tuple(names) if names and len(names) == length else None,
-            size=(int(height), int(width)) if height and width else None,
+            frame_names=names if names and len(names) == length else None,
+            size=(video.height, video.width) if video.height and video.width else None,
             federation=read_federation(video, categories),
         )
     merged = {
-        part["id"]: category["id"]
-        for category in content.get("categories") or ()
-        for part in category.get("merged") or ()
+        part.id: category.id
+        for category in content.categories or ()
+        for part in category.merged or ()
     }
     return JsonIndex(videos, places, categories, merged)
 
 
+def name_categories(content: TrackFile) -> dict[int, str]:
+    """Names of the categories by their number, which stands for a missing name."""
+    return {c.id: str(c.id if c.name is None else c.name) for c in content.categories or ()}
+
+
 def read_federation(
-    video: Mapping[str, Any], categories: Mapping[int, str], unused: Collection[int] = ()
+    video: Labeling, categories: Mapping[int, str], unused: Collection[int] = ()
 ) -> Federation | None:
     """What a video's truth says of its labeling; None where it says nothing.
 
     `unused` are categories that are not evaluated.
     """
-    keys = ("neg_category_ids", "not_exhaustive_category_ids")
-    if not any(key in video for key in keys):
+    said = (video.neg_category_ids, video.not_exhaustive_category_ids)
+    if said == (None, None):
         return None
     places = place_categories(categories)
     absent, incomplete = (
-        frozenset(places[number] for number in video.get(key) or () if number in places)
-        for key in keys
+        frozenset(places[number] for number in numbers or () if number in places)
+        for numbers in said
     )
     return Federation(absent, incomplete, frozenset(places[n] for n in unused if n in places))
 
@@ -107,49 +114,51 @@ def place_categories(categories: Mapping[int, str]) -> dict[int, int]:
     return {number: place for place, number in enumerate(sorted(categories))}
 
 
-def to_rle(segmentation: Any, size: tuple[int, int] | None, place: str) -> Rle:
+def to_rle(shape: Shape, size: tuple[int, int] | None, place: str) -> Rle:
     """A COCO segmentation as compressed run-length code: code, plain counts or polygons.
 
     `size` (height, width) serves codes that do not tell it and polygons; `place` is for messages.
 
     Raises:
-      SourceError: If it is malformed.
+      SourceError: If it is malformed. Compressed codes are checked by `RowCollector.finish`.
     """
-    try:
-        if isinstance(segmentation, str | bytes):
-            segmentation = {"size": _known(size), "counts": segmentation}
-        if isinstance(segmentation, Mapping):
-            height, width = (int(side) for side in segmentation["size"])
-            counts = segmentation["counts"]
-            if not isinstance(counts, list):
-                text = counts.encode() if isinstance(counts, str) else bytes(counts)
-                return {"size": [height, width], "counts": text}
-            if sum(counts) != height * width or min(counts, default=0) < 0:
-                raise ValueError("the counts do not add up to the size")
-            return coco.frPyObjects({"size": [height, width], "counts": counts}, height, width)
-        polygons = [[float(number) for number in polygon] for polygon in segmentation]
-        if any(len(polygon) < 6 or len(polygon) % 2 for polygon in polygons) or not polygons:
-            raise ValueError("a polygon has three or more points x, y")
-        return coco.merge(coco.frPyObjects(polygons, *_known(size)))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise SourceError(f"{place}: a segmentation is malformed ({error})") from error
+    if isinstance(shape, Code) and isinstance(shape.counts, str):
+        return {"size": list(shape.size), "counts": _encode(shape.counts, place)}
+    if isinstance(shape, Code):
+        if wrong := say_bad_segmentation(shape):
+            raise SourceError(f"{place}: a segmentation is malformed, {wrong}")
+        return coco.frPyObjects({"size": list(shape.size), "counts": shape.counts}, *shape.size)
+    if size is None:
+        raise SourceError(f"{place}: a segmentation needs the height and width of its video")
+    if isinstance(shape, str):
+        return {"size": list(size), "counts": _encode(shape, place)}
+    if wrong := say_bad_segmentation(shape):
+        raise SourceError(f"{place}: a segmentation is malformed, {wrong}")
+    return coco.merge(coco.frPyObjects(shape, *size))
 
 
-def to_box(bbox: Sequence[float]) -> list[float]:
-    """Left, top, right, bottom of a COCO box."""
-    left, top, width, height = (float(number) for number in bbox)
+def to_box(sides: Sequence[float], place: str) -> list[float]:
+    """Left, top, right, bottom of a COCO box.
+
+    Raises:
+      SourceError: If it has other than four numbers.
+    """
+    if len(sides) != 4:
+        raise SourceError(f"{place}: a box has {len(sides)} numbers; give left, top, width, height")
+    left, top, width, height = sides
     return [left, top, left + width, top + height]
 
 
-def _known(size: tuple[int, int] | None) -> tuple[int, int]:
-    if size is None:
-        raise ValueError("its height and width are unknown")
-    return size
+def _encode(counts: str, place: str) -> bytes:
+    try:
+        return counts.encode("ascii")
+    except UnicodeEncodeError as error:
+        raise SourceError(f"{place}: a segmentation is malformed, its code is no ASCII") from error
 
 
-def _frame_number(image: Mapping[str, Any]) -> tuple[int, str]:
-    number = image.get("frame_index", image.get("frame_id", 0))
-    return int(number), str(image.get("file_name", ""))
+def _frame_number(image: ImageRecord) -> tuple[int, str]:
+    number = image.frame_id if image.frame_index is None else image.frame_index
+    return number or 0, image.file_name or ""
 
 
 def _common_folder(names: Sequence[str]) -> str:

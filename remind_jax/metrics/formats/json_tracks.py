@@ -14,7 +14,7 @@ every video, and each video says which classes are known (`neg_category_ids`,
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal
 
 from remind_jax.errors import SourceError
@@ -22,9 +22,16 @@ from remind_jax.frame import Rle
 from remind_jax.metrics.formats.json_index import (
     JsonIndex,
     Video,
+    name_categories,
     read_federation,
     to_box,
     to_rle,
+)
+from remind_jax.metrics.formats.json_records import (
+    BurstEntry,
+    Content,
+    SequenceRecord,
+    TrackFile,
 )
 from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
 
@@ -42,46 +49,48 @@ BURST_DISTRACTORS = frozenset((
 ))
 # fmt: on
 
-Entry = Mapping[str, Any]
-Row = tuple[int, Any, Any, Rle | None, list[float] | None]  # frame, id, category, mask, box
+Row = tuple[int, int, int | None, Rle | None, list[float] | None]  # frame, id, class, mask, box
 
 
-def index_burst(content: Entry) -> JsonIndex:
+def index_burst(content: TrackFile) -> JsonIndex:
     """Videos (by place in `sequences`) and categories of a BURST file.
 
     Raises:
       SourceError: If a sequence has no list of annotated images.
     """
-    categories = {c["id"]: str(c.get("name", c["id"])) for c in content.get("categories") or ()}
+    categories = name_categories(content)
     videos: dict[Any, Video] = {}
-    for place, sequence in enumerate(content["sequences"]):
-        name = "/".join(str(sequence[k]) for k in ("dataset", "seq_name") if k in sequence)
-        frames = sequence.get("annotated_image_paths")
+    for place, sequence in enumerate(content.sequences or ()):
+        name = "/".join(part for part in (sequence.dataset, sequence.seq_name) if part is not None)
+        frames = sequence.annotated_image_paths
         if frames is None:
             raise SourceError(f"BURST sequence '{name}' has no 'annotated_image_paths'")
-        size = int(sequence["height"]), int(sequence["width"])
+        size = sequence.height, sequence.width
         federation = read_federation(sequence, categories, BURST_DISTRACTORS)
-        videos[place] = Video(name, len(frames), tuple(frames), size, federation)
+        videos[place] = Video(name, len(frames), frames, size, federation)
     return JsonIndex(videos, {}, categories)
 
 
-def group_by_video(content: Any, format: JsonFormat, index: JsonIndex) -> dict[Any, list[Entry]]:
-    """What each video is made of, by its id; annotations on unknown images are left out."""
-    if format == "burst":
-        return {place: [sequence] for place, sequence in enumerate(content["sequences"])}
-    groups: dict[Any, list[Entry]] = {}
-    annotations = content if isinstance(content, list) else content["annotations"]
+def group_by_video(content: Content, format: JsonFormat, index: JsonIndex) -> dict[Any, list[Any]]:
+    """What each video is made of, by its id; annotations on unknown images are left out.
+
+    These are entries, each with its number in the file, or the sequence of BURST.
+    """
+    if isinstance(content, TrackFile) and format == "burst":
+        return {place: [sequence] for place, sequence in enumerate(content.sequences or ())}
+    groups: dict[Any, list[Any]] = {}
+    annotations = content.annotations or () if isinstance(content, TrackFile) else content
     for number, annotation in enumerate(annotations, 1):
         if format == "tao":
-            video_id, _ = index.images.get(annotation.get("image_id"), (None, 0))
+            video_id, _ = index.images.get(annotation.image_id, (None, 0))
         else:
-            video_id, annotation = annotation.get("video_id"), {"id": number, **annotation}
-        groups.setdefault(video_id, []).append(annotation)
+            video_id = annotation.video_id
+        groups.setdefault(video_id, []).append((number, annotation))
     return groups
 
 
 def read_video(
-    entries: Sequence[Entry],
+    entries: Sequence[Any],
     format: JsonFormat,
     index: JsonIndex,
     video_id: Any,
@@ -103,7 +112,7 @@ def read_video(
     for entry in entries:
         for frame, track_id, category, rle, box in _ROWS[format](entry, video, index, file):
             class_id = index.class_index(category, UNKNOWN_CLASS)
-            rows.add(frame, int(track_id), class_id, rle=rle, box=box)
+            rows.add(frame, track_id, class_id, rle=rle, box=box)
     return rows.finish(
         video.name,
         video.num_frames,
@@ -114,11 +123,12 @@ def read_video(
     )
 
 
-def _read_track(track: Entry, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
-    """Rows of a track of COCO-video."""
-    place = f"{file}, track {int(track['id'])}"
-    masks = track.get("segmentations")
-    shapes = track.get("bboxes") if masks is None else masks
+def _read_track(found: Any, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
+    """Rows of a track of COCO-video; one of a list of results goes by its number in the list."""
+    number, track = found
+    track_id = number if track.id is None else track.id
+    place = f"{file}, row {number}, track {track_id}"
+    shapes = track.bboxes if track.segmentations is None else track.segmentations
     if shapes is None:
         raise SourceError(f"{place} has neither 'segmentations' nor 'bboxes'")
     if len(shapes) > video.num_frames:
@@ -128,57 +138,58 @@ def _read_track(track: Entry, video: Video, index: JsonIndex, file: str) -> Iter
     for frame, shape in enumerate(shapes):
         if not shape:
             continue
-        rle = None if masks is None else to_rle(shape, video.size, place)
-        box = to_box(shape) if masks is None else None
-        yield frame, track["id"], track.get("category_id"), rle, box
+        is_box = track.segmentations is None
+        rle = None if is_box else to_rle(shape, video.size, place)
+        box = to_box(shape, place) if is_box else None
+        yield frame, track_id, track.category_id, rle, box
 
 
-def _read_annotation(entry: Entry, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
+def _read_annotation(found: Any, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
     """The row of an annotation of TAO."""
-    _, frame = index.images[entry.get("image_id")]
-    track_id = entry.get("track_id", entry.get("instance_id"))
-    place = f"{file}, image {entry.get('image_id')}"
+    number, entry = found
+    _, frame = index.images[entry.image_id]
+    track_id = entry.instance_id if entry.track_id is None else entry.track_id
+    place = f"{file}, row {number}, image {entry.image_id}"
     if track_id is None:
         raise SourceError(f"{place}: an annotation has no 'track_id'")
-    code = entry.get("segmentation")
-    if not code and "bbox" not in entry:
+    if not entry.segmentation and entry.bbox is None:
         raise SourceError(f"{place}: an annotation has neither 'bbox' nor 'segmentation'")
     # TAO compares its boxes as they are written; its masks are only drawn from them.
-    has_own_box = "bbox" in entry and (not code or video.federation is not None)
-    rle = to_rle(code, video.size, place) if code else None
-    box = to_box(entry["bbox"]) if has_own_box else None
-    yield frame, track_id, entry.get("category_id"), rle, box
+    has_own_box = entry.bbox is not None and (
+        not entry.segmentation or video.federation is not None
+    )
+    rle = to_rle(entry.segmentation, video.size, place) if entry.segmentation else None
+    box = to_box(entry.bbox, place) if entry.bbox is not None and has_own_box else None
+    yield frame, track_id, entry.category_id, rle, box
 
 
-def _read_sequence(sequence: Entry, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
+def _read_sequence(found: Any, video: Video, index: JsonIndex, file: str) -> Iterator[Row]:
     """Rows of a sequence of BURST."""
-    category_of = sequence.get("track_category_ids") or {}
-    for frame, tracks in enumerate(sequence["segmentations"][: video.num_frames]):
+    sequence: SequenceRecord = found
+    category_of = sequence.track_category_ids or {}
+    for frame, tracks in enumerate(sequence.segmentations[: video.num_frames]):
         for track_id, entry in tracks.items():
-            is_mapping = isinstance(entry, Mapping)
-            code = entry.get("rle") if is_mapping else entry
-            category = entry.get("category_id") if is_mapping else None
+            code = entry.rle if isinstance(entry, BurstEntry) else entry
+            category = entry.category_id if isinstance(entry, BurstEntry) else None
             category = category_of.get(track_id) if category is None else category
             if code:
                 rle = to_rle(code, video.size, f"{file}, {video.name}, frame {frame}")
                 yield frame, track_id, category, rle, None
 
 
-_ROWS: dict[JsonFormat, Callable[[Entry, Video, JsonIndex, str], Iterator[Row]]] = {
+_ROWS: dict[JsonFormat, Callable[[Any, Video, JsonIndex, str], Iterator[Row]]] = {
     "coco-video": _read_track,
     "tao": _read_annotation,
     "burst": _read_sequence,
 }
 
 
-def _keep_best(annotations: Sequence[Entry]) -> list[Entry]:
+def _keep_best(found: Sequence[Any]) -> list[Any]:
     """The `MAX_DETECTIONS` best-scored annotations of every image, in their order."""
     of_image: dict[Any, list[int]] = {}
-    for row, annotation in enumerate(annotations):
-        of_image.setdefault(annotation.get("image_id"), []).append(row)
+    for row, (_, annotation) in enumerate(found):
+        of_image.setdefault(annotation.image_id, []).append(row)
     kept: list[int] = []
     for rows in of_image.values():
-        kept += heapq.nlargest(
-            MAX_DETECTIONS, rows, key=lambda row: float(annotations[row].get("score", 0.0))
-        )
-    return [annotations[row] for row in sorted(kept)]
+        kept += heapq.nlargest(MAX_DETECTIONS, rows, key=lambda row: found[row][1].score or 0.0)
+    return [found[row] for row in sorted(kept)]

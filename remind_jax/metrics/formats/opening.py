@@ -13,17 +13,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
-import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from remind_jax import files
-from remind_jax.errors import RemindError, SourceError
+from remind_jax.errors import SourceError
+from remind_jax.files.records import read_json
 from remind_jax.metrics.formats.json_index import JsonIndex, index_json
+from remind_jax.metrics.formats.json_records import Content, Entry, TrackFile
 from remind_jax.metrics.formats.json_tracks import group_by_video, index_burst, read_video
 from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
 from remind_jax.metrics.formats.rows import TrackRows
@@ -152,71 +152,61 @@ def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
 
 
 def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> SceneSet:
-    try:
-        content = json.loads(files.read_bytes(path))
-    except OSError as error:
-        raise SourceError(f"{path} cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise SourceError(f"{path} is not valid JSON: {error}") from None
+    content: Content = read_json(path, Content)  # pyright: ignore[reportArgumentType]
     found = format or _recognize_json(path, content, truth)
-    with _refuse_incomplete(path, found):
-        return _json_scenes(path, content, found, truth)
-
-
-@contextlib.contextmanager
-def _refuse_incomplete(path: Path, format: Format) -> Iterator[None]:
-    try:
-        yield
-    except RemindError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise SourceError(
-            f"{path} is not {format} JSON: something is missing or of another kind ({error!r})"
-        ) from error
-
-
-def _json_scenes(path: Path, content: Any, format: Any, truth: SceneSet | None) -> SceneSet:
-    is_list = isinstance(content, list) and format != "burst"
-    if is_list and (truth is None or not truth.index.videos):
-        raise SourceError(
-            f"{path} is a list of results, which names videos by number only; give truth in "
-            "the JSON of the same data set"
-        )
-    if is_list and truth is not None:
+    if isinstance(content, list):
+        if found == "burst" or truth is None or not truth.index.videos:
+            raise SourceError(
+                f"{path} is a list of results, which names videos by number only; give truth in "
+                "the JSON of the same data set"
+            )
         index = truth.index
+    elif found == "burst":
+        _require(content.sequences, "sequences", path, found)
+        index = index_burst(content)
     else:
-        index = index_burst(dict(content)) if format == "burst" else index_json(dict(content))
+        _require(content.videos, "videos", path, found)
+        index = index_json(content)
+    return _json_scenes(path, content, found, index)
+
+
+def _require(part: Any, name: str, path: Path, format: Format) -> None:
+    if part is None:
+        raise SourceError(f"{path} is not {format} JSON: `{name}` is missing; add it")
+
+
+def _json_scenes(path: Path, content: Content, format: Any, index: JsonIndex) -> SceneSet:
     groups = group_by_video(content, format, index)
     read = {
         video.name: functools.partial(
-            _read_checked, path, groups.get(number, []), format, index, number, is_list
+            read_video,
+            groups.get(number, []),
+            format,
+            index,
+            number,
+            str(path),
+            is_results=isinstance(content, list),
         )
         for number, video in index.videos.items()
     }
     return SceneSet(path, format, read, dict.fromkeys(read, path), index)
 
 
-def _read_checked(
-    path: Path, entries: list[Any], format: Any, index: JsonIndex, video_id: Any, is_list: bool
-) -> TrackRows:
-    with _refuse_incomplete(path, format):
-        return read_video(entries, format, index, video_id, str(path), is_results=is_list)
-
-
-def _recognize_json(path: Path, content: Any, truth: SceneSet | None) -> Format:
-    if isinstance(content, dict) and "sequences" in content:
+def _recognize_json(path: Path, content: Content, truth: SceneSet | None) -> Format:
+    if isinstance(content, TrackFile) and content.sequences is not None:
         return "burst"
-    is_set = isinstance(content, list) or (isinstance(content, dict) and "videos" in content)
-    rows = content if isinstance(content, list) else is_set and content.get("annotations", ())
+    is_set = isinstance(content, list) or content.videos is not None
+    rows = content if isinstance(content, list) else content.annotations or ()
     if is_set and not rows and truth is not None and truth.format in ("coco-video", "tao"):
         return truth.format
-    first = rows[0] if is_set and rows and isinstance(rows[0], dict) else {}
-    if "segmentations" in first or "bboxes" in first:
+    first = rows[0] if is_set and rows else Entry()
+    if first.segmentations is not None or first.bboxes is not None:
         return "coco-video"
-    if "image_id" in first and ("track_id" in first or "instance_id" in first):
+    has_track = first.track_id is not None or first.instance_id is not None
+    if first.image_id is not None and has_track:
         return "tao"
-    if is_set and isinstance(content, dict) and not rows:
-        return "tao" if content.get("images") else "coco-video"
+    if is_set and isinstance(content, TrackFile) and not rows:
+        return "tao" if content.images else "coco-video"
     raise SourceError(
         f"{path} is no JSON of tracks: COCO-video / YouTube-VIS ('segmentations' per track), TAO "
         "('image_id' and 'track_id') or BURST ('sequences')"

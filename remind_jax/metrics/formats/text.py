@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import configparser
 import dataclasses
+import errno
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -37,6 +38,11 @@ SIZE_UNKNOWN = (
     "the frame size is unknown (no seqinfo.ini with imWidth and imHeight beside the truth), "
     "so nothing is said by size of observation"
 )
+
+_MOST_TEXT_BYTES = 64 << 20  # some 15 times that in memory
+_MOST_NUMBER = 1e16
+_MOST_SIDE_PX = 1 << 16
+_MOST_ID = 2**63 - 1
 
 # Whole numbers up to here are exact as floats.
 _MAX_WHOLE = 2.0**53
@@ -128,11 +134,11 @@ def read_frame_size(gt_path: Path) -> tuple[int, int] | None:
     folder = gt_path.parent.parent if gt_path.parent.name == "gt" else gt_path.parent
     content = configparser.ConfigParser()
     try:
-        content.read(folder / "seqinfo.ini", encoding="utf-8")
+        content.read_string(files.read_text(folder / "seqinfo.ini", _MOST_TEXT_BYTES))
         size = tuple(content.getint("Sequence", key) for key in ("imHeight", "imWidth"))
     except (configparser.Error, ValueError, OSError):
         return None
-    return (size[0], size[1]) if min(size) > 0 else None
+    return (size[0], size[1]) if 0 < min(size) <= max(size) <= _MOST_SIDE_PX else None
 
 
 def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
@@ -171,12 +177,17 @@ def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool
             continue
         try:
             frame, track_id, class_id, height, width, counts = line.split()
-            numbers.append((int(frame), int(track_id), int(class_id)))
-            rles.append({"size": [int(height), int(width)], "counts": counts.encode()})
+            row = int(frame), int(track_id), int(class_id)
+            size = [int(height), int(width)]
+            if max(map(abs, row)) > _MOST_ID or not 1 <= min(size) <= max(size) <= _MOST_SIDE_PX:
+                raise ValueError("beyond all measure")
+            numbers.append(row)
+            rles.append({"size": size, "counts": counts.encode("ascii")})
         except ValueError:
             raise SourceError(
                 f"{path}, line {line_number}: '{line[:60]}' is not a MOTS row; "
-                "it needs frame id class height width rle, separated by spaces"
+                "it needs frame id class height width rle, separated by spaces, whole numbers and "
+                f"sides of 1 to {_MOST_SIDE_PX} pixels"
             ) from None
     wrong = find_malformed(rles)
     if wrong is not None:
@@ -272,11 +283,14 @@ def _check_classes(class_id: int, truth: TrackRows, prediction: TrackRows) -> No
 
 def _read_text(path: str | Path) -> str:
     try:
-        return files.read_bytes(path).decode("utf-8-sig")
+        return files.read_text(path, _MOST_TEXT_BYTES)
     except OSError as error:
+        if error.errno == errno.EILSEQ:
+            raise SourceError(
+                f"{path} is not a text file to score ({error.strerror}); give MOTChallenge or MOTS "
+                "text"
+            ) from None
         raise SourceError(f"{path} cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise SourceError(f"{path} is not a text file; give MOTChallenge or MOTS text") from None
 
 
 def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
@@ -294,10 +308,17 @@ def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
             f"{path} is not MOTChallenge text: row {number} is '{row[:60]}'; every row needs the "
             "same columns of numbers, frame,id,left,top,width,height,..."
         ) from None
-    if table.shape[1] < 6 or not np.isfinite(table[:, :6]).all():
+    if table.shape[1] < 6:
         raise SourceError(
             f"{path} has rows of {table.shape[1]} columns; MOTChallenge needs frame,id,left,top,"
-            "width,height and finite numbers"
+            "width,height"
+        )
+    wrong = np.argwhere(~(np.abs(table[:, 2:]) <= _MOST_NUMBER))
+    if len(wrong):
+        row, column = wrong[0]
+        raise SourceError(
+            f"{path}, row {row + 1}: column {column + 3} is {table[row, column + 2]:g}; give a "
+            f"finite number up to {_MOST_NUMBER:g}"
         )
     whole = table[:, :2]
     wrong = np.argwhere((whole != np.round(whole)) | (np.abs(whole) > _MAX_WHOLE))

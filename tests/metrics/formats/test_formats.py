@@ -169,9 +169,18 @@ def test_failed_scenes_are_counted(tmp_path: Path):
     [
         ({"a": 1}, "no JSON of tracks"),
         ([{"image_id": 1}], "no JSON of tracks"),
-        (3, "no JSON of tracks"),
-        ({"sequences": [{"seq_name": "a"}]}, "'a' has no 'annotated_image_paths'"),
-        ({"annotations": [{"segmentations": []}], "videos": [{"name": "a"}]}, "KeyError.*'id'"),
+        (3, "found 3, allowed is a mapping or a list"),
+        (
+            {"sequences": [{"seq_name": "a", "height": 4, "width": 6}]},
+            "'a' has no 'annotated_image_paths'",
+        ),
+        ({"sequences": [{"seq_name": "a"}]}, "`sequences`, row 1: `height` is missing"),
+        (
+            {"annotations": [{"segmentations": []}], "videos": [{"name": "a"}]},
+            "`videos`, row 1: `id` is missing",
+        ),
+        ({"videos": [{"id": 1, "length": 10**9}]}, "`length`: found 1000000000, allowed is an int"),
+        ({"videos": [{"id": 1, "name": "x" * 20_000}]}, "`name`: found .*text of at most 10000"),
     ],
 )
 def test_other_json_is_refused(tmp_path: Path, content: Any, message: str):
@@ -183,21 +192,26 @@ def test_other_json_is_refused(tmp_path: Path, content: Any, message: str):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"segmentations": [{"size": [4, 6]}]}, "a segmentation is malformed"),
+        ({"segmentations": [{"size": [4, 6]}]}, r"`segmentations\[0\]`: `counts` is missing"),
+        ({"segmentations": [{"size": [4, 10**6], "counts": ""}]}, r"size\[1\]`: found 1000000"),
+        ({"segmentations": [{"size": [4, 6], "counts": "\u00e9"}]}, "its code is no ASCII"),
+        ({"segmentations": [[[1e9, 1, 2, 2, 3, 3]]]}, r"\[0\]`: found 1000000000.0, allowed is"),
+        ({"bboxes": [[1, 2, 3]], "segmentations": None}, "a box has 3 numbers; give left, top"),
+        ({"bboxes": [[1, 2, 3, 1e300]], "segmentations": None}, r"found 1e\+300, allowed is a fin"),
         ({"segmentations": [{"size": [4, 6], "counts": "zz"}]}, "do not add up to a mask of 4 x 6"),
-        ({"segmentations": [{"size": [4, 6], "counts": [3, 4]}]}, "do not add up to the size"),
-        ({"segmentations": [[[1, 1, 2]]]}, "three or more points"),
+        ({"segmentations": [{"size": [4, 6], "counts": [3, 4]}]}, "does not add up to its size"),
+        ({"segmentations": [[[1, 1, 2]]]}, "found a list of 3, allowed is a list of at least 6"),
         ({"segmentations": [None] * 5}, "has 5 frames, its video 'one' 4"),
         ({"segmentations": None}, "neither 'segmentations' nor 'bboxes'"),
-        ({"id": "x"}, "'x'"),
+        ({"id": "x"}, "row 2, `id`: found .x., allowed is an integer"),
     ],
 )
 def test_bad_annotations_are_refused(tmp_path: Path, change: dict[str, Any], message: str):
     content = made.coco_video({"one": TRUTH["one"]})
     content["annotations"][1] |= change
-    opened = open_scenes(made.write_json(tmp_path / "x.json", content))
+    path = made.write_json(tmp_path / "x.json", content)
     with pytest.raises(SourceError, match=message):
-        opened.read["one"]()
+        open_scenes(path).read["one"]()
 
 
 def test_bad_places_are_refused(tmp_path: Path):
@@ -206,7 +220,7 @@ def test_bad_places_are_refused(tmp_path: Path):
     with pytest.raises(SourceError, match="holds no tracks in a known format"):
         open_scenes(tmp_path)
     (tmp_path / "broken.json").write_text("{")
-    with pytest.raises(SourceError, match="is not valid JSON"):
+    with pytest.raises(SourceError, match="its JSON is cut short or damaged"):
         open_scenes(tmp_path / "broken.json")
     undecided: Any = "later"
     with pytest.raises(RemindError, match="undecided is 'later'; allowed: collapse, strict"):

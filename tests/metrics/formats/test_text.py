@@ -144,7 +144,8 @@ def test_formats_are_recognized(tmp_path: Path):
     [
         (["1,1,0,0,1"], "rows of 5 columns"),
         (["1,1,0,0,1,x"], "is not MOTChallenge text"),
-        (["1,1,0,0,1,nan"], "finite numbers"),
+        (["1,1,0,0,1,nan"], "row 1: column 6 is nan; give a finite number"),
+        (["1,1,0,0,1,1,1,1,-inf"], "row 1: column 9 is -inf; give a finite number"),
         (["0,1,0,0,1,1"], "has a row of frame 0; frames are numbered 1 to"),
         (["9,1,0,0,1,1"], "has a row of frame 9; frames are numbered 1 to 3"),
         (["1,1,0,0,1,1", "1,1,5,5,1,1"], "frame 1: prediction id 1 occurs 2 times"),
@@ -164,6 +165,9 @@ def test_bad_boxes_are_refused(tmp_path: Path, lines: list[str], message: str):
     [
         (["1 1 2 4 10 zz"], "frame 1, id 1: the run lengths are damaged or do not add up"),
         (["1 1 2 4"], r"line 1: '1 1 2 4' is not a MOTS row"),
+        ([f"1 {10**40} 2 4 10 zz"], "is not a MOTS row; it needs .* whole numbers and sides of 1"),
+        ([f"1 1 2 4 {10**40} zz"], "sides of 1 to 65536 pixels"),
+        (["1 1 2 0 10 zz"], "sides of 1 to 65536 pixels"),
         ([mots_line(1, 1, 2, slice(0, 3)), mots_line(1, 2, 2, slice(2, 4))], "masks overlap"),
         ([mots_line(1, 1, 5, slice(0, 3))], "no row of class 7; they have 2, 5"),
     ],
