@@ -5,19 +5,28 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
 from remind_jax.errors import WeightsError, first_line
+from remind_jax.files.records import Text, read_json
+from remind_jax.files.tensors import read_safetensors_header
 from weights_convert.pickled_tensors import PickledTensor, read_pickled
 
 INDEX_SUFFIX = ".safetensors.index.json"
 PICKLED_SUFFIXES = (".pth", ".pt", ".bin", ".ckpt")
+_MOST_JSON_BYTES = 16 << 20  # of an index or a configuration
+
+
+class _Index(msgspec.Struct):
+    """Which shard of a file holds which tensor."""
+
+    weight_map: dict[Text, Text] = {}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,17 +98,17 @@ def _find_in(folder: Path) -> Path:
 
 def _open_safetensors(path: Path) -> dict[str, StoredTensor]:
     try:
+        header = read_safetensors_header(path, refused=WeightsError)
         file = safe_open(path, framework="np")
-        tensors = {}
-        for name in file.keys():  # noqa: SIM118  (it is no mapping)
-            shape = tuple(file.get_slice(name).get_shape())
-            tensors[name] = StoredTensor(shape, functools.partial(_read, file, name, path))
-    except (SafetensorError, OSError) as error:
+    except (SafetensorError, OSError, WeightsError) as error:
         raise WeightsError(
             f"'{path}' is damaged, cut short or no safetensors file ({first_line(error)}); "
             "download it again"
         ) from error
-    return tensors
+    return {
+        name: StoredTensor(tensor.shape, functools.partial(_read, file, name, path))
+        for name, tensor in header.tensors.items()
+    }
 
 
 def _read(file: Any, name: str, path: Path) -> np.ndarray:
@@ -112,12 +121,12 @@ def _read(file: Any, name: str, path: Path) -> np.ndarray:
 
 
 def _open_shards(index: Path) -> WeightSource:
-    listed = _read_json(index).get("weight_map")
-    if not isinstance(listed, dict) or not listed:
+    listed = read_json(index, _Index, refused=WeightsError, most_bytes=_MOST_JSON_BYTES).weight_map
+    if not listed:
         raise WeightsError(f"'{index}' lists no tensors; it needs a 'weight_map'")
     tensors: dict[str, StoredTensor] = {}
     # Names only: an index must not lead out of its folder.
-    files = tuple(sorted({index.parent / Path(str(name)).name for name in listed.values()}))
+    files = tuple(sorted({index.parent / Path(name).name for name in listed.values()}))
     for file in files:
         if not file.is_file():
             raise WeightsError(f"'{index}' lists '{file.name}', which is missing beside it")
@@ -129,17 +138,9 @@ def _open_shards(index: Path) -> WeightSource:
 
 def _config_beside(path: Path) -> Mapping[str, Any]:
     config = path.with_name("config.json")
-    return _read_json(config) if config.is_file() else {}
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise WeightsError(f"'{path}' cannot be read as JSON: {error}") from error
-    if not isinstance(values, dict):
-        raise WeightsError(f"'{path}' holds no JSON object")
-    return values
+    if not config.is_file():
+        return {}
+    return read_json(config, dict[str, Any], refused=WeightsError, most_bytes=_MOST_JSON_BYTES)
 
 
 def _as_stored(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any
 
 import ml_dtypes
+import msgspec
 import numpy as np
+from msgspec import Meta
 from safetensors import SafetensorError, safe_open
 
 from remind_jax.backbone.vit_variants import (
@@ -33,6 +34,8 @@ from remind_jax.backbone.vit_variants import (
 )
 from remind_jax.errors import RemindError, WeightsError, first_line
 from remind_jax.files import user_cache_folder
+from remind_jax.files.records import Label, decode_json
+from remind_jax.files.tensors import read_safetensors_header
 
 FORMAT = "remind-jax vision transformer"
 SCHEMA_VERSION = "1"
@@ -52,6 +55,29 @@ class Weights:
     variant: Variant
     params: dict[str, Any]  # tree of arrays for `vit.VisionTransformer`, host memory
     sha256: str  # of the tensor bytes; names the weights wherever features are kept
+
+
+_Size = Annotated[int, Meta(ge=1, le=1 << 18)]
+
+
+class _VariantRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A `Variant` in a header; every field is there."""
+
+    name: Label
+    family: Family
+    width: _Size
+    depth: Annotated[int, Meta(ge=1, le=1_000)]
+    heads: _Size
+    patch_px: Annotated[int, Meta(ge=1, le=1_024)]
+    hidden: _Size
+    mlp: Mlp
+    registers: Annotated[int, Meta(ge=0, le=10_000)]
+    qkv_bias: QkvBias
+    position: Position
+    table_side: Annotated[int, Meta(ge=0, le=10_000)]
+    layer_scale: bool
+    norm_eps: Annotated[float, Meta(gt=0.0, le=1.0)]
+    cls_norm: bool
 
 
 def leaf_shapes(variant: Variant) -> dict[str, tuple[int, ...]]:
@@ -146,20 +172,24 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
     path = Path(path)
     if not path.is_file():
         raise WeightsError(f"weight file '{path}' does not exist")
+    again = "convert it again with 'remind convert'"
+    try:
+        said = read_safetensors_header(path, refused=WeightsError)
+    except WeightsError as error:
+        raise WeightsError(
+            f"'{path}' is damaged, cut short or no converted weight file ({error}); {again}"
+        ) from error
+    header = said.metadata
+    variant = _variant_in(header, path, expected)
+    _check_leaves({name: t.shape for name, t in said.tensors.items()}, variant, path)
+    _check_bytes(path, header)
     try:
         with safe_open(path, framework="np") as file:
-            header = dict(file.metadata() or {})
-            variant = _variant_in(header, path, expected)
-            names = list(file.keys())
-            shapes = {name: tuple(file.get_slice(name).get_shape()) for name in names}
-            _check_leaves(shapes, variant, path)
-            _check_bytes(path, header)
-            dtype = DTYPES[header["dtype"]]
-            params = _gather(file, shapes, dtype, path)
+            params = _gather(file, list(said.tensors), DTYPES[header["dtype"]], path)
     except (SafetensorError, OSError) as error:
         raise WeightsError(
             f"'{path}' is damaged, cut short or no converted weight file ({first_line(error)}); "
-            "convert it again with 'remind convert'"
+            f"{again}"
         ) from error
     return Weights(variant, params, header["data_sha256"])
 
@@ -177,9 +207,9 @@ def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> 
             "convert it again with 'remind convert'"
         )
     try:
-        variant = _parse_variant(json.loads(header["architecture"]))
+        variant = _parse_variant(header["architecture"])
         is_whole = header["dtype"] in DTYPES and bool(header["data_sha256"])
-    except (KeyError, TypeError, ValueError, RemindError) as error:
+    except (KeyError, RemindError) as error:
         raise WeightsError(f"the header of '{path}' is damaged: {error}") from error
     if not is_whole:
         raise WeightsError(f"the header of '{path}' is damaged: dtype {header['dtype']!r}")
@@ -196,26 +226,14 @@ def _variant_in(header: Mapping[str, str], path: Path, expected: str | None) -> 
     return variant
 
 
-def _parse_variant(values: Any) -> Variant:
-    """A variant from a header, which may say anything."""
-    if not isinstance(values, dict):
-        raise ValueError("the architecture is no object")
-    choices = {"family": Family, "mlp": Mlp, "qkv_bias": QkvBias, "position": Position}
-    fields = dataclasses.fields(Variant)
-    if set(values) != {field.name for field in fields}:
-        raise ValueError("the architecture has other fields")
-    for field in fields:
-        value, kind = values[field.name], field.type
-        if field.name in choices:
-            if value not in get_args(choices[field.name]):
-                raise ValueError(f"{field.name} is {value!r}")
-        elif type(value).__name__ != kind:
-            raise ValueError(f"{field.name} is {value!r}")
-        elif kind == "int" and not 0 <= value <= 1 << 20:
-            raise ValueError(f"{field.name} is {value}")
-    variant = Variant(**values)
-    if min(variant.width, variant.depth, variant.heads, variant.patch_px) < 1:
-        raise ValueError("a size is zero")
+def _parse_variant(text: str) -> Variant:
+    """A variant from a header, which may say anything.
+
+    Raises:
+      RemindError: If it is none, or its numbers contradict each other.
+    """
+    record = decode_json(text.encode(), _VariantRecord, "`architecture`", refused=WeightsError)
+    variant = Variant(**msgspec.structs.asdict(record))
     variant.check()
     return variant
 
@@ -258,13 +276,11 @@ def _check_bytes(path: Path, header: Mapping[str, str]) -> None:
         )
 
 
-def _gather(
-    file: Any, shapes: Mapping[str, tuple[int, ...]], dtype: np.dtype, path: Path
-) -> dict[str, Any]:
+def _gather(file: Any, names: list[str], dtype: np.dtype, path: Path) -> dict[str, Any]:
     """Leaves as a tree, those of all blocks stacked."""
     tree: dict[str, Any] = {}
-    depth = 1 + max(int(n.split(".")[1]) for n in shapes if n.startswith(_STACKED))
-    for name in sorted(shapes):
+    depth = 1 + max(int(n.split(".")[1]) for n in names if n.startswith(_STACKED))
+    for name in sorted(names):
         leaf = file.get_tensor(name)
         if leaf.dtype != dtype and name != "periods":
             raise WeightsError(f"'{name}' in '{path}' is {leaf.dtype}, the header says {dtype}")

@@ -17,7 +17,7 @@ from remind_jax.errors import RemindError, first_line
 from remind_jax.files import reading
 from remind_jax.files.records import decode_json
 
-MOST_TENSOR_BYTES = 16 << 30  # of a file of weights or a memory, which is as large as its arrays
+MOST_TENSOR_BYTES = 64 << 30  # of a file of weights or a memory, which is as large as its arrays
 MOST_NPZ_BYTES = 1 << 30  # of all members together, as they are in memory
 MOST_RATIO = 20  # or so often the bytes of the file, where that is more
 MOST_MEMBERS = 10_000
