@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 import sys
 from collections.abc import Sequence
 from typing import Annotated, Any, Protocol, Union
@@ -12,7 +11,7 @@ import tyro
 from tyro.conf import subcommand
 
 import remind_jax
-from remind_jax.cli import process
+from remind_jax.cli import process, streams
 from remind_jax.cli.benchmark import Benchmark
 from remind_jax.cli.config import ConfigVerb
 from remind_jax.cli.convert import Convert
@@ -25,7 +24,7 @@ from remind_jax.cli.run import Run
 from remind_jax.cli.sweep import Sweep
 from remind_jax.cli.view import View
 from remind_jax.cli.warmup import Warmup
-from remind_jax.errors import OptionError, RemindError, nearest_names
+from remind_jax.errors import OptionError, RemindError, first_line, nearest_names
 from remind_jax.printing.terminal import printable
 
 DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
@@ -37,7 +36,8 @@ First steps:
   remind run --help                         everything that can be chosen
 
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
-2 wrong usage; 130 stopped by Ctrl-C, everything done so far is kept."""
+2 wrong usage; 70 a defect of remind, told with a file to report;
+130 stopped by Ctrl-C, everything done so far is kept."""
 
 
 class Verb(Protocol):
@@ -79,6 +79,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if words[0] == "help":
         words = [*words[1:], "--help"]
+    with streams.own_streams() as chatter:
+        try:
+            code = _execute(words, chatter)
+            sys.stdout.flush()
+            return code
+        except streams.OutputStops as error:
+            if error.is_reader_gone:
+                return process.BROKEN_PIPE
+            process.complain(f"cannot write to standard output: {error}; send it elsewhere")
+            return process.ERROR
+
+
+def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
+    """Parses and runs a verb; returns the exit code."""
     if words[0] in ("--version", "-V"):
         print(f"remind-jax {remind_jax.__version__}")
         return process.FINE
@@ -106,19 +120,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         process.complain("stopped")
         return process.INTERRUPTED
-    except BrokenPipeError:
-        # Whatever Python flushes at its end would complain once more.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return process.BROKEN_PIPE
+    except streams.OutputStops:
+        raise
     except MemoryError as error:
-        process.complain(
-            f"there is not enough memory ({error or 'no more could be had'}); what was written so "
-            "far is kept, give smaller frames, fewer detections or fewer settings at once"
-        )
+        _complain_of_memory(str(error))
         return process.ERROR
     except Exception as error:
-        process.report_failure(error)
+        if "RESOURCE_EXHAUSTED" in str(error):  # as the compiler says it
+            _complain_of_memory(first_line(error))
+            return process.ERROR
+        process.report_failure(error, chatter.read())
         return process.FAILED
+
+
+def _complain_of_memory(said: str) -> None:
+    process.complain(
+        f"there is not enough memory ({said or 'no more could be had'}); what was written so far "
+        "is kept, give smaller frames, fewer detections or fewer settings at once"
+    )
 
 
 def _parse(words: Sequence[str]) -> Verb:

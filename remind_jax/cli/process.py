@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import tempfile
 import traceback
@@ -17,21 +18,45 @@ BROKEN_PIPE = 141  # the reader of our output went away
 
 
 def complain(sentence: str) -> None:
-    """Says on standard error what is wrong."""
-    print(printable(f"remind: {sentence}"), file=sys.stderr)
+    """Says on standard error what is wrong, if anybody listens there."""
+    with contextlib.suppress(OSError, ValueError):
+        print(printable(f"remind: {sentence}"), file=sys.stderr)
 
 
-def report_failure(error: BaseException) -> None:
-    """Says what broke in one sentence, and keeps the traceback for a report."""
+def report_failure(error: BaseException, chatter: str = "") -> None:
+    """Says what broke in one sentence, and keeps the traceback for a report.
+
+    Args:
+      error: What broke.
+      chatter: What libraries said on their own until then.
+    """
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-    with tempfile.NamedTemporaryFile(
-        "w", encoding="utf-8", prefix="remind-", suffix=".traceback.txt", delete=False
-    ) as file:
-        file.write("".join(traceback.format_exception(error)))
+    text = "".join(traceback.format_exception(error))
+    if chatter:
+        text += f"\nWhat libraries said:\n{chatter}"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w",
+            encoding="utf-8",
+            errors="backslashreplace",
+            prefix="remind-",
+            suffix=".traceback.txt",
+            delete=False,
+        ) as file:
+            file.write(text)
+        where = f"the traceback is in '{file.name}'"
+    except OSError as full:
+        where = f"its traceback cannot be kept ({full.strerror}); its last line is {_last(error)}"
     complain(
-        f"this should not have happened ({what}); what was written so far is kept, and the "
-        f"traceback is in '{file.name}': please report it"
+        f"this should not have happened ({what}); what was written so far is kept, and {where}: "
+        "please report it"
     )
+
+
+def _last(error: BaseException) -> str:
+    """Where an error was raised."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "unknown"
 
 
 def silence_libraries() -> None:

@@ -1,0 +1,201 @@
+"""A quiet terminal stays quiet; output that goes nowhere is no defect."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+from remind_jax.cli import process as exit_codes
+from tests.cli import scenes
+
+REMIND = (sys.executable, "-m", "remind_jax.cli.main")
+FULL = Path("/dev/full")
+QUIET = {name: value for name, value in os.environ.items() if name != "TF_CPP_MIN_LOG_LEVEL"}
+# What a library does: writes past Python, warns, and a thread that breaks.
+CHATTER = """
+    import os, sys, warnings
+    import numpy as np
+    from remind_jax.cli import main as module
+
+    def chat(verb):
+        os.write(2, b"libpng error: bad adaptive filter value\\n")
+        warnings.warn("old-fashioned")
+        np.float32(1) / np.float32(0)
+        print("ours", file=sys.stderr)
+        {end}
+
+    module.VERBS["view"].execute = chat
+    sys.exit(module.main(["view", "x"]))
+"""
+
+
+def run_python(code: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        env={**QUIET, **variables},
+    )
+
+
+def test_libraries_say_nothing():
+    finished = run_python(CHATTER.format(end="return 0"))
+    assert (finished.returncode, finished.stdout, finished.stderr) == (0, "", "ours\n")
+
+
+def test_who_asks_hears_them():
+    finished = run_python(CHATTER.format(end="return 0"), TF_CPP_MIN_LOG_LEVEL="0")
+    assert "libpng error" in finished.stderr
+    assert "old-fashioned" in finished.stderr
+
+
+def test_a_report_keeps_what_they_said(tmp_path):
+    finished = run_python(CHATTER.format(end="raise KeyError('x')"), TMPDIR=str(tmp_path))
+    assert finished.returncode == exit_codes.FAILED
+    assert finished.stderr.count("\n") == 2
+    (kept,) = tmp_path.glob("remind-*.traceback.txt")
+    assert "libpng error: bad adaptive filter value" in kept.read_text()
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
+def test_a_report_that_cannot_be_kept_is_still_one_sentence():
+    code = """
+        import sys, tempfile
+        from remind_jax.cli import main as module
+
+        def fail(verb):
+            def full(*args, **options):
+                raise OSError(28, "No space left on device")
+            tempfile.NamedTemporaryFile = full
+            raise KeyError("x")
+
+        module.VERBS["view"].execute = fail
+        sys.exit(module.main(["view", "x"]))
+    """
+    finished = run_python(code)
+    assert finished.returncode == exit_codes.FAILED
+    assert "its traceback cannot be kept (No space left on device)" in finished.stderr
+    assert finished.stderr.count("\n") == 1
+
+
+def test_the_compiler_out_of_memory_is_a_lack_of_memory():
+    code = """
+        import sys
+        from remind_jax.cli import main as module
+
+        def fail(verb):
+            raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 17 bytes.")
+
+        module.VERBS["view"].execute = fail
+        sys.exit(module.main(["view", "x"]))
+    """
+    finished = run_python(code)
+    assert finished.returncode == exit_codes.ERROR
+    assert "there is not enough memory (RESOURCE_EXHAUSTED" in finished.stderr
+
+
+VERBS = {
+    "settings": ("config", "show"),
+    "help": ("--help",),
+    "help of a verb": ("run", "--help"),
+    "version": ("--version",),
+    "scores": ("eval", "gt.txt", "gt.txt"),
+}
+
+
+@pytest.fixture
+def scored(tmp_path):
+    (tmp_path / "gt.txt").write_text("1,1,0,0,5,5,1,1,1\n2,1,0,0,5,5,1,1,1\n")
+    return tmp_path
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
+@pytest.mark.parametrize("words", VERBS.values(), ids=VERBS)
+def test_full_standard_output_is_told_in_one_sentence(words, scored):
+    with FULL.open("w") as full:
+        finished = subprocess.run(
+            [*REMIND, *words],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=QUIET,
+            cwd=scored,
+            timeout=120,
+            check=False,
+        )
+    assert finished.stderr == (
+        "remind: cannot write to standard output: No space left on device; send it elsewhere\n"
+    )
+    assert finished.returncode == exit_codes.ERROR
+
+
+@pytest.mark.parametrize("words", VERBS.values(), ids=VERBS)
+def test_a_reader_that_goes_away_is_no_error(words, scored):
+    with subprocess.Popen(
+        [*REMIND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=QUIET, cwd=scored
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=120) == exit_codes.BROKEN_PIPE
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
+@pytest.mark.parametrize("words", [("view", "none"), ("config", "show", "none"), ("none",)])
+def test_full_standard_error_changes_no_exit_code(words, tmp_path):
+    with FULL.open("w") as full:
+        finished = subprocess.run(
+            [*REMIND, *words],
+            stderr=full,
+            stdout=subprocess.PIPE,
+            env=QUIET,
+            cwd=tmp_path,
+            check=False,
+        )
+    expected = exit_codes.USAGE if len(words) == 1 else exit_codes.ERROR
+    assert (finished.returncode, finished.stdout) == (expected, b"")
+
+
+@pytest.mark.parametrize("redirection", [">&-", "2>&-", ">&- 2>&-"])
+def test_closed_streams_are_no_defect(redirection, scored):
+    command = f"{sys.executable} -m remind_jax.cli.main eval gt.txt gt.txt {redirection}"
+    finished = subprocess.run(
+        command,
+        shell=True,
+        capture_output=True,
+        text=True,
+        env=QUIET,
+        cwd=scored,
+        timeout=120,
+        check=False,
+    )
+    assert finished.stderr == ""
+    assert finished.returncode == exit_codes.FINE
+
+
+def test_a_damaged_picture_is_told_by_us_alone(tmp_path):
+    _, masks = scenes.write_scene(tmp_path / "scene", 2)
+    picture = sorted(masks.glob("*.png"))[1]
+    data = bytearray(picture.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    picture.write_bytes(data)
+    finished = subprocess.run(
+        [*REMIND, "eval", str(masks), str(masks)],
+        capture_output=True,
+        text=True,
+        env=QUIET,
+        cwd=tmp_path,
+        timeout=120,
+        check=False,
+    )
+    assert finished.returncode == exit_codes.ERROR
+    assert finished.stderr.startswith("remind: the instance map")
+    assert finished.stderr.count("\n") == 1
