@@ -187,7 +187,7 @@ def _other_keys() -> Iterator[str]:
     yield "Supported up to this value; a larger one is refused by name:"
     yield ""
     for _, _, record in walk_settings(Config()):
-        if record.most is not None:
+        if record.most is not None and record.key:
             yield f"* `{record.key}`: `{record.most}` ({record.why})"
     yield ""
     yield "Without influence on an identity in any supported setting; accepted and passed over:"

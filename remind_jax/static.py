@@ -7,6 +7,7 @@ from typing import Literal
 
 import jax.numpy as jnp
 
+from remind_jax.errors import ConfigError
 from remind_jax.settings.checks import check_fields
 from remind_jax.settings.record import setting
 
@@ -193,10 +194,12 @@ class Static:
             "association.matching.neighbor_sets_context_veto.local.expected_topk_scale"))
 
     group_size: int = setting(4, "largest closed group that is solved by distances", "detections",
-        more="larger groups are told apart; much more time", key=f"{_K}.max_group_size")
+        more="larger groups are told apart; much more time", key=f"{_K}.max_group_size",
+        most=6, why="as all ways to give them their objects are weighed")
     group_candidates: int = setting(5, "most candidates of such a group", "objects",
         more="groups with more candidates are told apart; more time",
-        key=f"{_K}.max_candidate_union")
+        key=f"{_K}.max_candidate_union", most=8,
+        why="as all ways to give them to detections are weighed")
     group_anchors: int = setting(3, "surrounding objects that vote in such a group", "objects",
         more="more surrounding objects vote", least=0, key=f"{_K}.discriminative_anchor_topk")
     soft_anchors: int = setting(4, "undecided but likely objects that may vote as well", "objects",
@@ -226,6 +229,12 @@ class Static:
 
     def __post_init__(self) -> None:
         check_fields(self, "static")
+        fewest, most = self.ring_clusters
+        if fewest > most:
+            raise ConfigError(
+                f"static.ring_clusters is {self.ring_clusters!r}; the first, the fewest, may not "
+                "be above the second, the most"
+            )
 
     @property
     def part_channels(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from remind_jax.errors import ConfigError
 if TYPE_CHECKING:
     from remind_jax.config import Config
 
+_MOST_CHARACTERS = 10_000  # of one value
 
 # Both `--set a=1 b=2` and `--set a=1 --set b=2`.
 Assignments = Annotated[
@@ -54,7 +55,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
     Raises:
       ConfigError: If a text is no assignment.
     """
-    import yaml
+    from remind_jax.files.yaml_text import parse_yaml  # help answers without it
 
     values: dict[str, Any] = {}
     for assignment in assignments:
@@ -64,8 +65,10 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
                 f"{assignment!r} is no assignment; give --set KEY=VALUE, for example "
                 "--set thresholds.decision.new=1.5, after everything else"
             )
-        try:
-            values[key] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise ConfigError(f"the value of --set {assignment!r} is not valid YAML") from error
+        if len(text) > _MOST_CHARACTERS:
+            raise ConfigError(
+                f"the value of --set {key} has {len(text)} characters; at most {_MOST_CHARACTERS} "
+                "are read, so put it into a file"
+            )
+        values[key] = parse_yaml(text, f"the value of --set {assignment!r}", ConfigError)
     return values

@@ -8,6 +8,7 @@ the method whose thresholds these are. How keys may be written: `config/keys.py`
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,10 @@ from remind_jax.config.input_options import Input
 from remind_jax.config.keys import THRESHOLDS, flat_keys
 from remind_jax.config.reference_keys import translate
 from remind_jax.errors import ConfigError
+from remind_jax.files import records
 from remind_jax.method import PAPER_METHOD, get_method
 from remind_jax.remind.thresholds import Thresholds
-from remind_jax.settings.checks import check_most
+from remind_jax.settings.ranges import check_order, check_range
 from remind_jax.settings.record import Setting, setting
 from remind_jax.static import Static
 
@@ -61,7 +63,7 @@ class Config:
         Raises:
           ConfigError: For an unknown key or a value of the wrong kind.
         """
-        changes = dict(changes)
+        changes = dict(_as_nested(changes, origin))
         tracker = changes.pop("tracker", None)
         start = self if tracker is None else self.with_tracker(_as_tracker(tracker, origin))
         flat = flat_keys(changes, start.keys, start.tracker, origin)
@@ -122,8 +124,9 @@ class Config:
         Raises:
           ConfigError: For a key that the original does not have, or a value that is not supported.
         """
-        if not isinstance(settings, Mapping):
+        if isinstance(settings, (str, Path)):
             settings = read_yaml(Path(settings))
+        settings = _as_nested(settings, "settings of the original")
         return cls().updated(translate(settings, cls()), "settings of the original")
 
     def _with_values(self, flat: Mapping[str, Any], origin: str) -> Config:
@@ -147,13 +150,21 @@ def load_config(name: str | Path | Config | Mapping[str, Any] = "default") -> Co
       >>> load_config({"decision": {"new": 1.5}}).thresholds.decision.new
       1.5
     """
-    return name if isinstance(name, Config) else _load(name, ())
+    if isinstance(name, Config):
+        _check_thresholds(name.thresholds, "thresholds.")
+        return name
+    if not isinstance(name, (str, Path, Mapping)):
+        raise ConfigError(
+            f"the configuration is of type {type(name).__name__}; give a name, a .yaml file, "
+            "nested values, or a Config"
+        )
+    return _load(name, ())
 
 
 def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Config:
     """Reads a configuration; `opened` are the files that start from it, one from the next."""
     if isinstance(name, Mapping):
-        origin, values = "changes", {"base": "default", **name}
+        origin, values = "changes", {"base": "default", **_as_nested(name, "changes")}
     else:
         path = find_file(name)
         origin, values = str(path), read_yaml(path)
@@ -186,6 +197,15 @@ def _as_tracker(name: Any, origin: str) -> str:
     return name
 
 
+def _as_nested(values: Any, origin: str) -> dict[str, Any]:
+    """Nested values of bounded depth and size by their keys."""
+    return records.check(_as_dicts(values), dict[str, Any], origin, refused=ConfigError)
+
+
+def _as_dicts(values: Any) -> Any:
+    return dict(values) if isinstance(values, Mapping) else values
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
@@ -205,8 +225,24 @@ def _update(node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin
         else:
             name = f"{'.'.join(below)} in {origin}"
             updated[key] = _coerce(value, old, name)
-            check_most(name, updated[key], record)
-    return dataclasses.replace(node, **updated)
+            if path != ("static",):  # counts have ranges of their own
+                check_range(name, updated[key], record)
+    node = dataclasses.replace(node, **updated)
+    check_order(node, "".join(f"{part}." for part in path))
+    return node
+
+
+def _check_thresholds(section: Any, path: str) -> None:
+    """Checks thresholds that were put together in Python; arrays pass, they are sweeps."""
+    check_order(section, path)
+    for field in dataclasses.fields(section):
+        value = getattr(section, field.name)
+        if dataclasses.is_dataclass(value):
+            _check_thresholds(value, f"{path}{field.name}.")
+        elif isinstance(value, (int, float)):
+            check_range(f"{path}{field.name}", value, field.metadata.get("setting", Setting("")))
+        elif not hasattr(value, "dtype"):
+            raise ConfigError(f"{path}{field.name} is {value!r}; it must be a number")
 
 
 def _coerce(value: Any, old: Any, name: str) -> Any:
@@ -228,5 +264,5 @@ def _coerce(value: Any, old: Any, name: str) -> Any:
     else:
         fits, wanted = isinstance(value, type(old)), "a text" if isinstance(old, str) else "a list"
     if not fits and not hasattr(value, "dtype"):
-        raise ConfigError(f"{name} is {value!r}; it must be {wanted}")
+        raise ConfigError(f"{name} is {reprlib.repr(value)}; it must be {wanted}")
     return value

@@ -7,8 +7,8 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-from remind_jax import files
 from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.files import records
 from remind_jax.method import PAPER_METHOD
 
 _SUFFIXES = (".yaml", ".yml")
@@ -70,20 +70,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     Raises:
       ConfigError: If the file is missing, is no YAML or holds something else than a mapping.
     """
-    import yaml  # the core needs no YAML
-
-    try:
-        values = yaml.safe_load(files.read_text(path))
-    except OSError as error:
-        raise ConfigError(f"cannot read configuration {path}: {error.strerror}") from error
-    except yaml.YAMLError as error:
-        reason = str(error).replace("\n", " ")
-        raise ConfigError(f"{path} is not valid YAML: {reason}") from error
-    if values is None:
-        return {}
-    if not isinstance(values, dict):
-        raise ConfigError(f"{path} must hold keys and values, not a {type(values).__name__}")
-    return values
+    return records.read_yaml(path, dict[str, Any], refused=ConfigError)
 
 
 @functools.cache

@@ -33,11 +33,16 @@ class Input:
         key="bg_local.sanitize.keep_largest_component")
     fill_holes: bool = setting(True, '"morphology": fill holes', key="bg_local.sanitize.fill_holes")
     close_px: int = setting(3, '"morphology": side of the closing square', "px",
-        more="larger gaps in masks are closed", least=0, key="bg_local.sanitize.close_px")
+        more="larger gaps in masks are closed", least=0, most=1000,
+        why="which is wider than things are",
+        key="bg_local.sanitize.close_px")
     open_px: int = setting(0, '"morphology": side of the opening square, 0: none', "px",
-        more="larger specks of masks vanish", least=0, key="bg_local.sanitize.open_px")
+        more="larger specks of masks vanish", least=0, most=1000,
+        why="which is wider than things are",
+        key="bg_local.sanitize.open_px")
     erosion_px: int = setting(0, "masks lose so many pixels on every side first", "px",
-        more="masks shrink more; less background in the appearance", least=0,
+        more="masks shrink more; less background in the appearance", least=0, most=1000,
+        why="which is wider than things are",
         decided_by=("davis.mask_erosion_px", "davis.mask_erosion_iters"))
     announce_after: int = setting(0,
         "detections after which an object gets its id. 0: 1 for given masks, 5 for a detector",

@@ -13,7 +13,7 @@ from typing import Any
 from remind_jax.config import reference_switches
 from remind_jax.config.dotted_keys import flatten, nest
 from remind_jax.errors import ConfigError, nearest_names
-from remind_jax.settings.checks import check_most
+from remind_jax.settings.ranges import check_range
 from remind_jax.settings.record import Setting, walk_settings
 
 _SETS = "association.scores.neighbor_sets"
@@ -90,6 +90,7 @@ EMPTY_IS_ALL = (
 )
 
 _MANY_RELATIONS = 64
+_MOST = 1000  # of what several keys decide together
 _RADII = tuple(
     f"thresholds.perception.ring_{edge}" for edge in ("border", "inner", "outer", "limit")
 )
@@ -144,7 +145,7 @@ def translate(settings: Mapping[str, Any], published: Any) -> dict[str, Any]:
     changes["static.ring_max_radius"] = max(1, *(r for r in radii if isinstance(r, int)))
     defers = flat.get("update.robust_updates.enabled", False)
     every = flat.get("memory.neighbors.force_episode_every_frames", 3)
-    if defers or not 0 < every <= values["static.pending_relations"]:
+    if defers or not isinstance(every, int) or not 0 < every <= values["static.pending_relations"]:
         # Episodes may be far apart then, and relations wait for them without limit.
         changes["static.pending_relations"] = _MANY_RELATIONS
     return nest(changes)
@@ -158,7 +159,7 @@ def _translated(key: str, value: Any, record: Setting, old: Any) -> Any:
         return tuple(
             value if place == key else kept for place, kept in zip(record.key, old, strict=True)
         )
-    check_most(f"{key} of the original", value, record)
+    check_range(f"{key} of the original", value, record)
     if isinstance(old, float) and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     return value
@@ -182,8 +183,10 @@ def _check_switch(key: str, value: Any) -> None:
     elif shipped is None:
         if value is not None and not isinstance(value, (list, tuple)):
             raise ConfigError(f"{key} of the original is {value!r}; it must be null or a list")
-    elif isinstance(value, bool) or not isinstance(value, (int, float)) or value < 0:
-        raise ConfigError(f"{key} of the original is {value!r}; it must be a number from 0 on")
+    elif isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= _MOST:
+        raise ConfigError(
+            f"{key} of the original is {value!r}; it must be a number from 0 to {_MOST}"
+        )
 
 
 def _within(key: str, sections: tuple[str, ...]) -> bool:

@@ -8,7 +8,11 @@ import typing
 from typing import Any
 
 from remind_jax.errors import ConfigError
-from remind_jax.settings.record import Setting
+from remind_jax.files.records import MOST_LABEL
+from remind_jax.files.wording import show
+from remind_jax.settings.ranges import check_count
+
+_MOST_LISTED = 10_000
 
 
 def check_fields(settings: Any, section: str) -> None:
@@ -28,24 +32,31 @@ def check_fields(settings: Any, section: str) -> None:
         name, arguments = f"{section}.{field.name}", typing.get_args(kind)
         if typing.get_origin(kind) is typing.Literal and value not in arguments:
             raise ConfigError(f"{name} is {value!r}; allowed: {', '.join(map(str, arguments))}")
-        least = field.metadata["setting"].least
-        if kind is int and not _is_count(value, 1 if least is None else least):
-            sign = "positive " if least is None else ""
+        record = field.metadata["setting"]
+        if kind is int and not _is_count(value, 1 if record.least is None else record.least):
+            sign = "positive " if record.least is None else ""
             raise ConfigError(f"{name} is {value!r}; it must be a {sign}whole number")
-        if kind is int:
-            check_most(name, value, field.metadata["setting"])
         if arguments == (int, int) and not _are_two_counts(value):
             raise ConfigError(f"{name} is {value!r}; it must be two positive whole numbers")
+        if arguments and arguments[-1] is Ellipsis:
+            _check_list(name, value, arguments[0])
+        for count in value if isinstance(value, tuple) else (value,):
+            check_count(name, count, record)
 
 
-def check_most(name: str, value: Any, record: Setting) -> None:
-    """Checks a number against the largest that is supported.
+def _check_list(name: str, values: Any, kind: type) -> None:
+    """Names, or numbers from 0 on, in a tuple of any length."""
+    is_one = _is_name if kind is str else lambda value: _is_count(value, 0)
+    if not isinstance(values, tuple) or len(values) > _MOST_LISTED:
+        raise ConfigError(f"{name} must be a list of at most {_MOST_LISTED} entries")
+    for value in values:
+        if not is_one(value):
+            what = f"names of 1 to {MOST_LABEL} characters" if kind is str else "numbers from 0 on"
+            raise ConfigError(f"{name} holds {show(value)}; it must be a list of {what}")
 
-    Raises:
-      ConfigError: If it is larger.
-    """
-    if record.most is not None and isinstance(value, (int, float)) and value > record.most:
-        raise ConfigError(f"{name} is {value!r}; supported: up to {record.most}, {record.why}")
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and 0 < len(value) <= MOST_LABEL
 
 
 def _are_two_counts(value: Any) -> bool:

@@ -29,6 +29,7 @@ class Setting:
     least: float | None = None  # allowed number
     most: float | None = None  # allowed number
     why: str = ""  # not more
+    not_below: str = ""  # setting of the same section that may not be larger
 
     @property
     def own_keys(self) -> tuple[str, ...]:

@@ -49,17 +49,17 @@ def test_show_is_of_the_backbone_that_runs_by_default(command):
 
 
 def test_describe_says_what_a_setting_means(command):
-    outcome = command("config", "describe", "match", "input.close_px", "--config", "published")
+    outcome = command("config", "describe", "match", "input.max_width_px", "--config", "published")
     assert outcome.stdout.splitlines() == [
         "thresholds.matching.match: 0.75 (score)",
         "  least final score of a match",
         "  larger: fewer matches, more that is new or undecided",
         "  in the paper: τ_match",
         "  in the original: association.matching.match_thr",
-        "input.close_px: 3 (px)",
-        '  "morphology": side of the closing square',
-        "  larger: larger gaps in masks are closed",
-        "  in the original: bg_local.sanitize.close_px",
+        "input.max_width_px: 1280 (px)",
+        "  wider frames are reduced to this width",
+        "  larger: finer patches of wide frames, more time",
+        "  in the original: system.input_width_size",
     ]
 
 

@@ -353,9 +353,9 @@ def test_input_defaults_are_valid():
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("decision.new", float("nan"), "it must be a finite number"),
-        ("decision.new", float("inf"), "it must be a finite number"),
-        ("decision.new", 10**400, "it must be a finite number"),
+        ("decision.new", float("nan"), "a finite number"),
+        ("decision.new", float("inf"), "a finite number"),
+        ("decision.new", 10**400, "at most 64 are allowed"),
         ("decision.commit_age", 2**31, "it must be a whole number of at most 31 bits"),
         ("static.num_objects", 10**9, "supported: up to 32768"),
         ("static.num_detections", 10**9, "supported: up to 8192"),

@@ -55,8 +55,9 @@ def test_switches_decide_what_the_records_say():
 @pytest.mark.parametrize("path", RENAMED)
 def test_every_renamed_key_reaches_its_field(path):
     old = value_at(Config(), path)
-    step = 1 if KEYED[path].most is None else -1
-    new = {bool: lambda: not old, int: lambda: old + step, float: lambda: old + 0.125}.get(
+    step = 1 if KEYED[path].most is None or old < KEYED[path].most else -1
+    more = -old / 2 if path.endswith("_rate_min") else 0.125  # not above the largest rate
+    new = {bool: lambda: not old, int: lambda: old + step, float: lambda: old + more}.get(
         type(old), lambda: ["mirror"]
     )()
     config = Config.from_reference(nested(KEYED[path].key, new))
@@ -76,7 +77,7 @@ def test_every_choice_is_accepted(path):
 
 
 def test_what_has_a_largest_value():
-    assert len(LIMITED) == 4
+    assert len(LIMITED) == 8
 
 
 @pytest.mark.parametrize("path", LIMITED)

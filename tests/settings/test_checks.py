@@ -3,12 +3,11 @@
 import dataclasses
 from typing import Literal
 
-import numpy as np
 import pytest
 
 from remind_jax.errors import ConfigError
-from remind_jax.settings.checks import check_fields, check_most
-from remind_jax.settings.record import Setting, setting
+from remind_jax.settings.checks import check_fields
+from remind_jax.settings.record import setting
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,6 +17,9 @@ class Sample:
     pair: tuple[int, int] = setting((1, 2), "two of them")
     way: Literal["left", "right"] = setting("left", "which one")
     share: float = setting(0.5, "looked at by nobody")
+    names: tuple[str, ...] = setting((), "any number of them")
+    numbers: tuple[int, ...] = setting((), "any number of them")
+    rounds: int = setting(1, "few are enough", "rounds")
 
 
 def test_what_fits_passes():
@@ -34,18 +36,14 @@ def test_what_fits_passes():
         ({"offset": -1}, "sample.offset is -1; it must be a whole number"),
         ({"pair": (1, 0)}, r"sample.pair is \(1, 0\); it must be two positive whole numbers"),
         ({"pair": (1,)}, "sample.pair is .*; it must be two positive whole numbers"),
+        ({"names": ("a", 1)}, "sample.names holds 1; it must be a list of names"),
+        ({"names": ("a" * 201,)}, "sample.names holds .*aaa[.]{3}; it must be a list of names"),
+        ({"names": "abc"}, "sample.names must be a list"),
+        ({"numbers": (-1,)}, "sample.numbers holds -1; it must be a list of numbers from 0 on"),
+        ({"rounds": 10**6}, "sample.rounds is 1000000; supported: up to 16"),
         ({"way": "up"}, "sample.way is 'up'; allowed: left, right"),
     ],
 )
 def test_what_does_not_fit_is_refused(changes, words):
     with pytest.raises(ConfigError, match=words):
         check_fields(Sample(**changes), "sample")
-
-
-def test_the_largest_number_is_named_with_its_reason():
-    record = Setting("so many", most=3, why="there is no room for more")
-    check_most("x", 3, record)
-    check_most("x", np.array([1, 9]), record)  # a sweep
-    check_most("x", 9, Setting("without end"))
-    with pytest.raises(ConfigError, match="x is 4; supported: up to 3, there is no room for more"):
-        check_most("x", 4, record)

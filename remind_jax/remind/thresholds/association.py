@@ -53,11 +53,13 @@ class Similarity:
     object_min_patches: Real = setting(8.0, "effective patches at quality 0", "effective patches",
         more="the look of small views counts less", key=f"{_Q}.object.min_patches")
     object_full_patches: Real = setting(32.0, "effective patches at quality 1", "effective patches",
-        more="fewer views count in full", key=f"{_Q}.object.full_patches")
+        more="fewer views count in full", key=f"{_Q}.object.full_patches",
+        not_below="object_min_patches")
     object_min_density: Real = setting(0.15, "mean coverage of the patches at weight 0", "coverage",
         more="the look of thin masks counts less", key=f"{_Q}.object.min_coverage_density")
     object_full_density: Real = setting(0.60, "mean coverage of the patches at full weight",
-        "coverage", more="fewer views count in full", key=f"{_Q}.object.full_coverage_density")
+        "coverage", more="fewer views count in full", key=f"{_Q}.object.full_coverage_density",
+        not_below="object_min_density")
     parts_disabled_below: Real = setting(8.0, "effective patches below which parts do not count",
         "effective patches", more="fewer views are compared by parts",
         key=f"{_Q}.parts.disable_below_obj_patches")
@@ -66,29 +68,35 @@ class Similarity:
         key=f"{_Q}.parts.min_obj_patches")
     parts_full_patches: Real = setting(32.0, "effective patches at which parts have quality 1",
         "effective patches", more="parts count in full in fewer views",
-        key=f"{_Q}.parts.full_obj_patches")
+        key=f"{_Q}.parts.full_obj_patches",
+        not_below="parts_min_patches")
     parts_min_count: Real = setting(2.0, "number of parts at quality 0", "parts",
         more="few parts count less", key=f"{_Q}.parts.min_parts")
     parts_full_count: Real = setting(4.0, "number of parts at quality 1", "parts",
-        more="parts count in full in fewer views", key=f"{_Q}.parts.full_parts")
+        more="parts count in full in fewer views", key=f"{_Q}.parts.full_parts",
+        not_below="parts_min_count")
     parts_min_support: Real = setting(0.15,
         "share of the object that its parts cover, at quality 0", "share of the object",
         more="small parts count less", key=f"{_Q}.parts.min_support_frac")
     parts_full_support: Real = setting(0.45, "the same at quality 1", "share of the object",
-        more="parts count in full in fewer views", key=f"{_Q}.parts.full_support_frac")
+        more="parts count in full in fewer views", key=f"{_Q}.parts.full_support_frac",
+        not_below="parts_min_support")
     parts_min_density: Real = setting(0.15,
         "mean coverage of the patches at which parts have weight 0", "coverage",
         more="parts of thin masks count less", key=f"{_Q}.parts.min_coverage_density")
     parts_full_density: Real = setting(0.60, "the same at full weight", "coverage",
-        more="parts count in full in fewer views", key=f"{_Q}.parts.full_coverage_density")
+        more="parts count in full in fewer views", key=f"{_Q}.parts.full_coverage_density",
+        not_below="parts_min_density")
     background_min_inner: Real = setting(8.0, "patches of the inner ring at quality 0", "patches",
         more="small inner rings count less", key=f"{_Q}.background.min_inner_patches")
     background_full_inner: Real = setting(20.0, "patches of the inner ring at quality 1", "patches",
-        more="rings count in full in fewer views", key=f"{_Q}.background.full_inner_patches")
+        more="rings count in full in fewer views", key=f"{_Q}.background.full_inner_patches",
+        not_below="background_min_inner")
     background_min_outer: Real = setting(12.0, "patches of the outer ring at quality 0", "patches",
         more="small outer rings count less", key=f"{_Q}.background.min_outer_patches")
     background_full_outer: Real = setting(32.0, "patches of the outer ring at quality 1", "patches",
-        more="rings count in full in fewer views", key=f"{_Q}.background.full_outer_patches")
+        more="rings count in full in fewer views", key=f"{_Q}.background.full_outer_patches",
+        not_below="background_min_outer")
     background_min_mask_quality: Real = setting(0.50, "solidity of the mask at quality 0",
         "solidity", more="rings of ragged masks count less",
         key=f"{_Q}.background.min_mask_quality")

@@ -36,7 +36,8 @@ class Appearance:
     patches_min: Real = setting(8.0, "effective patches at quality 0", "effective patches",
         more="small views have less quality", key=f"{_A}.quality_min_patches")
     patches_full: Real = setting(24.0, "effective patches at quality 1", "effective patches",
-        more="fewer views have full quality", key=f"{_A}.quality_full_patches")
+        more="fewer views have full quality", key=f"{_A}.quality_full_patches",
+        not_below="patches_min")
     trimmed_base: Real = setting(0.10, "quality of a trimmed descriptor at quality 0", "quality",
         more="small views teach the trimmed bank more")
     create_quality: Real = setting(0.35, "least quality of an inserted observation", "quality",
@@ -59,7 +60,8 @@ class Appearance:
     update_rate_min: Real = setting(0.02, "gated: step at the margin", "step",
         more="prototypes follow faster", key=f"{_A}.dup_update.alpha_min")
     update_rate_max: Real = setting(0.08, "gated: step at similarity 1", "step",
-        more="prototypes follow faster", key=f"{_A}.dup_update.alpha_max")
+        more="prototypes follow faster", key=f"{_A}.dup_update.alpha_max",
+        not_below="update_rate_min")
     merge_cap: Whole = setting(10, 'with merge "capped": hits count up to this weight', "hits",
         more="the more proven of two merged prototypes prevails more", key=f"{_A}.count_cap")
 
@@ -81,11 +83,13 @@ class Background:
     inner_min_patches: Real = setting(8.0, "ring patches at quality 0", "patches",
         more="small inner rings have less quality", key=f"{_B}.global_inner_min_patches")
     inner_full_patches: Real = setting(20.0, "ring patches at quality 1", "patches",
-        more="fewer inner rings have full quality", key=f"{_B}.global_inner_full_patches")
+        more="fewer inner rings have full quality", key=f"{_B}.global_inner_full_patches",
+        not_below="inner_min_patches")
     outer_min_patches: Real = setting(12.0, "the same for the outer ring", "patches",
         more="small outer rings have less quality", key=f"{_B}.global_outer_min_patches")
     outer_full_patches: Real = setting(28.0, "the same for the outer ring", "patches",
-        more="fewer outer rings have full quality", key=f"{_B}.global_outer_full_patches")
+        more="fewer outer rings have full quality", key=f"{_B}.global_outer_full_patches",
+        not_below="outer_min_patches")
     min_mask_quality: Real = setting(0.50, "solidity of the mask at quality 0", "solidity",
         more="ragged masks have less quality", key=f"{_B}.global_min_mask_quality")
     create_quality: Real = setting(0.40, "least quality of an inserted observation", "quality",
@@ -103,7 +107,8 @@ class Background:
     update_rate_min: Real = setting(0.02, "step at the margin", "step",
         more="prototypes follow faster", symbol="α", key=f"{_B}.dup_update.alpha_min")
     update_rate_max: Real = setting(0.10, "step at similarity 1", "step",
-        more="prototypes follow faster", key=f"{_B}.dup_update.alpha_max")
+        more="prototypes follow faster", key=f"{_B}.dup_update.alpha_max",
+        not_below="update_rate_min")
     stable_update: Gate = setting(True, "stable prototypes change at all",
         key=f"{_B}.stable_update",
         theirs={"count_capped": True, "none": False, "off": False, "skip": False})
@@ -113,7 +118,8 @@ class Background:
     stable_rate_min: Real = setting(0.01, "step of stable prototypes at that margin", "step",
         more="stable prototypes follow faster", key=f"{_B}.stable_dup_update.alpha_min")
     stable_rate_max: Real = setting(0.05, "step of stable prototypes at similarity 1", "step",
-        more="stable prototypes follow faster", key=f"{_B}.stable_dup_update.alpha_max")
+        more="stable prototypes follow faster", key=f"{_B}.stable_dup_update.alpha_max",
+        not_below="stable_rate_min")
     merge_cap: Whole = setting(10, "hits count up to this weight when two prototypes merge", "hits",
         more="the more proven of two merged prototypes prevails more", key=f"{_B}.count_cap")
 
@@ -144,7 +150,8 @@ class Parts:
     update_rate_min: Real = setting(0.03, "step at the margin", "step",
         more="prototypes follow faster", symbol="α", key=f"{_P}.dup_update.alpha_min")
     update_rate_max: Real = setting(0.15, "step at similarity 1", "step",
-        more="prototypes follow faster", key=f"{_P}.dup_update.alpha_max")
+        more="prototypes follow faster", key=f"{_P}.dup_update.alpha_max",
+        not_below="update_rate_min")
     merge_cap: Whole = setting(10, "hits count up to this weight when two prototypes merge", "hits",
         more="the more proven of two merged prototypes prevails more", key=f"{_P}.merge.count_cap")
 

@@ -1,0 +1,157 @@
+"""Which numbers a setting may have: the range of its unit, unless its record says otherwise.
+
+Thresholds may lie beyond what can be measured, as "never" and "always" are legitimate: no cosine
+reaches 2. Far beyond that a number is a mistake, and a count takes all memory or all time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from remind_jax.errors import ConfigError
+from remind_jax.settings.record import Setting
+
+_ODDS = (-1e4, 1e4)
+_MEASURE = (-1.0, 2.0)  # of what lies in [-1, 1]
+_AMOUNT = (0.0, 1e6)
+
+# By unit, the least and the largest value of a threshold.
+RANGES: dict[str, tuple[float, float]] = {
+    "agreement": _MEASURE,
+    "candidates": _AMOUNT,
+    "classes": _AMOUNT,
+    "clusters": _AMOUNT,
+    "cosine": _MEASURE,
+    "coverage": _MEASURE,
+    "decisions": _AMOUNT,
+    "detections": _AMOUNT,
+    "effective patches": _AMOUNT,
+    "episodes": _AMOUNT,
+    "exponent": (-100.0, 100.0),
+    "factor": _AMOUNT,
+    "frames": _AMOUNT,
+    "hits": _AMOUNT,
+    "length": _AMOUNT,
+    "links": _AMOUNT,
+    "log odds": _ODDS,
+    "log ratio": _AMOUNT,
+    "maturity": _MEASURE,
+    "object sizes": _AMOUNT,
+    "objects": _AMOUNT,
+    "pairs": _AMOUNT,
+    "parts": _AMOUNT,
+    "patches": _AMOUNT,
+    "per episode": _AMOUNT,
+    "per log odd": _AMOUNT,
+    "per nat": _AMOUNT,
+    "probability": (0.0, 1.0),
+    "px": _AMOUNT,
+    "quality": _MEASURE,
+    "radians": (0.0, 100.0),
+    "relative distance": _AMOUNT,
+    "reliability": _MEASURE,
+    "rounds": (0.0, 100.0),
+    "samples": _AMOUNT,
+    "score": _MEASURE,
+    "sets": _AMOUNT,
+    "share": (0.0, 100.0),
+    "share of a patch": _MEASURE,
+    "share of the channels": _MEASURE,
+    "share of the object": _MEASURE,
+    "share of the patches": _MEASURE,
+    "share of the ring": _MEASURE,
+    "share of the score": _MEASURE,
+    "sightings": _AMOUNT,
+    "similarity": _MEASURE,
+    "solidity": _MEASURE,
+    "squared cosine": (0.0, 4.0),
+    "step": (0.0, 1.0),
+    "strength": _MEASURE,
+    "support": (-1e4, 1e4),
+    "trust": _MEASURE,
+    "usefulness": _MEASURE,
+    "variances": _AMOUNT,
+    "weight": (0.0, 1e4),
+}
+# By unit, the largest count that fixes shapes. What is nested or unrolled takes time without end.
+MOST_COUNTS: dict[str, int] = {
+    "candidates": 1024,
+    "clusters": 64,
+    "clusters: fewest, most": 64,
+    "detections": 10_000,
+    "id": 10**9,
+    "iterations": 1000,
+    "numbers": 1 << 16,
+    "objects": 1024,
+    "parts": 64,
+    "patches": 64,
+    "prototypes": 1024,
+    "prototypes: work, stable": 1024,
+    "px": 1 << 16,
+    "relations": 1024,
+    "restarts": 100,
+    "rounds": 16,
+    "seed": 2**31 - 2,
+    "sets": 1024,
+    "tracks": 8192,
+}
+
+
+def range_of(record: Setting) -> tuple[float, float]:
+    """The least and the largest value; of a unit that is not listed, any finite one."""
+    least, most = RANGES.get(record.unit, (-math.inf, math.inf))
+    return (
+        least if record.least is None else record.least,
+        most if record.most is None else record.most,
+    )
+
+
+def check_range(name: str, value: Any, record: Setting) -> None:
+    """Checks a threshold; what is no number passes, as do arrays: they are sweeps.
+
+    Raises:
+      ConfigError: If it is not finite, or beyond its range.
+    """
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        _check(name, value, *range_of(record), record.why)
+
+
+def check_count(name: str, value: Any, record: Setting) -> None:
+    """Checks a count that fixes shapes; what is no whole number passes.
+
+    Raises:
+      ConfigError: If it is larger than supported.
+    """
+    if isinstance(value, int) and not isinstance(value, bool):
+        most = MOST_COUNTS.get(record.unit, math.inf) if record.most is None else record.most
+        _check(name, value, -math.inf, most, record.why)
+
+
+def _check(name: str, value: float, least: float, most: float, why: str) -> None:
+    if not math.isfinite(value):
+        raise ConfigError(f"{name} is {value!r}; it must be a finite number")
+    if value > most:
+        why = f", {why}" if why else ""
+        raise ConfigError(f"{name} is {value!r}; supported: up to {most:.12g}{why}")
+    if value < least:
+        raise ConfigError(f"{name} is {value!r}; supported: from {least:.12g} on")
+
+
+def check_order(section: Any, path: str) -> None:
+    """Checks numbers of a record of settings that belong together: no least above its most.
+
+    Raises:
+      ConfigError: If there is one.
+    """
+    for field in dataclasses.fields(section):
+        low = field.metadata.get("setting", Setting("")).not_below
+        if not low:
+            continue
+        least, most = getattr(section, low), getattr(section, field.name)
+        if all(isinstance(value, (int, float)) for value in (least, most)) and least > most:
+            raise ConfigError(
+                f"{path}{low} is {least!r} and {path}{field.name} {most!r}; the first may not be "
+                "above the second"
+            )

@@ -1,0 +1,134 @@
+"""Every number among the settings has a range, and what lies beyond it is refused."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from remind_jax.config import Config, list_configs, load_config
+from remind_jax.errors import ConfigError
+from remind_jax.method import get_method, list_methods
+from remind_jax.settings.ranges import (
+    MOST_COUNTS,
+    RANGES,
+    check_count,
+    check_order,
+    check_range,
+    range_of,
+)
+from remind_jax.settings.record import Setting, setting, walk_settings
+
+
+def numbers(tree) -> list:
+    found = walk_settings(tree)
+    return [(key, value, record) for key, value, record in found if type(value) in (int, float)]
+
+
+@pytest.mark.parametrize("name", list_methods())
+def test_every_threshold_has_a_range_that_its_value_lies_in(name):
+    for key, value, record in numbers(get_method(name).thresholds()):
+        least, most = range_of(record)
+        assert math.isfinite(least), key
+        assert math.isfinite(most), key
+        check_range(key, value, record)
+
+
+def test_every_count_has_a_limit():
+    for section in (Config().static, Config().input):
+        for key, value, record in walk_settings(section):
+            if any(type(one) is int for one in (value if type(value) is tuple else (value,))):
+                assert record.most is not None or record.unit in MOST_COUNTS, key
+
+
+def test_the_table_names_no_unit_that_nobody_has():
+    records = [
+        record for name in list_methods() for *_, record in numbers(get_method(name).thresholds())
+    ]
+    assert set(RANGES) == {record.unit for record in records}
+
+
+@pytest.mark.parametrize("name", list_configs())
+def test_shipped_configurations_pass(name):
+    config = load_config(name)
+    assert load_config(config) is config
+
+
+def refusals(tree, path: str):
+    """A value beyond each end of every range, and those that are no number at all."""
+    for key, value, record in numbers(tree):
+        least, most = range_of(record)
+        bad = [math.nan, math.inf, -math.inf, 10**12, -(10**12)]
+        if type(value) is int:
+            bad += [10**40, 0.5]
+        yield from ((f"{path}{key}", one) for one in [*bad, most + 1, least - 1])
+        yield from ((f"{path}{key}", one) for one in [True, "1", None, [1], {"a": 1}])
+
+
+@pytest.mark.parametrize("tracker", ["published", "default"])
+def test_every_number_beyond_its_range_is_refused(tracker):
+    base = load_config(tracker)
+    tried = list(refusals(base.thresholds, "thresholds."))
+    assert len(tried) > 1000
+    for key, value in tried:
+        with pytest.raises(ConfigError, match=r"thresholds\.") as refused:
+            base.updated({key: value}, "a test")
+        assert len(str(refused.value)) < 400
+
+
+@pytest.mark.parametrize("section", ["static", "input"])
+def test_every_count_beyond_its_limit_is_refused(section):
+    base = load_config("published")
+    for key, _, record in numbers(getattr(base, section)):
+        most = record.most or MOST_COUNTS[record.unit]
+        for value in (most + 1, 10**12, -1, 0.5, math.nan, True, "1", None, [1]):
+            with pytest.raises(ConfigError, match=key):
+                base.updated({f"{section}.{key}": value}, "a test")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"similarity.object_min_patches": 50},
+            "object_min_patches is 50.0 and .*object_full_patches 32.0",
+        ),
+        ({"parts.update_rate_max": 0.01}, "the first may not be above the second"),
+        ({"static.ring_clusters": [9, 3]}, "the fewest, may not be above"),
+        ({"static.ring_clusters": [9, 10**9]}, "ring_clusters is 1000000000; supported: up to 64"),
+        ({"static.appearance_slots": [10**6, 1]}, "appearance_slots is 1000000; supported"),
+        ({"static.attention_heads": [-1]}, "numbers from 0 on"),
+        ({"input.ignored_classes": [1, None]}, "a list of names"),
+    ],
+)
+def test_numbers_that_belong_together_agree(changes, words):
+    with pytest.raises(ConfigError, match=words):
+        load_config({"base": "published", **changes})
+
+
+def test_thresholds_put_together_in_python_are_checked():
+    matching = dataclasses.replace(Config().thresholds.matching, match=math.nan)
+    thresholds = dataclasses.replace(Config().thresholds, matching=matching)
+    with pytest.raises(ConfigError, match=r"thresholds\.matching\.match is nan"):
+        load_config(Config(thresholds=thresholds))
+
+
+def test_arrays_pass_as_they_are_sweeps():
+    check_range("x", np.array([1.0, 9e9]), Setting("", "score"))
+    check_count("x", np.array([1, 10**9]), Setting("", most=3))
+
+
+def test_the_reason_of_a_limit_is_said():
+    with pytest.raises(ConfigError, match="x is 4; supported: up to 3, there is no room for more"):
+        check_range("x", 4, Setting("so many", most=3, why="there is no room for more"))
+
+
+def test_an_order_holds_with_equal_numbers():
+    @dataclasses.dataclass
+    class Pair:
+        low: float = setting(1.0, "from here")
+        high: float = setting(1.0, "to here", not_below="low")
+
+    check_order(Pair(), "pair.")
+    with pytest.raises(ConfigError, match=r"pair\.low is 2.0 and pair\.high 1.0"):
+        check_order(Pair(low=2.0), "pair.")
