@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import reprlib
 import typing
 from typing import Any
 
 from remind_jax.errors import ConfigError
-from remind_jax.files.records import MOST_LABEL
-from remind_jax.files.wording import show
 from remind_jax.settings.ranges import check_count
 
 _MOST_LISTED = 10_000
+_MOST_CHARACTERS = 200  # of a name
 
 
 def check_fields(settings: Any, section: str) -> None:
@@ -51,12 +51,13 @@ def _check_list(name: str, values: Any, kind: type) -> None:
         raise ConfigError(f"{name} must be a list of at most {_MOST_LISTED} entries")
     for value in values:
         if not is_one(value):
-            what = f"names of 1 to {MOST_LABEL} characters" if kind is str else "numbers from 0 on"
-            raise ConfigError(f"{name} holds {show(value)}; it must be a list of {what}")
+            names = f"names of 1 to {_MOST_CHARACTERS} characters"
+            what = names if kind is str else "numbers from 0 on"
+            raise ConfigError(f"{name} holds {reprlib.repr(value)}; it must be a list of {what}")
 
 
 def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= MOST_LABEL
+    return isinstance(value, str) and 0 < len(value) <= _MOST_CHARACTERS
 
 
 def _are_two_counts(value: Any) -> bool:
