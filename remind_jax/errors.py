@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Iterable
+
+# Control characters but line breaks and tabs, and those that turn the direction of writing.
+_COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 class RemindError(ValueError):
-    """Something the caller can mend; its text is one sentence fit to be shown to a user."""
+    """Something the caller can mend; its text is one sentence fit to be shown to a user.
+
+    Control characters in it, of names of files or classes, are written out.
+    """
+
+    def __init__(self, *parts: object) -> None:
+        super().__init__(*(on_one_line(p) if isinstance(p, str) else p for p in parts))
 
 
 class SourceError(RemindError):
@@ -48,6 +58,20 @@ class SweepError(RemindError):
 
 class OutputError(RemindError):
     """A result cannot be written or read back."""
+
+
+def printable(text: str) -> str:
+    r"""The text with what would command a terminal written out: `\x1b`, `\u202e`.
+
+    Names of files, classes and archive members are somebody else's; line breaks and tabs of a
+    message are ours, and stay.
+    """
+    return _COMMANDS.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def on_one_line(text: str) -> str:
+    """The text with all control characters written out, line breaks and tabs as well."""
+    return printable(text).replace("\n", "\\n").replace("\t", "\\t")
 
 
 def close_names(name: str, allowed: Iterable[str]) -> list[str]:

@@ -10,6 +10,8 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from remind_jax.errors import printable as printable
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -19,17 +21,6 @@ _WIDE = 4000  # characters of a line where nothing limits it
 _AROUND_CELL = 3  # characters of border and padding
 _MOST_FOLDED = 36  # a column that is wider may be folded to fit
 _PIPE = re.compile(r"(?<!\\)\|")
-# Control characters but line breaks and tabs, and those that turn the direction of writing.
-_COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
-
-
-def printable(text: str) -> str:
-    r"""The text with what would command a terminal written out: `\x1b`, `\u202e`.
-
-    Names of files, classes and archive members are somebody else's; line breaks and tabs of a
-    message are ours, and stay.
-    """
-    return _COMMANDS.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def output_width() -> int | None:

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Integer, UInt8
 
 from remind_jax import files
-from remind_jax.errors import SourceError
+from remind_jax.errors import SourceError, first_line
 from remind_jax.frame import Detections, Frame
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.detections import ClassNaming, detections_from
@@ -55,7 +55,7 @@ class ItemReader:
     ) -> None:
         self.name = name
         self.fps: float | None = fps
-        self.num_entries: int | None = len(items) if isinstance(items, Sized) else None
+        self.num_entries: int | None = _length(items)
         self.entry_names: tuple[str, ...] | None = None
         self._items, self._interval_s, self._class_names = items, 1 / fps, class_names
         self._is_used_up = False
@@ -120,7 +120,7 @@ def open_stored_maps(
     Raises:
       SourceError: If they are something else, or instances have no class.
     """
-    if maps.ndim != 3 or maps.dtype.kind not in "ui":
+    if maps.ndim != 3 or maps.dtype.kind not in "ui" or 0 in maps.shape[1:]:
         raise SourceError(
             f"masks in '{file}' are {maps.dtype} {maps.shape}; give instance maps, whole "
             "numbers [T, H, W]"
@@ -132,6 +132,13 @@ def open_stored_maps(
         return detections_in(fit_plane(labels, frame_size, f"a map in '{file}'"), classes)
 
     return ArrayMasks(list(maps), convert)
+
+
+def _length(items: Iterable[Any]) -> int | None:
+    shape = getattr(items, "shape", None)
+    if shape == ():
+        raise SourceError("an array of no dimensions is no source of frames; give [T, H, W, 3]")
+    return len(items) if isinstance(items, Sized) else None
 
 
 def _read_item(item: Any, index: int, class_names: ClassNaming | None) -> Content:
@@ -147,7 +154,14 @@ def _as_image(item: Any, index: int) -> UInt8[np.ndarray, "H W 3"]:
             return decode_image(files.read_bytes(item))
         except OSError as error:
             raise UnreadableFrame(f"'{item}' cannot be read: {error.strerror or error}") from error
-    array = np.asarray(item)
+    try:
+        array = np.asarray(item)
+    except (ValueError, TypeError) as error:
+        raise SourceError(
+            f"item {index} is {type(item).__name__}, which makes no array ({first_line(error)})"
+        ) from error
+    if 0 in array.shape:
+        raise SourceError(f"item {index} has shape {array.shape}: there are no pixels")
     if array.dtype == np.uint8 and array.ndim == 2:
         return np.repeat(array[:, :, None], 3, axis=2)
     if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] in (1, 3, 4):

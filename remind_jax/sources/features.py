@@ -12,14 +12,17 @@
 from __future__ import annotations
 
 import functools
-import zipfile
+import tokenize
+import warnings
 from collections.abc import Generator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from remind_jax import files
-from remind_jax.errors import SourceError, nearest_names
+from remind_jax.errors import SourceError, first_line, nearest_names
+from remind_jax.files.tensors import MOST_NPZ_BYTES, read_npz
+from remind_jax.frame import MOST_LABEL
 from remind_jax.sources.class_names import UNNAMED, ClassNames, read_metadata
 from remind_jax.sources.label_maps import (
     Unlabelled,
@@ -27,9 +30,14 @@ from remind_jax.sources.label_maps import (
     instance_ids_in,
     require_classes,
 )
-from remind_jax.sources.source import Content, Entry, Report
+from remind_jax.sources.source import Content, Entry, Report, say_size
 
 FEATURE_SUFFIXES = (".npz", ".npy")
+FREE_BYTES = 1 << 30  # of arrays, however small their file is; a .npy file stays on disk
+MOST_RATIO = 20  # of arrays to a larger file
+MOST_SIDE = 1 << 16
+MOST_NAME = 1000  # characters of the name of a frame
+MOST_TIME_S = 1e10
 KNOWN_ARRAYS = ("features", "masks", "ids", "labels", "images", "times_s", "names")
 
 
@@ -82,7 +90,8 @@ class FeatureReader:
             yield Entry(index, float(self._times_s[index]), name, read)
 
     def _read(self, index: int) -> Content:
-        features = np.asarray(self._arrays["features"][index], np.float32)
+        with np.errstate(over="ignore"):
+            features = np.asarray(self._arrays["features"][index], np.float32)
         image = self._arrays["images"][index] if "images" in self._arrays else None
         detections = None
         if "masks" in self._arrays:
@@ -98,40 +107,88 @@ def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
       single: What the one array of a `.npy` file is.
 
     Raises:
-      SourceError: If it is no NumPy file.
+      SourceError: If it is no NumPy file, or holds more than is meant for memory.
     """
+    if path.suffix.lower() != ".npy":
+        try:
+            most_bytes = max(FREE_BYTES, MOST_RATIO * path.stat().st_size)
+        except OSError as error:
+            raise SourceError(f"cannot read '{path}': {error.strerror}") from error
+        return read_npz(path, refused=SourceError, most_bytes=min(most_bytes, MOST_NPZ_BYTES))
     try:
         files.check_regular(path)
-        if path.suffix.lower() == ".npy":
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of sizes that overflow, which is an error as well
             return {single: np.load(path, mmap_mode="r", allow_pickle=False)}
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            return {key: stored[key] for key in stored.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise SourceError(f"'{path}' cannot be read as a NumPy file: {error}") from error
+    except (OSError, ValueError, TypeError, EOFError, SyntaxError, RecursionError) as error:
+        raise SourceError(
+            f"'{path}' cannot be read as a NumPy file: {first_line(error)}"
+        ) from error
+    except tokenize.TokenError as error:
+        raise SourceError(f"'{path}' is no NumPy file, or damaged; make it again") from error
 
 
 def _check_arrays(arrays: Mapping[str, np.ndarray], file: str) -> None:
     for key in arrays:
         if key not in KNOWN_ARRAYS:
             raise SourceError(
-                f"'{file}' holds an array '{key}'; {nearest_names(key, KNOWN_ARRAYS)}"
+                f"'{file}' holds an array '{key[:200]}'; {nearest_names(key, KNOWN_ARRAYS)}"
             )
     features = arrays.get("features")
     if features is None:
         raise SourceError(f"'{file}' holds no array 'features'; it must be [T, Hp, Wp, D]")
-    if features.ndim != 4 or features.dtype.kind != "f" or 0 in features.shape[1:]:
+    is_sound = features.ndim == 4 and features.dtype in (np.float16, np.float32, np.float64)
+    if not is_sound or 0 in features.shape[1:]:
         raise SourceError(
             f"features in '{file}' are {features.dtype} {features.shape}; they must be floats "
             "[T, Hp, Wp, D]"
         )
-    for key, ndim, kinds in (("masks", 3, "ui"), ("images", 4, "u"), ("times_s", 1, "f")):
-        if key in arrays and (arrays[key].ndim != ndim or arrays[key].dtype.kind not in kinds):
-            raise SourceError(f"'{key}' in '{file}' is {arrays[key].dtype} {arrays[key].shape}")
-    for key in ("masks", "images", "times_s", "names"):
-        if key in arrays and len(arrays[key]) != len(features):
+    if max(features.shape[1:]) > MOST_SIDE:
+        raise SourceError(
+            f"features in '{file}' have shape {features.shape}; no side may be over {MOST_SIDE}"
+        )
+    for key, ndim, kinds, form in (
+        ("masks", 3, "ui", "whole numbers [T, H, W]"),
+        ("images", 4, "u", "bytes [T, H, W, 3]"),
+        ("times_s", 1, "f", "floats [T]"),
+        ("names", 1, "U", "text [T]"),
+    ):
+        array = arrays.get(key)
+        if array is None:
+            continue
+        if array.ndim != ndim or array.dtype.kind not in kinds or 0 in array.shape[1:]:
             raise SourceError(
-                f"'{file}' has features for {len(features)} frames, but '{key}' for "
-                f"{len(arrays[key])}"
+                f"'{key}' in '{file}' is {array.dtype} {array.shape}; it must be {form}"
+            )
+        if len(array) != len(features):
+            raise SourceError(
+                f"'{file}' has features for {len(features)} frames, but '{key}' for {len(array)}"
+            )
+    _check_values(arrays, file)
+
+
+def _check_values(arrays: Mapping[str, np.ndarray], file: str) -> None:
+    images, masks, times_s = (arrays.get(key) for key in ("images", "masks", "times_s"))
+    if images is not None and (images.dtype != np.uint8 or images.shape[3] != 3):
+        raise SourceError(
+            f"'images' in '{file}' is {images.dtype} {images.shape}; it must be bytes [T, H, W, 3]"
+        )
+    if images is not None and masks is not None and images.shape[:3] != masks.shape:
+        raise SourceError(
+            f"'images' in '{file}' are {say_size(images.shape[1:3])} pixels, 'masks' "
+            f"{say_size(masks.shape[1:])} (width x height); give both of one size"
+        )
+    if times_s is not None and not (
+        np.isfinite(times_s).all() and (np.abs(times_s) < MOST_TIME_S).all()
+    ):
+        raise SourceError(f"'times_s' in '{file}' must be finite, and below {MOST_TIME_S:g} s")
+    if times_s is not None and (np.diff(times_s) < 0).any():
+        frame = int(np.argmax(np.diff(times_s) < 0)) + 1
+        raise SourceError(f"'times_s' in '{file}' goes back at frame {frame}; give times in order")
+    for name in arrays.get("names", ()):
+        if not 0 < len(name) <= MOST_NAME:
+            raise SourceError(
+                f"a name in 'names' of '{file}' has {len(name)} characters; give 1 to {MOST_NAME}"
             )
 
 
@@ -146,10 +203,24 @@ def find_classes(
     """
     if metadata is not None:
         return read_metadata(metadata, sequence).classes
-    ids, labels = arrays.get("ids", np.empty(0)), arrays.get("labels", np.empty(0))
-    if len(ids) != len(labels):
+    ids, labels = arrays.get("ids", np.empty(0, int)), arrays.get("labels", np.empty(0, "U1"))
+    if ids.ndim != 1 or labels.ndim != 1 or len(ids) != len(labels):
         raise SourceError(f"'{file}' needs as many 'labels' as 'ids', one class name per id")
-    by_id = {int(i): str(label) for i, label in zip(ids, labels, strict=True)}
+    if ids.dtype.kind not in "ui" or labels.dtype.kind != "U":
+        raise SourceError(
+            f"'ids' and 'labels' in '{file}' are {ids.dtype} and {labels.dtype}; give whole "
+            "numbers and text"
+        )
+    by_id: dict[int, str | None] = {}
+    for number, label in zip(ids.tolist(), labels.tolist(), strict=True):
+        if number in by_id or not 0 <= number < 2**31:
+            raise SourceError(f"'ids' in '{file}' holds {number} twice, or out of range")
+        if not label.strip() or len(label) > MOST_LABEL:
+            raise SourceError(
+                f"the label of instance {number} in '{file}' has {len(label)} characters; give a "
+                f"name of 1 to {MOST_LABEL}"
+            )
+        by_id[number] = label
     return ClassNames(by_id, file=file) if "ids" in arrays else UNNAMED
 
 

@@ -22,11 +22,18 @@ TAR_SUFFIXES = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz
 STREAMED_SUFFIXES = (".mkv", ".mp4", ".mov", ".avi", ".webm", ".m4v", ".bin", ".ply")
 LAYOUT_FOLDERS = ("JPEGImages", "Annotations", "annotations", "dslr", "iphone")  # never a wrapper
 MOST_FILE_BYTES = 1 << 29  # of a file that is read as a whole: images, masks, JSON
+MOST_NAME, MOST_PART = 4096, 1000  # characters of a path in an archive, and between slashes
 MOST_MEMBERS = 2_000_000  # of an archive
+
+
+# Files of an archive by name, and whether it ends early.
+Listed = tuple[dict[str, tarfile.TarInfo], bool]
 
 
 class FolderTree:
     """A folder on disk; `TarTree` answers the same questions about an archive."""
+
+    is_cut_off = False
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -72,7 +79,7 @@ class FolderTree:
     def _names(self, folder: str, *, files: bool) -> list[str]:
         try:
             with os.scandir(self.path / folder) as entries:
-                return _sort(e.name for e in entries if (e.is_file() if files else e.is_dir()))
+                return _sort(e.name for e in entries if _is_there(e, files=files))
         except (FileNotFoundError, NotADirectoryError, ValueError):
             return []
         except OSError as error:
@@ -89,10 +96,11 @@ class TarTree:
         the machine: absolute paths, `..`, links, devices, sparse or giant files.
     """
 
-    def __init__(self, path: Path, members: dict[str, tarfile.TarInfo] | None = None) -> None:
+    def __init__(self, path: Path, listed: Listed | None = None) -> None:
         self.path = path
         self._archive: Archive | None = None
-        self._members = _strip_top(_list_members(path)) if members is None else members
+        self._listed = _list_members(path) if listed is None else listed
+        self._members, self.is_cut_off = self._listed
         self._folders: dict[str, set[str]] = {"": set()}
         self._files: dict[str, set[str]] = {}
         for name in self._members:
@@ -147,7 +155,7 @@ class TarTree:
 
     def second_handle(self) -> TarTree:
         """The same tree with a read position of its own."""
-        return TarTree(self.path, self._members)
+        return TarTree(self.path, self._listed)
 
 
 FileTree = FolderTree | TarTree
@@ -222,11 +230,19 @@ def _sort(names: Iterable[str]) -> list[str]:
     return sorted((name for name in names if not name.startswith(".")), key=natural_key)
 
 
+def _is_there(entry: os.DirEntry[str], *, files: bool) -> bool:
+    """Whether it is a file or a folder; links that lead nowhere or in circles are neither."""
+    try:
+        return entry.is_file() if files else entry.is_dir()
+    except OSError:
+        return False
+
+
 def _folder_name(path: PurePosixPath) -> str:
     return "" if str(path) == "." else str(path)
 
 
-def _list_members(path: Path) -> dict[str, tarfile.TarInfo]:
+def _list_members(path: Path) -> Listed:
     """Regular files by name; a truncated archive gives what came before the cut."""
     members: dict[str, tarfile.TarInfo] = {}
     try:
@@ -244,13 +260,14 @@ def _list_members(path: Path) -> dict[str, tarfile.TarInfo]:
                     raise SourceError(f"archive '{path}' has over {MOST_MEMBERS} files; split it")
                 if member.isreg():
                     members[str(PurePosixPath(member.name))] = member
+            is_cut_off = not _has_end(archive)
     except SourceError:
         raise
     except DAMAGED as error:
         raise SourceError(f"archive '{path}' cannot be read: {first_line(error)}") from error
     if not members:
         raise SourceError(f"archive '{path}' holds no files")
-    return members
+    return _strip_top(members), is_cut_off
 
 
 def _next_member(archive: Archive, has_members: bool) -> tarfile.TarInfo | None:
@@ -264,9 +281,23 @@ def _next_member(archive: Archive, has_members: bool) -> tarfile.TarInfo | None:
         raise
 
 
+def _has_end(archive: Archive) -> bool:
+    """Whether a block of zeros follows the last member, as it should."""
+    assert archive.fileobj is not None
+    try:
+        archive.fileobj.seek(archive.offset)
+        return archive.fileobj.read(tarfile.BLOCKSIZE) == bytes(tarfile.BLOCKSIZE)
+    except DAMAGED:
+        return False
+
+
 def _say_danger(member: tarfile.TarInfo, archive_bytes: int | None) -> str | None:
     """Why a member is not acceptable; None if it is."""
     name = member.name
+    if not PurePosixPath(name).parts and not member.isdir():
+        return "has no name"
+    if len(name) > MOST_NAME or max(map(len, PurePosixPath(name).parts), default=0) > MOST_PART:
+        return f"has a name of {len(name)} characters; pack with shorter names"
     if name.startswith("/") or re.match(r"^[A-Za-z]:[\\/]|^\\", name):
         return "has an absolute path; pack with relative paths"
     if ".." in re.split(r"[\\/]", name):

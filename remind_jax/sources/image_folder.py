@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import UInt, UInt8
 
 from remind_jax.errors import SourceError, first_line
+from remind_jax.frame import SkippedFrame
 from remind_jax.sources.file_tree import FileTree, join, require_inside
 from remind_jax.sources.picture_file import check_picture
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
@@ -65,11 +66,12 @@ class ImageReader:
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields one entry per picture."""
-        del report
         for index, name in enumerate(self.entry_names or ()):
             path = join(self._folder, name)
             read = functools.partial(_read, self._tree, path)
             yield Entry(index, index * self._interval_s, name, read)
+        if self._tree.is_cut_off:
+            report(SkippedFrame("rest", "the archive is cut off or damaged", count=0))
 
 
 def list_images(tree: FileTree, folder: str) -> list[str]:

@@ -256,7 +256,11 @@ def _stem(name: str) -> str:
 
 
 def instance_ids_in(labels: Integer[np.ndarray, "..."]) -> list[int]:
-    """The numbers above 0, ascending."""
+    """The numbers above 0, ascending.
+
+    Raises:
+      UnreadableFrame: If there are negative ones.
+    """
     if labels.dtype == bool or (labels.dtype.kind == "u" and labels.dtype.itemsize <= 2):
         # Counting takes a tenth of the time of sorting the pixels.
         pixels = labels.reshape(-1)
@@ -265,4 +269,9 @@ def instance_ids_in(labels: Integer[np.ndarray, "..."]) -> list[int]:
             counts = np.bincount(pixels[start : start + _CHUNK_PX])
             is_there[: len(counts)] |= counts > 0
         return [int(i) for i in np.flatnonzero(is_there) if i > 0]
-    return [int(i) for i in np.unique(labels) if i > 0]
+    ids = [int(i) for i in np.unique(labels)]
+    if ids and ids[0] < 0:
+        raise UnreadableFrame(
+            f"an instance map holds {ids[0]}; give 0 for nothing, and numbers above 0"
+        )
+    return [i for i in ids if i > 0]

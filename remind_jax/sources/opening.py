@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,11 +17,12 @@ from remind_jax.sources.features import FEATURE_SUFFIXES, find_classes, load_arr
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.layouts import Choice, locate, open_maps_at
-from remind_jax.sources.sampling import Sampling
+from remind_jax.sources.sampling import Sampling, require_rate
 from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
 
 DEFAULT_IMAGE_FPS = 30.0
 NO_MASKS = "none"
+MOST_NAME = 1000  # characters
 PACKED = (".zip", ".rar", ".7z")
 
 
@@ -68,8 +68,18 @@ def open_source(
       ConfigError: If an option is out of range.
     """
     chosen = _check_sampling(sampling)
-    if not (math.isfinite(image_fps) and image_fps > 0):
-        raise OptionError(f"'image_fps' is {image_fps:g}; give a number above 0", "image_fps")
+    require_rate("image_fps", image_fps)
+    for option, value in (
+        ("sequence", sequence),
+        ("images", images),
+        ("mask_variant", mask_variant),
+        ("name", name),
+    ):
+        if value is not None and not (isinstance(value, str) and 0 < len(value) <= MOST_NAME):
+            shown = repr(value)[:40]
+            raise OptionError(
+                f"'{option}' is {shown}; give text of 1 to {MOST_NAME} characters", option
+            )
     if unlabelled not in ("error", "skip"):
         raise OptionError(f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled")
     if isinstance(spec, Source) and masks is None and chosen == Sampling():
@@ -118,7 +128,8 @@ def reopen_source(description: Mapping[str, Any]) -> Source:
 
 
 def _read_items(spec: Any, choice: Choice, class_names: ClassNaming | None) -> ItemReader:
-    if not isinstance(spec, Iterable) and not hasattr(spec, "__array__"):
+    is_text = isinstance(spec, bytes | bytearray | memoryview)
+    if is_text or (not isinstance(spec, Iterable) and not hasattr(spec, "__array__")):
         raise SourceError(
             f"a {type(spec).__name__} is no source of frames; give a path, an array [T, H, W, 3] "
             "or an iterable of images"
@@ -160,10 +171,19 @@ def _open_mask_file(path: Path, reader: Reader, choice: Choice) -> MaskProvider:
 
 
 def _existing(path: str | Path) -> Path:
-    resolved = Path(path).expanduser().absolute()
+    if not isinstance(path, str | Path):
+        raise SourceError(f"{path!r} is no path; give text or a pathlib.Path")
+    try:
+        resolved = Path(path).expanduser().absolute()
+        is_there = resolved.exists()
+    except (OSError, RuntimeError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise SourceError(f"'{str(path)[:200]}' is no path that can be read: {why}") from error
+    if "\0" in str(path) or not str(path):
+        raise SourceError(f"'{path}' is no path; give that of a file or folder")
     if resolved.suffix.lower() in PACKED:
         raise SourceError(f"'{path}' is a packed folder; unpack it, or pack it as .tar")
-    if resolved.exists():
+    if is_there:
         return resolved
     # A path has lost one of the slashes of an address.
     if re.match(r"\w\w+:/", str(path)) or str(path).isdecimal():
@@ -182,10 +202,15 @@ def _existing(path: str | Path) -> Path:
 def _check_sampling(sampling: Sampling | Mapping[str, Any] | None) -> Sampling:
     if sampling is None or isinstance(sampling, Sampling):
         return sampling or Sampling()
+    if not isinstance(sampling, Mapping):
+        raise ConfigError(
+            f"sampling is {type(sampling).__name__}; give a Sampling, or a mapping such as "
+            "{'stride': 2}"
+        )
     allowed = [field.name for field in dataclasses.fields(Sampling)]
     for key in sampling:
         if key not in allowed:
-            raise ConfigError(f"sampling has no option '{key}'; {nearest_names(key, allowed)}")
+            raise ConfigError(f"sampling has no option '{key}'; {nearest_names(str(key), allowed)}")
     return Sampling(**sampling)
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator
-from typing import Protocol, TypeVar
+from numbers import Integral, Real
+from typing import Any, Protocol, TypeVar
 
 from remind_jax.errors import OptionError
 
+LEAST_RATE, MOST_RATE = 1e-6, 1e6  # frames per second
 RATE_SLACK = 1e-6  # frames; time stamps are rounded to the container's clock
 
 
@@ -44,8 +46,13 @@ class Sampling:
     max_frames: int | None = None  # stop after so many chosen frames
 
     def __post_init__(self) -> None:
-        if self.fps is not None and not (math.isfinite(self.fps) and self.fps > 0):
-            raise OptionError(f"'fps' is {self.fps:g}; give a number above 0", "fps")
+        if self.fps is not None:
+            require_rate("fps", self.fps)
+        for name in ("stride", "start", "end", "max_frames"):
+            value = getattr(self, name)
+            is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+            if not is_whole and (value is not None or name in ("stride", "start")):
+                raise OptionError(f"'{name}' is {value!r}; give a whole number", name)
         if self.stride < 1:
             raise OptionError(f"'stride' is {self.stride}; give 1 (every frame) or more", "stride")
         if self.fps is not None and self.stride != 1:
@@ -100,3 +107,16 @@ class Sampling:
         if source_fps is None:
             return self.fps
         return min(source_fps / self.stride, self.fps if self.fps is not None else math.inf)
+
+
+def require_rate(name: str, value: Any) -> None:
+    """Makes sure that an option is a number of frames per second that time can be measured by.
+
+    Raises:
+      OptionError: If it is none; it names the option.
+    """
+    rate = float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+    if rate is None or not LEAST_RATE <= rate <= MOST_RATE:
+        shown = repr(value)[:40] if rate is None else f"{rate:g}"
+        allowed = f"from {LEAST_RATE:g} to {MOST_RATE:g}" if rate and rate > 0 else "above 0"
+        raise OptionError(f"'{name}' is {shown}; give a number {allowed}", name)

@@ -17,8 +17,14 @@ from jaxtyping import UInt8
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.frame import SkippedFrame
+from remind_jax.sources.picture_file import MOST_PIXELS, MOST_SIDE
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
+# Kinds of files that hold videos themselves: no lists of other files or addresses, no text.
+CONTAINERS = (
+    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,flv,asf,ogg,gif,apng,"
+    "h264,hevc,av1,obu,ivf,yuv4mpegpipe,mxf,nut,mjpeg,dv,rm,wtv,wav"
+)
 ESTIMATE_SLACK = 0.02  # share by which a frame count taken from the duration may err
 
 
@@ -73,7 +79,8 @@ class VideoReader:
                     files.check_regular(file)
                 else:  # PyAV leaves open what it did not open
                     stack.enter_context(file)
-                container = stack.enter_context(av.open(file, mode="r"))
+                options = {"format_whitelist": CONTAINERS, "max_pixels": str(MOST_PIXELS)}
+                container = stack.enter_context(av.open(file, mode="r", options=options))
             except (FFmpegError, OSError, ValueError) as error:
                 raise SourceError(
                     f"'{self._file}' cannot be opened as a video ({_say(error)}): it is damaged, "
@@ -130,7 +137,14 @@ def _name_packet(packet: av.Packet) -> str:
 def _video_stream(container: av.container.InputContainer, file: str) -> av.VideoStream:
     if not container.streams.video:
         raise SourceError(f"'{file}' has no video track")
-    return container.streams.video[0]
+    stream = container.streams.video[0]
+    if stream.width * stream.height > MOST_PIXELS or max(stream.width, stream.height) > MOST_SIDE:
+        raise SourceError(
+            f"'{file}' claims pictures of {stream.width}x{stream.height} pixels; at most "
+            f"{MOST_PIXELS} are read"
+        )
+    stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+    return stream
 
 
 def _count_frames(

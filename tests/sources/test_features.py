@@ -105,11 +105,11 @@ def test_wrong_arrays_are_one_sentence(tmp_path, arrays, why):
 @pytest.mark.parametrize("name", ["f.npy", "f.npz"])
 def test_pickles_and_damaged_files_are_refused(tmp_path, name):
     (tmp_path / name).write_bytes(b"nothing")
-    with pytest.raises(SourceError, match="cannot be read as a NumPy file"):
+    with pytest.raises(SourceError, match=r"no NPZ|Python objects|cannot be read as"):
         open_source(tmp_path / name)
     save = np.save if name == "f.npy" else np.savez
     save(tmp_path / name, np.array([{"a": 1}], dtype=object))
-    with pytest.raises(SourceError, match="cannot be read as a NumPy file"):
+    with pytest.raises(SourceError, match=r"no NPZ|Python objects|cannot be read as"):
         open_source(tmp_path / name)
 
 

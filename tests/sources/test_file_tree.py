@@ -88,6 +88,42 @@ def test_giant_member_of_a_compressed_tar_is_refused_before_it_is_unpacked(tmp_p
         open_source(tmp_path / "x.tar.gz")
 
 
+def test_headers_that_claim_memory_are_refused(tmp_path):
+    import gzip
+
+    header = tarfile.TarInfo("x")
+    header.type, header.size = tarfile.XHDTYPE, 3 << 30
+    with gzip.open(tmp_path / "x.tar.gz", "wb") as file:
+        file.write(header.tobuf())
+    with pytest.raises(SourceError, match="a header or member claims 3221225472 bytes"):
+        open_source(tmp_path / "x.tar.gz")
+
+
+def test_archives_that_unpack_to_far_more_than_they_are_are_refused(tmp_path):
+    import gzip
+
+    member = tarfile.TarInfo("film.mp4")
+    member.size = 2 << 30
+    zeros = gzip.compress(bytes(64 << 20))
+    (tmp_path / "x.tar.gz").write_bytes(gzip.compress(member.tobuf()) + 32 * zeros)
+    with pytest.raises(SourceError, match="it unpacks to over 1 GiB"):
+        open_source(tmp_path / "x.tar.gz")
+
+
+@pytest.mark.parametrize("name", ["", "x" * 2000 + "/1.jpg"])
+def test_members_without_a_sound_name_are_refused(tmp_path, name):
+    making.write_tar(tmp_path / "x.tar", {name: making.jpg(0)})
+    with pytest.raises(SourceError, match="name"):
+        open_source(tmp_path / "x.tar")
+
+
+def test_links_in_circles_are_no_files(tmp_path):
+    making.write_images(tmp_path, ["1.png"])
+    (tmp_path / "0.png").symlink_to(tmp_path / "0.png")
+    (tmp_path / "2.png").symlink_to("/dev/zero")
+    assert [frame.name for frame in open_source(tmp_path)] == ["1.png"]
+
+
 def test_truncated_tar_keeps_what_came_before(tmp_path):
     path = tmp_path / "x.tar"
     making.write_tar(path, {f"frames/{i}.jpg": making.jpg(i) for i in range(4)})
@@ -96,7 +132,7 @@ def test_truncated_tar_keeps_what_came_before(tmp_path):
     path.write_bytes(path.read_bytes()[: third.offset_data + third.size // 2])
     source = open_source(path)
     assert [f.name for f in source] == ["0.jpg", "1.jpg"]
-    assert [s.name for s in source.skipped] == ["2.jpg"]
+    assert [s.name for s in source.skipped] == ["2.jpg", "rest"]
 
 
 @pytest.mark.parametrize("content", [b"", b"no archive at all" * 100])
