@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from remind_jax.errors import WeightsError
+from remind_jax.frame import MOST_LABEL
 
 _MODEL_GRAPH, _MODEL_METADATA = 7, 14
 _GRAPH_INITIALIZER, _GRAPH_INPUT, _GRAPH_OUTPUT = 5, 11, 12
@@ -42,6 +43,11 @@ _FORMATS = {
     ".param": "an ncnn model",
 }
 _RFDETR = 'in Python, RFDETRSegMedium(pretrain_weights="{file}").export()'
+
+_MOST_CLASSES = 100_000
+_MOST_FIELDS = 1_000_000  # of one message
+_MOST_LITERAL = 10_000_000  # characters of a value in the metadata
+MOST_INPUT_PX = 8192  # a side of the input of a network
 
 Message = dict[int, list["int | memoryview"]]
 
@@ -101,7 +107,7 @@ class OnnxFile:
 
 
 def read_class_names(metadata: Mapping[str, str]) -> dict[int, str]:
-    """Class index to name; empty if the file says nothing usable.
+    """Class index to name; without those that are no names, empty if there are none.
 
     Ultralytics writes `names` as a Python dictionary in text, RF-DETR (from 2026) writes
     `rfdetr_inference`, JSON with `class_id_to_name`.
@@ -116,14 +122,24 @@ def read_class_names(metadata: Mapping[str, str]) -> dict[int, str]:
     if not isinstance(named, dict):
         return {}
     try:
-        return {int(index): str(name) for index, name in named.items()}
+        by_index = {int(index): name for index, name in named.items()}
     except (TypeError, ValueError):
         return {}
+    return {
+        i: name for i, name in by_index.items() if 0 <= i < _MOST_CLASSES and is_class_name(name)
+    }
+
+
+def is_class_name(name: object) -> bool:
+    """Whether it can be the name of a class."""
+    return isinstance(name, str) and bool(name.strip()) and len(name) <= MOST_LABEL
 
 
 def parse_literal(text: str) -> object:
     """The value of a JSON text or Python literal; None if it is neither. Nothing is executed."""
     for parse in (json.loads, ast.literal_eval):
+        if len(text) > _MOST_LITERAL:
+            return None
         try:
             return parse(text)
         except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
@@ -138,6 +154,11 @@ def refuse_other_formats(path: Path) -> None:
       WeightsError: If the path names a model of another format, a folder, or nothing.
     """
     suffix = path.suffix.lower()
+    try:
+        path.is_file()
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise WeightsError(f"detector '{str(path)[:200]}' cannot be read: {why}") from error
     if suffix in _FORMATS:
         raise WeightsError(
             f"'{path}' is {_FORMATS[suffix]}, and a detector is read as ONNX; export it once, with "
@@ -171,6 +192,12 @@ def image_input(file: OnnxFile, what: str) -> TensorSpec:
     if len(file.inputs) == 1 and len(file.inputs[0].shape) == 4:
         batch, channels, *_ = file.inputs[0].shape
         is_float = file.inputs[0].dtype in ("float32", "float16")
+        sides = [side for side in file.inputs[0].shape[2:] if side is not None]
+        if max(sides, default=0) > MOST_INPUT_PX:
+            raise WeightsError(
+                f"'{file.path}' takes images of {sides} pixels; at most {MOST_INPUT_PX} a side are "
+                "accepted, export it for smaller ones"
+            )
         if batch in (1, None) and channels in (3, None) and is_float:
             return file.inputs[0]
     found = ", ".join(f"{one} of {one.dtype}" for one in file.inputs) or "none"
@@ -181,7 +208,9 @@ def image_input(file: OnnxFile, what: str) -> TensorSpec:
 
 def _parse(data: memoryview) -> Message:
     fields: Message = {}
-    for number, value in _walk(data):
+    for count, (number, value) in enumerate(_walk(data)):
+        if count > _MOST_FIELDS:
+            raise ValueError("too many fields")
         fields.setdefault(number, []).append(value)
     return fields
 

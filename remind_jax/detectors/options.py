@@ -10,7 +10,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from jaxtyping import Bool
 
+from remind_jax.detectors.onnx_file import MOST_INPUT_PX, is_class_name
 from remind_jax.errors import ConfigError, OptionError, nearest_names
+from remind_jax.frame import MOST_LABEL
 
 Engine = Literal["auto", "onnxruntime", "cv2.dnn"]
 
@@ -43,12 +45,12 @@ class DetectorOptions:
         for name in ("confidence", "iou"):
             _require_number(name, getattr(self, name), 0.0, 1.0)
         _require_number("mask_threshold", self.mask_threshold, 0.01, 0.99)
-        _require_count("max_detections", self.max_detections, 1)
-        _require_count("erosion_px", self.erosion_px, 0)
-        _require_count("min_mask_px", self.min_mask_px, 1)
-        for name, least in (("input_size_px", 32), ("num_threads", 1)):
+        _require_count("max_detections", self.max_detections, 1, 10_000)
+        _require_count("erosion_px", self.erosion_px, 0, 100)
+        _require_count("min_mask_px", self.min_mask_px, 1, MOST_INPUT_PX**2)
+        for name, least, most in (("input_size_px", 32, MOST_INPUT_PX), ("num_threads", 1, 1024)):
             if getattr(self, name) is not None:
-                _require_count(name, getattr(self, name), least)
+                _require_count(name, getattr(self, name), least, most)
         engines = get_args(Engine)
         if self.engine not in engines:
             raise OptionError(
@@ -85,10 +87,12 @@ def find_wanted_classes(
 def _names(field: str, value: Any) -> tuple[str, ...] | None:
     if value is None and field != "ignored_classes":
         return None
-    if isinstance(value, (list, tuple, set, frozenset)) and all(isinstance(n, str) for n in value):
+    is_list = isinstance(value, (list, tuple, set, frozenset))
+    if is_list and all(isinstance(n, str) and is_class_name(n) for n in value):
         return tuple(sorted(value) if isinstance(value, (set, frozenset)) else value)
     raise OptionError(
-        f"'{field}' is {value!r}; give a list of class names, for example ['chair']",
+        f"'{field}' is {repr(value)[:60]}; give a list of class names of 1 to {MOST_LABEL} "
+        "characters, for example ['chair']",
         field,
     )
 
@@ -103,9 +107,11 @@ def _require_number(field: str, value: Any, low: float, high: float) -> None:
         )
 
 
-def _require_count(field: str, value: Any, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
+def _require_count(field: str, value: Any, least: int, most: int) -> None:
+    is_whole = isinstance(value, int) and not isinstance(value, bool)
+    if not is_whole or not least <= value <= most:
+        allowed = f"from {least} to {most}" if is_whole and value > most else f"of {least} or more"
         raise OptionError(
-            f"'{field}' is {value!r}; give a whole number of {least} or more",
+            f"'{field}' is {repr(value)[:40]}; give a whole number {allowed}",
             field,
         )

@@ -20,12 +20,19 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.special import logit
 
 from remind_jax.detectors.letterbox import Letterbox
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec, parse_literal, read_class_names
+from remind_jax.detectors.onnx_file import (
+    MOST_INPUT_PX,
+    OnnxFile,
+    TensorSpec,
+    parse_literal,
+    read_class_names,
+)
 from remind_jax.detectors.options import DetectorOptions, find_wanted_classes
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.frame import Detections
 
 KNOWN_SHAPES = "YOLO-seg [1, 4+C+M, A] with [1, M, mh, mw] or [1, N, 6+M] with [1, M, mh, mw]"
+_MOST_SCORE = 1.05  # of quantized networks, which round
 _DEFAULT_INPUT_PX = 640
 _DEFAULT_STRIDE_PX = 32
 
@@ -106,15 +113,13 @@ class YoloSeg:
                 f"but '{file.path}' has {count} classes"
             )
         names = options.class_names or tuple(found.get(i, f"class_{i}") for i in range(count))
-        size = _literal_ints(file.metadata.get("imgsz", ""))
-        stride = _literal_ints(file.metadata.get("stride", ""))
         return cls(
             layout,
             names,
             find_wanted_classes(names, options),
             (file.inputs[0].shape[2], file.inputs[0].shape[3]),
-            options.input_size_px or max(size, default=_DEFAULT_INPUT_PX),
-            max(stride, default=_DEFAULT_STRIDE_PX),
+            options.input_size_px or _side_in(file, "imgsz", _DEFAULT_INPUT_PX),
+            _side_in(file, "stride", _DEFAULT_STRIDE_PX),
             options,
         )
 
@@ -155,7 +160,14 @@ class YoloSeg:
         masks = decode_masks(
             candidates, prototypes[0], self.place(frame_size), self.options.mask_threshold
         )
-        return Detections.create(masks, self.label(candidates.class_index), candidates.scores)
+        scores = candidates.scores
+        if len(scores) and scores.max() > _MOST_SCORE:
+            raise WeightsError(
+                f"the YOLO-seg model answered with a score of {scores.max():g}, and scores are at "
+                "most 1; export it again"
+            )
+        labels = self.label(candidates.class_index)
+        return Detections.create(masks, labels, np.minimum(scores, 1.0))
 
     def label(self, class_index: Int[np.ndarray, "N"]) -> list[str]:
         """Class names; numbered ones for classes that the file does not name."""
@@ -209,7 +221,8 @@ def read_candidates(
     usable = (best >= confidence) & wanted[class_index] & np.isfinite(rows[:4]).all(axis=0)
     kept = rows[:, usable].T
     half = kept[:, 2:4] / 2
-    boxes = np.concatenate([kept[:, :2] - half, kept[:, :2] + half], axis=1)
+    with np.errstate(over="ignore"):
+        boxes = np.concatenate([kept[:, :2] - half, kept[:, :2] + half], axis=1)
     return Candidates(boxes, best[usable], class_index[usable], kept[:, 4 + num_classes :])
 
 
@@ -268,8 +281,22 @@ def decode_masks(
     return masks
 
 
+def _side_in(file: OnnxFile, key: str, default: int) -> int:
+    """The largest number of pixels that an entry of the metadata names.
+
+    Raises:
+      WeightsError: If no image can be that large.
+    """
+    side = max(_literal_ints(file.metadata.get(key, "")), default=default)
+    if side > MOST_INPUT_PX:
+        raise WeightsError(
+            f"'{file.path}' says {key} {side}; at most {MOST_INPUT_PX} is accepted, export it again"
+        )
+    return side
+
+
 def _literal_ints(text: str) -> list[int]:
     """Whole numbers of a metadata entry such as `[640, 640]` or `32`; empty if it has none."""
     value = parse_literal(text)
     values = value if isinstance(value, (list, tuple)) else [value]
-    return [v for v in values if isinstance(v, int) and v > 0]
+    return [v for v in values if isinstance(v, int) and not isinstance(v, bool) and v > 0]
