@@ -47,6 +47,34 @@ def test_a_yolo_file_becomes_a_detector(tmp_path, engine):
     assert described["options"]["erosion_px"] == 2
 
 
+@pytest.mark.parametrize(
+    ("shape", "changes", "why"),
+    [
+        ((1, 3, 10**6, 10**6), {}, "at most 8192 a side"),
+        ((1, 3, "h", "w"), {"imgsz": "[1000000000, 64]"}, "says imgsz 1000000000"),
+        ((1, 3, "h", "w"), {"stride": "1000000000"}, "says stride 1000000000"),
+    ],
+)
+def test_a_network_that_asks_for_giant_images_is_refused(tmp_path, shape, changes, why):
+    path = write_fixed_answer(tmp_path / "yolo.onnx", raw_outputs(), shape, NAMES | changes)
+    with pytest.raises(WeightsError, match=why):
+        as_detector(path)
+
+
+@pytest.mark.parametrize("name", ["", "x" * 201, None, 5])
+def test_classes_without_a_sound_name_are_numbered(tmp_path, name):
+    names = {"names": repr({0: name, 1: "chair", 2: "wall"})}
+    path = write_fixed_answer(tmp_path / "yolo.onnx", raw_outputs(), (1, 3, 96, 128), names)
+    assert OnnxDetector(path).describe()["classes"] == ["class_0", "chair", "wall"]
+
+
+def test_scores_beyond_one_are_refused(tmp_path):
+    answers = {name: 9 * array for name, array in raw_outputs().items()}
+    path = write_fixed_answer(tmp_path / "yolo.onnx", answers, (1, 3, 96, 128), NAMES)
+    with pytest.raises(WeightsError, match="scores are at most 1"):
+        OnnxDetector(path)(FRAME)
+
+
 @engines
 def test_an_rfdetr_file_becomes_a_detector(tmp_path, engine):
     path = write_fixed_answer(tmp_path / "rfdetr.onnx", answer(), (1, 3, 48, 48), NAMED)

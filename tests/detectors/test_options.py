@@ -3,7 +3,7 @@ import pytest
 
 from remind_jax.detectors import DetectorOptions
 from remind_jax.detectors.options import find_wanted_classes
-from remind_jax.errors import ConfigError
+from remind_jax.errors import ConfigError, OptionError
 
 
 @pytest.mark.parametrize(
@@ -56,3 +56,20 @@ def test_columns_without_a_name_are_never_wanted():
 def test_an_unknown_class_is_refused_with_the_nearest_name():
     with pytest.raises(ConfigError, match="did you mean 'chair'"):
         find_wanted_classes(["chair", "cup"], DetectorOptions(classes=("chiar",)))
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("input_size_px", 10**9),
+        ("num_threads", 10**6),
+        ("erosion_px", 10**6),
+        ("max_detections", 10**12),
+        ("min_mask_px", 10**30),
+        ("class_names", ["x" * 201]),
+        ("class_names", [""]),
+    ],
+)
+def test_values_that_would_exhaust_the_machine_are_refused(option, value):
+    with pytest.raises(OptionError, match=f"'{option}' is .*give "):
+        DetectorOptions(**{option: value})
