@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
     from remind_jax.metrics.federated import FederatedScores
 
-FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
+FormatName = Literal[
+    "mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "cvat", "mots-png", "run"
+]
 
 
 @quiet_defaults

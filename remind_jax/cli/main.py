@@ -18,6 +18,7 @@ from remind_jax.cli.convert import Convert
 from remind_jax.cli.demo import Demo
 from remind_jax.cli.eval import Eval
 from remind_jax.cli.explain import Explain
+from remind_jax.cli.export import Export
 from remind_jax.cli.features import Features
 from remind_jax.cli.flags import KINDS, UsageError, spell_flag
 from remind_jax.cli.run import Run
@@ -57,6 +58,7 @@ VERBS: dict[str, type[Verb]] = {
     "demo": Demo,
     "view": View,
     "explain": Explain,
+    "export": Export,
     "eval": Eval,
     "benchmark": Benchmark,
     "sweep": Sweep,

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from hotcoco import mask as coco
-from jaxtyping import Bool, Int, Integer, UInt8
+from jaxtyping import Bool, Float, Int, Integer, UInt8
 
 from remind_jax.frame import Rle
 
@@ -47,6 +47,19 @@ def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:
         plain = {"size": [height, width], "counts": counts if counts[-1] else counts[:-1]}
         rles[int(values[runs[0]])] = coco.frPyObjects(plain, height, width)
     return rles
+
+
+def encode_polygon(corners: Float[np.ndarray, "P 2"], frame_size: tuple[int, int]) -> Rle:
+    """The pixels of a polygon by the rule of COCO.
+
+    Args:
+      corners: Column and row in pixels, finite; a polygon has three or more.
+      frame_size: Height and width in pixels.
+    """
+    height, width = frame_size
+    # Corners far outside of the frame change nothing inside but take time and memory.
+    near = np.clip(corners, [-4.0 * width, -4.0 * height], [5.0 * width, 5.0 * height])
+    return coco.merge(coco.frPyObjects([near.ravel().tolist()], height, width))
 
 
 def decode_mask(rle: Rle) -> UInt8[np.ndarray, "H W"]:

@@ -130,7 +130,7 @@ def mots_lines(tracks: Iterable[Tracks], class_names: Sequence[str]) -> list[str
     for number, frame in enumerate(tracks, start=1):
         rows = firm_rows(frame)
         height, width = frame.frame_size
-        for row, rle in zip(rows, _without_overlap(frame, rows), strict=True):
+        for row, rle in zip(rows, masks_without_overlap(frame, rows), strict=True):
             if rle is None:
                 continue
             lines.append(
@@ -211,7 +211,7 @@ def _empty_annotation(object_id: int, num_frames: int) -> dict[str, Any]:
     }
 
 
-def _without_overlap(tracks: Tracks, rows: Int[np.ndarray, "K"]) -> list[Rle | None]:
+def masks_without_overlap(tracks: Tracks, rows: Int[np.ndarray, "K"]) -> list[Rle | None]:
     """The masks of `rows` without shared pixels; None for one of which nothing is left."""
     rles = [tracks.rles[row] for row in rows]
     areas = mask_areas(rles)

@@ -8,6 +8,8 @@
 | `coco-video` | COCO-video / YouTube-VIS JSON, truth or list of results |
 | `tao` | TAO or CocoVID JSON, truth or list of results |
 | `burst` | BURST JSON |
+| `cvat` | XML of CVAT for video, or the zip that holds it |
+| `mots-png` | MOTS PNG: a zip or folder with `instances/*.png` of 16 bits |
 | `run` | output folder of `remind run`, or a folder of such folders |
 """
 
@@ -22,15 +24,19 @@ from typing import Any, Literal, get_args
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.records import read_json
+from remind_jax.metrics.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
 from remind_jax.metrics.formats.json_index import JsonIndex, index_json
 from remind_jax.metrics.formats.json_records import Content, Entry, TrackFile
 from remind_jax.metrics.formats.json_tracks import group_by_video, index_burst, read_video
 from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
+from remind_jax.metrics.formats.mots_png import find_mots_png, read_mots_png
 from remind_jax.metrics.formats.rows import TrackRows
 from remind_jax.metrics.formats.run_folder import RUN_FILE, read_run_rows
 from remind_jax.metrics.formats.text import FileFormat, read_text_rows, recognize_format
 
-Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "run"]
+Format = Literal[
+    "mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "cvat", "mots-png", "run"
+]
 FORMATS: tuple[str, ...] = get_args(Format)
 TEXT_FORMATS: tuple[FileFormat, ...] = ("mot", "mots", "kitti-mots")
 
@@ -74,8 +80,15 @@ def open_scenes(
     path = Path(path)
     if not path.exists():
         raise SourceError(f"{path} cannot be read: No such file or directory")
+    if format == "mots-png" or (format is None and find_mots_png(path) is not None):
+        return SceneSet(
+            path, "mots-png", {path.stem: functools.partial(read_mots_png, path)}, {path.stem: path}
+        )
     if path.is_dir():
         return _open_folder(path, format, is_truth=truth is None)
+    if format == "cvat" or (format is None and looks_like_cvat(path)):
+        name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
+        return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
     if path.suffix.lower() == ".json" or format in ("coco-video", "tao", "burst"):
         return _open_json(path, format, truth)
     if format in ("davis", "run"):
@@ -90,7 +103,7 @@ def holds_text(path: Path) -> bool:
     """Whether a path is a text file or a folder of such."""
     if path.is_dir():
         return not _find_runs(path) and bool(_find_texts(path))
-    return path.suffix.lower() != ".json"
+    return path.suffix.lower() not in (".json", ".xml", ".zip")
 
 
 def _open_folder(path: Path, format: Format | None, *, is_truth: bool) -> SceneSet:

@@ -1,0 +1,231 @@
+"""A run for labeling tools: CVAT for video, MOTS PNG and Label Studio.
+
+As in `tables`, they know firm identities only, each once per frame. Frames are those of the source.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path, PurePath
+from typing import Any, Literal, get_args
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+
+from remind_jax import files
+from remind_jax.errors import OutputError
+from remind_jax.masks.run_length import decode_mask, mask_box
+from remind_jax.outputs.result import Result
+from remind_jax.outputs.tables import firm_rows, masks_without_overlap
+from remind_jax.printing.terminal import printable
+from remind_jax.tracks import Tracks
+
+LabelingFormat = Literal["cvat", "mots-png", "label-studio"]
+FORMATS: tuple[str, ...] = get_args(LabelingFormat)
+FILE_NAMES = {"cvat": "cvat.xml", "mots-png": "mots_png.zip", "label-studio": "label_studio.json"}
+MOTS_PNG_INSTANCES = 1000  # of a class; a pixel is class times this, plus the instance
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # of members of archives, so that the same run gives the same file
+
+
+def export(result: Result, format: LabelingFormat, path: str | Path) -> None:
+    """Writes a run for a labeling tool.
+
+    Args:
+      result: The run.
+      format: `cvat` (masks, XML), `mots-png` (masks, zip) or `label-studio` (boxes, JSON).
+      path: File to write; one that is there is replaced.
+
+    Raises:
+      OutputError: If it cannot be written, or the format cannot hold the run.
+    """
+    content = {"cvat": to_cvat, "mots-png": to_mots_png, "label-studio": to_label_studio}
+    files.replace_file(Path(path), content[format](result))
+
+
+def to_cvat(result: Result) -> bytes:
+    """CVAT for video 1.1: one track per identity with its mask in every processed frame.
+
+    In between, a mask holds. Where an identity is out of view, its last mask is marked `outside`.
+    """
+    root = ElementTree.Element("annotations")
+    _add(root, "version", "1.1")
+    task = _add(_add(root, "meta"), "task")
+    height, width = _frame_size(result)
+    _add(task, "name", printable(result.info.name))
+    numbers = [tracks.source_index for tracks in result.tracks]
+    _add(task, "size", max(numbers, default=-1) + 1)
+    _add(task, "mode", "interpolation")
+    labels = _add(task, "labels")
+    for name in result.class_names:
+        _add(_add(labels, "label"), "name", printable(name))
+    size = _add(task, "original_size")
+    _add(size, "width", width)
+    _add(size, "height", height)
+    for object_id, sights in _sights(result.tracks).items():
+        first, row = sights[0]
+        label = printable(result.tracks[first].labels[row])
+        track = ElementTree.SubElement(
+            root, "track", id=str(object_id), label=label, source="automatic"
+        )
+        for place, (index, row) in enumerate(sights):
+            shape = _cvat_mask(result.tracks[index], row)
+            following = sights[place + 1][0] if place + 1 < len(sights) else len(result.tracks)
+            ElementTree.SubElement(
+                track, "mask", {"frame": str(numbers[index]), "outside": "0", **shape}
+            )
+            if following > index + 1:
+                end = str(numbers[index + 1])
+                ElementTree.SubElement(track, "mask", {"frame": end, "outside": "1", **shape})
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
+def to_mots_png(result: Result) -> bytes:
+    """MOTS PNG 1.0: a zip with a 16-bit picture per frame, and the names of classes.
+
+    Shared pixels go to the higher confidence. Instances are counted from 1 within a class, in the
+    order of their ids.
+
+    Raises:
+      OutputError: If there are more classes or identities of a class than the format can number.
+    """
+    numbers, names = _mots_numbers(result), _picture_names(result.tracks)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        labels = "".join(f"{printable(name)}\n" for name in result.class_names)
+        archive.writestr(zipfile.ZipInfo("default/instances/labels.txt", _EPOCH), labels)
+        for index, tracks in enumerate(result.tracks):
+            picture = np.zeros(tracks.frame_size, np.uint16)
+            rows = firm_rows(tracks)
+            for row, rle in zip(rows, masks_without_overlap(tracks, rows), strict=True):
+                if rle is not None:
+                    picture[decode_mask(rle).astype(bool)] = numbers[int(tracks.object_id[row])]
+            member = zipfile.ZipInfo(f"default/instances/{names[index]}.png", _EPOCH)
+            archive.writestr(member, cv2.imencode(".png", picture)[1].tobytes())
+    return buffer.getvalue()
+
+
+def to_label_studio(result: Result) -> bytes:
+    """A task of Label Studio with a prediction: boxes of every identity over the video.
+
+    For the template of video object tracking, whose controls are `box`, `videoLabels`, `video`.
+    """
+    fps = float(result.info.fps)
+    numbers = [tracks.source_index for tracks in result.tracks]
+    count = max(numbers, default=-1) + 1
+    regions = []
+    for object_id, sights in _sights(result.tracks).items():
+        sequence = []
+        for place, (index, row) in enumerate(sights):
+            following = sights[place + 1][0] if place + 1 < len(sights) else -1
+            sequence.append(
+                {
+                    "frame": numbers[index] + 1,
+                    "time": float(result.tracks[index].time_s),
+                    "enabled": following == index + 1,
+                    "rotation": 0,
+                    **_percent(result.tracks[index], row),
+                }
+            )
+        label = printable(result.tracks[sights[0][0]].labels[sights[0][1]])
+        regions.append(
+            {
+                "id": f"object{object_id}",
+                "type": "videorectangle",
+                "from_name": "box",
+                "to_name": "video",
+                "origin": "prediction",
+                "meta": {"text": [f"{label} {object_id}"]},
+                "value": {
+                    "framesCount": count,
+                    "duration": float(result.tracks[-1].time_s) + 1 / fps,
+                    "sequence": sequence,
+                    "labels": [label],
+                },
+            }
+        )
+    path = (result.info.source or {}).get("path", result.info.name)
+    prediction = {"model_version": "remind-jax", "result": regions}
+    task = {"data": {"video": printable(str(path))}, "predictions": [prediction]}
+    return json.dumps([task], ensure_ascii=False, indent=1).encode("utf-8")
+
+
+def _sights(run: Sequence[Tracks]) -> dict[int, list[tuple[int, int]]]:
+    """Frame and row of every sight of each identity, by rising id."""
+    sights: dict[int, list[tuple[int, int]]] = {}
+    for index, tracks in enumerate(run):
+        for row in firm_rows(tracks):
+            if tracks.areas[row]:
+                sights.setdefault(int(tracks.object_id[row]), []).append((index, int(row)))
+    return dict(sorted(sights.items()))
+
+
+def _cvat_mask(tracks: Tracks, row: int) -> dict[str, str]:
+    """A mask as CVAT writes it: runs over the rows of its box, the first one background."""
+    left, top, width, height = mask_box(tracks.rles[row])
+    part = decode_mask(tracks.rles[row])[top : top + height, left : left + width].ravel()
+    changes = np.flatnonzero(np.diff(part, prepend=0))
+    runs = np.diff(changes, prepend=0, append=part.size)
+    return {
+        "occluded": "0",
+        "keyframe": "1",
+        "rle": ", ".join(map(str, runs)),
+        "left": str(left),
+        "top": str(top),
+        "width": str(width),
+        "height": str(height),
+        "z_order": "0",
+    }
+
+
+def _mots_numbers(result: Result) -> dict[int, int]:
+    """The number of each identity's pixels."""
+    classes = {name: number for number, name in enumerate(result.class_names, start=1)}
+    met = dict.fromkeys(classes, 0)
+    numbers = {}
+    for object_id, sights in _sights(result.tracks).items():
+        index, row = sights[0]
+        label = result.tracks[index].labels[row]
+        met[label] += 1
+        numbers[object_id] = classes[label] * MOTS_PNG_INSTANCES + met[label]
+        if met[label] >= MOTS_PNG_INSTANCES or numbers[object_id] > np.iinfo(np.uint16).max:
+            raise OutputError(
+                f"MOTS PNG has numbers for {MOTS_PNG_INSTANCES - 1} identities of each of 64 "
+                f"classes, and '{label} {object_id}' is beyond that; export to cvat"
+            )
+    return numbers
+
+
+def _picture_names(run: Sequence[Tracks]) -> list[str]:
+    """Names of pictures without suffix, that sort as the frames do: those of the source if so."""
+    names = [printable(PurePath(tracks.name).stem) for tracks in run]
+    if sorted(set(names)) == names:
+        return names
+    return [f"{tracks.source_index:06d}" for tracks in run]
+
+
+def _percent(tracks: Tracks, row: int) -> dict[str, float]:
+    """A box in percent of the frame."""
+    height, width = tracks.frame_size
+    left, top, right, bottom = (float(side) for side in tracks.boxes[row])
+    return {
+        "x": 100 * left / width,
+        "y": 100 * top / height,
+        "width": 100 * (right - left) / width,
+        "height": 100 * (bottom - top) / height,
+    }
+
+
+def _frame_size(result: Result) -> tuple[int, int]:
+    return result.tracks[0].frame_size if result.tracks else result.info.frame_size or (0, 0)
+
+
+def _add(parent: ElementTree.Element, name: str, text: Any = None) -> ElementTree.Element:
+    element = ElementTree.SubElement(parent, name)
+    element.text = None if text is None else str(text)
+    return element

@@ -1,0 +1,35 @@
+import pytest
+
+from remind_jax.cli.main import main
+from remind_jax.metrics import evaluate
+from tests.outputs.fake_run import make_run
+
+
+@pytest.fixture
+def run(tmp_path):
+    make_run()[1].save(tmp_path / "run")
+    return tmp_path / "run"
+
+
+@pytest.mark.parametrize(
+    ("format", "name"),
+    [("cvat", "cvat.xml"), ("mots-png", "mots_png.zip"), ("label-studio", "label_studio.json")],
+)
+def test_the_file_lies_in_the_folder_of_the_run(run, format, name, capsys):
+    assert main(["export", str(run), "--format", format]) == 0
+    assert capsys.readouterr().out.strip().endswith(f"{name}: 6 identities, 40 frames")
+    if format != "label-studio":
+        assert evaluate(run / name, run).scores()["IDF1"] == 1
+
+
+def test_nothing_is_replaced_unasked(run, tmp_path, capsys):
+    words = ["export", str(run), "--out", str(tmp_path / "a.xml"), "--quiet"]
+    assert main(words) == 0
+    assert main(words) == 1
+    assert "exists; name another file" in capsys.readouterr().err
+    assert main([*words, "--overwrite"]) == 0
+
+
+def test_a_folder_without_run_is_told(tmp_path, capsys):
+    assert main(["export", str(tmp_path)]) == 1
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -1,0 +1,111 @@
+import zipfile
+
+import numpy as np
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.masks.run_length import decode_mask
+from remind_jax.metrics.formats.cvat import read_cvat
+
+HEAD = (
+    "<annotations><version>1.1</version><meta><task><size>6</size><original_size>"
+    "<width>10</width><height>8</height></original_size></task></meta>"
+)
+
+
+def write(path, shapes, *, head=HEAD, label="mug", number="4"):
+    path.write_text(f'{head}<track id="{number}" label="{label}">{shapes}</track></annotations>')
+    return path
+
+
+def box(frame, sides, outside=0):
+    left, top, right, bottom = sides
+    return (
+        f'<box frame="{frame}" outside="{outside}" xtl="{left}" ytl="{top}" xbr="{right}" '
+        f'ybr="{bottom}"/>'
+    )
+
+
+def mask(frame, rle, left=1, top=2, width=3, height=2, outside=0):
+    return (
+        f'<mask frame="{frame}" outside="{outside}" rle="{rle}" left="{left}" top="{top}" '
+        f'width="{width}" height="{height}"/>'
+    )
+
+
+def test_boxes_go_over_to_the_next_one(tmp_path):
+    shapes = box(0, (0, 0, 2, 2)) + box(2, (4, 2, 6, 4)) + box(3, (4, 2, 6, 4), outside=1)
+    rows = read_cvat(write(tmp_path / "a.xml", shapes + box(5, (1, 1, 3, 3))))
+    assert rows.frame.tolist() == [0, 1, 2, 5]
+    np.testing.assert_array_equal(rows.boxes[1], [2, 1, 4, 3])
+    assert (rows.num_frames, rows.rles, rows.class_names) == (6, None, ("mug",))
+    assert set(rows.track_id) == {4}
+
+
+def test_masks_hold_until_the_next_one(tmp_path):
+    shapes = mask(1, "1, 2, 3") + mask(3, "0, 6") + mask(4, "0, 6", outside=1)
+    rows = read_cvat(write(tmp_path / "a.xml", shapes))
+    assert rows.frame.tolist() == [1, 2, 3]
+    assert rows.rles is not None
+    expected = np.zeros((8, 10), np.uint8)
+    expected[2, 2:4] = 1
+    np.testing.assert_array_equal(decode_mask(rows.rles[0]), expected)
+    assert rows.rles[1]["counts"] == rows.rles[0]["counts"]
+    assert decode_mask(rows.rles[2]).sum() == 6
+
+
+def test_polygons_and_boxes_beside_masks_become_masks(tmp_path):
+    polygon = '<polygon frame="1" outside="0" points="2,1;6,1;6,5;2,5"/>'
+    shapes = mask(0, "0, 6") + polygon + box(2, (2, 1, 6, 5))
+    rows = read_cvat(write(tmp_path / "a.xml", shapes))
+    assert rows.rles is not None
+    np.testing.assert_array_equal(decode_mask(rows.rles[1]), decode_mask(rows.rles[2]))
+    assert decode_mask(rows.rles[1]).sum() == 16
+
+
+def test_the_zip_of_cvat_is_read(tmp_path):
+    path = write(tmp_path / "annotations.xml", box(0, (0, 0, 2, 2)))
+    with zipfile.ZipFile(tmp_path / "task.zip", "w") as archive:
+        archive.write(path, "annotations.xml")
+        archive.writestr("images/frame_000000.png", b"")
+    assert read_cvat(tmp_path / "task.zip").name == "task"
+
+
+@pytest.mark.parametrize(
+    ("shapes", "options", "said"),
+    [
+        (mask(0, "1, 2"), {}, "its runs have 3 pixels and its box 6"),
+        (mask(0, "-1, 7"), {}, "rle is '-1'; give a whole number"),
+        (mask(0, "0, 6", left=8), {}, "leaves the frame of 10x8"),
+        (mask(0, "0, 99999999999999999999999"), {}, "give a whole number from 0"),
+        (mask(0, "0, 6", width=70000), {}, "width is '70000'"),
+        (box("x", (0, 0, 1, 1)), {}, "frame is 'x'"),
+        (box(99999999999, (0, 0, 1, 1)), {}, "frame is '99999999999'"),
+        (box(0, ("nan", 0, 1, 1)), {}, "not finite"),
+        (box(0, (5, 0, 1, 1)), {}, "its right or lower edge comes first"),
+        ('<polygon frame="0" points="1,1;2,2"/>', {}, "three or more points"),
+        ('<polygon frame="0" points="1,1;2,inf;3,3"/>', {}, "not finite"),
+        ('<ellipse frame="0"/>', {}, "shape 'ellipse' is not read"),
+        (box(0, (0, 0, 1, 1)), {"label": "x" * 201}, "201 characters"),
+        (box(0, (0, 0, 1, 1)), {"number": "-3"}, "track id is '-3'"),
+        (mask(0, "0, 6"), {"head": "<annotations>"}, "no original_size"),
+        (mask(0, "0, 6"), {"head": HEAD.replace(">10<", ">0<")}, "width is '0'"),
+        (box(0, (0, 0, 1, 1)), {"head": "<!DOCTYPE a><annotations>"}, "declares entities"),
+        ("</track>", {}, "is no XML"),
+    ],
+)
+def test_what_cannot_be_is_refused(tmp_path, shapes, options, said):
+    with pytest.raises(SourceError, match=said):
+        read_cvat(write(tmp_path / "a.xml", shapes, **options))
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "a.xml").write_text("<html/>")
+    with pytest.raises(SourceError, match="its root is 'html'"):
+        read_cvat(tmp_path / "a.xml")
+    (tmp_path / "a.xml").write_text("<annotations><image id='0'/></annotations>")
+    with pytest.raises(SourceError, match="export 'CVAT for video'"):
+        read_cvat(tmp_path / "a.xml")
+    (tmp_path / "a.zip").write_bytes(b"PK")
+    with pytest.raises(SourceError, match=r"no annotations\.xml that can be read"):
+        read_cvat(tmp_path / "a.zip")

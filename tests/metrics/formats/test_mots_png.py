@@ -1,0 +1,48 @@
+import cv2
+import numpy as np
+import pytest
+
+from remind_jax.errors import SourceError
+from remind_jax.masks.run_length import decode_mask
+from remind_jax.metrics.formats.mots_png import find_mots_png, read_mots_png
+
+
+def write(folder, pictures, labels="mug\nbowl\n"):
+    inner = folder / "instances"
+    inner.mkdir(parents=True)
+    for index, picture in enumerate(pictures):
+        cv2.imwrite(str(inner / f"{index:06d}.png"), np.asarray(picture))
+    if labels is not None:
+        (inner / "labels.txt").write_text(labels)
+    return folder
+
+
+def test_class_and_instance_are_told_apart(tmp_path):
+    first = np.array([[0, 1001, 1001], [2001, 10000, 1002]], np.uint16)
+    rows = read_mots_png(write(tmp_path / "scene", [first, np.zeros((2, 3), np.uint16)]))
+    assert rows.num_frames == 2
+    assert sorted(rows.track_id) == [1001, 1002, 2001]
+    assert [rows.class_names[number] for number in rows.class_id] == ["mug", "mug", "bowl"]
+    assert rows.rles is not None
+    assert decode_mask(rows.rles[0]).tolist() == [[0, 1, 1], [0, 0, 0]]
+    assert rows.ignored_frame.tolist() == [0]
+
+
+def test_classes_without_name_are_called_by_number(tmp_path):
+    picture = np.array([[3007, 0]], np.uint16)
+    scene = write(tmp_path / "scene", [picture], labels=None)
+    assert read_mots_png(scene).class_names == ("class 3",)
+    assert find_mots_png(scene) is None
+    assert find_mots_png(scene, needs_labels=False) == "instances"
+
+
+def test_what_cannot_be_is_refused(tmp_path):
+    with pytest.raises(SourceError, match="no pictures in a folder 'instances'"):
+        read_mots_png(tmp_path)
+    sizes = [np.zeros((2, 3), np.uint16), np.zeros((3, 3), np.uint16)]
+    with pytest.raises(SourceError, match=r"000001\.png has 3x3 pixels and earlier ones 3x2"):
+        read_mots_png(write(tmp_path / "sizes", sizes))
+    damaged = write(tmp_path / "damaged", sizes[:1])
+    (damaged / "instances" / "000000.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(SourceError, match=r"instances/000000\.png"):
+        read_mots_png(damaged)
