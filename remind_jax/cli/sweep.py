@@ -14,9 +14,10 @@ from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
-from remind_jax.errors import OptionError, SweepError
+from remind_jax.errors import SweepError, nearest_names
 from remind_jax.files import writing
 from remind_jax.printing.terminal import print_lines, print_markdown
+from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
     from remind_jax.sweeps import SweepResult
@@ -113,10 +114,27 @@ class Sweep:
         """What is to be done with the bench, checked before any work."""
         if not self.sources:
             raise SweepError("name the scenes to sweep over: folders, archives or feature files")
-        for name in ("random", "number", "at_once", "batch", "workers", "memory_gib", "top"):
+        from remind_jax.sweeps import bench as limits
+        from remind_jax.sweeps.search import HIGH_IS_GOOD, LOW_IS_GOOD
+        from remind_jax.sweeps.settings import MOST_SETTINGS
+
+        for name, least, most in (
+            ("random", 1, MOST_SETTINGS),
+            ("number", 1, MOST_SETTINGS),
+            ("at_once", 1, MOST_SETTINGS),
+            ("top", 1, MOST_SETTINGS),
+            ("seed", 0, 2**32 - 1),
+            ("batch", 1, limits.MOST_BATCH),
+            ("workers", 1, limits.MOST_WORKERS),
+            ("memory_gib", 1e-3, limits.MOST_GIB),
+        ):
             value = getattr(self, name)
-            if value is not None and value <= 0:
-                raise OptionError(f"'{name}' is {value:g}; give a number above 0", name)
+            if value is not None:
+                check_option(name, value, least, most, whole=name != "memory_gib")
+        known = (*HIGH_IS_GOOD, *LOW_IS_GOOD, "Identities")
+        for name in (self.metric, *self.objectives):
+            if name not in known:
+                raise SweepError(f"there is no score {name!r}; {nearest_names(name, known)}")
         ways = [self.random, self.settings, self.search, self.sensitivity]
         if sum(way is not None for way in ways) > 1:
             raise SweepError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import reprlib
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,9 @@ from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import ConfigError
 from remind_jax.session.progress import RunLine
+from remind_jax.settings.ranges import check_option
+
+_MOST_SIDE_PX = 16_384
 
 
 @quiet_defaults
@@ -42,6 +46,7 @@ class Warmup:
 
     def execute(self) -> int:
         """Compiles and says how long it took; returns the exit code."""
+        check_option("objects", self.objects, 0, 32768)
         sizes = [_parse_size(size) for size in self.sizes]
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         from remind_jax.backbone.opening import open_backbone
@@ -62,7 +67,11 @@ class Warmup:
 
 def _parse_size(text: str) -> tuple[int, int]:
     """Width and height."""
-    found = re.fullmatch(r"(\d+)x(\d+)", text)
-    if found is None or not int(found[1]) or not int(found[2]):
-        raise ConfigError(f"{text!r} is no frame size; write WIDTHxHEIGHT in pixels, as 640x480")
-    return int(found[1]), int(found[2])
+    found = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", text)
+    width, height = (int(found[1]), int(found[2])) if found else (0, 0)
+    if not (0 < width <= _MOST_SIDE_PX and 0 < height <= _MOST_SIDE_PX):
+        raise ConfigError(
+            f"{reprlib.repr(text)} is no frame size; write WIDTHxHEIGHT in pixels, as 640x480, at "
+            f"most {_MOST_SIDE_PX} each"
+        )
+    return width, height

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import numbers
+import reprlib
 from typing import Any
 
-from remind_jax.errors import ConfigError
+from remind_jax.errors import ConfigError, OptionError
 from remind_jax.settings.record import Setting
 
 _ODDS = (-1e4, 1e4)
@@ -155,3 +157,18 @@ def check_order(section: Any, path: str) -> None:
                 f"{path}{low} is {least!r} and {path}{field.name} {most!r}; the first may not be "
                 "above the second"
             )
+
+
+def check_option(name: str, value: Any, least: float, most: float, *, whole: bool = True) -> None:
+    """Checks a number that was given beside the settings, such as a count of frames.
+
+    Raises:
+      OptionError: If it is no number, or no whole one, or not from `least` to `most`.
+    """
+    kinds = numbers.Integral if whole else numbers.Real
+    is_number = isinstance(value, kinds) and not isinstance(value, bool)
+    if is_number and least <= float(value) <= most:
+        return
+    shown = f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
+    kind = "whole number" if whole else "number"
+    raise OptionError(f"'{name}' is {shown}; give a {kind} from {least:.12g} to {most:.12g}", name)

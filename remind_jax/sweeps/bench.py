@@ -15,15 +15,23 @@ from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import SweepError, nearest_names
 from remind_jax.method import StepHalves, get_method, list_methods
+from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sweeps.cluster import Cluster
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.result import SweepResult
 from remind_jax.sweeps.scene_arrays import SceneFrames, load_scene
-from remind_jax.sweeps.settings import Setting, Value, complete, grid
+from remind_jax.sweeps.settings import (
+    Setting,
+    Value,
+    as_settings,
+    check_space,
+    complete,
+)
 from remind_jax.sweeps.worker import Progress, Worker, group_by_description
 
 DEFAULT_BUDGET_GIB = 2.0
+MOST_GIB, MOST_BATCH, MOST_WORKERS = 1e5, 100_000, 10_000
 
 
 class SceneBench:
@@ -54,6 +62,10 @@ class SceneBench:
         Raises:
           RemindError: If a scene or the configuration is not accepted.
         """
+        check_option("memory_gib", memory_gib, 1e-3, MOST_GIB, whole=False)
+        for name, value, most in (("batch", batch, MOST_BATCH), ("workers", workers, MOST_WORKERS)):
+            if value is not None:
+                check_option(name, value, 1, most)
         self._config = load_config(config)
         self._halves = _halves_of(self._config.tracker)
         self._backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
@@ -94,6 +106,10 @@ class SceneBench:
         fewer = copy.copy(self)
         fewer._sources = {name: self._sources[name] for name in scenes}
         return fewer
+
+    def check_space(self, space: Mapping[str, Iterable[Value]]) -> None:
+        """Checks what settings will be made of (`settings.check_space`)."""
+        check_space(space, self._config)
 
     def run(
         self,
@@ -241,6 +257,7 @@ def sweep(
     Raises:
       RemindError: If a scene, a setting or the configuration is not accepted.
     """
+    chosen = complete(as_settings(settings), load_config(config))
     bench = SceneBench(
         scenes,
         config=config,
@@ -257,7 +274,7 @@ def sweep(
         keep_scenes=False,
         **source_options,
     )
-    return bench.run(grid(settings) if isinstance(settings, Mapping) else list(settings))
+    return bench.run(chosen)
 
 
 class _Tally:

@@ -61,6 +61,7 @@ def search(
         raise SweepError(
             f"a search of {number} settings, {at_once} at once, is none; give at least 1 of both"
         )
+    bench.check_space(space)
     study = _open_study(space, sampler, objectives, at_once, seed)
     found: list[SweepResult] = []
     tried = 0
@@ -136,6 +137,7 @@ def hyperband(
     Raises:
       SweepError: If Optuna is missing, or the search cannot be done as asked.
     """
+    bench.check_space(space)
     study = _open_study(space, sampler, [objective], widest, seed)
     found = [bench.run([GIVEN])]
     for bracket in plan_brackets(widest, shortest, eta):

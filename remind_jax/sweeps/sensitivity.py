@@ -12,9 +12,10 @@ import numpy as np
 
 from remind_jax.errors import SweepError
 from remind_jax.method import PAPER_METHOD
+from remind_jax.settings.ranges import check_option
 from remind_jax.sweeps.result import SweepResult, markdown_table
 from remind_jax.sweeps.search import GIVEN, Space, join
-from remind_jax.sweeps.settings import Setting, Value
+from remind_jax.sweeps.settings import MOST_SETTINGS, Setting, Value
 
 if TYPE_CHECKING:
     from remind_jax.sweeps.bench import SceneBench
@@ -119,7 +120,9 @@ def move_one_at_a_time(
     Raises:
       SweepError: If there is no such score, or no space for the tracker.
     """
+    check_option("number", number, 2, MOST_SETTINGS)
     space = space or space_of(bench.tracker)
+    bench.check_space(space)
     values = {name: spread(ends, number) for name, ends in space.items()}
     settings: list[Setting] = [{name: v} for name, several in values.items() for v in several]
     result = bench.run([GIVEN, *settings])
@@ -164,7 +167,9 @@ def estimate_sobol(
     """
     from scipy.stats import sobol_indices, uniform
 
+    check_option("number", number, 2, MOST_SETTINGS)
     space = space or space_of(bench.tracker)
+    bench.check_space(space)
     if number < 2 or number & (number - 1):
         raise SweepError(f"Sobol indices of {number} points; give a power of two, such as 64")
     for name, values in space.items():

@@ -7,12 +7,16 @@ written: `config/keys.py`.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import math
+import reprlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import jax
+import msgspec
 import numpy as np
 
 from remind_jax import files
@@ -20,33 +24,58 @@ from remind_jax.config import Config
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.keys import THRESHOLDS, full_key
 from remind_jax.errors import ConfigError
+from remind_jax.files import records
 
 Value = float | int | bool
 Setting = dict[str, Value]
 
 _ORIGIN = "a setting of the sweep"
-_MANY = 1_000_000  # settings that a grid may have
+MOST_SETTINGS = 100_000  # of one sweep
+_MOST_BYTES = 64 << 20  # of a file of settings
+_LARGEST = 3e38  # in single precision
+_Rows: Any = Annotated[list[dict[str, Any]], msgspec.Meta(max_length=MOST_SETTINGS)]
 
 
 def grid(space: Mapping[str, Iterable[Value]]) -> list[Setting]:
     """All combinations of the values, the last name varying fastest.
 
     Raises:
-      ConfigError: If there are no values, or more than a million combinations.
+      ConfigError: If there are no values, or more combinations than settings are allowed.
     """
-    values = {name: list(several) for name, several in space.items()}
+    values = {name: _as_list(name, several) for name, several in space.items()}
     for name, several in values.items():
         if not several:
             raise ConfigError(f"{name} has no values to sweep over; give at least one")
     size = int(np.prod([float(len(several)) for several in values.values()]))
-    if size > _MANY:
+    if size > MOST_SETTINGS:
         raise ConfigError(
-            f"the grid has {size} settings, at most {_MANY} are allowed; draw settings at random "
-            "or give fewer values"
+            f"the grid has {size} settings, at most {MOST_SETTINGS} are allowed; draw settings at "
+            "random or give fewer values"
         )
     return [
         dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())
     ]
+
+
+def as_settings(given: Any) -> list[Setting]:
+    """A list of settings, or all combinations of values by threshold.
+
+    Raises:
+      ConfigError: If it is neither.
+    """
+    if isinstance(given, Mapping):
+        return grid(given)
+    if isinstance(given, Iterable) and not isinstance(given, (str, bytes)):
+        return list(itertools.islice(given, MOST_SETTINGS + 2))
+    raise ConfigError(
+        f"settings are {reprlib.repr(given)}; give values by threshold, or a list of settings"
+    )
+
+
+def _as_list(name: str, values: Any) -> list[Value]:
+    if not isinstance(values, Iterable) or isinstance(values, (str, bytes)):
+        raise ConfigError(f"{name} has {reprlib.repr(values)} for values; give a list of them")
+    return list(itertools.islice(values, MOST_SETTINGS + 1))
 
 
 def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> list[Setting]:
@@ -56,7 +85,18 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
       space: By name, the least and the largest value, or three or more to choose from.
       number: Settings.
       seed: Same seed, same settings.
+
+    Raises:
+      ConfigError: If the number is out of range, or a range has no values.
     """
+    if not 0 < number <= MOST_SETTINGS:
+        raise ConfigError(f"{number} settings cannot be drawn; give 1 to {MOST_SETTINGS}")
+    for name, values in space.items():
+        if not len(values) or (len(values) == 2 and values[0] > values[1]):
+            raise ConfigError(
+                f"there is nothing to draw for {name} from {list(values)}; give its least and its "
+                "largest value, or three or more to choose from"
+            )
     random = np.random.default_rng(seed)
 
     def one(values: Sequence[Value]) -> Value:
@@ -77,28 +117,44 @@ def parse_values(text: str) -> list[Value]:
     Raises:
       ConfigError: If the text is neither.
     """
-    words = {"true": True, "false": False}
-
-    def number(word: str) -> Value:
-        word = word.strip().lower()
-        if word in words:
-            return words[word]
-        try:
-            return int(word) if word.lstrip("+-").isdigit() else float(word)
-        except ValueError as error:
-            raise ConfigError(
-                f"{word!r} in {text!r} is no value; write 0.5,0.6 or true,false or first:last:step"
-            ) from error
-
     if ":" not in text:
-        return [number(word) for word in text.split(",")]
-    parts = [number(word) for word in text.split(":")]
+        values = [_read_value(word, text) for word in text.split(",")]
+    else:
+        values = _read_range(text)
+    if len(values) > len(set(values)):
+        raise ConfigError(f"{text!r} names a value twice; name each once")
+    return values
+
+
+def _read_value(word: str, text: str) -> Value:
+    """One value in a text."""
+    words = {"true": True, "false": False}
+    word = word.strip().lower()
+    if word in words:
+        return words[word]
+    with contextlib.suppress(ValueError):
+        value = int(word) if word.lstrip("+-").isdigit() else float(word)
+        if math.isfinite(value) and abs(value) < _LARGEST:
+            return value
+    raise ConfigError(
+        f"{reprlib.repr(word)} in {reprlib.repr(text)} is no value; write 0.5,0.6 or true,false or "
+        "first:last:step"
+    )
+
+
+def _read_range(text: str) -> list[Value]:
+    parts = [_read_value(word, text) for word in text.split(":")]
     if len(parts) != 3 or any(isinstance(part, bool) for part in parts) or not parts[2] > 0:
         raise ConfigError(f"{text!r} is no range; write first:last:step with a step above 0")
     first, last, step = parts
-    count = int(np.floor((last - first) / step + 1e-9)) + 1
+    count = math.floor((last - first) / step + 1e-9) + 1
+    if not 0 < count <= MOST_SETTINGS:
+        raise ConfigError(
+            f"{text!r} has {max(0, count)} values; 1 to {MOST_SETTINGS} are allowed, so write "
+            "first:last:step with first up to last and a larger step"
+        )
     whole = all(isinstance(part, int) for part in parts)
-    steps = [first + step * index for index in range(max(0, count))]
+    steps = [first + step * index for index in range(count)]
     return steps if whole else [float(f"{value:.12g}") for value in steps]
 
 
@@ -108,29 +164,72 @@ def read_settings(path: str | Path) -> list[Setting]:
     Raises:
       ConfigError: If the file cannot be read as such.
     """
-    import csv
-    import json
-
     path = Path(path)
+    if path.suffix.lower() == ".json":
+        rows = records.read_json(path, _Rows, refused=ConfigError, most_bytes=_MOST_BYTES)
+        settings = [dict(flatten(row)) for row in rows]
+    else:
+        settings = _read_table(path)
+    if not settings:
+        raise ConfigError(
+            f"'{path}' holds no settings; the first row of a CSV file names thresholds, and every "
+            "row below it is a setting"
+        )
+    seen: dict[tuple, int] = {}
+    for number, setting in enumerate(settings, 1):
+        for name, value in setting.items():
+            if not isinstance(value, (bool, int, float)):
+                raise ConfigError(
+                    f"'{path}', setting {number}: {name} is {reprlib.repr(value)}; it must be a "
+                    "number, true or false"
+                )
+        first = seen.setdefault(tuple(sorted(setting.items())), number)
+        if first < number:
+            raise ConfigError(
+                f"'{path}': settings {first} and {number} are the same; give each once"
+            )
+    return settings
+
+
+def _read_table(path: Path) -> list[Setting]:
+    """The rows of a CSV file."""
+    import csv
+
     try:
-        text = files.read_text(path)
+        text = files.read_text(path, _MOST_BYTES)
+        rows = list(itertools.islice(csv.reader(text.splitlines()), MOST_SETTINGS + 2))
     except OSError as error:
         raise ConfigError(f"cannot read settings from '{path}': {error.strerror}") from error
-    if path.suffix.lower() != ".json":
-        rows = list(csv.DictReader(text.splitlines()))
-        if not rows:
+    except csv.Error as error:
+        raise ConfigError(f"'{path}' is no CSV file: {error}") from error
+    names, *rows = rows or [[]]
+    if len(rows) > MOST_SETTINGS:
+        raise ConfigError(f"'{path}' holds more than {MOST_SETTINGS} settings; sweep over fewer")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ConfigError(f"'{path}' has the column {twice[0]!r} twice; name every threshold once")
+    settings = []
+    for number, row in enumerate(rows, 1):
+        if len(row) != len(names):
             raise ConfigError(
-                f"'{path}' holds no settings; its first row names thresholds, and every row below "
-                "it is a setting"
+                f"'{path}', setting {number}: it has {len(row)} values for {len(names)} thresholds"
             )
-        return [{name: parse_values(value)[0] for name, value in row.items()} for row in rows]
-    try:
-        found = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ConfigError(f"'{path}' is not valid JSON: {error}") from error
-    if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
-        raise ConfigError(f"'{path}' must hold a list of objects, one per setting")
-    return [dict(flatten(row)) for row in found]
+        try:
+            values = [_read_value(word, word) for word in row]
+        except ConfigError as error:
+            raise ConfigError(f"'{path}', setting {number}: {error}") from error
+        settings.append(dict(zip(names, values, strict=True)))
+    return settings
+
+
+def check_space(space: Mapping[str, Iterable[Value]], config: Config) -> None:
+    """Checks what settings will be made of, before the first is tried.
+
+    Raises:
+      ConfigError: If a threshold is unknown, or one of its values is not allowed.
+    """
+    for name, values in space.items():
+        complete([{name: value} for value in values], config)
 
 
 def complete(settings: Sequence[Mapping[str, Value]], config: Config) -> list[Setting]:
@@ -141,6 +240,15 @@ def complete(settings: Sequence[Mapping[str, Value]], config: Config) -> list[Se
     """
     if not settings:
         raise ConfigError("there are no settings to sweep over; give at least one")
+    if len(settings) > MOST_SETTINGS + 1:  # beside the configuration as it stands
+        raise ConfigError(
+            f"there are {len(settings)} settings to sweep over; at most {MOST_SETTINGS} are allowed"
+        )
+    for setting in settings:
+        if not isinstance(setting, Mapping) or not all(isinstance(name, str) for name in setting):
+            raise ConfigError(
+                f"{_ORIGIN} is {reprlib.repr(setting)}; give a mapping from thresholds to values"
+            )
     known = frozenset(config.keys)
     names = {name for setting in settings for name in setting}
     full = {name: _threshold(name, known, config) for name in names}

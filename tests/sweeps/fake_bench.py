@@ -34,6 +34,9 @@ class FakeBench:
         )
         return SweepResult(tuple(dict(s) for s in settings), self.scenes, rows, 4, 0)
 
+    def check_space(self, space) -> None:
+        """Everything is allowed."""
+
     def only(self, scenes: Sequence[str]) -> FakeBench:
         return dataclasses.replace(self, scenes=tuple(scenes))
 
