@@ -2,7 +2,8 @@
 
 One file per image, named by a hash of the image as the backbone gets it (its size included), the
 backbone's name and its fingerprint (weights and precision): whatever changes features changes the
-name. Files appear complete or not at all, so an interruption costs the image in work.
+name. A digest of name and content follows the array, so that a damaged or a swapped file is found
+and made anew. Files appear complete or not at all, so an interruption costs the image in work.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.registry import Backbone
-from remind_jax.files import make_folder, replace_file, user_cache_folder
+from remind_jax.files import make_folder, read_bytes, replace_file, user_cache_folder
+
+_DIGEST_BYTES = 32
 
 
 def default_folder() -> Path:
@@ -61,7 +64,7 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
             computed = np.asarray(backbone.apply(images[missing]))
             for i, new in zip(missing, computed, strict=True):
                 make_folder(files[i].parent)
-                replace_file(files[i], _as_file(new))
+                replace_file(files[i], _as_file(files[i], new))
                 features[i] = new
         tally.num_computed += len(missing)
         tally.num_found += len(images) - len(missing)
@@ -83,13 +86,26 @@ def place_of(image: UInt8[np.ndarray, "H W 3"], backbone: Backbone) -> Path:
 def _load(file: Path, shape: tuple[int, ...]) -> Float[np.ndarray, "Hp Wp D"] | None:
     """Features of a file; None if it is missing or damaged, for then it can be made again."""
     with contextlib.suppress(OSError, ValueError, EOFError):
-        features = np.load(file, allow_pickle=False)
-        if features.shape == shape and features.dtype == np.float32:
-            return features
+        content = read_bytes(file)
+        array, digest = content[:-_DIGEST_BYTES], content[-_DIGEST_BYTES:]
+        if digest == _digest(file, array):
+            features = np.load(io.BytesIO(array), allow_pickle=False)
+            if features.shape == shape and features.dtype == np.float32:
+                return features
+    if file.is_dir():
+        with contextlib.suppress(OSError):
+            file.rmdir()  # one with something in it stays
     return None
 
 
-def _as_file(features: Float[np.ndarray, "Hp Wp D"]) -> bytes:
+def _as_file(file: Path, features: Float[np.ndarray, "Hp Wp D"]) -> bytes:
     content = io.BytesIO()
     np.save(content, features)
-    return content.getvalue()
+    array = content.getvalue()
+    return array + _digest(file, array)
+
+
+def _digest(file: Path, array: bytes) -> bytes:
+    """Features under the name of others are none."""
+    name = f"{file.parent.name}/{file.name}"
+    return hashlib.sha256(name.encode() + b"\0" + array).digest()

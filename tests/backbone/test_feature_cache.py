@@ -68,6 +68,41 @@ def test_everything_that_changes_features_changes_the_place(counting):
     assert len(places) == 5
 
 
+def test_flipped_bytes_anywhere_are_found(counting, tmp_path):
+    cached = cache_features(counting.backbone, tmp_path)
+    expected = np.asarray(cached.extract(IMAGES[:1]))
+    file = tmp_path / place_of(IMAGES[0], counting.backbone)
+    whole = file.read_bytes()
+    for number, place in enumerate(range(0, len(whole) - 1, 7), 2):
+        flipped = bytearray(whole)
+        flipped[place] ^= 0x10
+        flipped[place + 1] ^= 1
+        file.write_bytes(flipped)
+        np.testing.assert_array_equal(cached.extract(IMAGES[:1]), expected)
+        assert counting.num_images == number
+        assert file.read_bytes() == whole
+
+
+def test_swapped_files_are_made_again(counting, tmp_path):
+    cached = cache_features(counting.backbone, tmp_path)
+    expected = np.asarray(cached.extract(IMAGES))
+    one, two, _ = (tmp_path / place_of(image, counting.backbone) for image in IMAGES)
+    first, second = one.read_bytes(), two.read_bytes()
+    one.write_bytes(second)
+    two.write_bytes(first)
+    np.testing.assert_array_equal(cached.extract(IMAGES), expected)
+    assert counting.num_images == 5
+    assert (one.read_bytes(), two.read_bytes()) == (first, second)
+
+
+def test_an_empty_folder_in_the_place_of_a_file_is_removed(counting, tmp_path):
+    cached = cache_features(counting.backbone, tmp_path)
+    file = tmp_path / place_of(IMAGES[0], counting.backbone)
+    file.mkdir(parents=True)
+    cached.extract(IMAGES[:1])
+    assert file.is_file()
+
+
 @pytest.mark.parametrize("content", [b"", b"\x93NUMPY", b"rubbish", None])
 def test_damaged_files_are_made_again(counting, tmp_path, content):
     cached = cache_features(counting.backbone, tmp_path)

@@ -13,8 +13,9 @@ import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
 from remind_jax.compiled import kept
+from remind_jax.errors import OutputError
 
-from .counting import Counted, files, run
+from .counting import PAIR, Counted, files, run
 
 
 @pytest.mark.parametrize("damage", ["empty", "noise", "half", "flipped"])
@@ -31,6 +32,83 @@ def test_a_damaged_file_is_made_anew(folder, damage, caplog):
     run(function)
     assert function.num_traces == 2
     assert not caplog.records
+
+
+def test_flipped_bytes_anywhere_are_found_before_the_library_sees_them(folder, monkeypatch):
+    run(Counted())
+    (path,) = files(folder)
+    whole = path.read_bytes()
+
+    def refuse(*args):
+        raise AssertionError("damaged bytes reached the library")
+
+    monkeypatch.setattr(kept.serialize_executable, "deserialize_and_load", refuse)
+    places = {*range(0, 200), *range(200, len(whole) - 1, max(1, len(whole) // 200))}
+    for place in sorted(places):
+        flipped = bytearray(whole)
+        flipped[place] ^= 0xFF
+        flipped[place + 1] ^= 1
+        path.write_bytes(flipped)
+        assert kept.load(path) is None
+        assert not path.exists()
+
+
+@pytest.mark.parametrize("length", [0, 1, 31, 32, 33, 100, -1])
+def test_a_file_that_was_cut_is_found(folder, length):
+    run(Counted())
+    (path,) = files(folder)
+    path.write_bytes(path.read_bytes()[:length])
+    assert kept.load(path) is None
+    assert not path.exists()
+
+
+def test_a_program_under_the_name_of_another_is_made_anew(folder):
+    add, other = Counted(), Counted()
+    run(add, key="add")
+    (first,) = files(folder)
+    run(other, pair=(PAIR[0][:2], PAIR[1][:2]), key="other")
+    (second,) = set(files(folder)) - {first}
+    one, two = first.read_bytes(), second.read_bytes()
+    first.write_bytes(two)
+    second.write_bytes(one)
+    np.testing.assert_array_equal(run(add, key="add")[1], [2, 2, 2])
+    np.testing.assert_array_equal(
+        run(other, pair=(PAIR[0][:2], PAIR[1][:2]), key="other")[1], [2, 2]
+    )
+    assert (add.num_traces, other.num_traces) == (2, 2)
+    run(add, key="add")
+    assert (add.num_traces, other.num_traces) == (2, 2)
+
+
+@pytest.mark.parametrize("is_empty", [True, False])
+def test_a_folder_in_the_place_of_a_program_is_not_in_the_way(folder, is_empty):
+    run(Counted())
+    (path,) = files(folder)
+    path.unlink()
+    path.mkdir()
+    if not is_empty:
+        (path / "mine.txt").write_text("of somebody else")
+    np.testing.assert_array_equal(run(Counted())[1], [2, 2, 2])
+    assert path.is_file() == is_empty
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_a_pipe_in_the_place_of_a_program_is_removed(folder):
+    run(Counted())
+    (path,) = files(folder)
+    path.unlink()
+    os.mkfifo(path)
+    np.testing.assert_array_equal(run(Counted())[1], [2, 2, 2])
+    assert path.is_file()
+
+
+def test_a_full_disk_costs_the_program_only(folder, monkeypatch):
+    def fail(*args):
+        raise OutputError("cannot write: No space left on device")
+
+    monkeypatch.setattr(kept, "replace_file", fail)
+    np.testing.assert_array_equal(run(Counted())[1], [2, 2, 2])
+    assert not files(folder)
 
 
 def test_programs_that_the_library_rejects_are_reported_once(folder, caplog, monkeypatch):
