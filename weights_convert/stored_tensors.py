@@ -129,7 +129,7 @@ def _open_shards(index: Path) -> WeightSource:
     files = tuple(sorted({index.parent / Path(name).name for name in listed.values()}))
     for file in files:
         if not file.is_file():
-            raise WeightsError(f"'{index}' lists '{file.name}', which is missing beside it")
+            raise WeightsError(f"'{index}' lists {file.name!r}, which is missing beside it")
         tensors |= _open_safetensors(file)
     if missing := sorted(set(listed) - set(tensors)):
         raise WeightsError(f"'{index}' lists tensors that no file holds: {', '.join(missing)}")

@@ -141,10 +141,11 @@ def _change_cells(path: Path, rng: random.Random) -> Change:
     options = [*map(str, ODD_NUMBERS), *map(str, NOT_FINITE), *ODD_TEXTS]
     new = rng.choice(options)
     row[column] = new
-    if rng.random() < 0.2:
+    is_cut = rng.random() < 0.2
+    if is_cut:
         del row[column:]
     path.write_text("\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8")
-    return Change(f"column {column} is {new[:20]!r}", new in map(str, NOT_FINITE))
+    return Change(f"column {column} is {new[:20]!r}", not is_cut and new in map(str, NOT_FINITE))
 
 
 def _change_npz(path: Path, rng: random.Random) -> Change:
@@ -163,9 +164,9 @@ def _change_npz(path: Path, rng: random.Random) -> Change:
     elif kind == "other shape":
         arrays[name] = array.reshape(-1) if array.ndim > 1 else array[None]
     elif kind == "empty":
-        arrays[name] = array[:0]
+        arrays[name] = np.atleast_1d(array)[:0]
     elif kind == "longer":
-        arrays[name] = np.concatenate([array, array])
+        arrays[name] = np.concatenate([np.atleast_1d(array)] * 2)
     elif kind == "object":
         arrays[name] = np.array([{"a": 1}], object)
     else:

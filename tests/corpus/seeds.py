@@ -16,13 +16,18 @@ import yaml
 
 import remind_jax as rj
 from remind_jax import sweeps
+from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.baselines.bank import METHOD
 from remind_jax.cli.main import main
 from remind_jax.errors import RemindError
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
+from tests.backbone.networks import converted_file
 from tests.cli import scenes
+from tests.metrics.formats import scenes as tracks
 from tests.outputs import fake_run
+from tests.outputs.traced_run import make_plus_run, make_traced_run
+from weights_convert.stored_tensors import open_source as open_weights
 
 NUM_FRAMES = 3
 
@@ -258,4 +263,69 @@ FORMATS: dict[str, Format] = {
     "video": Format(
         "bytes", lambda folder: scenes.write_video(folder / "v.mp4", NUM_FRAMES), _look_at
     ),
+}
+
+
+def _json_of(make: Callable[[], Any]) -> Callable[[Path], Path]:
+    return lambda folder: tracks.write_json(folder / "tracks.json", make())
+
+
+def _mots(folder: Path) -> Path:
+    path = folder / "masks.txt"
+    path.write_text(tracks.mots_text(tracks.TRUTH["one"]))
+    return path
+
+
+def _result_list(folder: Path) -> Path:
+    tracks.write_json(folder / "truth.json", tracks.coco_video(tracks.TRUTH))
+    return tracks.write_json(folder / "results.json", tracks.coco_results(tracks.ANSWERS))
+
+
+def _traced(make: Callable[[], Any], name: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        made = make()
+        result = made[1] if isinstance(made, tuple) else made
+        result.save(folder / "run")
+        return folder / "run" / name
+
+    return write
+
+
+def _explain(path: Path) -> None:
+    for frame in (0, 3):
+        remind("explain", path.parent, "--frame", frame, "--detection", 0)
+
+
+def _weights(folder: Path) -> Path:
+    path = folder / "weights.safetensors"
+    path.write_bytes(converted_file("dino_tiny").read_bytes())
+    return path
+
+
+def _index_of_shards(folder: Path) -> Path:
+    (folder / "model.safetensors").write_bytes(converted_file("dino_tiny").read_bytes())
+    names = dict.fromkeys(("cls_token", "norm.bias"), "model.safetensors")
+    return tracks.write_json(folder / "model.safetensors.index.json", {"weight_map": names})
+
+
+def _score(path: Path) -> None:
+    remind("eval", path, path, "--resamples", 0)
+
+
+FORMATS |= {
+    "tao scored": Format("json", _json_of(lambda: tracks.tao(tracks.TRUTH, True)), _score),
+    "burst scored": Format("json", _json_of(lambda: tracks.burst(tracks.TRUTH)), _score),
+    "coco boxes scored": Format(
+        "json", _json_of(lambda: tracks.coco_video(tracks.TRUTH, "bboxes")), _score
+    ),
+    "result list scored": Format(
+        "json", _result_list, lambda path: remind("eval", path.parent / "truth.json", path)
+    ),
+    "mots scored": Format("text", _mots, _score),
+    "trace explained": Format("npz", _traced(make_traced_run, "trace.npz"), _explain),
+    "plus trace explained": Format("npz", _traced(make_plus_run, "trace.npz"), _explain),
+    "traced run explained": Format("jsonl", _traced(make_plus_run, "detections.jsonl"), _explain),
+    "run drawn": Format("json", _run_file("run.json"), lambda path: remind("view", path.parent)),
+    "weights": Format("safetensors", _weights, load_weights),
+    "index of shards": Format("json", _index_of_shards, open_weights),
 }
