@@ -14,7 +14,11 @@ import json
 from pathlib import Path
 from typing import Literal
 
+import msgspec
+
+from remind_jax.errors import RemindError
 from remind_jax.files import make_folder, replace_file
+from remind_jax.files.records import Count, Label, Text, read_json
 
 RECORD_NAME = "record.json"
 Status = Literal["done", "failed"]
@@ -39,6 +43,21 @@ class Record:
     device_mib: float | None = None
 
 
+class _StoredRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A `Record` in a file."""
+
+    contender: Text
+    scene: Text
+    regime: Text
+    fingerprint: Text
+    status: Status
+    error: str = ""
+    num_frames: Count = 0
+    times_ms: dict[Label, float] = {}
+    peak_rss_mib: float | None = None
+    device_mib: float | None = None
+
+
 def folder_of(out: Path, regime: str, contender: str, scene: str) -> Path:
     """Where a run is kept."""
     return out / regime / contender / scene
@@ -58,6 +77,6 @@ def write_record(folder: Path, record: Record) -> None:
 def read_record(folder: Path) -> Record | None:
     """Reads a record; None if there is none, or none of this version."""
     try:
-        return Record(**json.loads((folder / RECORD_NAME).read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        return Record(**msgspec.structs.asdict(read_json(folder / RECORD_NAME, _StoredRecord)))
+    except RemindError:
         return None

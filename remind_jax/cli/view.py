@@ -64,7 +64,9 @@ def _open_moved(info: RunInfo, source: Path) -> Source:
     """The same source and sampling at another place; masks are not needed."""
     from remind_jax.sources import open_source
     from remind_jax.sources.opening import NO_MASKS
+    from remind_jax.sources.reopening import read_arguments
 
-    earlier = (info.source or {}).get("reopen") or {}
+    has_path = bool((info.source or {}).get("reopen"))
+    earlier = read_arguments(info.source or {}) if has_path else {}
     kept = {name: value for name, value in earlier.items() if name not in ("spec", "metadata")}
     return open_source(source, **{**kept, "masks": NO_MASKS})

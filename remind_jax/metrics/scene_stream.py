@@ -17,6 +17,7 @@ from remind_jax.metrics.formats.opening import (
     Format,
     SceneSet,
     holds_text,
+    is_blank,
     open_scenes,
 )
 from remind_jax.printing.small_table import Printable
@@ -179,7 +180,7 @@ def _open_truth(truth: str | Path, prediction: str | Path, format: Format | None
     opened = open_scenes(truth, format)
     if format is not None or opened.format != "mot":
         return opened
-    if any(file.read_bytes().strip() for file in opened.files.values()):
+    if any(not is_blank(file) for file in opened.files.values()):
         return opened
     other = open_scenes(prediction, truth=opened)
     return open_scenes(truth, other.format) if other.format in TEXT_FORMATS else opened

@@ -182,7 +182,7 @@ def _shorten(content: Any) -> Any:
 def read_sightings(path: Path) -> list[Sighting]:
     """The crops that an earlier report holds; empty if there is none that can be read."""
     try:
-        match = _RUN_DATA.search(path.read_text(encoding="utf-8"))
+        match = _RUN_DATA.search(files.read_text(path))
         run = json.loads(match[1]) if match else {"identities": []}
         return [
             Sighting(

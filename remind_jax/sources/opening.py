@@ -17,6 +17,7 @@ from remind_jax.sources.features import FEATURE_SUFFIXES, find_classes, load_arr
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.layouts import Choice, locate, open_maps_at
+from remind_jax.sources.reopening import read_arguments
 from remind_jax.sources.sampling import Sampling, require_rate
 from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
 
@@ -118,13 +119,7 @@ def reopen_source(description: Mapping[str, Any]) -> Source:
     Raises:
       SourceError: If the frames came from memory, or are no longer where they were.
     """
-    arguments = description.get("reopen")
-    if not arguments:
-        raise SourceError(
-            f"source '{description.get('name')}' came from memory and cannot be opened again; give "
-            "its video or images anew"
-        )
-    return open_source(**arguments)
+    return open_source(**read_arguments(description))
 
 
 def _read_items(spec: Any, choice: Choice, class_names: ClassNaming | None) -> ItemReader:

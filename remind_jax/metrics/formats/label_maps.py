@@ -19,6 +19,7 @@ from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of
 from remind_jax.sources.annotation_png import read_label_map
 from remind_jax.sources.class_names import UNNAMED, ClassNames, parse_metadata
 from remind_jax.sources.davis import metadata_files
+from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import require_classes
 from remind_jax.sources.source import UnreadableFrame
 
@@ -65,7 +66,7 @@ def find_classes(folder: Path, name: str) -> ClassNames | None:
         for file in dict.fromkeys(Path(file).name for file in metadata_files(name)):
             path = place / file
             if path.is_file():
-                classes = parse_metadata(files.read_bytes(path), str(path), name).classes
+                classes = parse_metadata(read_bytes(path), str(path), name).classes
                 if classes is not UNNAMED:
                     return classes
     return None

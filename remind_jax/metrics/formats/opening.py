@@ -85,7 +85,10 @@ def open_scenes(
             path, "mots-png", {path.stem: functools.partial(read_mots_png, path)}, {path.stem: path}
         )
     if path.is_dir():
-        return _open_folder(path, format, is_truth=truth is None)
+        try:
+            return _open_folder(path, format, is_truth=truth is None)
+        except OSError as error:
+            raise SourceError(f"{path} cannot be read: {error.strerror}") from error
     if format == "cvat" or (format is None and looks_like_cvat(path)):
         name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
         return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
@@ -94,7 +97,7 @@ def open_scenes(
     if format in ("davis", "run"):
         raise SourceError(f"{path} is a file; format '{format}' is a folder")
     found = format or recognize_format(path)
-    if format is None and like is not None and _is_blank(path):
+    if format is None and like is not None and is_blank(path):
         found = like
     return _text_scenes(path, {path.stem: path}, found, is_truth=truth is None)
 
@@ -226,5 +229,13 @@ def _recognize_json(path: Path, content: Content, truth: SceneSet | None) -> For
     )
 
 
-def _is_blank(path: Path) -> bool:
-    return not files.read_bytes(path).strip()
+def is_blank(path: Path) -> bool:
+    """Whether a text file holds nothing.
+
+    Raises:
+      SourceError: If it cannot be read.
+    """
+    try:
+        return not files.read_bytes(path).strip()
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror}") from error
