@@ -147,28 +147,6 @@ def read_npz(
         raise refused(f"{where} cannot be decompressed ({first_line(error)})") from error
 
 
-def read_npy(
-    path: str | Path, shape: tuple[int, ...], dtype: np.dtype[Any], *, refused: type[RemindError]
-) -> np.ndarray:
-    """Reads an NPY file that must hold an array of that shape and type.
-
-    Raises:
-      RemindError: Of kind `refused`, if it cannot be read or holds another array.
-    """
-    try:
-        reading.check_regular(path)
-        with Path(path).open("rb") as file:
-            found = _array_header(file)
-            if found[:2] != (shape, dtype):
-                raise refused(f"'{path}' holds {found[1]} {list(found[0])}, not {dtype} {shape}")
-            file.seek(0)
-            return np.lib.format.read_array(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        if isinstance(error, RemindError):
-            raise
-        raise refused(f"'{path}' is damaged or no NPY file ({first_line(error)})") from error
-
-
 def _check_members(
     archive: zipfile.ZipFile,
     where: str,
@@ -210,19 +188,14 @@ def _member_header(
 ) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Shape and type of an array, and where its values begin in the member, in bytes."""
     with archive.open(info) as file:
-        return _array_header(file)
-
-
-def _array_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Shape and type of an array, and where its values begin, in bytes."""
-    version = np.lib.format.read_magic(file)
-    if version not in ((1, 0), (2, 0), (3, 0)):
-        raise ValueError(f"an array has version {version} of the format")
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else _read_long_header
-    shape, _, dtype = read(file)
-    if any(side < 0 for side in shape) or len(shape) > MOST_DIMENSIONS:
-        raise ValueError(f"an array has shape {shape}")
-    return shape, dtype, file.tell()
+        version = np.lib.format.read_magic(file)
+        if version not in ((1, 0), (2, 0), (3, 0)):
+            raise ValueError(f"an array has version {version} of the format")
+        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else _read_long_header
+        shape, _, dtype = read(file)
+        if any(side < 0 for side in shape) or len(shape) > MOST_DIMENSIONS:
+            raise ValueError(f"an array has shape {shape}")
+        return shape, dtype, file.tell()
 
 
 def _read_long_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
