@@ -120,12 +120,15 @@ def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of sizes that overflow, which is an error as well
             return {single: np.load(path, mmap_mode="r", allow_pickle=False)}
-    except (OSError, ValueError, TypeError, EOFError, SyntaxError, RecursionError) as error:
+    except OSError as error:
+        why = error.strerror or first_line(error)
+        raise SourceError(f"'{path}' cannot be read as a NumPy file: {why}") from error
+    except (ValueError, TypeError, EOFError, SyntaxError, RecursionError) as error:
         raise SourceError(
-            f"'{path}' cannot be read as a NumPy file: {first_line(error)}"
+            f"'{path}' cannot be read as a NumPy file: it is damaged, or holds Python objects"
         ) from error
     except tokenize.TokenError as error:
-        raise SourceError(f"'{path}' is no NumPy file, or damaged; make it again") from error
+        raise SourceError(f"'{path}' cannot be read as a NumPy file: it is damaged") from error
 
 
 def _check_arrays(arrays: Mapping[str, np.ndarray], file: str) -> None:

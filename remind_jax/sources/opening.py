@@ -180,6 +180,8 @@ def _existing(path: str | Path) -> Path:
         raise SourceError(f"'{path}' is a packed folder; unpack it, or pack it as .tar")
     if is_there:
         return resolved
+    if resolved.is_symlink():
+        raise SourceError(f"'{path}' is a link that leads nowhere; mend it")
     # A path has lost one of the slashes of an address.
     if re.match(r"\w\w+:/", str(path)) or str(path).isdecimal():
         raise SourceError(

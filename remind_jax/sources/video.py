@@ -138,6 +138,8 @@ def _video_stream(container: av.container.InputContainer, file: str) -> av.Video
     if not container.streams.video:
         raise SourceError(f"'{file}' has no video track")
     stream = container.streams.video[0]
+    if stream.codec_context is None or not stream.codec_context.width:
+        raise SourceError(f"the pictures of '{file}' are of an unknown kind or size, or damaged")
     if stream.width * stream.height > MOST_PIXELS or max(stream.width, stream.height) > MOST_SIDE:
         raise SourceError(
             f"'{file}' claims pictures of {stream.width}x{stream.height} pixels; at most "

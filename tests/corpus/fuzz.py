@@ -10,23 +10,30 @@ import itertools
 import sys
 import time
 
-from tests.corpus.judge import GOOD, LIMIT_S, count, run_case
+from tests.corpus.judge import GOOD, LIMIT_S, count, load_libraries, run_case
 from tests.corpus.seeds import FORMATS
+from tests.corpus.verb_seeds import VERBS
 
 
 def main() -> int:
     """Exit status 1 if anything ended otherwise than refused in a sentence, or accepted."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--rounds", type=int, help="at most so many cases of each format")
     parser.add_argument("--formats", default=",".join(FORMATS))
+    parser.add_argument("--verbs-every", type=int, default=20, help="rounds, as verbs take seconds")
     parser.add_argument("--seed", type=int, default=0, help="of the first case of each format")
     parser.add_argument("--limit-s", type=float, default=LIMIT_S, help="of one case")
     options = parser.parse_args()
     names, deadline = options.formats.split(","), time.monotonic() + options.seconds
     verdicts = []
-    for seed in itertools.count(options.seed):
-        for name in names:
-            verdicts.append((name, seed, run_case(name, seed, options.limit_s)))
+    load_libraries()
+    for seed in itertools.islice(itertools.count(options.seed), options.rounds):
+        with_verbs = options.verbs_every and seed % options.verbs_every == 0
+        for name in (*names, *(VERBS if with_verbs else ())):
+            verdicts.append((name, seed, run_case(name, seed, options.limit_s, in_child=True)))
+            if time.monotonic() > deadline:
+                break
         if time.monotonic() > deadline:
             break
     print(f"{len(verdicts)} cases, seeds {options.seed} to {seed}\n\n{count(verdicts)}")

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
+import importlib
 import os
+import pickle
 import random
 import re
 import resource
@@ -16,17 +19,26 @@ import time
 import traceback
 import warnings
 import zlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from tests.corpus.mutations import Change, change_file
-from tests.corpus.seeds import FORMATS, Refused, refusal
+from tests.backbone.networks import converted_file
+from tests.corpus.change import Change
+from tests.corpus.mutations import change_file
+from tests.corpus.seeds import FORMATS, Format, Refused, Told, refusal
+from tests.corpus.verb_seeds import VERBS
 
 LIMIT_S = 60.0
 LIMIT_BYTES = 2 << 30  # above what the process has before
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\u202a-\u202e]")
-GOOD = ("refused", "accepted")
+GOOD = ("refused", "told", "accepted")
+LIBRARIES = (
+    *("av", "cv2", "onnxruntime", "rich.progress", "safetensors.numpy", "scipy.optimize"),
+    *("remind_jax.session.run", "remind_jax.metrics.evaluation", "remind_jax.metrics.formats"),
+    *("remind_jax.metrics.run_evaluation", "remind_jax.detectors.detector", "remind_jax.sweeps"),
+    *("remind_jax.backbone.opening", "remind_jax.outputs.writer"),
+    *("remind_jax.metrics.formats.opening", "remind_jax.sources.opening"),
+)
+UNCHANGED = Change("nothing", False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,29 +51,53 @@ class Verdict:
     told: str  # the last line that was written, or the place of the traceback
 
 
-def run_case(name: str, seed: int, limit_s: float = LIMIT_S) -> Verdict:
-    """Makes, changes and enters one file of a format; the same seed is the same case."""
-    form = FORMATS[name]
+def load_libraries() -> None:
+    """Imports what children need, so that each does not do so again; nothing is computed."""
+    for name in LIBRARIES:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    converted_file("dino_tiny")
+
+
+def run_case(name: str, seed: int, limit_s: float = LIMIT_S, *, in_child: bool = False) -> Verdict:
+    """Makes, changes and enters one file of a format; the same seed is the same case.
+
+    Args:
+      name: Of the format or verb.
+      seed: What the change follows from.
+      limit_s: Seconds until it counts as hanging.
+      in_child: Make the file in the child as well, as a process that never computed needs it:
+        once it has computed with JAX, its children cannot.
+    """
+    form = (FORMATS | VERBS)[name]
     rng = random.Random(zlib.crc32(name.encode()) + seed)
     folder = Path(tempfile.mkdtemp(prefix="corpus"))
     try:
-        path = form.write(folder)
-        change = change_file(path, form.kind, rng)
-        return _judge(*_enter(form.enter, path, folder, limit_s), change)
+        made = None if in_child else _make(form, rng, folder)
+        return _judge(*_enter(form, rng, folder, limit_s, made))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
+def _make(form: Format, rng: random.Random, folder: Path) -> tuple[Path, Change]:
+    path = form.write(folder)
+    return path, change_file(path, form.kind, rng)
+
+
 def _enter(
-    enter: Callable[[Path], Any], path: Path, folder: Path, limit_s: float
-) -> tuple[int, str, str]:
-    """Status of the child, what it wrote, and where it broke."""
-    written, broken = folder / ".written", folder / ".broken"
+    form: Format,
+    rng: random.Random,
+    folder: Path,
+    limit_s: float,
+    made: tuple[Path, Change] | None,
+) -> tuple[int, str, str, Change]:
+    """Status of the child, what it wrote, where it broke, and what was changed."""
+    kept = {name: folder / f".{name}" for name in ("written", "broken", "change")}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of JAX about forks: no child computes with it
+        warnings.simplefilter("ignore")  # of JAX about forks
         child = os.fork()
     if child == 0:
-        _be_a_child(enter, path, written, broken)
+        _be_a_child(form, rng, folder, kept, made)
     deadline = time.monotonic() + limit_s
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
@@ -70,30 +106,45 @@ def _enter(
         if time.monotonic() > deadline:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
-            return -1, "", ""
+            status = -1
+            break
         time.sleep(0.002)
-    told = written.read_text(errors="replace") if written.exists() else ""
-    return status, told, broken.read_text(errors="replace") if broken.exists() else ""
+    told, broken = (
+        kept[name].read_text(errors="replace") if kept[name].exists() else ""
+        for name in ("written", "broken")
+    )
+    change = pickle.loads(kept["change"].read_bytes()) if kept["change"].exists() else UNCHANGED
+    return status, told, broken, change
 
 
-def _be_a_child(enter: Callable[[Path], Any], path: Path, written: Path, broken: Path) -> None:
-    os.chdir(path.parent)
-    sink = os.open(written, os.O_WRONLY | os.O_CREAT)
+def _be_a_child(
+    form: Format,
+    rng: random.Random,
+    folder: Path,
+    kept: dict[str, Path],
+    made: tuple[Path, Change] | None,
+) -> None:
+    os.chdir(folder)
+    sink = os.open(kept["written"], os.O_WRONLY | os.O_CREAT)
     for stream in (1, 2):
         os.dup2(sink, stream)
     sys.stdout, sys.stderr = os.fdopen(1, "w"), os.fdopen(2, "w")
-    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT_BYTES, used + LIMIT_BYTES))
     code = 0
     try:
-        enter(path)
+        path, change = made or _make(form, rng, folder)
+        kept["change"].write_bytes(pickle.dumps(change))
+        os.truncate(kept["written"], 0)
+        os.lseek(sink, 0, os.SEEK_SET)
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT_BYTES, used + LIMIT_BYTES))
+        form.enter(path)
     except MemoryError:
         code = 4
     except BaseException as error:
-        code = 1 if refusal(error) else 3
+        code = 5 if isinstance(error, Told) else 1 if refusal(error) else 3
         if code == 3:
-            broken.write_text("".join(traceback.format_exception(error)))
-        elif not isinstance(error, Refused):
+            kept["broken"].write_text("".join(traceback.format_exception(error)))
+        elif not isinstance(error, Refused | Told):
             print(f"remind: {error}", file=sys.stderr)
     sys.stdout.flush()
     sys.stderr.flush()
@@ -114,6 +165,8 @@ def _judge(status: int, told: str, broken: str, change: Change) -> Verdict:
         places = [line.strip() for line in broken.splitlines() if "remind_jax/" in line]
         where = re.sub(r".*remind_jax/", "", places[-1]) if places else "?"
         return Verdict("traceback", change, f"{where}: {broken.splitlines()[-1][:120]}")
+    if code == 5:
+        return Verdict("told", change, last)
     if CONTROL.search(told):
         return Verdict("escape", change, repr(last[:120]))
     if code == 1:
@@ -127,7 +180,9 @@ def count(verdicts: list[tuple[str, int, Verdict]]) -> str:
     kinds = sorted({verdict.kind for _, _, verdict in verdicts})
     by_format = collections.Counter((name, verdict.kind) for name, _, verdict in verdicts)
     rows = [["format", *kinds]]
-    rows += [[name, *(str(by_format[name, kind] or "") for kind in kinds)] for name in FORMATS]
+    rows += [
+        [name, *(str(by_format[name, kind] or "") for kind in kinds)] for name in FORMATS | VERBS
+    ]
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     lines.insert(1, "|" + " --- |" * len(rows[0]))
     causes = collections.defaultdict(list)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
 import os
@@ -14,6 +13,9 @@ from typing import Any
 
 import numpy as np
 import yaml
+
+from tests.corpus.change import Change
+from tests.corpus.headers import change_header
 
 ODD_NUMBERS: tuple[Any, ...] = (0, -1, 1e12, -1e12, 2**63, 10**40, 0.5, -0.0, 1e-300)
 NOT_FINITE = (float("nan"), float("inf"), -float("inf"))
@@ -33,14 +35,6 @@ ODD_TEXTS = (
 OTHER_KINDS: tuple[Any, ...] = (None, True, [], {}, "text", 3, [1, [2, [3]]], {"a": {"b": 1}})
 
 
-@dataclasses.dataclass(frozen=True)
-class Change:
-    """What was done to a file."""
-
-    name: str
-    is_invalid: bool  # nothing that reads this may take it for good
-
-
 def change_file(path: Path, kind: str, rng: random.Random) -> Change:
     """Changes a file in place, by its structure or by its bytes."""
     by_structure = {
@@ -50,6 +44,7 @@ def change_file(path: Path, kind: str, rng: random.Random) -> Change:
         "text": _change_cells,
         "npz": _change_npz,
         "safetensors": _change_safetensors,
+        "header": change_header,
     }
     if kind in by_structure and rng.random() < 0.75:
         return by_structure[kind](path, rng)

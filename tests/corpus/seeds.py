@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import json
-import tarfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,14 @@ import remind_jax as rj
 from remind_jax import sweeps
 from remind_jax.backbone.vit_weights import load_weights
 from remind_jax.baselines.bank import METHOD
+from remind_jax.cli import process
 from remind_jax.cli.main import main
 from remind_jax.errors import RemindError
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests.backbone.networks import converted_file
 from tests.cli import scenes
+from tests.corpus import binary_seeds
 from tests.metrics.formats import scenes as tracks
 from tests.outputs import fake_run
 from tests.outputs.traced_run import make_plus_run, make_traced_run
@@ -40,7 +42,8 @@ class Refused(Exception):
 class Format:
     """A kind of file."""
 
-    kind: str  # "json", "jsonl", "yaml", "text", "npz", "safetensors" or "bytes": how it is changed
+    kind: str  # how it is changed: "json", "jsonl", "yaml", "text", "npz", "safetensors", "header"
+    # (numbers of a header) or "bytes"
     write: Callable[[Path], Path]  # into an empty folder; gives the file that is changed
     enter: Callable[[Path], Any]  # what a user does with it; raises where it is refused
 
@@ -48,17 +51,26 @@ class Format:
 def remind(*words: object) -> None:
     """The command line; exit code 0 or an exception."""
     code = main([str(word) for word in words])
+    if code == process.FAILED:
+        raise RuntimeError("the last resort was needed")
     if code:
         raise Refused(code)
 
 
+class Told(Exception):
+    """It went on without a part, and said so."""
+
+
 def _look_at(source, **options) -> None:
-    for frame in itertools.islice(rj.open_source(source, **options), NUM_FRAMES):
+    opened = rj.open_source(source, **options)
+    for frame in itertools.islice(opened, NUM_FRAMES):
         if frame.detections is not None:
             _ = frame.detections.masks.sum()
+    if opened.skipped or opened.notes:
+        raise Told([(frame.name, frame.reason) for frame in opened.skipped], opened.notes)
 
 
-def _scene_beside(path: Path) -> Path:
+def scene_beside(path: Path) -> Path:
     """Images of the tiny scene, in the folder of the file."""
     images = path.parent / "scene" / "images"
     if not images.exists():
@@ -71,7 +83,7 @@ def _rle(mask: np.ndarray) -> dict:
     return {"size": list(code["size"]), "counts": code["counts"].decode()}
 
 
-def _coco_results(folder: Path) -> Path:
+def coco_results(folder: Path) -> Path:
     found = []
     for index in range(NUM_FRAMES):
         labels = scenes.picture(index)[1]
@@ -153,12 +165,12 @@ def _mot(folder: Path) -> Path:
     return path
 
 
-def _metadata(folder: Path) -> Path:
+def metadata(folder: Path) -> Path:
     scenes.write_scene(folder / "scene", NUM_FRAMES)
     return folder / "scene" / "masks" / "metadata.json"
 
 
-def _run_file(name: str) -> Callable[[Path], Path]:
+def run_file(name: str) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         _, result = fake_run.make_run(6, (48, 64), 3)
         result.save(folder / "run")
@@ -167,28 +179,33 @@ def _run_file(name: str) -> Callable[[Path], Path]:
     return write
 
 
-def _config(folder: Path) -> Path:
+def config(folder: Path) -> Path:
     path = folder / "config.yaml"
     values = {"base": "default", "decision": {"new": 1.5}, "input": {"ignored_classes": ["wall"]}}
     path.write_text(yaml.safe_dump({**values, "static": {"num_objects": 32}}))
     return path
 
 
-def _sweep_settings(folder: Path) -> Path:
+def sweep_settings(folder: Path) -> Path:
     path = folder / "settings.json"
     path.write_text(json.dumps([{"decision.new": 1.0}, {"decision.new": 1.5, "looks.gain": 0.7}]))
     return path
 
 
+@functools.cache  # a process that was forked from one that computed had better not compute
+def _empty_memory(static: rj.Static) -> Any:
+    return jax.device_get(METHOD.init(static))
+
+
 def _memory(folder: Path) -> Path:
     static = rj.Static(num_detections=2, num_objects=3, feature_dim=4)
-    state = jax.device_get(METHOD.init(static))
+    state = _empty_memory(static)
     path = folder / "memory.safetensors"
     save_memory(path, SavedMemory(state, static, ("cup",), "fingerprint", METHOD.name))
     return path
 
 
-def _features(folder: Path) -> Path:
+def features(folder: Path) -> Path:
     path = folder / "features.npz"
     features = np.zeros((NUM_FRAMES, 12, 16, 4), np.float32)
     maps = np.stack([scenes.picture(index)[1] for index in range(NUM_FRAMES)])
@@ -197,19 +214,8 @@ def _features(folder: Path) -> Path:
     return path
 
 
-def _image(folder: Path) -> Path:
-    return next(iter(sorted(scenes.write_scene(folder / "scene", NUM_FRAMES)[0].iterdir())))
-
-
 def _map(folder: Path) -> Path:
     return next(iter(sorted(scenes.write_scene(folder / "scene", NUM_FRAMES)[1].glob("*.png"))))
-
-
-def _tar(folder: Path) -> Path:
-    images, _ = scenes.write_scene(folder / "scene", NUM_FRAMES)
-    with tarfile.open(folder / "images.tar", "w") as archive:
-        archive.add(images, "images")
-    return folder / "images.tar"
 
 
 def _scene_with_masks(path: Path) -> None:
@@ -234,35 +240,64 @@ def refusal(error: BaseException) -> bool:
 
 FORMATS: dict[str, Format] = {
     "coco results as masks": Format(
-        "json", _coco_results, lambda path: _look_at(_scene_beside(path), masks=path)
+        "json", coco_results, lambda path: _look_at(scene_beside(path), masks=path)
     ),
     "coco video scored": Format(
         "json", _coco_video, lambda path: remind("eval", path, path, "--resamples", 0)
     ),
     "frame lines": Format(
-        "jsonl", _frame_lines, lambda path: _look_at(_scene_beside(path), masks=path)
+        "jsonl", _frame_lines, lambda path: _look_at(scene_beside(path), masks=path)
     ),
     "mot scored": Format("text", _mot, lambda path: remind("eval", path, path, "--resamples", 0)),
-    "metadata of masks": Format("json", _metadata, _scene_with_masks),
+    "metadata of masks": Format("json", metadata, _scene_with_masks),
     "detections.jsonl viewed": Format(
-        "jsonl", _run_file("detections.jsonl"), lambda path: _load_run(path)
+        "jsonl", run_file("detections.jsonl"), lambda path: _load_run(path)
     ),
-    "run.json": Format("json", _run_file("run.json"), lambda path: _load_run(path)),
+    "run.json": Format("json", run_file("run.json"), lambda path: _load_run(path)),
     "run scored": Format(
         "jsonl",
-        _run_file("detections.jsonl"),
+        run_file("detections.jsonl"),
         lambda path: remind("eval", path.parent, path.parent, "--resamples", 0),
     ),
-    "configuration": Format("yaml", _config, lambda path: remind("config", "show", path)),
-    "sweep settings": Format("json", _sweep_settings, lambda path: _read_settings(path)),
+    "configuration": Format("yaml", config, lambda path: remind("config", "show", path)),
+    "sweep settings": Format("json", sweep_settings, lambda path: _read_settings(path)),
     "memory": Format("safetensors", _memory, load_memory),
-    "features": Format("npz", _features, _look_at),
-    "image": Format("bytes", _image, lambda path: _look_at(path.parent)),
-    "instance map": Format("bytes", _map, _scene_with_masks),
-    "tar of images": Format("bytes", _tar, _look_at),
-    "video": Format(
-        "bytes", lambda folder: scenes.write_video(folder / "v.mp4", NUM_FRAMES), _look_at
+    "features": Format("npz", features, _look_at),
+    "instance map": Format("header", _map, _scene_with_masks),
+    "array of masks": Format(
+        "header", binary_seeds.mask_array, lambda path: _look_at(scene_beside(path), masks=path)
     ),
+    "coco polygons": Format(
+        "json", binary_seeds.polygons, lambda path: _look_at(scene_beside(path), masks=path)
+    ),
+    "coco categories": Format(
+        "json",
+        binary_seeds.categories,
+        lambda path: _look_at(
+            scene_beside(path), masks=path.with_name("results.json"), metadata=path
+        ),
+    ),
+    "detector": Format("header", binary_seeds.detector, binary_seeds.detect),
+    **{
+        f"{suffix} picture": Format(
+            "header", binary_seeds.pictures(suffix), lambda path: _look_at(path.parent)
+        )
+        for suffix in (".png", ".jpg", ".webp", ".bmp", ".tiff")
+    },
+    **{
+        f"{name} video": Format("header", binary_seeds.video(name, codec, pixels), _look_at)
+        for name, codec, pixels in (
+            ("v.mp4", "libx264", "yuv420p"),
+            ("v.avi", "mjpeg", "yuvj420p"),
+            ("v.mkv", "mpeg4", "yuv420p"),
+            ("v.gif", "gif", "rgb8"),
+            ("v.apng", "apng", "rgb24"),
+        )
+    },
+    **{
+        f"{name} of images": Format("header", binary_seeds.tar(name, mode), _look_at)
+        for name, mode in (("images.tar", "w"), ("images.tar.gz", "w:gz"))
+    },
 }
 
 
@@ -325,7 +360,7 @@ FORMATS |= {
     "trace explained": Format("npz", _traced(make_traced_run, "trace.npz"), _explain),
     "plus trace explained": Format("npz", _traced(make_plus_run, "trace.npz"), _explain),
     "traced run explained": Format("jsonl", _traced(make_plus_run, "detections.jsonl"), _explain),
-    "run drawn": Format("json", _run_file("run.json"), lambda path: remind("view", path.parent)),
+    "run drawn": Format("json", run_file("run.json"), lambda path: remind("view", path.parent)),
     "weights": Format("safetensors", _weights, load_weights),
     "index of shards": Format("json", _index_of_shards, open_weights),
 }

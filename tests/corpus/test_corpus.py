@@ -10,6 +10,7 @@ from remind_jax.errors import SourceError
 from tests.corpus import judge
 from tests.corpus.mutations import change_file
 from tests.corpus.seeds import FORMATS, Format
+from tests.corpus.verb_seeds import VERBS
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -17,6 +18,25 @@ def test_the_unchanged_file_is_accepted(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = FORMATS[name].write(tmp_path)
     FORMATS[name].enter(path)
+
+
+def test_formats_and_verbs_have_names_of_their_own():
+    assert not set(FORMATS) & set(VERBS)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_changed_file_is_refused_told_or_good(name):
+    """A quick share; what becomes of a case follows from its seed alone."""
+    for seed in range(2):
+        verdict = judge.run_case(name, seed, limit_s=30.0)
+        assert verdict.kind in judge.GOOD, (seed, verdict)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VERBS)
+def test_the_unchanged_file_is_accepted_by_its_verb(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    VERBS[name].enter(VERBS[name].write(tmp_path))
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -27,7 +47,12 @@ def test_the_same_seed_makes_the_same_change(name, tmp_path):
         path = FORMATS[name].write(tmp_path / place)
         change = change_file(path, FORMATS[name].kind, random.Random(3))
         made.append((change, path.read_bytes() if path.is_file() else b""))
-    if FORMATS[name].kind not in ("npz", "bytes", "safetensors"):  # these hold times, or no order
+    if FORMATS[name].kind not in (
+        "npz",
+        "bytes",
+        "header",
+        "safetensors",
+    ):  # these hold times, or no order
         assert made[0] == made[1]
     assert made[0][0] == made[1][0]
 
