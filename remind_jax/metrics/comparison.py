@@ -9,7 +9,6 @@ sweep. Cells show a score and, where there is one, its interval; the best of a c
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import io
 import math
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from remind_jax.errors import OutputError
+from remind_jax.files.csv_cells import write_row
 from remind_jax.metrics.columns import Chart, Column, Row, column_of, is_best
 from remind_jax.metrics.comparison_page import render_page
 from remind_jax.printing.small_table import Printable, SmallTable
@@ -100,23 +100,25 @@ class ComparisonTable(Printable):
         return "\n\n".join(parts) + "\n"
 
     def to_csv(self) -> str:
-        """Scores at full precision, as they are (fractions); `X_low`, `X_high` for intervals."""
+        """Scores at full precision, as they are (fractions); `X_low`, `X_high` for intervals.
+
+        Text is guarded (`files/csv_cells.py`).
+        """
         out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
         columns = self.resolved_columns
         has_interval = {c.name: any(c.name in row.intervals for row in self.rows) for c in columns}
         head = ["name"]
         for column in columns:
             ends = ("_low", "_high") if has_interval[column.name] else ()
             head += [column.name, *(column.name + end for end in ends)]
-        writer.writerow([*head, "note"])
+        write_row(out, [*head, "note"])
         for row in self.rows:
             cells = [row.name]
             for column in columns:
                 cells.append(_exact(row.score(column)))
                 if has_interval[column.name]:
                     cells += map(_exact, row.intervals.get(column.name, (math.nan, math.nan)))
-            writer.writerow([*cells, row.note])
+            write_row(out, [*cells, row.note])
         return out.getvalue()
 
     def to_latex(self) -> str:

@@ -9,7 +9,6 @@ Their ids start at 1 (`object_id + 1`), their frames at 1 (position in the run +
 from __future__ import annotations
 
 import contextlib
-import csv
 import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from jaxtyping import Bool, Int
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
+from remind_jax.files.csv_cells import write_row
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, encode_masks, mask_areas, union_area
 from remind_jax.tracks import Tracks
@@ -68,14 +68,16 @@ def _round(value: float | None) -> float | None:
 
 
 class CsvWriter(contextlib.AbstractContextManager):
-    """Writes `tracks.csv` frame by frame; every frame is on disk when `add` returns."""
+    """Writes `tracks.csv` frame by frame; every frame is on disk when `add` returns.
+
+    Text is guarded (`files/csv_cells.py`).
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
         with files.writing(path):
             self._file = path.open("w", encoding="utf-8", newline="")
-            self._writer = csv.DictWriter(self._file, CSV_COLUMNS, lineterminator="\n")
-            self._writer.writeheader()
+            write_row(self._file, CSV_COLUMNS)
 
     def add(self, tracks: Tracks) -> None:
         """Appends one frame.
@@ -84,7 +86,8 @@ class CsvWriter(contextlib.AbstractContextManager):
           OutputError: If it cannot be written.
         """
         with files.writing(self._path):
-            self._writer.writerows(detection_rows(tracks))
+            for row in detection_rows(tracks):
+                write_row(self._file, row.values())
             self._file.flush()
 
     def close(self) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import io
 import math
@@ -13,6 +12,7 @@ import numpy as np
 
 from remind_jax.errors import SweepError, nearest_names
 from remind_jax.files import writing
+from remind_jax.files.csv_cells import write_row
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.sweeps.records import Row
 from remind_jax.sweeps.settings import Setting
@@ -101,17 +101,18 @@ class SweepResult(Printable):
     def to_csv(self, path: str | Path | None = None) -> str:
         """All rows as CSV, also written to a file if one is given.
 
+        Names of scenes are guarded (`files/csv_cells.py`).
+
         Raises:
           OutputError: If it cannot be written.
         """
         names = sorted({name for setting in self.settings for name in setting})
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["setting", "scene", *names, *self.metrics])
+        write_row(text, ["setting", "scene", *names, *self.metrics])
         for index, (setting, rows) in enumerate(zip(self.settings, self.rows, strict=True)):
             for row in rows:
                 values = [setting.get(name, "") for name in names]
-                writer.writerow([index, row.scene, *values, *row.scores.values()])
+                write_row(text, [index, row.scene, *values, *row.scores.values()])
         if path is not None:
             with writing(Path(path)):
                 Path(path).write_text(text.getvalue(), encoding="utf-8")

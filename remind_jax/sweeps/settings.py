@@ -25,6 +25,7 @@ from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.keys import THRESHOLDS, full_key
 from remind_jax.errors import ConfigError
 from remind_jax.files import records
+from remind_jax.files.csv_cells import unguard_cell
 
 Value = float | int | bool
 Setting = dict[str, Value]
@@ -202,7 +203,7 @@ def _read_table(path: Path) -> list[Setting]:
         raise ConfigError(f"cannot read settings from '{path}': {error.strerror}") from error
     except csv.Error as error:
         raise ConfigError(f"'{path}' is no CSV file: {error}") from error
-    names, *rows = rows or [[]]
+    names, *rows = ([unguard_cell(cell) for cell in row] for row in rows or [[]])
     if len(rows) > MOST_SETTINGS:
         raise ConfigError(f"'{path}' holds more than {MOST_SETTINGS} settings; sweep over fewer")
     twice = sorted({name for name in names if names.count(name) > 1})

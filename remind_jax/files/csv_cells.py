@@ -1,0 +1,39 @@
+"""Rows of CSV files, such that no spreadsheet takes text for a formula.
+
+A cell that begins with one of `=`, `+`, `-`, `@`, a tab or a line break is calculated by programs
+that open the file, and may read other files or ask the network. Such text gets an apostrophe in
+front, as does text that begins with an apostrophe, so that taking one off gives back what was
+written. Numbers stay as they are, as text too.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable
+from typing import Any, TextIO
+
+GUARD = "'"
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]+)?", re.ASCII | re.IGNORECASE)
+_GUARDED = ("=", "+", "-", "@", "\t", "\r", "\n", GUARD)
+
+
+def guard_cell(value: Any) -> Any:
+    """The cell to write for a value."""
+    if not isinstance(value, str) or not value.startswith(_GUARDED) or _NUMBER.fullmatch(value):
+        return value
+    return GUARD + value
+
+
+def write_row(file: TextIO, cells: Iterable[Any]) -> None:
+    """Writes one row with its text guarded."""
+    guarded = [guard_cell(cell) for cell in cells]
+    # A lone carriage return is quoted with everything only, and ends a row without quotes.
+    is_broken = any(isinstance(cell, str) and "\r" in cell for cell in guarded)
+    quoting = csv.QUOTE_ALL if is_broken else csv.QUOTE_MINIMAL
+    csv.writer(file, lineterminator="\n", quoting=quoting).writerow(guarded)
+
+
+def unguard_cell(text: str) -> str:
+    """The text that a cell was written for."""
+    return text.removeprefix(GUARD)
