@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Rows, Shortlist
+from remind_jax.plus.slots import count_before
 from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
@@ -50,26 +51,16 @@ def decide(
     early_new = new - jnp.where(here.age < t.commit_age, t.tentative, 0.0)
     private = jnp.where(rows.late, t.new + t.late_margin, early_new)
 
-    num = len(private)
-    index = jnp.arange(num)[:, None]
-    column = jnp.where(usable, shortlist.slot, num_objects)
-    score = (
-        jnp.zeros((num, num_objects + 1), odds.dtype)
-        .at[index, column]
-        .set(jnp.where(usable, odds, 0.0))
-    )
-    allowed = jnp.zeros((num, num_objects + 1), bool).at[index, column].set(usable)
-    slot = assign_in_graph(
-        score[:, :num_objects],
-        allowed[:, :num_objects],
-        here.class_id,
-        private,
-        jnp.array(True),
-    )
+    is_at = usable[..., None] & (shortlist.slot[..., None] == jnp.arange(num_objects))
+    score = jnp.max(jnp.where(is_at, odds[..., None], -jnp.inf), axis=1)
+    slot = assign_in_graph(score, score > -jnp.inf, here.class_id, private, jnp.array(True))
     chosen = usable & (shortlist.slot == slot[:, None])
-    is_known = jnp.any(chosen, axis=1)
-    best_other = jnp.max(jnp.where(usable & ~chosen, odds, -jnp.inf), axis=1)
-    own = jnp.where(is_known, jnp.max(jnp.where(chosen, odds, -jnp.inf), axis=1), private)
+    of_chosen = jnp.where(chosen, odds, -jnp.inf)
+    of_others = jnp.where(usable & ~chosen, odds, -jnp.inf)
+    cosines = jnp.where(chosen, shortlist.cosine, -1.0)
+    best, best_other, cosine = jnp.max(jnp.stack([of_chosen, of_others, cosines]), axis=2)
+    is_known = best > -jnp.inf
+    own = jnp.where(is_known, best, private)
     margin = own - jnp.where(is_known, jnp.maximum(best_other, private), best_other)
 
     early = is_known & (here.age >= t.early_age) & (margin > t.early_margin)
@@ -78,7 +69,7 @@ def decide(
         slot=jnp.where(is_known, slot, NO_SLOT),
         margin=margin,
         private=private,
-        cosine=jnp.max(jnp.where(chosen, shortlist.cosine, -1.0), axis=1),
+        cosine=cosine,
         recognized=commits & is_known,
         born=commits & ~is_known,
         absorbed=rows.late & is_known,
@@ -112,8 +103,9 @@ def expect_new(
 def learn_familiarity(scene: Scene, choice: Choice, t: th.Decision) -> Scene:
     """Follows how often young rows turn out to be new, decision by decision."""
     commits = choice.recognized | choice.born
-    after = jnp.sum(commits) - jnp.cumsum(commits)
+    num = jnp.sum(commits)
+    after = num - count_before(commits) - commits
     fade = 1.0 - t.familiarity_rate
     news = jnp.sum(jnp.where(choice.born, t.familiarity_rate * fade**after, 0.0))
-    value = scene.familiarity * fade ** jnp.sum(commits) + news
+    value = scene.familiarity * fade**num + news
     return dataclasses.replace(scene, familiarity=value)

@@ -19,6 +19,7 @@ from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.scene_map import center_variance
+from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES, NUM_CANDIDATES
 
@@ -66,11 +67,6 @@ def find_ended(tracklets: Tracklets, frame: Int[Array, ""], t: th.Decision) -> B
     undecided = tracklets.alive & (tracklets.slot == NO_SLOT) & tracklets.leans_new
     long_enough = (t.ended_age > 0) & (tracklets.age >= t.ended_age)
     return undecided & long_enough & (frame - tracklets.last == MISSED_FRAMES)
-
-
-def held_objects(slot: Int[Array, "M"], holds: Bool[Array, "M"], num: int) -> Bool[Array, "O"]:
-    """Objects that belong to one of the tracklets."""
-    return jnp.any((slot[:, None] == jnp.arange(num)) & holds[:, None], axis=0)
 
 
 def admit(
@@ -217,7 +213,7 @@ def _place_evidence(
     sightings: Sightings, objects: Objects, pairs: Pairs, t: th.Place
 ) -> Float[Array, "N O"]:
     offset = sightings.center[:, None] - objects.position[None]
-    own = jnp.diag(pairs.covariance)[None]
+    own = diagonal(pairs.covariance)[None]
     measured = center_variance(sightings.size, sightings.touches, t)
     measured += (t.size_error * sightings.size) ** 2
     squared = jnp.sum(offset**2, axis=-1)

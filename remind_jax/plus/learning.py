@@ -9,178 +9,23 @@ units.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.slots import NO_ROW, count_before, rows_of
+from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.whitening import whiten
-
-
-def learn_relations(
-    objects: Objects,
-    pairs: Pairs,
-    slot: Int[Array, "N"],
-    sure: Bool[Array, "N"],
-    sightings: Sightings,
-    t: th.Layout,
-) -> Pairs:
-    """Stores how all objects lie from those in view, and who is in view together.
-
-    Objects out of view count where the map has them, so that a camera which pans across relates
-    objects that are never seen together.
-    """
-    num_o = len(objects.id)
-    is_at = (slot[:, None] == jnp.arange(num_o)) & sure[:, None]
-    visible = jnp.any(is_at, axis=0)
-
-    def at_slots(values: Array) -> Array:
-        return jnp.matmul(is_at.T.astype(jnp.float32), values, precision="highest")
-
-    place = jnp.where(visible[:, None], at_slots(sightings.center), objects.position)
-    size = jnp.where(visible, at_slots(sightings.size), objects.size)
-    border = at_slots(sightings.touches.astype(jnp.float32))
-    doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(jnp.diag(pairs.covariance), 0.0)))
-
-    scale = jnp.sqrt(size[:, None] * size[None, :])
-    spread = (doubt[:, None] + doubt[None, :]) / scale
-    spread += t.border_error * (border[:, None] + border[None, :])
-    one_visible = visible[:, None] | visible[None, :]
-    both_exist = objects.exists[:, None] & objects.exists[None, :]
-    accepted = one_visible & both_exist & ~jnp.eye(num_o, dtype=bool)
-    accepted &= (spread <= pairs.spread + t.spread_slack) & (spread < t.spread_max)
-    alike = jnp.abs(spread - pairs.spread) < t.spread_same
-    rate = jnp.where(accepted, jnp.where(alike, t.rate, 1.0), 0.0)
-
-    relation = (place[None, :] - place[:, None]) / scale[..., None]
-    log_ratio = jnp.log(size[:, None] / size[None, :])
-    together = (visible[:, None] & visible[None, :]).astype(jnp.float32)
-    return dataclasses.replace(
-        pairs,
-        covisible=pairs.covisible + together,
-        relation=pairs.relation + rate[..., None] * (relation - pairs.relation),
-        spread=pairs.spread + rate * (spread - pairs.spread),
-        log_ratio=pairs.log_ratio + rate * (log_ratio - pairs.log_ratio),
-    )
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class KeptLooks:
-    """Looks that are to be kept, in turn; those of one turn are of different objects."""
-
-    slot: Int[Array, "R N"]  # object
-    look: Float[Array, "R N D"]
-    keeps: Bool[Array, "R N"]
-
-    @classmethod
-    def of_ended(cls, tracklets: Tracklets, ended: Bool[Array, "T"], num: int) -> KeptLooks:
-        """Those of tracklets that ended out of view, `num` in a turn; the first are in view."""
-        slot, look, ended = (
-            leaf[num:].reshape(-1, num, *leaf.shape[1:])
-            for leaf in (tracklets.slot, tracklets.look, ended)
-        )
-        return cls(slot, look, ended)
-
-    @classmethod
-    def of_absorbed(
-        cls,
-        objects: Objects,
-        slot: Int[Array, "N"],
-        into: Int[Array, "N"],
-        absorbed: Bool[Array, "N"],
-    ) -> KeptLooks:
-        """Those of objects that turned out to be known ones, one of each in a turn."""
-        source = jnp.where(absorbed, slot, 0)
-        looks, counts = objects.bank[source], objects.bank_count[source]
-        return cls(
-            jnp.broadcast_to(into, (counts.shape[1], len(into))),
-            jnp.swapaxes(looks, 0, 1),
-            (absorbed[:, None] & (counts > 0)).T,
-        )
-
-
-def learn_objects(
-    objects: Objects,
-    scene: Scene,
-    here: Tracklets,
-    sure: Bool[Array, "N"],
-    sightings: Sightings,
-    waiting: KeptLooks,
-    frame: Int[Array, ""],
-    t: th.Memory,
-) -> Objects:
-    """Looks, backgrounds, sizes and counts of the objects in view; `waiting` is kept before."""
-    num_o = len(objects.id)
-    slot = jnp.where(sure, here.slot, num_o)  # out of range: written nowhere
-    row = jnp.where(sure, here.slot, 0)
-    seen = objects.seen.at[slot].add(1, mode="drop")
-    last = objects.last.at[slot].set(frame, mode="drop")
-    size = jnp.where(
-        sightings.touches, jnp.maximum(objects.size[row], sightings.size), sightings.size
-    )
-    turn = (here.age % t.every == 1) & ~(sightings.touches & (here.age > t.border_age))
-    ring_count = objects.ring_count[row] + sightings.has_ring
-    rate = sightings.has_ring / jnp.maximum(ring_count, 1)
-    ring = objects.ring[row] + rate[:, None] * (sightings.ring - objects.ring[row])
-    objects = dataclasses.replace(
-        objects,
-        seen=seen,
-        last=last,
-        size=objects.size.at[slot].set(size, mode="drop"),
-        ring=objects.ring.at[slot].set(ring, mode="drop"),
-        ring_count=objects.ring_count.at[slot].set(ring_count, mode="drop"),
-    )
-    now = KeptLooks(here.slot[None], sightings.look[None], (sure & turn)[None])
-    turns = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), waiting, now)
-    last = len(turns.keeps) - 1
-
-    def keep(k: Array, objects: Objects) -> Objects:
-        slot, keeps = turns.slot[k], turns.keeps[k]
-        # An object without any look keeps what is seen of it, whosever turn it is.
-        empty = ~jnp.any(objects.bank_count[jnp.where(sure, slot, 0)] > 0, axis=1)
-        keeps |= (k == last) & sure & empty
-        return keep_looks(objects, scene, slot, turns.look[k], keeps, t)
-
-    # Most frames have nothing but what is in view.
-    first = jnp.argmax(jnp.any(turns.keeps[:last], axis=1))
-    first = jnp.where(jnp.any(turns.keeps[:last]), first, last)
-    return lax.fori_loop(first, last + 1, keep, objects)
-
-
-def keep_looks(
-    objects: Objects,
-    scene: Scene,
-    slot: Int[Array, "N"],
-    look: Float[Array, "N D"],
-    keeps: Bool[Array, "N"],
-    t: th.Memory,
-) -> Objects:
-    """Adds looks to the banks of different objects, into the nearest kept one where it is close."""
-    row = jnp.where(keeps, slot, 0)
-    bank, count = objects.bank[row], objects.bank_count[row]
-    white, white_look = objects.white_bank[row], whiten(scene, look)
-    used = count > 0
-    cosine = jnp.where(used, jnp.einsum("nke,ne->nk", white, white_look, precision="highest"), -2.0)
-    is_close = (jnp.max(cosine, axis=1) > t.novel) | jnp.all(used, axis=1)
-    at = jnp.where(is_close, jnp.argmax(cosine, axis=1), jnp.argmin(used, axis=1))
-    index = jnp.arange(len(row))
-    old_count = jnp.where(is_close, count[index, at], 0)
-    rate = 1.0 / jnp.minimum(old_count + 1.0, t.rate_samples)
-    old = jnp.where(is_close[:, None], bank[index, at], 0.0)
-    new = old + rate[:, None] * (look - old)
-    target = jnp.where(keeps, slot, len(objects.id))
-    return dataclasses.replace(
-        objects,
-        bank=objects.bank.at[target, at].set(new, mode="drop"),
-        bank_count=objects.bank_count.at[target, at].set(old_count + 1, mode="drop"),
-        white_bank=objects.white_bank.at[target, at].set(whiten(scene, new), mode="drop"),
-    )
 
 
 def create_objects(
@@ -197,41 +42,26 @@ def create_objects(
     """
     num_o = len(objects.id)
     free = jnp.argsort(objects.exists, stable=True)
-    rank = jnp.cumsum(born) - 1
-    slot = jnp.where(born, free[jnp.clip(rank, 0, num_o - 1)], tracklets.slot).astype(jnp.int32)
-    at = jnp.where(born, slot, num_o)
-
-    def put(values: Array, new: Array | float) -> Array:
-        return values.at[at].set(jnp.asarray(new, values.dtype), mode="drop")
-
+    lowest = free[jnp.minimum(count_before(born), num_o - 1)].astype(jnp.int32)
+    slot = jnp.where(born, lowest, tracklets.slot)
+    row = rows_of(slot, born, num_o)
+    is_new = row != NO_ROW
     objects = dataclasses.replace(
         objects,
-        id=put(objects.id, tracklets.id),
-        class_id=put(objects.class_id, tracklets.class_id),
-        seen=put(objects.seen, 0),
-        last=put(objects.last, tracklets.last),
-        size=put(objects.size, tracklets.size),
-        bank_count=put(objects.bank_count, 0),
-        ring=put(objects.ring, 0.0),
-        ring_count=put(objects.ring_count, 0),
-        position=put(objects.position, tracklets.center),
+        id=jnp.where(is_new, tracklets.id[row], objects.id),
+        class_id=jnp.where(is_new, tracklets.class_id[row], objects.class_id),
+        seen=jnp.where(is_new, 0, objects.seen),
+        last=jnp.where(is_new, tracklets.last[row], objects.last),
+        size=jnp.where(is_new, tracklets.size[row], objects.size),
+        bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
+        ring=jnp.where(is_new[:, None], 0.0, objects.ring),
+        ring_count=jnp.where(is_new, 0, objects.ring_count),
+        position=jnp.where(is_new[:, None], tracklets.center[row], objects.position),
     )
-    is_new = jnp.zeros(num_o, bool).at[at].set(True, mode="drop")
-    pairs = forget_pairs(pairs, is_new)
-    covariance = pairs.covariance.at[at, at].set(place_variance, mode="drop")
+    # Nothing is known between a free slot and the others, so there is nothing to clear.
+    own = jnp.eye(num_o, dtype=bool) & is_new
+    covariance = jnp.where(own, place_variance[row], pairs.covariance)
     return objects, dataclasses.replace(pairs, covariance=covariance), slot
-
-
-def forget_pairs(pairs: Pairs, forgotten: Bool[Array, "O"]) -> Pairs:
-    """Clears what is known between some objects and all others."""
-    clear = forgotten[:, None] | forgotten[None, :]
-    return Pairs(
-        covariance=jnp.where(clear, 0.0, pairs.covariance),
-        covisible=jnp.where(clear, 0.0, pairs.covisible),
-        relation=jnp.where(clear[..., None], 0.0, pairs.relation),
-        spread=jnp.where(clear, UNRELATED, pairs.spread),
-        log_ratio=jnp.where(clear, 0.0, pairs.log_ratio),
-    )
 
 
 def absorb(
@@ -251,30 +81,192 @@ def absorb(
       absorbed: Detections whose object is absorbed.
     """
     num_o = len(objects.id)
-    source = jnp.where(absorbed, slot, 0)
-    goal = jnp.where(absorbed, into, num_o)
-    row = jnp.where(absorbed, into, 0)
-    own, more = objects.ring_count[row], objects.ring_count[source]
-    share = (more / jnp.maximum(own + more, 1))[:, None]
-    ring = objects.ring[row] + share * (objects.ring[source] - objects.ring[row])
-    gone = jnp.zeros(num_o, bool).at[jnp.where(absorbed, slot, num_o)].set(True, mode="drop")
-    added = jnp.zeros_like(pairs.covisible).at[goal].add(pairs.covisible[source], mode="drop")
-    # The diagonal counts sights of one object and is no pair.
-    added = jnp.where(jnp.eye(num_o, dtype=bool), 0.0, added)
-    pairs = dataclasses.replace(pairs, covisible=pairs.covisible + added + added.T)
+    gone = rows_of(slot, absorbed, num_o) != NO_ROW
+    row = rows_of(into, absorbed, num_o)
+    gains = row != NO_ROW
+    giver = slot[row]
+    more = jnp.where(gains, objects.ring_count[giver], 0)
+    ring_count = objects.ring_count + more
+    share = (more / jnp.maximum(ring_count, 1))[:, None]
+    given = jnp.where(gains[:, None], objects.ring[giver], objects.ring)
+
+    def hand_over() -> Float[Array, "O O"]:
+        # The diagonal counts sights of one object and is no pair.
+        handed = gains[:, None] & ~jnp.eye(num_o, dtype=bool)
+        added = jnp.where(handed, pairs.covisible[giver], 0.0)
+        return pairs.covisible + added + added.T
+
+    covisible = branch(jnp.any(absorbed), hand_over, lambda: pairs.covisible)
     objects = dataclasses.replace(
         objects,
-        seen=objects.seen.at[goal].add(objects.seen[source], mode="drop"),
-        ring=objects.ring.at[goal].set(ring, mode="drop"),
-        ring_count=objects.ring_count.at[goal].set(own + more, mode="drop"),
-    )
-    objects = dataclasses.replace(
-        objects,
-        id=jnp.where(gone, -1, objects.id),
-        class_id=jnp.where(gone, -1, objects.class_id),
+        id=jnp.where(gone, NO_ID, objects.id),
+        class_id=jnp.where(gone, NO_ID, objects.class_id),
+        seen=objects.seen + jnp.where(gains, objects.seen[giver], 0),
         bank_count=jnp.where(gone[:, None], 0, objects.bank_count),
+        ring=objects.ring + share * (given - objects.ring),
+        ring_count=ring_count,
     )
-    return objects, forget_pairs(pairs, gone)
+    return objects, dataclasses.replace(pairs, covisible=covisible)
+
+
+def learn_relations(
+    objects: Objects,
+    pairs: Pairs,
+    row: Int[Array, "O"],
+    sightings: Sightings,
+    t: th.Layout,
+) -> Pairs:
+    """Stores how all objects lie from those in view, and who is in view together.
+
+    Objects out of view count where the map has them, so that a camera which pans across relates
+    objects that are never seen together. What was known of slots that are free now is forgotten.
+
+    Args:
+      objects: Objects.
+      pairs: What is known of every two of them.
+      row: Detection of each object, NO_ROW out of view.
+      sightings: Detections.
+      t: Errors and rates.
+    """
+    visible = row != NO_ROW
+    place = jnp.where(visible[:, None], sightings.center[row], objects.position)
+    size = jnp.where(visible, sightings.size[row], objects.size)
+    border = jnp.where(visible & sightings.touches[row], t.border_error, 0.0)
+    doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0)))
+
+    scale = jnp.sqrt(size[:, None] * size[None, :])
+    spread = (doubt[:, None] + doubt[None, :]) / scale + (border[:, None] + border[None, :])
+    one_visible = visible[:, None] | visible[None, :]
+    both_exist = objects.exists[:, None] & objects.exists[None, :]
+    accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
+    accepted &= (spread <= pairs.spread + t.spread_slack) & (spread < t.spread_max)
+    alike = jnp.abs(spread - pairs.spread) < t.spread_same
+    rate = jnp.where(accepted, jnp.where(alike, t.rate, 1.0), 0.0)
+
+    relation = (place[None, :] - place[:, None]) / scale[..., None]
+    log_ratio = jnp.log(size[:, None] / size[None, :])
+    together = (visible[:, None] & visible[None, :]).astype(jnp.float32)
+
+    def move(old: Array, new: Array, blank: float) -> Array:
+        more = (1,) * (old.ndim - 2)
+        moved = old + rate.reshape(rate.shape + more) * (new - old)
+        return jnp.where(both_exist.reshape(rate.shape + more), moved, blank)
+
+    return dataclasses.replace(
+        pairs,
+        covisible=jnp.where(both_exist, pairs.covisible + together, 0.0),
+        relation=move(pairs.relation, relation, 0.0),
+        spread=move(pairs.spread, spread, UNRELATED),
+        log_ratio=move(pairs.log_ratio, log_ratio, 0.0),
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class KeptLooks:
+    """Looks that may be kept, one after the other."""
+
+    slot: Int[Array, "R"]  # object
+    look: Float[Array, "R D"]
+    keeps: Bool[Array, "R"]
+
+    @classmethod
+    def of_absorbed(
+        cls,
+        objects: Objects,
+        slot: Int[Array, "N"],
+        into: Int[Array, "N"],
+        absorbed: Bool[Array, "N"],
+    ) -> KeptLooks:
+        """Those of objects that turned out to be known ones, before their slots are free."""
+        looks, counts = objects.bank[slot], objects.bank_count[slot]
+        return cls(
+            jnp.repeat(into, counts.shape[1]),
+            looks.reshape(-1, looks.shape[-1]),
+            (absorbed[:, None] & (counts > 0)).reshape(-1),
+        )
+
+    @classmethod
+    def in_view(
+        cls,
+        objects: Objects,
+        here: Tracklets,
+        sure: Bool[Array, "N"],
+        sightings: Sightings,
+        t: th.Memory,
+    ) -> KeptLooks:
+        """Those of decided detections, once in some detections, and of objects without any."""
+        turn = (here.age % t.every == 1) & ~(sightings.touches & (here.age > t.border_age))
+        is_empty = jnp.all(objects.bank_count == 0, axis=1)[here.slot]
+        return cls(here.slot, sightings.look, sure & (turn | is_empty))
+
+
+def learn_objects(
+    objects: Objects,
+    row: Int[Array, "O"],
+    sightings: Sightings,
+    frame: Int[Array, ""],
+) -> Objects:
+    """Backgrounds, sizes and counts of the objects in view.
+
+    Args:
+      objects: Objects.
+      row: Detection of each, NO_ROW out of view.
+      sightings: Detections.
+      frame: Number of this frame.
+    """
+    visible = row != NO_ROW
+    size = sightings.size[row]
+    size = jnp.where(sightings.touches[row], jnp.maximum(objects.size, size), size)
+    has_ring = visible & sightings.has_ring[row]
+    ring_count = objects.ring_count + has_ring
+    rate = has_ring / jnp.maximum(ring_count, 1)
+    step = jnp.where(has_ring[:, None], sightings.ring[row] - objects.ring, 0.0)
+    return dataclasses.replace(
+        objects,
+        seen=objects.seen + visible,
+        last=jnp.where(visible, frame, objects.last),
+        size=jnp.where(visible, size, objects.size),
+        ring=objects.ring + rate[:, None] * step,
+        ring_count=ring_count,
+    )
+
+
+def keep_looks(
+    objects: Objects, scene: Scene, groups: Sequence[KeptLooks], t: th.Memory
+) -> Objects:
+    """Adds looks to the banks of their objects, group after group."""
+    looks = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *groups)
+    order = jnp.argsort(~looks.keeps, stable=True)
+
+    def keep(k: Array, objects: Objects) -> Objects:
+        return keep_look(objects, scene, looks.slot[order[k]], looks.look[order[k]], t)
+
+    return lax.fori_loop(0, jnp.sum(looks.keeps), keep, objects)
+
+
+def keep_look(
+    objects: Objects, scene: Scene, slot: Int[Array, ""], look: Float[Array, "D"], t: th.Memory
+) -> Objects:
+    """Adds a look to the bank of an object, into the nearest kept one where it is close."""
+    count = objects.bank_count[slot]
+    cosine = dot(objects.white_bank[slot], whiten(scene, look)[None])[:, 0]
+    # A free place is taken by what is nowhere nearer than the novel may be.
+    at = jnp.argmax(jnp.where(count > 0, cosine, t.novel)).astype(jnp.int32)
+    rate = 1.0 / jnp.minimum(count[at] + 1.0, t.rate_samples)
+    old = jnp.where(count[at] > 0, objects.bank[slot, at], 0.0)
+    new = old + rate * (look - old)
+
+    def put(values: Array, value: Array) -> Array:
+        start = (slot, at, *(jnp.int32(0),) * (values.ndim - 2))
+        return lax.dynamic_update_slice(values, value[None, None], start)
+
+    return dataclasses.replace(
+        objects,
+        bank=put(objects.bank, new),
+        bank_count=put(objects.bank_count, count[at] + 1),
+        white_bank=put(objects.white_bank, whiten(scene, new)),
+    )
 
 
 def learn_cosines(

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES
 from remind_jax.plus.whitening import whiten
@@ -89,12 +91,13 @@ def advance_tracklets(
     """Continues, starts and drops tracklets.
 
     Returns:
-      Tracklets: those of the detections, in their order, then those that may still resume; the next
-      free id; and how far each look is from the smoothed look before.
+      Tracklets: those of the detections, in their order, then those of the frames before, of which
+      some may still resume; the next free id; and how far each look is from the smoothed look
+      before.
     """
     num = len(origin)
     linked = origin != NO_SLOT
-    old = _take(tracklets, jnp.where(linked, origin, 0))
+    old = jax.tree.map(lambda leaf: leaf[jnp.where(linked, origin, 0)], tracklets)
     starts = sightings.valid & ~linked
     age = jnp.where(linked, old.age, 0) + sightings.valid
     step = sightings.look - old.look
@@ -120,29 +123,20 @@ def advance_tracklets(
         belief=jnp.where(linked, old.belief, 0.0),
         named=linked & old.named,
         leans_new=linked & old.leans_new,
-        id=jnp.where(linked, old.id, next_id + jnp.cumsum(starts, dtype=jnp.int32) - 1),
+        id=jnp.where(linked, old.id, next_id + count_before(starts)),
     )
-    total = len(tracklets.alive)
-    taken = jnp.any(origin[:, None] == jnp.arange(total), axis=0)
+    taken = rows_of(origin, linked, len(tracklets.alive)) != NO_ROW
     stays = tracklets.alive & ~taken & (frame - tracklets.last <= MISSED_FRAMES)
-    rest = jnp.argsort(~stays, stable=True)[: total - num]
-    missed = _take(dataclasses.replace(tracklets, alive=stays), rest)
-    both = {
-        field.name: jnp.concatenate([getattr(here, field.name), getattr(missed, field.name)])
-        for field in dataclasses.fields(Tracklets)
-    }
-    return Tracklets(**both), next_id + jnp.sum(starts, dtype=jnp.int32), step
+    before = dataclasses.replace(tracklets, alive=stays)
+    # Each frame moves all rows on by one frame's detections: what reaches the end is too old.
+    both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[:-num]]), here, before)
+    return both, next_id + jnp.sum(starts, dtype=jnp.int32), step
 
 
 def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:
     """Cosines of whitened looks."""
     seen, kept = whiten(scene, sightings.look), whiten(scene, tracklets.look)
     return jnp.matmul(seen, kept.T, precision="highest")
-
-
-def _take(tracklets: Tracklets, index: Int[Array, "M"]) -> Tracklets:
-    values = {f.name: getattr(tracklets, f.name)[index] for f in dataclasses.fields(Tracklets)}
-    return Tracklets(**values)
 
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:

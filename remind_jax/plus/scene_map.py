@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs
 
 MAX_AGE = 1000  # frames; uncertainty grows no further
@@ -59,9 +60,9 @@ def move_map(
     shared_age = 1.0 + jnp.minimum(age[:, None], age[None, :])
     shared = (shift_variance + turn_variance * (arm @ arm.T)) * shared_age
     own = own_variance * (1.0 + age)
-    covariance = pairs.covariance + shared + jnp.diag(own)
-    covariance = jnp.where(t.coupled, covariance, jnp.diag(jnp.diag(covariance)))
-    both = objects.exists[:, None] & objects.exists[None, :]
+    itself = jnp.eye(len(age), dtype=bool)
+    covariance = pairs.covariance + shared + jnp.where(itself, own[:, None], 0.0)
+    both = objects.exists[:, None] & objects.exists[None, :] & (t.coupled | itself)
     return (
         dataclasses.replace(objects, position=position),
         dataclasses.replace(pairs, covariance=jnp.where(both, covariance, 0.0)),
@@ -99,13 +100,13 @@ def correct_map(
     covariance = pairs.covariance
     place = jnp.where(sure, slot, 0)
     measured = center_variance(sightings.size, sightings.touches, t)
-    own = jnp.diag(covariance)[place] + measured
+    own = diagonal(covariance)[place] + measured
     squared = jnp.sum((sightings.center - objects.position[place]) ** 2, axis=-1)
     # An unexpected step of most objects at once is an error of the image motion, shared by all.
     excess = _median(squared / own, surprising) > t.surprise
     added = jnp.where(excess, _median(squared, surprising), 0.0)
     exists = objects.exists[:, None] & objects.exists[None, :]
-    covariance = covariance + jnp.where(exists, added, 0.0)
+    covariance = jnp.where(exists, covariance + added, 0.0)
 
     # One detection after the other: the same result as all at once, and no matrix to invert.
     def correct(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -126,7 +127,7 @@ def correct_map(
 
 def _bound(covariance: Float[Array, "O O"]) -> Float[Array, "O O"]:
     """Keeps variances above zero and correlations within one, which rounding would break."""
-    own = jnp.maximum(jnp.diag(covariance), LEAST_VARIANCE)
+    own = jnp.maximum(diagonal(covariance), LEAST_VARIANCE)
     limit = jnp.sqrt(own[:, None] * own[None, :])
     bounded = jnp.clip(covariance, -limit, limit)
     return jnp.where(jnp.eye(len(own), dtype=bool), own[:, None], bounded)

@@ -10,6 +10,11 @@ from jax import lax
 from jaxtyping import Array, Float
 
 
+def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, "n"]:
+    """Its diagonal, read in steps: `jnp.diag` would look up each element by its index."""
+    return matrix.reshape(-1)[:: len(matrix) + 1]
+
+
 def invert(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     """Inverse of a symmetric positive definite matrix by Gauss-Jordan elimination.
 

@@ -11,7 +11,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Outcome, Overflow
 from remind_jax.numerics.absent import NO_SLOT
@@ -24,7 +24,6 @@ from remind_jax.plus.evidence import (
     best_cosine,
     find_ended,
     find_rows,
-    held_objects,
     shortlist,
 )
 from remind_jax.plus.layout import weigh_jointly
@@ -32,6 +31,7 @@ from remind_jax.plus.learning import (
     KeptLooks,
     absorb,
     create_objects,
+    keep_looks,
     learn_cosines,
     learn_objects,
     learn_relations,
@@ -46,6 +46,7 @@ from remind_jax.plus.linking import (
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.scene_map import center_variance, correct_map, move_map
+from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
@@ -165,8 +166,8 @@ def _advance(
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)
     visible = sightings.valid & (here.slot != NO_SLOT)
-    held = held_objects(here.slot, visible, static.num_objects)
-    waiting = held_objects(tracklets.slot[num:], tracklets.alive[num:], static.num_objects)
+    holder = rows_of(tracklets.slot, tracklets.alive, static.num_objects)
+    held, waiting = (holder != NO_ROW) & (holder < num), holder >= num
     admitted = admit(here, rows, held, objects, pairs, t.decision)
     cosine = best_cosine(whiten(scene, here.look), objects)
     candidates = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
@@ -182,30 +183,24 @@ def _advance(
     )  # fmt: skip
     # What does that teach?
     scene = learn_familiarity(scene, choice, t.decision)
-    ended = find_ended(tracklets, frame, t.decision).at[:num].set(False)
-    variance = center_variance(sightings.size, sightings.touches, t.place)
-    unseen_variance = center_variance(tracklets.size[num:], True, t.place)
-    objects, pairs, all_slots = create_objects(
+    ended = find_ended(tracklets, frame, t.decision)
+    unseen = len(ended) - num
+    touches = jnp.pad(sightings.touches, (0, unseen), constant_values=True)
+    objects, pairs, slots = create_objects(
         objects,
         pairs,
         tracklets,
-        ended.at[:num].set(choice.born),
-        jnp.concatenate([variance, unseen_variance]),
+        ended | jnp.pad(choice.born, (0, unseen)),
+        center_variance(tracklets.size, touches, t.place),
     )
-    tracklets = dataclasses.replace(tracklets, slot=all_slots, fresh=tracklets.fresh | ended)
-    slot = all_slots[:num]
-    waiting = jax.tree.map(
-        lambda *leaves: jnp.concatenate(leaves),
-        KeptLooks.of_ended(tracklets, ended, num),
-        KeptLooks.of_absorbed(objects, slot, choice.slot, choice.absorbed),
+    tracklets = dataclasses.replace(tracklets, slot=slots, fresh=tracklets.fresh | ended)
+    merges = slots[:num], choice.slot, choice.absorbed
+    looks_of_others = (
+        KeptLooks(slots[num:], tracklets.look[num:], ended[num:]),
+        KeptLooks.of_absorbed(objects, *merges),
     )
-    known = objects, pairs
-    objects, pairs = branch(
-        jnp.any(choice.absorbed),
-        lambda: absorb(*known, slot, choice.slot, choice.absorbed),
-        lambda: known,
-    )
-    slot = jnp.where(choice.recognized | choice.absorbed, choice.slot, slot)
+    objects, pairs = absorb(objects, pairs, *merges)
+    slot = jnp.where(choice.recognized | choice.absorbed, choice.slot, slots[:num])
     fresh = (here.fresh | choice.born) & ~choice.absorbed
     here = dataclasses.replace(
         here,
@@ -216,16 +211,19 @@ def _advance(
         leans_new=choice.slot == NO_SLOT,
     )
     sure = sightings.valid & (slot != NO_SLOT)
+    row = rows_of(slot, sure, static.num_objects)
     objects, pairs = correct_map(
         objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
     )
     scene = learn_cosines(scene, here, sure, choice, cosine, frame, t.calibration)
-    pairs = learn_relations(objects, pairs, slot, sure, sightings, t.layout)
-    objects = learn_objects(objects, scene, here, sure, sightings, waiting, frame, t.memory)
+    pairs = learn_relations(objects, pairs, row, sightings, t.layout)
+    objects = learn_objects(objects, row, sightings, frame)
+    looks_in_view = KeptLooks.in_view(objects, here, sure, sightings, t.memory)
+    objects = keep_looks(objects, scene, (*looks_of_others, looks_in_view), t.memory)
     return PlusState(
         objects=objects,
         pairs=pairs,
-        tracklets=_settle(tracklets, here, static.num_objects),
+        tracklets=_settle(tracklets, here, row),
         scene=scene,
         next_id=next_id,
         frame=frame + 1,
@@ -235,14 +233,18 @@ def _advance(
     )
 
 
-def _settle(tracklets: Tracklets, here: Tracklets, num_objects: int) -> Tracklets:
+def _settle(tracklets: Tracklets, here: Tracklets, row: Int[Array, "O"]) -> Tracklets:
     """All tracklets after the decisions; one whose object is another's now cannot resume.
 
     So no object ever belongs to two tracklets, and no identity is given twice in a frame.
+
+    Args:
+      tracklets: All of them before the decisions, those of this frame first.
+      here: Those of this frame.
+      row: Which of these each object belongs to.
     """
     num = len(here.alive)
-    both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[num:]]), here, tracklets)
-    held = held_objects(here.slot, here.alive & (here.slot != NO_SLOT), num_objects)
-    waits = jnp.arange(len(both.alive)) >= num
-    lost = waits & (both.slot != NO_SLOT) & held[jnp.maximum(both.slot, 0)]
-    return dataclasses.replace(both, alive=both.alive & ~lost)
+    waiting = jax.tree.map(lambda leaf: leaf[num:], tracklets)
+    lost = (waiting.slot != NO_SLOT) & (row[waiting.slot] != NO_ROW)
+    waiting = dataclasses.replace(waiting, alive=waiting.alive & ~lost)
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), here, waiting)

@@ -10,26 +10,26 @@ import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.learning import (
+    KeptLooks,
     absorb,
     create_objects,
-    forget_pairs,
     keep_looks,
     learn_relations,
 )
+from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import UNRELATED
 from tests.plus.frames import STATIC, T, detections, empty_state, objects_of, tracklets_of
 
 X, Y = np.eye(3, dtype=np.float32)[:2]
 SURE = jnp.array([True, True, False])
-SLOTS = jnp.array([0, 1, 0])
+EVERYONE = jnp.array([0, 1, 2, NO_ROW])  # detection of each object
 
 
 def keep(objects, slot, look):
     """One look kept of one object; the other detections keep nothing."""
-    slots = jnp.array([slot, 0, 0])
-    looks = jnp.zeros((3, 3)).at[0].set(look)
-    keeps = jnp.array([True, False, False])
-    return keep_looks(objects, empty_state().scene, slots, looks, keeps, T.memory)
+    nothing = KeptLooks(jnp.zeros(2, jnp.int32), jnp.zeros((2, 3)), jnp.zeros(2, bool))
+    one = KeptLooks(jnp.array([slot]), jnp.asarray(look, jnp.float32)[None], jnp.array([True]))
+    return keep_looks(objects, empty_state().scene, (nothing, one), T.memory)
 
 
 def test_a_close_look_joins_the_nearest_kept_one():
@@ -80,10 +80,7 @@ def related_pairs():
     state = empty_state()
     objects = objects_of([X, Y, X + Y])
     seen = detections([[1, 1], [2, 1], [4, 1]])
-    everyone = jnp.ones(3, bool)
-    return objects, learn_relations(
-        objects, state.pairs, jnp.array([0, 1, 2]), everyone, seen, T.layout
-    )
+    return objects, learn_relations(objects, state.pairs, EVERYONE, seen, T.layout)
 
 
 def test_relations_are_in_sizes_and_opposite():
@@ -99,7 +96,8 @@ def test_relations_that_are_known_better_are_not_overwritten():
     objects, pairs = related_pairs()
     lost = dataclasses.replace(pairs, covariance=jnp.asarray(pairs.covariance).at[2, 2].set(1.0))
     seen = detections([[1, 1], [2, 1], [9, 9]])
-    after = learn_relations(objects, lost, jnp.array([0, 1, 2]), SURE, seen, T.layout)
+    two = jnp.array([0, 1, NO_ROW, NO_ROW])
+    after = learn_relations(objects, lost, two, seen, T.layout)
     np.testing.assert_allclose(after.relation[0, 2], pairs.relation[0, 2])
     assert after.covisible[0, 2] == pairs.covisible[0, 2]
     assert after.covisible[0, 1] == pairs.covisible[0, 1] + 1
@@ -115,15 +113,27 @@ def test_an_absorbed_object_hands_over_its_counts_and_frees_its_slot():
     assert after.seen[0] == objects.seen[0] + objects.seen[2]
     assert left.covisible[0, 1] == pairs.covisible[0, 1] + pairs.covisible[2, 1]
     assert left.covisible[0, 1] == left.covisible[1, 0]
-    assert (left.spread[2] == UNRELATED).all()
 
 
-@pytest.mark.parametrize("slot", range(STATIC.num_objects))
-def test_what_is_forgotten_is_forgotten_from_both_sides(slot):
-    _, pairs = related_pairs()
-    after = forget_pairs(pairs, jnp.arange(STATIC.num_objects) == slot)
-    assert (after.spread[slot] == UNRELATED).all()
-    assert (after.spread[:, slot] == UNRELATED).all()
-    assert (after.covisible[slot] == 0).all()
-    others = np.arange(STATIC.num_objects) != slot
-    np.testing.assert_array_equal(after.spread[others][:, others], pairs.spread[others][:, others])
+@pytest.mark.parametrize("slot", range(3))
+def test_what_was_known_of_an_object_that_is_gone_is_forgotten_from_both_sides(slot):
+    objects, pairs = related_pairs()
+    left = dataclasses.replace(objects, id=objects.id.at[slot].set(-1))
+    nobody = jnp.full(STATIC.num_objects, NO_ROW)
+    after = learn_relations(left, pairs, nobody, detections([[1, 1]] * 3), T.layout)
+    for name, blank in (("spread", UNRELATED), ("covisible", 0), ("relation", 0), ("log_ratio", 0)):
+        now, before = np.asarray(getattr(after, name)), np.asarray(getattr(pairs, name))
+        assert (now[slot] == blank).all(), name
+        assert (now[:, slot] == blank).all(), name
+        others = [other for other in range(3) if other != slot]
+        np.testing.assert_array_equal(now[np.ix_(others, others)], before[np.ix_(others, others)])
+
+
+def test_an_object_keeps_every_other_look_and_its_first():
+    objects = objects_of([X, Y])
+    bare = dataclasses.replace(objects, bank_count=objects.bank_count.at[1].set(0))
+    here = tracklets_of(detections([[1, 1]] * 3), 0, 3, slot=jnp.array([0, 1, NO_SLOT]))
+    for age in (2, 3):
+        aged = dataclasses.replace(here, age=jnp.full(3, age))
+        looks = KeptLooks.in_view(bare, aged, SURE, detections([[1, 1]] * 3), T.memory)
+        assert looks.keeps.tolist() == [age % int(T.memory.every) == 1, True, False]

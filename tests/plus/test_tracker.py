@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import operator
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import Outcome
+from remind_jax.method import get_method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.state import PARTS, Stage, init
@@ -180,6 +182,35 @@ def test_capacities_change_nothing():
     _, others, other_decisions, _ = follow(walk, static=wide)
     assert np.array_equal(verdicts.answer_id, others.answer_id)
     assert np.array_equal(decisions.outcome, other_decisions.outcome)
+
+
+@pytest.mark.parametrize("cut", range(40, 44))
+def test_room_for_more_detections_in_between_changes_nothing(cut):
+    """Frames that miss things surround the cut: their tracklets wait and resume in more room."""
+    walk = pan(1, lost=0.3)
+    wide = dataclasses.replace(STATIC, num_detections=STATIC.num_detections + 1)
+    parts = [
+        Walk(*jax.tree.map(operator.itemgetter(part), (walk.sightings, walk.motion, walk.thing)))
+        for part in (np.s_[:cut], np.s_[cut:])
+    ]
+    state, before, _, _ = follow(parts[0])
+    state = get_method("plus").enlarge(jax.device_get(state), wide)
+    _, after, _, _ = follow(widened(parts[1]), static=wide, state=state)
+    num = STATIC.num_detections
+    told = np.concatenate([before.answer_id, after.answer_id[:, :num]])
+    assert np.array_equal(told, follow(walk)[1].answer_id)
+
+
+def widened(walk: Walk) -> Walk:
+    """With one more slot of detections, empty."""
+    num = walk.thing.shape[1]
+
+    def widen(leaf: np.ndarray) -> np.ndarray:
+        if leaf.ndim < 2 or leaf.shape[1] != num:
+            return leaf
+        return np.concatenate([leaf, np.zeros_like(leaf[:, :1])], axis=1)
+
+    return Walk(jax.tree.map(widen, walk.sightings), walk.motion, widen(walk.thing))
 
 
 def test_too_few_slots_are_flagged_and_change_nothing_else():

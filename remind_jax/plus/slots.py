@@ -1,0 +1,27 @@
+"""Which row of a frame has which object slot.
+
+A slot belongs to one row at most. So what rows teach their objects is read by the objects: each
+looks up its row, which is one operation for all of them, where writing is one per row.
+
+Letters: `M` rows (detections or tracklets), `O` object slots.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+NO_ROW = -1
+
+
+def rows_of(slot: Int[Array, "M"], has: Bool[Array, "M"], num: int) -> Int[Array, "O"]:
+    """The row that has each of `num` slots, NO_ROW where none has."""
+    row = jnp.arange(len(slot), dtype=jnp.int32)[:, None]
+    is_at = (slot[:, None] == jnp.arange(num)) & has[:, None]
+    return jnp.max(jnp.where(is_at, row, NO_ROW), axis=0)
+
+
+def count_before(flags: Bool[Array, "M"]) -> Int[Array, "M"]:
+    """How many flags are set in the rows before each."""
+    index = jnp.arange(len(flags))
+    return jnp.sum((index[None] < index[:, None]) & flags[None], axis=1, dtype=jnp.int32)
