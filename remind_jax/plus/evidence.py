@@ -18,6 +18,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.plane import squared_length
 from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets
@@ -149,7 +150,7 @@ def relation_error(
 
     Rule: method_plus.md#layout-evidence.
     """
-    error = t.near_error + t.rate_error * jnp.linalg.norm(relation, axis=-1)
+    error = t.near_error + t.rate_error * jnp.sqrt(squared_length(relation))
     return error + spread + t.border_error * border
 
 
@@ -216,7 +217,7 @@ def _place_evidence(
     own = diagonal(pairs.covariance)[None]
     measured = center_variance(sightings.size, sightings.touches, t)
     measured += (t.size_error * sightings.size) ** 2
-    squared = jnp.sum(offset**2, axis=-1)
+    squared = squared_length(offset)
     odds = mix(
         squared, own + measured[:, None], t.lost, t.least_doubt, t.doubt_bonus, th.FRAME_AREA
     )

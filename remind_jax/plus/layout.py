@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.plane import squared_length
 from remind_jax.plus.state import NO_RELATION, NUM_OWN_PARTS, PARTS, Objects, Pairs
 from remind_jax.plus.vacancy import find_gone
 
@@ -56,10 +57,12 @@ def weigh_jointly(
     row = jnp.repeat(jnp.arange(num), width)
     usable = shortlist.valid.reshape(-1)[:, None] & present.reshape(-1)[None, :]
     usable &= (row[:, None] != row[None, :]) & (o != p)
-    geometry = _Geometry(sightings, row)
+    geometry = _Geometry(sightings, width)
     covisible = jnp.where(usable, _covisible_evidence(o, p, geometry, objects, pairs, t.layout), 0)
     related = usable & (pairs.spread[o, p] < NO_RELATION)
     layout = jnp.where(related, _layout_evidence(o, p, geometry, pairs, t.layout), 0)
+    # One product with the weights of the parties gives what they say and how many they are.
+    asked = jnp.stack([layout, covisible, related, usable])
 
     base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
     # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
@@ -70,12 +73,12 @@ def weigh_jointly(
     moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
 
     def ask(weight: Float[Array, "N C"]) -> Float[Array, "3 N C"]:
-        w = weight.reshape(-1)
-        lies = t.layout.weight * _pooled(layout, related, w, t.layout.partners, t.layout.best)
-        companions = t.layout.covisible_weight * _pooled(
-            covisible, usable, w, t.layout.covisible_partners, jnp.inf
-        )
-        lies, companions = lies.reshape(num, width), companions.reshape(num, width)
+        answers = jnp.matmul(asked, weight.reshape(-1), precision="highest")
+        lies, companions, num_related, num_usable = answers.reshape(-1, num, width)
+        lies = lies * _share(num_related, t.layout.partners)
+        lies = t.layout.weight * jnp.clip(lies, -t.layout.best, t.layout.best)
+        companions = companions * _share(num_usable, t.layout.covisible_partners)
+        companions = t.layout.covisible_weight * companions
         # Whatever lies wrong may have been moved: looks can still show it.
         given_back = jnp.maximum(moved - (place + lies), 0.0)
         return jnp.stack([lies, companions, given_back])
@@ -84,9 +87,11 @@ def weigh_jointly(
         return base + jnp.sum(around, axis=0)
 
     def believe(odds: Float[Array, "N C"], handicap: Array | float) -> Float[Array, "N C"]:
-        new = jnp.broadcast_to(t.decision.new - handicap, (num, 1))
-        all_odds = jnp.concatenate([jnp.where(shortlist.valid, odds, -jnp.inf), new], axis=1)
-        return jax.nn.softmax(all_odds, axis=1)[:, :width]
+        new = t.decision.new - handicap
+        odds = jnp.where(shortlist.valid, odds, -jnp.inf)
+        most = jnp.maximum(jnp.max(odds, axis=1, keepdims=True), new)
+        likely = jnp.exp(odds - most)
+        return likely / (jnp.sum(likely, axis=1, keepdims=True) + jnp.exp(new - most))
 
     def reconsider(k: Array, around: Float[Array, "3 N C"]) -> Float[Array, "3 N C"]:
         handicap = t.layout.optimism * (1.0 - k / t.layout.rounds)
@@ -104,18 +109,21 @@ def weigh_jointly(
 class _Geometry:
     """Pairwise geometry of detections, spread to hypotheses and parties."""
 
-    def __init__(self, sightings: Sightings, row: Int[Array, "M"]) -> None:
+    def __init__(self, sightings: Sightings, width: int) -> None:
         center, size, touches = sightings.center, sightings.size, sightings.touches
+        num = len(size)
 
         def spread(values: Array) -> Array:
-            return values[row[:, None], row[None, :]]
+            more = values.shape[2:]
+            apart = jnp.broadcast_to(values[:, None, :, None], (num, width, num, width, *more))
+            return apart.reshape(num * width, num * width, *more)
 
         offset = center[None, :] - center[:, None]
         self.scale = spread(jnp.sqrt(size[:, None] * size[None, :]))
-        self.offset = offset[row[:, None], row[None, :]]
+        self.offset = spread(offset)
         self.log_ratio = spread(jnp.log(size[:, None] / size[None, :]))
         self.border = spread(touches[:, None] | touches[None, :])
-        self.squared = spread(jnp.sum(offset**2, axis=-1))
+        self.squared = spread(squared_length(offset))
 
 
 def _layout_evidence(
@@ -125,7 +133,7 @@ def _layout_evidence(
     relation, border = pairs.relation[o, p], geometry.border
     error = relation_error(relation, pairs.spread[o, p], border, t)
     off = geometry.offset / geometry.scale[..., None] - relation
-    squared = jnp.sum(off**2, axis=-1) * geometry.scale**2
+    squared = squared_length(off) * geometry.scale**2
     variance = (error * geometry.scale) ** 2
     odds = mix(squared, variance, t.lost, t.least_doubt, jnp.float32(0), th.FRAME_AREA)
     odds = jnp.clip(odds, -t.pair_best, t.pair_best)
@@ -154,14 +162,6 @@ def _covisible_evidence(
     return jnp.where(odds < 0, odds * nearness, odds)
 
 
-def _pooled(
-    evidence: Float[Array, "M M"],
-    usable: Bool[Array, "M M"],
-    weight: Float[Array, "M"],
-    partners: Float[Array, ""],
-    limit: Float[Array, ""] | float,
-) -> Float[Array, "M"]:
-    """Sum over parties; more than so many partners share what so many may say."""
-    total = usable.astype(jnp.float32) @ weight
-    pooled = jnp.matmul(evidence, weight, precision="highest")
-    return jnp.clip(pooled * jnp.minimum(1.0, partners / jnp.maximum(total, 1e-6)), -limit, limit)
+def _share(num: Float[Array, "N C"], partners: Float[Array, ""]) -> Float[Array, "N C"]:
+    """More than so many parties share what so many may say."""
+    return jnp.minimum(1.0, partners / jnp.maximum(num, 1e-6))

@@ -275,6 +275,7 @@ def learn_cosines(
     sure: Bool[Array, "N"],
     choice: Choice,
     cosine: Float[Array, "N O"],
+    since_first: Float[Array, "N"],
     frame: Int[Array, ""],
     t: th.Calibration,
 ) -> Scene:
@@ -288,17 +289,18 @@ def learn_cosines(
       sure: Those whose object is decided.
       choice: Decisions of this frame.
       cosine: Best cosine of each look with each object.
+      since_first: Cosine of each look with the first one of its tracklet.
       frame: Number of this frame.
       t: Weights.
     """
     num_o = cosine.shape[1]
     # Objects clearly recognized teach what the same object looks like after an absence.
     clear = choice.recognized & (choice.margin >= t.sure_margin)
-    same = [jnp.where(clear, t.sure_weight, 0.0), choice.cosine]
-
     old = sure & (here.age >= t.min_age) & (frame % t.every == 0)
-    now_and_first = jnp.sum(whiten(scene, here.look) * whiten(scene, here.first_look), axis=-1)
-    aged = [jnp.where(old, t.same_weight, 0.0), now_and_first]
+    same = jnp.stack([choice.cosine, since_first])
+    same_weight = jnp.stack(
+        [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight, 0.0)]
+    )
 
     held = jnp.where(sure, here.slot, num_o)
     other = cosine[:, jnp.minimum(held, num_o - 1)]  # [N N]
@@ -307,9 +309,9 @@ def learn_cosines(
     weight = jnp.where(apart, jnp.where(alike, t.other_weight, t.foreign_weight), 0.0)
 
     def moments(weight: Array, value: Array) -> Array:
-        return jnp.stack([jnp.sum(weight), jnp.sum(weight * value), jnp.sum(weight * value**2)])
+        return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))
 
-    new = jnp.stack([moments(weight, other), moments(*same) + moments(*aged)])
+    new = jnp.stack([moments(weight, other), moments(same_weight, same)])
     fade = t.decay ** new[:, 0]
     return dataclasses.replace(
         scene, cosines=scene.cosines * fade[:, None] + new, faded=scene.faded * fade

@@ -12,8 +12,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.plane import area_of, squared_length, turned, zoom_of
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES
@@ -21,17 +23,27 @@ from remind_jax.plus.whitening import whiten
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Links:
+    """What may go on with what, by a motion of the image."""
+
+    box: Float[Array, "T 4"]  # of the tracklets, where they should be now
+    center: Float[Array, "T 2"]
+    score: Float[Array, "N T"]
+    possible: Bool[Array, "N T"]
+
+
 def carry(tracklets: Tracklets, motion: Motion) -> Tracklets:
     """Moves boxes and centers along with the image."""
     turn, shift = motion.matrix[:, :2], motion.matrix[:, 2]
-    zoom = jnp.sqrt(jnp.maximum(jnp.abs(jnp.linalg.det(turn)), 1e-6))
     low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
-    middle = (low + high) / 2 @ turn.T + shift
-    half = (high - low) / 2 * zoom
+    middle = turned((low + high) / 2, turn) + shift
+    half = (high - low) / 2 * zoom_of(turn)
     return dataclasses.replace(
         tracklets,
         box=jnp.concatenate([middle - half, middle + half], axis=1),
-        center=tracklets.center @ turn.T + shift,
+        center=turned(tracklets.center, turn) + shift,
     )
 
 
@@ -41,7 +53,7 @@ def score_links(
     cosine: Float[Array, "N T"],
     frame: Int[Array, ""],
     t: th.Linking,
-) -> tuple[Float[Array, "N T"], Bool[Array, "N T"]]:
+) -> Links:
     """How well each detection goes on with each tracklet, and where it may at all.
 
     Args:
@@ -53,7 +65,7 @@ def score_links(
     """
     gap = (frame - tracklets.last).astype(jnp.float32)
     offset = sightings.center[:, None] - tracklets.center[None]
-    distance = jnp.sqrt(jnp.sum(offset**2, axis=-1))
+    distance = jnp.sqrt(squared_length(offset))
     scale = jnp.sqrt(sightings.size[:, None] * tracklets.size[None])
     relative = jnp.minimum(distance / (scale + t.slack * gap), t.distance_max)
     log_ratio = jnp.abs(jnp.log(sightings.size[:, None] / tracklets.size[None]))
@@ -66,18 +78,13 @@ def score_links(
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
-    return score, possible & (score > t.least)
+    return Links(tracklets.box, tracklets.center, score, possible & (score > t.least))
 
 
-def link(
-    score: Float[Array, "N T"],
-    possible: Bool[Array, "N T"],
-    class_id: Int[Array, "N"],
-    t: th.Linking,
-) -> Int[Array, "N"]:
+def link(links: Links, class_id: Int[Array, "N"], t: th.Linking) -> Int[Array, "N"]:
     """The tracklet that each detection goes on with, NO_SLOT for the first of a new one."""
-    alone = jnp.full(score.shape[0], t.least)
-    return assign_in_graph(score, possible, class_id, alone, jnp.array(True))
+    alone = jnp.full(len(class_id), t.least)
+    return assign_in_graph(links.score, links.possible, class_id, alone, jnp.array(True))
 
 
 def advance_tracklets(
@@ -135,14 +142,15 @@ def advance_tracklets(
 
 def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:
     """Cosines of whitened looks."""
-    seen, kept = whiten(scene, sightings.look), whiten(scene, tracklets.look)
-    return jnp.matmul(seen, kept.T, precision="highest")
+    white = whiten(scene, jnp.concatenate([sightings.look, tracklets.look]))
+    num = len(sightings.look)
+    return dot(white[:num], white[num:])
 
 
 def _overlap(left: Float[Array, "N 4"], right: Float[Array, "T 4"]) -> Float[Array, "N T"]:
     """Intersection over union of boxes."""
     low = jnp.maximum(left[:, None, :2], right[None, :, :2])
     high = jnp.minimum(left[:, None, 2:], right[None, :, 2:])
-    inner = jnp.prod(jnp.maximum(high - low, 0.0), axis=-1)
-    areas = [jnp.prod(box[:, 2:] - box[:, :2], axis=-1) for box in (left, right)]
+    inner = area_of(jnp.maximum(high - low, 0.0))
+    areas = [area_of(box[:, 2:] - box[:, :2]) for box in (left, right)]
     return inner / jnp.maximum(areas[0][:, None] + areas[1][None, :] - inner, 1e-6)

@@ -18,8 +18,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.linking import carry, score_links
+from remind_jax.plus.linking import Links, carry, score_links
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.plane import squared_length
 from remind_jax.plus.state import Tracklets
 
 
@@ -30,8 +31,10 @@ def check_motion(
     cosine: Float[Array, "N T"],
     frame: Int[Array, ""],
     t: th.PlusThresholds,
-) -> Motion:
+) -> tuple[Motion, Links]:
     """The motion that is believed: the estimated one, the one that detections imply, or none.
+
+    Also gives what it makes of the tracklets.
 
     Args:
       motion: Estimated from the image.
@@ -46,17 +49,19 @@ def check_motion(
         motion, **imply_motion(tracklets, sightings, cosine, frame, t.motion)
     )
 
-    def support(hypothesis: Motion) -> Float[Array, ""]:
+    def follow(hypothesis: Motion) -> tuple[Motion, Links]:
         carried = carry(tracklets, hypothesis)
-        score, possible = score_links(carried, sightings, cosine, frame, t.linking)
-        return jnp.sum(jnp.max(jnp.where(possible, score - t.linking.least, 0.0), axis=1))
+        return hypothesis, score_links(carried, sightings, cosine, frame, t.linking)
 
     believed = motion.score > t.motion.doubted_score
     num = jnp.sum(sightings.valid).astype(jnp.float32)
     margin = jnp.where(believed, t.motion.check_margin * num, 0.0)
     options = jax.tree.map(lambda *leaves: jnp.stack(leaves), motion, still, implied)
-    value = jax.vmap(support)(options).at[0].add(margin)
-    best = jnp.where(t.motion.checked, jnp.argmax(value), 0)
+    options = jax.vmap(follow, out_axes=0)(options)
+    links = options[1]
+    excess = jnp.where(links.possible, links.score - t.linking.least, 0.0)
+    support = jnp.sum(jnp.max(excess, axis=2), axis=1) + jnp.stack([margin, 0.0, 0.0])
+    best = jnp.where(t.motion.checked, jnp.argmax(support), 0)
     return jax.tree.map(lambda leaf: leaf[best], options)
 
 
@@ -72,12 +77,12 @@ def imply_motion(
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
     likeness = jnp.where(possible, cosine, -jnp.inf)
     partner = jnp.argmax(likeness, axis=1)
-    paired = jnp.any(possible, axis=1)
+    paired = jnp.take_along_axis(possible, partner[:, None], axis=1, mode="clip")[:, 0]
     shift = jnp.where(paired[:, None], sightings.center - tracklets.center[partner], 0.0)
     agrees = _within(shift, shift, t.agreement) & paired[None, :] & paired[:, None]
     votes = jnp.sum(agrees, axis=1)
-    chosen = agrees[jnp.argmax(votes)]
-    num = jnp.max(votes).astype(jnp.float32)
+    most = jnp.argmax(votes)
+    chosen, num = agrees[most], votes[most].astype(jnp.float32)
     mean = jnp.sum(jnp.where(chosen[:, None], shift, 0.0), axis=0) / jnp.maximum(num, 1.0)
     enough = num >= t.agreement_least
     matrix = jnp.concatenate(
@@ -89,4 +94,4 @@ def imply_motion(
 def _within(
     left: Float[Array, "N 2"], right: Float[Array, "M 2"], reach: Float[Array, ""]
 ) -> Bool[Array, "N M"]:
-    return jnp.sum((left[:, None] - right[None]) ** 2, axis=-1) < reach**2
+    return squared_length(left[:, None] - right[None]) < reach**2

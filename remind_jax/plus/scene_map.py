@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.plane import squared_length, turned, zoom_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs
 
@@ -45,10 +46,9 @@ def move_map(
     Positions turn with the image but do not zoom: out of view they would explode.
     """
     turn, shift = motion.matrix[:, :2], motion.matrix[:, 2]
-    zoom = jnp.sqrt(jnp.maximum(jnp.abs(jnp.linalg.det(turn)), 1e-6))
-    new_center = turn @ frame_center + shift
-    moved = jnp.linalg.norm(new_center - frame_center)
-    position = (objects.position - frame_center) @ (turn / zoom).T + new_center
+    new_center = turned(frame_center, turn) + shift
+    moved = jnp.sqrt(squared_length(new_center - frame_center))
+    position = turned(objects.position - frame_center, turn / zoom_of(turn)) + new_center
 
     doubt = 1.0 - belief(motion, t)
     shift_variance = (t.shift_error + t.shift_error_rate * moved + t.shift_error_lost * doubt) ** 2
@@ -58,7 +58,8 @@ def move_map(
     arm = jnp.clip(position - frame_center, -t.reach, t.reach)
     # The lesser age makes shared errors grow like a bias and keeps the covariance positive.
     shared_age = 1.0 + jnp.minimum(age[:, None], age[None, :])
-    shared = (shift_variance + turn_variance * (arm @ arm.T)) * shared_age
+    arms = arm[:, None, 0] * arm[None, :, 0] + arm[:, None, 1] * arm[None, :, 1]
+    shared = (shift_variance + turn_variance * arms) * shared_age
     own = own_variance * (1.0 + age)
     itself = jnp.eye(len(age), dtype=bool)
     covariance = pairs.covariance + shared + jnp.where(itself, own[:, None], 0.0)
@@ -101,10 +102,10 @@ def correct_map(
     place = jnp.where(sure, slot, 0)
     measured = center_variance(sightings.size, sightings.touches, t)
     own = diagonal(covariance)[place] + measured
-    squared = jnp.sum((sightings.center - objects.position[place]) ** 2, axis=-1)
+    squared = squared_length(sightings.center - objects.position[place])
     # An unexpected step of most objects at once is an error of the image motion, shared by all.
-    excess = _median(squared / own, surprising) > t.surprise
-    added = jnp.where(excess, _median(squared, surprising), 0.0)
+    step, normalized = _medians(jnp.stack([squared, squared / own]), surprising)
+    added = jnp.where(normalized > t.surprise, step, 0.0)
     exists = objects.exists[:, None] & objects.exists[None, :]
     covariance = jnp.where(exists, covariance + added, 0.0)
 
@@ -128,15 +129,16 @@ def correct_map(
 def _bound(covariance: Float[Array, "O O"]) -> Float[Array, "O O"]:
     """Keeps variances above zero and correlations within one, which rounding would break."""
     own = jnp.maximum(diagonal(covariance), LEAST_VARIANCE)
-    limit = jnp.sqrt(own[:, None] * own[None, :])
+    error = jnp.sqrt(own)
+    limit = error[:, None] * error[None, :]
     bounded = jnp.clip(covariance, -limit, limit)
     return jnp.where(jnp.eye(len(own), dtype=bool), own[:, None], bounded)
 
 
-def _median(values: Float[Array, "N"], counted: Bool[Array, "N"]) -> Float[Array, ""]:
-    """Median of some of the values, 0 of none."""
-    ordered = jnp.sort(jnp.where(counted, values, jnp.inf))
+def _medians(values: Float[Array, "K N"], counted: Bool[Array, "N"]) -> Float[Array, "K"]:
+    """Median of some of the values of each row, 0 of none."""
+    ordered = jnp.sort(jnp.where(counted, values, jnp.inf), axis=1)
     num = jnp.sum(counted)
     low, high = jnp.maximum(num - 1, 0) // 2, num // 2
-    middle = (ordered[low] + ordered[jnp.minimum(high, len(values) - 1)]) / 2
+    middle = (ordered[:, low] + ordered[:, jnp.minimum(high, len(counted) - 1)]) / 2
     return jnp.where(num > 0, middle, 0.0)

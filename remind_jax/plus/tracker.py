@@ -38,10 +38,8 @@ from remind_jax.plus.learning import (
 )
 from remind_jax.plus.linking import (
     advance_tracklets,
-    carry,
     compare_looks,
     link,
-    score_links,
 )
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
@@ -145,14 +143,13 @@ def _advance(
     frame, num = state.frame, static.num_detections
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
-    motion = check_motion(motion, state.tracklets, sightings, likeness, frame, t)
+    motion, links = check_motion(motion, state.tracklets, sightings, likeness, frame, t)
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion
     )
-    carried = carry(state.tracklets, motion)
+    carried = dataclasses.replace(state.tracklets, box=links.box, center=links.center)
     # Which detection goes on with which tracklet?
-    score, possible = score_links(carried, sightings, likeness, frame, t.linking)
-    origin = link(score, possible, sightings.class_id, t.linking)
+    origin = link(links, sightings.class_id, t.linking)
     tracklets, next_id, change = advance_tracklets(
         carried, sightings, origin, frame, state.next_id, t.linking
     )
@@ -169,7 +166,8 @@ def _advance(
     holder = rows_of(tracklets.slot, tracklets.alive, static.num_objects)
     held, waiting = (holder != NO_ROW) & (holder < num), holder >= num
     admitted = admit(here, rows, held, objects, pairs, t.decision)
-    cosine = best_cosine(whiten(scene, here.look), objects)
+    white = whiten(scene, jnp.stack([here.look, here.first_look]))
+    cosine = best_cosine(white[0], objects)
     candidates = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
     # Who is who, jointly?
     odds, belief, parts = weigh_jointly(
@@ -215,7 +213,8 @@ def _advance(
     objects, pairs = correct_map(
         objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
     )
-    scene = learn_cosines(scene, here, sure, choice, cosine, frame, t.calibration)
+    since_first = jnp.sum(white[0] * white[1], axis=1)
+    scene = learn_cosines(scene, here, sure, choice, cosine, since_first, frame, t.calibration)
     pairs = learn_relations(objects, pairs, row, sightings, t.layout)
     objects = learn_objects(objects, row, sightings, frame)
     looks_in_view = KeptLooks.in_view(objects, here, sure, sightings, t.memory)

@@ -20,8 +20,8 @@ ROOM = 8
 def join(seen, tracklets, frame=1, cosine=None):
     if cosine is None:
         cosine = jnp.ones((len(seen.valid), len(tracklets.alive)))
-    score, possible = score_links(tracklets, seen, cosine, jnp.int32(frame), T.linking)
-    return link(score, possible, seen.class_id, T.linking)
+    links = score_links(tracklets, seen, cosine, jnp.int32(frame), T.linking)
+    return link(links, seen.class_id, T.linking)
 
 
 def test_detections_go_on_with_the_tracklets_where_they_lie():
