@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.decision import (
     NUM_OPTIONS,
@@ -27,6 +28,15 @@ from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
 from remind_jax.plus.state import Objects, Stage, Tracklets, Verdicts
 from remind_jax.static import Static
+
+# Why a detection became what it became.
+_REASONS = {
+    Outcome.MATCH: Reason.ASSIGNED,
+    Outcome.NEW: Reason.CREATED_NEW,
+    Outcome.AMBIGUOUS: Reason.KNOWN_BUT_AMBIGUOUS,
+    Outcome.PROVISIONAL_PARENT: Reason.UNCERTAIN_PARENT,
+    Outcome.DROPPED: Reason.INVALID_INPUT,
+}
 
 
 def conclude(
@@ -47,7 +57,7 @@ def conclude(
       rows: Which tracklets were open.
       shortlist: Their candidates.
       odds: Evidence of these in the end.
-      belief: Probability of these in the end.
+      belief: Probability of these in the end, 0 of what is no candidate.
       parts: What each kind of evidence has in the log odds.
       choice: What was decided.
     """
@@ -58,16 +68,13 @@ def conclude(
     own = jnp.where(here.slot != NO_SLOT, id_of(here.slot), here.id)
     is_known = choice.slot != NO_SLOT
     chosen = shortlist.valid & (shortlist.slot == choice.slot[:, None])
-    known_belief = jnp.sum(jnp.where(chosen, belief, 0.0), axis=1)
-    new_belief = 1.0 - jnp.sum(jnp.where(shortlist.valid, belief, 0.0), axis=1)
-    open_belief = jnp.where(is_known, known_belief, new_belief)
+    known = jnp.where(is_known[:, None], chosen, True)
+    share = jnp.sum(jnp.where(known, belief, 0.0), axis=1)
+    open_belief = jnp.where(is_known, share, 1.0 - share)
     settled = ~rows.young & ~choice.absorbed
-    weighed = shortlist.valid & rows.any[:, None]
-    stage = jnp.select(
-        [rows.young, rows.late, here.alive],
-        [int(Stage.OPEN), int(Stage.FRESH), int(Stage.SETTLED)],
-        int(Stage.NONE),
-    )
+    stage = jnp.where(here.alive, int(Stage.SETTLED), int(Stage.NONE))
+    stage = jnp.where(rows.late, int(Stage.FRESH), stage)
+    stage = jnp.where(rows.young, int(Stage.OPEN), stage)
     return Verdicts(
         tracklet_id=jnp.where(here.alive, here.id, NO_ID),
         stage=stage.astype(jnp.int32),
@@ -77,10 +84,10 @@ def conclude(
         probability=jnp.clip(jnp.where(settled, here.belief, open_belief), 0.0, 1.0),
         margin=jnp.where(rows.any & jnp.isfinite(choice.margin), choice.margin, 0.0),
         merged_id=jnp.where(choice.absorbed, id_of(here.slot), NO_ID),
-        option_id=jnp.where(weighed, id_of(shortlist.slot), NO_ID),
-        option_odds=jnp.where(weighed, odds, 0.0),
-        option_belief=jnp.where(weighed, belief, 0.0),
-        option_parts=jnp.where(weighed[..., None], parts, 0.0),
+        option_id=jnp.where(shortlist.valid, id_of(shortlist.slot), NO_ID),
+        option_odds=jnp.where(shortlist.valid, odds, 0.0),
+        option_belief=belief,
+        option_parts=jnp.where(shortlist.valid[..., None], parts, 0.0),
         new_odds=choice.private,
     )
 
@@ -114,35 +121,30 @@ def report(
     is_own = verdicts.answer_id == verdicts.tracklet_id
     undecided = seen & ~verdicts.is_decided
     confidence = jnp.where(seen, _calibrate(verdicts, is_own, t.confidence), 0.0)
-    option_id, option_score = _rank_options(verdicts, belief, undecided)
+    option_id, option_score = _list_options(verdicts, belief, undecided)
     could_be = option_score >= t.decision.possible
+    num_close = jnp.sum(could_be, axis=1, dtype=jnp.int32)
     doubtful = undecided & (confidence < t.decision.firm)
-    alone = jnp.sum(could_be[:, :NUM_OPTIONS], axis=1) <= 1
     undecided_outcome = jnp.where(
-        alone & ~is_own, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
+        (num_close <= 1) & ~is_own, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
     )
     firm_outcome = jnp.where(is_own & ~here.named, int(Outcome.NEW), int(Outcome.MATCH))
     outcome = jnp.where(doubtful, undecided_outcome, firm_outcome)
     outcome = jnp.where(seen, outcome, jnp.where(present, int(Outcome.DROPPED), int(Outcome.EMPTY)))
     is_firm = seen & ~doubtful
     matched = outcome == int(Outcome.MATCH)
-    reason = jnp.select(
-        [matched, outcome == int(Outcome.NEW), outcome == int(Outcome.AMBIGUOUS), doubtful],
-        [
-            int(Reason.ASSIGNED),
-            int(Reason.CREATED_NEW),
-            int(Reason.KNOWN_BUT_AMBIGUOUS),
-            int(Reason.UNCERTAIN_PARENT),
-        ],
-        jnp.where(outcome == int(Outcome.DROPPED), int(Reason.INVALID_INPUT), int(Reason.NONE)),
-    )
+    reason = jnp.full_like(outcome, int(Reason.NONE))
+    for what, why in _REASONS.items():
+        reason = jnp.where(outcome == int(what), int(why), reason)
     status = jnp.where(is_firm, int(Status.STRONG), int(Status.AMBIGUOUS))
     status = jnp.where(seen, status, int(Status.NONE)).astype(jnp.int32)
-    shown = doubtful[:, None] & could_be
+    # The answer first, the rest by falling probability.
+    is_answer = option_id == verdicts.answer_id[:, None]
+    _, first = jax.lax.top_k(option_score + 2.0 * is_answer, NUM_OPTIONS)
+    shown = doubtful[:, None] & _pick(could_be, first)
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
-    ranked = jnp.argsort(-belief, axis=1, stable=True)[:, : static.num_candidates]
-    listed = _shown_candidates(verdicts, belief, base, ranked, static.num_candidates)
-    ordered = -jnp.sort(-jnp.where(verdicts.option_id != NO_ID, belief, 0.0), axis=1)
+    ordered, ranked = jax.lax.top_k(belief, belief.shape[1])
+    listed = _shown_candidates(verdicts, ordered, base, ranked, static.num_candidates)
     decisions = dataclasses.replace(
         no_decisions(static),
         outcome=outcome.astype(jnp.int32),
@@ -155,15 +157,15 @@ def report(
         confidence=confidence,
         best_score=ordered[:, 0],
         second_score=ordered[:, 1],
-        num_close=jnp.sum(could_be, axis=1, dtype=jnp.int32),
+        num_close=num_close,
         source=jnp.where(matched, int(MatchOrigin.ASSOCIATION), int(MatchOrigin.NONE)).astype(
             jnp.int32
         ),
         assigned_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         guarded_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         is_anchor=seen & (here.slot != NO_SLOT),
-        option_id=jnp.where(shown, option_id, NO_ID)[:, :NUM_OPTIONS],
-        option_score=jnp.where(shown, option_score, 0.0)[:, :NUM_OPTIONS],
+        option_id=jnp.where(shown, _pick(option_id, first), NO_ID),
+        option_score=jnp.where(shown, _pick(option_score, first), 0.0),
         num_bad_patches=num_bad_patches,
         **listed,
     )
@@ -182,41 +184,50 @@ def _calibrate(verdicts: Verdicts, is_own: Bool[Array, "N"], t: th.Confidence) -
     return low + (high - low) * verdicts.probability
 
 
-def _rank_options(
+def _list_options(
     verdicts: Verdicts, belief: Float[Array, "N C"], undecided: Bool[Array, "N"]
 ) -> tuple[Int[Array, "N M"], Float[Array, "N M"]]:
-    """Known objects and the own new id: the answer first, the rest by falling probability."""
-    known = verdicts.option_id != NO_ID
-    new = 1.0 - jnp.sum(jnp.where(known, belief, 0.0), axis=1)
+    """Known objects and the own new id, with their probabilities."""
+    new = 1.0 - jnp.sum(belief, axis=1, keepdims=True)
     ids = jnp.concatenate([verdicts.option_id, verdicts.tracklet_id[:, None]], axis=1)
-    score = jnp.concatenate([jnp.where(known, belief, 0.0), new[:, None]], axis=1)
-    score = jnp.where(undecided[:, None], jnp.clip(score, 0.0, 1.0), 0.0)
-    is_answer = ids == verdicts.answer_id[:, None]
-    order = jnp.argsort(-(score + 2.0 * is_answer), axis=1, stable=True)
-    return jnp.take_along_axis(ids, order, axis=1), jnp.take_along_axis(score, order, axis=1)
+    score = jnp.clip(jnp.concatenate([belief, new], axis=1), 0.0, 1.0)
+    return ids, jnp.where(undecided[:, None], score, 0.0)
+
+
+def _pick(values: Shaped[Array, "N M"], index: Int[Array, "N K"]) -> Shaped[Array, "N K"]:
+    """Some of the values of each row."""
+    return jnp.take_along_axis(values, index, axis=1, mode="clip")
 
 
 def _shown_candidates(
     verdicts: Verdicts,
-    belief: Float[Array, "N C"],
+    ordered: Float[Array, "N C"],
     base: Float[Array, "N C"],
-    ranked: Int[Array, "N M"],
+    ranked: Int[Array, "N C"],
     width: int,
 ) -> dict[str, Array]:
-    """The most probable candidates, as all trackers show them."""
+    """The most probable candidates, as all trackers show them.
 
-    def pick(values: Array, blank: float) -> Array:
-        taken = jnp.take_along_axis(values, ranked, axis=1)
-        lacking = width - taken.shape[1]
-        return jnp.pad(taken, ((0, 0), (0, lacking)), constant_values=blank)
+    Args:
+      verdicts: Decisions.
+      ordered: Probabilities, falling.
+      base: Evidence of each candidate without that of the others in view.
+      ranked: Which candidates have those.
+      width: Candidates that are shown.
+    """
 
-    valid = verdicts.option_id != NO_ID
-    probability = pick(jnp.where(valid, belief, 0.0), 0.0)
+    def show(values: Array, blank: float) -> Array:
+        lacking = max(0, width - values.shape[1])
+        return jnp.pad(values[:, :width], ((0, 0), (0, lacking)), constant_values=blank)
+
+    ids = _pick(verdicts.option_id, ranked)
+    valid = ids != NO_ID
+    gained = _pick(verdicts.option_odds - base, ranked)
     return {
-        "candidate_id": pick(verdicts.option_id, NO_ID),
-        "candidate_score": probability,
-        "candidate_final": probability,
-        "candidate_eligible": pick(valid, False),
-        "candidate_plausible": pick(valid, False),
-        "candidate_bonus": pick(jnp.where(valid, verdicts.option_odds - base, 0.0), 0.0),
+        "candidate_id": show(ids, NO_ID),
+        "candidate_score": show(ordered, 0.0),
+        "candidate_final": show(ordered, 0.0),
+        "candidate_eligible": show(valid, False),
+        "candidate_plausible": show(valid, False),
+        "candidate_bonus": show(jnp.where(valid, gained, 0.0), 0.0),
     }

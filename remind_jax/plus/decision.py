@@ -45,18 +45,18 @@ def decide(
     t: th.Decision,
 ) -> Choice:
     """One assignment of all rows to objects, each with a private column for "no known object"."""
-    usable = shortlist.valid & rows.any[:, None]
-    new = expect_new(jnp.where(usable, odds, -jnp.inf), rows.young, scene, t)
+    odds = jnp.where(shortlist.valid, odds, -jnp.inf)
+    new = expect_new(odds, rows.young, scene, t)
     # A new identity that is withdrawn later is one too many, so in doubt an early answer is known.
     early_new = new - jnp.where(here.age < t.commit_age, t.tentative, 0.0)
     private = jnp.where(rows.late, t.new + t.late_margin, early_new)
 
-    is_at = usable[..., None] & (shortlist.slot[..., None] == jnp.arange(num_objects))
+    is_at = shortlist.slot[..., None] == jnp.arange(num_objects)
     score = jnp.max(jnp.where(is_at, odds[..., None], -jnp.inf), axis=1)
     slot = assign_in_graph(score, score > -jnp.inf, here.class_id, private, jnp.array(True))
-    chosen = usable & (shortlist.slot == slot[:, None])
+    chosen = shortlist.valid & (shortlist.slot == slot[:, None])
     of_chosen = jnp.where(chosen, odds, -jnp.inf)
-    of_others = jnp.where(usable & ~chosen, odds, -jnp.inf)
+    of_others = jnp.where(chosen, -jnp.inf, odds)
     cosines = jnp.where(chosen, shortlist.cosine, -1.0)
     best, best_other, cosine = jnp.max(jnp.stack([of_chosen, of_others, cosines]), axis=2)
     is_known = best > -jnp.inf

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.pooling import to_unit
+from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import squared_length
@@ -181,12 +181,16 @@ def shortlist(
     lacking = ((0, 0), (0, NUM_CANDIDATES - value.shape[1]))  # a memory may have fewer slots
     value, slot = jnp.pad(value, lacking, constant_values=-jnp.inf), jnp.pad(slot, lacking)
     valid = jnp.isfinite(value)
+
+    def pick(values: Float[Array, "N O"]) -> Float[Array, "N C"]:
+        return jnp.take_along_axis(values, slot, axis=1, mode="clip")
+
     return Shortlist(
         slot=slot,
         valid=valid,
         base=jnp.where(valid, value, 0.0),
-        cosine=jnp.take_along_axis(cosine, slot, axis=1),
-        parts=jnp.stack([jnp.take_along_axis(part, slot, axis=1) for part in parts], axis=-1),
+        cosine=pick(cosine),
+        parts=jnp.stack([pick(part) for part in parts], axis=-1),
     )
 
 
@@ -203,8 +207,8 @@ def _look_evidence(
 def _ring_evidence(
     here: Tracklets, objects: Objects, scene: Scene, t: th.Looks
 ) -> Float[Array, "N O"]:
-    seen, kept = to_unit(here.ring - scene.ring_mean), to_unit(objects.ring - scene.ring_mean)
-    cosine = jnp.matmul(seen, kept.T, precision="highest")
+    rings = to_unit(jnp.concatenate([here.ring, objects.ring]) - scene.ring_mean)
+    cosine = dot(rings[: len(here.ring)], rings[len(here.ring) :])
     odds = jnp.clip(t.ring_slope * (cosine - t.ring_middle), -t.ring_best, t.ring_best)
     known = (here.ring_count[:, None] > 0) & (objects.ring_count[None] > 0)
     return jnp.where(known, t.ring_weight * odds, 0.0)

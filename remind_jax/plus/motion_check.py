@@ -77,7 +77,7 @@ def imply_motion(
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
     likeness = jnp.where(possible, cosine, -jnp.inf)
     partner = jnp.argmax(likeness, axis=1)
-    paired = jnp.take_along_axis(possible, partner[:, None], axis=1, mode="clip")[:, 0]
+    paired = jnp.max(likeness, axis=1) > -jnp.inf
     shift = jnp.where(paired[:, None], sightings.center - tracklets.center[partner], 0.0)
     agrees = _within(shift, shift, t.agreement) & paired[None, :] & paired[:, None]
     votes = jnp.sum(agrees, axis=1)

@@ -191,7 +191,6 @@ def _advance(
         ended | jnp.pad(choice.born, (0, unseen)),
         center_variance(tracklets.size, touches, t.place),
     )
-    tracklets = dataclasses.replace(tracklets, slot=slots, fresh=tracklets.fresh | ended)
     merges = slots[:num], choice.slot, choice.absorbed
     looks_of_others = (
         KeptLooks(slots[num:], tracklets.look[num:], ended[num:]),
@@ -222,7 +221,7 @@ def _advance(
     return PlusState(
         objects=objects,
         pairs=pairs,
-        tracklets=_settle(tracklets, here, row),
+        tracklets=_settle(tracklets, here, slots[num:], ended[num:], row),
         scene=scene,
         next_id=next_id,
         frame=frame + 1,
@@ -232,7 +231,13 @@ def _advance(
     )
 
 
-def _settle(tracklets: Tracklets, here: Tracklets, row: Int[Array, "O"]) -> Tracklets:
+def _settle(
+    tracklets: Tracklets,
+    here: Tracklets,
+    slot: Int[Array, "M"],
+    ended: Bool[Array, "M"],
+    row: Int[Array, "O"],
+) -> Tracklets:
     """All tracklets after the decisions; one whose object is another's now cannot resume.
 
     So no object ever belongs to two tracklets, and no identity is given twice in a frame.
@@ -240,10 +245,17 @@ def _settle(tracklets: Tracklets, here: Tracklets, row: Int[Array, "O"]) -> Trac
     Args:
       tracklets: All of them before the decisions, those of this frame first.
       here: Those of this frame.
-      row: Which of these each object belongs to.
+      slot: Objects of the others.
+      ended: Others that just became an object.
+      row: Which tracklet of this frame each object belongs to.
     """
-    num = len(here.alive)
-    waiting = jax.tree.map(lambda leaf: leaf[num:], tracklets)
-    lost = (waiting.slot != NO_SLOT) & (row[waiting.slot] != NO_ROW)
-    waiting = dataclasses.replace(waiting, alive=waiting.alive & ~lost)
-    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), here, waiting)
+    others = jax.tree.map(lambda leaf: leaf[len(here.alive) :], tracklets)
+    lost = (slot != NO_SLOT) & (row[slot] != NO_ROW)
+    others = dataclasses.replace(
+        others, alive=others.alive & ~lost, slot=slot, fresh=others.fresh | ended
+    )
+    decided = ("alive", "slot", "fresh", "belief", "named", "leans_new")
+    return dataclasses.replace(
+        tracklets,
+        **{name: jnp.concatenate([getattr(here, name), getattr(others, name)]) for name in decided},
+    )

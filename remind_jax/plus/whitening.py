@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.small_matrices import invert, orthonormalize
+from remind_jax.plus.small_matrices import diagonal, invert, orthonormalize
 from remind_jax.plus.state import Objects, Scene
 
 REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
@@ -103,7 +103,7 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     identity = jnp.eye(directions, dtype=total.dtype)
 
     def mean_variance(scatter: Array) -> Array:
-        return jnp.trace(scatter) / directions
+        return jnp.sum(diagonal(scatter)) / directions
 
     assumed = t.prior_round * mean_variance(total) * identity + (1.0 - t.prior_round) * total
     within = within + t.prior_samples * t.prior_share * assumed
@@ -112,7 +112,8 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     shaped = jnp.where(t.whitening, shaped, identity) + _TINY * identity
     # Any root of the inverse gives the same cosines.
     root = jnp.linalg.cholesky(invert(shaped)).T
-    usable = jnp.all(jnp.isfinite(root))
+    # Of what is not positive there is none: all of it is NaN then.
+    usable = jnp.all(jnp.isfinite(diagonal(root)))
     whitener = jnp.where(usable, root @ basis.T, scene.whitener)
     return dataclasses.replace(
         scene,
