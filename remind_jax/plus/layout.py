@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.plane import squared_length
+from remind_jax.plus.plane import log_ratios, mean_sizes, squared_length
 from remind_jax.plus.state import NO_RELATION, NUM_OWN_PARTS, PARTS, Objects, Pairs
 from remind_jax.plus.vacancy import find_gone
 
@@ -119,9 +119,9 @@ class _Geometry:
             return apart.reshape(num * width, num * width, *more)
 
         offset = center[None, :] - center[:, None]
-        self.scale = spread(jnp.sqrt(size[:, None] * size[None, :]))
+        self.scale = spread(mean_sizes(size, size))
         self.offset = spread(offset)
-        self.log_ratio = spread(jnp.log(size[:, None] / size[None, :]))
+        self.log_ratio = spread(log_ratios(size, size))
         self.border = spread(touches[:, None] | touches[None, :])
         self.squared = spread(squared_length(offset))
 

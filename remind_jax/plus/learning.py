@@ -22,6 +22,7 @@ from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.plane import log_ratios, mean_sizes
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
@@ -134,7 +135,7 @@ def learn_relations(
     border = jnp.where(visible & sightings.touches[row], t.border_error, 0.0)
     doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0)))
 
-    scale = jnp.sqrt(size[:, None] * size[None, :])
+    scale = mean_sizes(size, size)
     spread = (doubt[:, None] + doubt[None, :]) / scale + (border[:, None] + border[None, :])
     one_visible = visible[:, None] | visible[None, :]
     both_exist = objects.exists[:, None] & objects.exists[None, :]
@@ -144,7 +145,7 @@ def learn_relations(
     rate = jnp.where(accepted, jnp.where(alike, t.rate, 1.0), 0.0)
 
     relation = (place[None, :] - place[:, None]) / scale[..., None]
-    log_ratio = jnp.log(size[:, None] / size[None, :])
+    log_ratio = log_ratios(size, size)
     together = (visible[:, None] & visible[None, :]).astype(jnp.float32)
 
     def move(old: Array, new: Array, blank: float) -> Array:

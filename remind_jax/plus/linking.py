@@ -15,7 +15,14 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.plane import area_of, squared_length, turned, zoom_of
+from remind_jax.plus.plane import (
+    area_of,
+    log_ratios,
+    mean_sizes,
+    squared_length,
+    turned,
+    zoom_of,
+)
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.state import Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES
@@ -66,9 +73,9 @@ def score_links(
     gap = (frame - tracklets.last).astype(jnp.float32)
     offset = sightings.center[:, None] - tracklets.center[None]
     distance = jnp.sqrt(squared_length(offset))
-    scale = jnp.sqrt(sightings.size[:, None] * tracklets.size[None])
+    scale = mean_sizes(sightings.size, tracklets.size)
     relative = jnp.minimum(distance / (scale + t.slack * gap), t.distance_max)
-    log_ratio = jnp.abs(jnp.log(sightings.size[:, None] / tracklets.size[None]))
+    log_ratio = jnp.abs(log_ratios(sightings.size, tracklets.size))
     score = (
         t.overlap * _overlap(sightings.box, tracklets.box)
         - 1.0

@@ -1,4 +1,4 @@
-"""Points and vectors of the image plane, coordinate by coordinate.
+"""Points, vectors and sizes in the image plane, coordinate by coordinate.
 
 Two coordinates are too few for a reduction or a matrix product, which would be steps of their own
 in a compiled program.
@@ -7,7 +7,7 @@ in a compiled program.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 
 def squared_length(vector: Float[Array, "*any 2"]) -> Float[Array, "*any"]:
@@ -26,14 +26,16 @@ def zoom_of(turn: Float[Array, "2 2"]) -> Float[Array, ""]:
     return jnp.sqrt(jnp.maximum(jnp.abs(area), 1e-6))
 
 
-def lies_between(
-    point: Float[Array, "*any 2"], low: Float[Array, "*#any 2"], high: Float[Array, "*#any 2"]
-) -> Bool[Array, "*any"]:
-    """Points inside boxes."""
-    inside = (point > low) & (point < high)
-    return inside[..., 0] & inside[..., 1]
-
-
 def area_of(extent: Float[Array, "*any 2"]) -> Float[Array, "*any"]:
     """Areas of rectangles by width and height."""
     return extent[..., 0] * extent[..., 1]
+
+
+def mean_sizes(left: Float[Array, "N"], right: Float[Array, "M"]) -> Float[Array, "N M"]:
+    """Geometric mean of every two sizes; a root per size, not per pair."""
+    return jnp.sqrt(left)[:, None] * jnp.sqrt(right)[None]
+
+
+def log_ratios(left: Float[Array, "N"], right: Float[Array, "M"]) -> Float[Array, "N M"]:
+    """Logarithm of the first size by the second, of every two; one per size, not per pair."""
+    return jnp.log(left)[:, None] - jnp.log(right)[None]

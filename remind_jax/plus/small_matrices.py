@@ -34,6 +34,11 @@ def invert(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return (inverse + inverse.T) / 2
 
 
+def root_of_inverse(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
+    """Lower triangle whose product with its transpose is the inverse; NaN where there is none."""
+    return jnp.linalg.cholesky(invert(matrix), symmetrize_input=False)
+
+
 def orthonormalize(columns: Float[Array, "m n"], jitter: float = 1e-5) -> Float[Array, "m n"]:
     """Columns of unit length at right angles to each other that span the same.
 
@@ -44,4 +49,4 @@ def orthonormalize(columns: Float[Array, "m n"], jitter: float = 1e-5) -> Float[
     gram = jnp.matmul(unit.T, unit, precision="highest") + jitter * jnp.eye(
         columns.shape[1], dtype=columns.dtype
     )
-    return jnp.matmul(unit, jnp.linalg.cholesky(invert(gram)), precision="highest")
+    return jnp.matmul(unit, root_of_inverse(gram), precision="highest")

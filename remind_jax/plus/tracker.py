@@ -47,7 +47,7 @@ from remind_jax.plus.scene_map import center_variance, correct_map, move_map
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
+from remind_jax.plus.whitening import learn_scatter, renew_whitening, whiten
 from remind_jax.static import Static
 
 __all__ = ["advance", "init", "step", "step_traced"]
@@ -155,10 +155,7 @@ def _advance(
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # Which differences of looks matter in this scene?
-    scene = learn_scatter(
-        state.scene, sightings.look, sightings.valid, change, origin != NO_SLOT, t.looks
-    )
-    scene = learn_rings(scene, sightings.ring, sightings.has_ring, t.looks)
+    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, t.looks)
     scene, objects = renew_whitening(scene, objects, frame, t.looks)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)

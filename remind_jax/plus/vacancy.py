@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import relation_error
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.plane import lies_between, squared_length
+from remind_jax.plus.plane import squared_length
 from remind_jax.plus.state import NO_RELATION, Pairs
 
 
@@ -49,7 +49,8 @@ def find_gone(
     known = (place.num_anchors >= t.gone_anchors) & (place.deviation < t.gone_error * place.size)
     margin = (place.size / 2 + place.deviation)[:, None]
     far_corner = 2 * sightings.frame_center - margin
-    in_view = lies_between(place.center, margin, far_corner)
+    inside = (place.center > margin) & (place.center < far_corner)
+    in_view = inside[:, 0] & inside[:, 1]
 
     distance = jnp.sqrt(squared_length(place.center[:, None] - sightings.center[None]))
     # What is decided is itself, and hides only what it covers; what is open may be the object.

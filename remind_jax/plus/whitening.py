@@ -18,7 +18,8 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.small_matrices import diagonal, invert, orthonormalize
+from remind_jax.plus.observation import Sightings
+from remind_jax.plus.small_matrices import diagonal, orthonormalize, root_of_inverse
 from remind_jax.plus.state import Objects, Scene
 
 REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
@@ -34,44 +35,42 @@ def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"
 
 def learn_scatter(
     scene: Scene,
-    looks: Float[Array, "N D"],
-    valid: Bool[Array, "N"],
+    sightings: Sightings,
     step: Float[Array, "N D"],
     linked: Bool[Array, "N"],
     t: th.Looks,
 ) -> Scene:
-    """Takes the looks of a frame into the statistics.
+    """Takes the looks and backgrounds of a frame into the statistics.
 
     Args:
       scene: Statistics so far.
-      looks: Looks of the detections.
-      valid: Detections.
+      sightings: Detections.
       step: Look minus the smoothed look of its tracklet before.
       linked: Detections that continue a tracklet.
       t: Memory lengths.
     """
-    num, num_linked = jnp.sum(valid), jnp.sum(linked)
-    mean, num_looks = _run_mean(scene.mean, scene.num_looks, looks, valid, t.mean_samples)
-    around = jnp.where(valid[:, None], looks - mean, 0.0)
+    valid, has_ring = sightings.valid, sightings.has_ring
+    counts = jnp.sum(jnp.stack([valid, has_ring, linked]), axis=1)
+    # Running means forget beyond a number of samples.
+    num = jnp.minimum(jnp.stack([scene.num_looks, scene.num_rings]) + counts[:2], t.mean_samples)
+    rate = 1.0 / jnp.maximum(num, 1.0)
+    off_mean = jnp.where(valid[:, None], sightings.look - scene.mean, 0.0)
+    off_ring = jnp.where(has_ring[:, None], sightings.ring - scene.ring_mean, 0.0)
+    mean = scene.mean + rate[0] * jnp.sum(off_mean, axis=0)
+    around = jnp.where(valid[:, None], sightings.look - mean, 0.0)
     within = jnp.where(linked[:, None], step, 0.0)
-    fade, fade_linked = t.scatter_decay**num, t.scatter_decay**num_linked
+    fade = t.scatter_decay**counts
     return dataclasses.replace(
         scene,
         mean=mean,
-        num_looks=num_looks,
-        total=scene.total * fade + _scatter(around),
-        total_weight=scene.total_weight * fade + num,
-        within=scene.within * fade_linked + _scatter(within),
-        within_weight=scene.within_weight * fade_linked + num_linked,
+        num_looks=num[0],
+        ring_mean=scene.ring_mean + rate[1] * jnp.sum(off_ring, axis=0),
+        num_rings=num[1],
+        total=scene.total * fade[0] + _scatter(around),
+        total_weight=scene.total_weight * fade[0] + counts[0],
+        within=scene.within * fade[2] + _scatter(within),
+        within_weight=scene.within_weight * fade[2] + counts[2],
     )
-
-
-def learn_rings(
-    scene: Scene, rings: Float[Array, "N D"], valid: Bool[Array, "N"], t: th.Looks
-) -> Scene:
-    """Takes the backgrounds of a frame into their mean."""
-    mean, num = _run_mean(scene.ring_mean, scene.num_rings, rings, valid, t.mean_samples)
-    return dataclasses.replace(scene, ring_mean=mean, num_rings=num)
 
 
 def renew_whitening(
@@ -111,7 +110,7 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     shaped = within + t.ridge * mean_variance(within) * identity + t.total_share * total
     shaped = jnp.where(t.whitening, shaped, identity) + _TINY * identity
     # Any root of the inverse gives the same cosines.
-    root = jnp.linalg.cholesky(invert(shaped)).T
+    root = root_of_inverse(shaped).T
     # Of what is not positive there is none: all of it is NaN then.
     usable = jnp.all(jnp.isfinite(diagonal(root)))
     whitener = jnp.where(usable, root @ basis.T, scene.whitener)
@@ -121,19 +120,6 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
         whitener=whitener,
         white_mean=jnp.where(usable, scene.mean, scene.white_mean),
     )
-
-
-def _run_mean(
-    mean: Float[Array, "D"],
-    num: Float[Array, ""],
-    values: Float[Array, "N D"],
-    valid: Bool[Array, "N"],
-    longest: Float[Array, ""],
-) -> tuple[Float[Array, "D"], Float[Array, ""]]:
-    """Running mean that forgets beyond a number of samples."""
-    num = jnp.minimum(num + jnp.sum(valid), longest)
-    step = jnp.sum(jnp.where(valid[:, None], values - mean, 0.0), axis=0)
-    return mean + step / jnp.maximum(num, 1.0), num
 
 
 def _scatter(vectors: Float[Array, "N D"]) -> Float[Array, "D D"]:

@@ -7,8 +7,8 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.plus.whitening import learn_rings, learn_scatter, renew_whitening, whiten
-from tests.plus.frames import T, empty_state, objects_of
+from remind_jax.plus.whitening import learn_scatter, renew_whitening, whiten
+from tests.plus.frames import T, detections, empty_state, objects_of
 
 LIGHT = np.array([1.0, 0.0, 0.0])  # what varies within tracklets
 KIND = np.array([0.0, 1.0, 0.0])  # what tells objects apart
@@ -21,14 +21,9 @@ def learned(frames: int = 60):
     for _ in range(frames):
         wander = rng.normal(size=3)[:, None] * LIGHT
         looks = np.array([[-1.0], [0.0], [1.0]]) * KIND + wander
-        scene = learn_scatter(
-            scene,
-            jnp.asarray(looks, jnp.float32),
-            jnp.ones(3, bool),
-            jnp.asarray(wander, jnp.float32),
-            jnp.ones(3, bool),
-            T.looks,
-        )
+        seen = detections(np.zeros((3, 2)), looks)
+        step = jnp.asarray(wander, jnp.float32)
+        scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), T.looks)
     return scene
 
 
@@ -57,7 +52,16 @@ def test_empty_slots_teach_nothing():
     scene = empty_state().scene
     nan = jnp.full((3, 3), jnp.nan)
     nobody = jnp.zeros(3, bool)
-    after = learn_scatter(scene, nan, nobody, nan, nobody, T.looks)
-    after = learn_rings(after, nan, nobody, T.looks)
+    nothing = detections(np.zeros((3, 2)), nan, ring=nan, valid=nobody, has_ring=nobody)
+    after = learn_scatter(scene, nothing, nan, nobody, T.looks)
     for field in dataclasses.fields(scene):
         np.testing.assert_array_equal(getattr(after, field.name), getattr(scene, field.name))
+
+
+def test_the_mean_background_is_that_of_detections_that_have_one():
+    rings = jnp.asarray([[1.0, 2, 3], [3.0, 2, 1], [9.0, 9, 9]])
+    seen = detections(np.zeros((3, 2)), ring=rings, has_ring=jnp.array([True, True, False]))
+    scene = learn_scatter(empty_state().scene, seen, rings, jnp.zeros(3, bool), T.looks)
+    np.testing.assert_allclose(scene.ring_mean, [2.0, 2.0, 2.0], rtol=1e-6)
+    assert scene.num_rings == 2
+    assert scene.num_looks == 3
