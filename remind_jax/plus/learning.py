@@ -254,8 +254,10 @@ def keep_look(
     cosine = dot(objects.white_bank[slot], whiten(scene, look)[None])[:, 0]
     # A free place is taken by what is nowhere nearer than the novel may be.
     at = jnp.argmax(jnp.where(count > 0, cosine, t.novel)).astype(jnp.int32)
-    rate = 1.0 / jnp.minimum(count[at] + 1.0, t.rate_samples)
-    old = jnp.where(count[at] > 0, objects.bank[slot, at], 0.0)
+    is_joined = (jnp.arange(len(count)) == at) & (count > 0)
+    num = jnp.sum(jnp.where(is_joined, count, 0))
+    old = jnp.sum(jnp.where(is_joined[:, None], objects.bank[slot], 0.0), axis=0)
+    rate = 1.0 / jnp.minimum(num + 1.0, t.rate_samples)
     new = old + rate * (look - old)
 
     def put(values: Array, value: Array) -> Array:
@@ -265,7 +267,7 @@ def keep_look(
     return dataclasses.replace(
         objects,
         bank=put(objects.bank, new),
-        bank_count=put(objects.bank_count, count[at] + 1),
+        bank_count=put(objects.bank_count, num + 1),
         white_bank=put(objects.white_bank, whiten(scene, new)),
     )
 
