@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.control_flow import repeat
+from remind_jax.numerics.ranks import rank_rising
 
 _SMALLEST = 8  # slots of the smallest table
 _RUN = 10  # neighboring slots tried before the probe jumps
@@ -48,13 +49,10 @@ def iteration_rank(
     # The largest table of all: a copy of `most` ids, or the one that was grown.
     room = max(sizes[-1], _SMALLEST, 1 << (2 * most).bit_length())
 
-    def rebuild(order: Array, table: tuple[Array, Array]) -> tuple[Array, None]:
-        size, count = table
-        slot = _fill_table(ids[order], count, size, room)
-        return order[jnp.argsort(slot)], None
+    def rebuild(rank: Array, table: tuple[Array, Array]) -> tuple[Array, None]:
+        return rank_rising([_fill_table(ids, rank, *table, room)]), None
 
-    order, _ = jax.lax.scan(rebuild, jnp.arange(most, dtype=jnp.int32), (tables, filled))
-    return jnp.argsort(order).astype(jnp.int32)
+    return jax.lax.scan(rebuild, jnp.arange(most, dtype=jnp.int32), (tables, filled))[0]
 
 
 def _growth(most: int) -> tuple[list[int], list[int]]:
@@ -68,19 +66,23 @@ def _growth(most: int) -> tuple[list[int], list[int]]:
 
 
 def _fill_table(
-    ids: Int[Array, "K"], count: Int[Array, ""], size: Int[Array, ""], room: int
+    ids: Int[Array, "K"],
+    rank: Int[Array, "K"],
+    size: Int[Array, ""],
+    count: Int[Array, ""],
+    room: int,
 ) -> Int[Array, "K"]:
-    """Slot of each of the first `count` ids in an empty table; the others follow in order."""
+    """Slot of each of the first `count` ids by rank in an empty table; the others follow."""
 
-    def add(index: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+    def add(turn: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         taken, slot = carry
-        found = _free_slot(taken, ids[index], size)
-        return taken.at[found].set(True), slot.at[index].set(found)
+        added = rank == turn
+        found = _free_slot(taken, jnp.sum(jnp.where(added, ids, 0)), size)
+        return taken | (jnp.arange(taken.shape[0]) == found), jnp.where(added, found, slot)
 
-    behind = room + jnp.arange(ids.shape[0], dtype=jnp.int32)
     # Room for the run of the last slots.
     taken = jnp.zeros(room + _RUN, bool)
-    return jax.lax.fori_loop(0, count, add, (taken, behind))[1]
+    return jax.lax.fori_loop(0, count, add, (taken, room + rank))[1]
 
 
 def _free_slot(

@@ -36,6 +36,7 @@ from remind_jax.remind.memory.pending import (
     write_tracks,
 )
 from remind_jax.remind.memory.prototypes import DualBank, keep_rows
+from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import TrackerState, map_banks, remove_objects
 from remind_jax.remind.thresholds import Thresholds
@@ -163,7 +164,7 @@ def remember(
 
 
 def _count(slot: Int[Array, "N"], slots: int) -> Int[Array, "O"]:
-    return jnp.zeros(slots, jnp.int32).at[slot].add(1, mode="drop")
+    return jnp.sum(slot[:, None] == jnp.arange(slots), axis=0, dtype=jnp.int32)
 
 
 def _undecided(
@@ -230,8 +231,8 @@ def _update_banks(
         turn = jnp.where(rows[0] < none, rows[0], rows[1])
         first = jnp.argmax(turn[:, None] == turn[None], axis=1) == jnp.arange(num)
         turn = jnp.where(first, turn, none)
-        done = (rows == turn[None]) & (rows < none)
-        done = done.at[1].set(done[1] & ~done[0])
+        done = (rows == turn) & (rows < none)
+        done = done & jnp.stack([jnp.ones(num, bool), ~done[0]])
         args = (descriptors, permit, now, static, t)
         shown = {
             name: _write_rows(bank, turn, lambda rows, name=name: CHANNELS[name](rows, *args))
@@ -250,4 +251,4 @@ def _write_rows(
     last = banks.work.size.shape[1] - 1
     picked = jax.tree.map(lambda leaf: leaf[:, jnp.minimum(rows, last)], banks)
     updated = observe(picked)
-    return jax.tree.map(lambda leaf, new: leaf.at[:, rows].set(new, mode="drop"), banks, updated)
+    return write_rows(banks, rows, updated, axis=1)

@@ -23,6 +23,7 @@ from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.set_order import copied_size, iteration_rank
+from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.thresholds.relations import Cooccurrence as Rules
 from remind_jax.static import Static
 
@@ -134,8 +135,7 @@ def update_cooccurrence(
     decided, accepted = _decide_episodes(old, around, allowed, frame, t)
     order = _entry_order(decided, accepted[:, None] & around, sightings, ids)
     updated = _count_neighbors(decided, around, accepted, order, frame, static, t)
-    graph = jax.tree.map(lambda leaf, new: leaf.at[row].set(new, mode="drop"), graph, updated)
-    return graph, accepted
+    return write_rows(graph, row, updated), accepted
 
 
 def _decide_episodes(

@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.remind.memory.cooccurrence import Sightings
+from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.perception.relations import Contact, Relations
 from remind_jax.remind.thresholds.relations import Relations as Rules
 
@@ -128,7 +129,7 @@ def update_distances(
         nearer=nearer,
         margin=margin,
     )
-    return jax.tree.map(lambda leaf, value: leaf.at[row].set(value, mode="drop"), graph, new)
+    return write_rows(graph, row, new)
 
 
 def _collect(

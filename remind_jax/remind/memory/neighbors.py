@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Decisions, Lock, MatchOrigin, Outcome
+from remind_jax.numerics.ranks import rank_rising
 from remind_jax.remind.memory.cooccurrence import (
     CooccurrenceGraph,
     gather_sightings,
@@ -33,7 +34,6 @@ def decided_rank(
       source: What gave each match its object, `decision.MatchOrigin`.
       class_id: Class of each detection.
     """
-    num = class_id.shape[0]
     late = (source > MatchOrigin.ASSOCIATION).astype(jnp.int32)
     late = jnp.where(decisions.outcome == Outcome.NEW, 2, late)
     by_class = jnp.argmax(class_id[:, None] == class_id, axis=1)
@@ -42,8 +42,7 @@ def decided_rank(
     lock = jnp.where(locked, decisions.lock, Lock.DETECTION + 1)
     assigned = decisions.candidate_id == decisions.assigned_id[:, None]
     score = jnp.sum(jnp.where(assigned, decisions.candidate_score, 0.0), axis=1)
-    keys = (jnp.arange(num), -jnp.where(locked, score, 0.0), lock, by_class, late)
-    return jnp.argsort(jnp.lexsort(keys)).astype(jnp.int32)
+    return rank_rising([late, by_class, lock, -jnp.where(locked, score, 0.0)])
 
 
 def update_graphs(

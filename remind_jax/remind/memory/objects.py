@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.ranks import count_before
+from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
 
 
@@ -56,23 +59,36 @@ def create_objects(
     Returns:
       The objects, and the slot of each detection (`O` for detections that are not new).
     """
+    rank = count_before(is_new)
+    return add_objects(objects, class_id, is_new, rank, next_id + rank)
+
+
+def add_objects(
+    objects: Objects,
+    class_id: Int[Array, "N"],
+    born: Bool[Array, "N"],
+    rank: Int[Array, "N"],
+    own_id: Int[Array, "N"],
+) -> tuple[Objects, Int[Array, "N"]]:
+    """Puts the objects that detections found into the free slots, in the order of `rank`.
+
+    Returns:
+      The objects, and the slot of each detection (`O` for detections that found none).
+    """
     slots = objects.id.shape[0]
-    rank = jnp.cumsum(is_new, dtype=jnp.int32) - 1
-    slot = jnp.where(is_new, jnp.sum(objects.exists, dtype=jnp.int32) + rank, slots)
-
-    def put(column: Array, value: Array | int) -> Array:
-        return column.at[slot].set(value, mode="drop")
-
-    born = Objects(
-        id=put(objects.id, next_id + rank),
-        class_id=put(objects.class_id, class_id),
-        lifecycle=put(objects.lifecycle, Lifecycle.NEW),
-        hits=put(objects.hits, 0),
-        misses=put(objects.misses, 0),
-        age=put(objects.age, 0),
-        last_seen=put(objects.last_seen, 0),
+    slot = jnp.where(born, jnp.sum(objects.exists, dtype=jnp.int32) + rank, slots)
+    writers = find_writers(slot, slots)
+    put = functools.partial(write_column, writers=writers)
+    added = Objects(
+        id=put(objects.id, value=own_id),
+        class_id=put(objects.class_id, value=class_id),
+        lifecycle=put(objects.lifecycle, value=Lifecycle.NEW),
+        hits=put(objects.hits, value=0),
+        misses=put(objects.misses, value=0),
+        age=put(objects.age, value=0),
+        last_seen=put(objects.last_seen, value=0),
     )
-    return born, slot
+    return added, slot
 
 
 def mark_seen(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,8 @@ from remind_jax.decision import NUM_OPTIONS
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.ranks import count_before
+from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.outcome import Pending as Rules
 from remind_jax.solvers.assignment import assign
 
@@ -199,11 +202,9 @@ def open_tracks(
     slots = tracks.kind.shape[0]
     fresh = (items.kind != Kind.FREE) & (joined == NO_SLOT)
     free = tracks.kind == Kind.FREE
-    order = jnp.argsort(~free, stable=True).astype(jnp.int32)
-    turn = jnp.cumsum(fresh, dtype=jnp.int32) - 1
-    num_free = jnp.sum(free, dtype=jnp.int32)
-    opened = jnp.where(fresh & (turn < num_free), order[jnp.clip(turn, 0, slots - 1)], slots)
-    needed = slots - num_free + jnp.sum(fresh, dtype=jnp.int32)
+    taken = fresh[:, None] & free & (count_before(fresh)[:, None] == count_before(free))
+    opened = jnp.min(jnp.where(taken, jnp.arange(slots, dtype=jnp.int32), slots), axis=1)
+    needed = jnp.sum(~free, dtype=jnp.int32) + jnp.sum(fresh, dtype=jnp.int32)
     return jnp.where(joined == NO_SLOT, opened, joined), needed
 
 
@@ -211,31 +212,26 @@ def write_tracks(
     tracks: PendingTracks, items: Items, slot: Int[Array, "N"], joined: Int[Array, "N"]
 ) -> PendingTracks:
     """Notes the undecided detections in their tracks; new tracks get ids by rising detection."""
+    slots = tracks.kind.shape[0]
     fresh = joined == NO_SLOT
-    new_id = jnp.zeros_like(slot)
-    next_id = tracks.next_id
-    for position, kind in enumerate((Kind.AMBIGUOUS, Kind.PROVISIONAL)):
-        born = fresh & (items.kind == kind) & (slot < tracks.kind.shape[0])
-        turn = jnp.cumsum(born, dtype=jnp.int32) - 1
-        new_id = jnp.where(born, next_id[position] + turn, new_id)
-        next_id = next_id.at[position].add(jnp.sum(born, dtype=jnp.int32))
+    kinds = jnp.array([Kind.AMBIGUOUS, Kind.PROVISIONAL])[:, None]
+    born = fresh & (slot < slots) & (items.kind == kinds)
+    new_id = jnp.sum(jnp.where(born, tracks.next_id[:, None] + count_before(born), 0), axis=0)
 
-    def put(column: Array, value: Array) -> Array:
-        return column.at[slot].set(value.astype(column.dtype), mode="drop")
-
-    old_id = tracks.id.at[slot].get(mode="fill", fill_value=NO_ID)
-    old_hits = tracks.hits.at[slot].get(mode="fill", fill_value=0)
+    writers = find_writers(slot, slots)
+    put = functools.partial(write_column, writers=writers)
+    renewed = writers.written & fresh[writers.detection]
     return PendingTracks(
-        kind=put(tracks.kind, items.kind),
-        id=put(tracks.id, jnp.where(fresh, new_id, old_id)),
-        class_id=put(tracks.class_id, items.class_id),
-        hits=put(tracks.hits, jnp.where(fresh, 1, old_hits) + 1),
-        known_id=put(tracks.known_id, items.known_id),
-        known_score=put(tracks.known_score, items.known_score),
-        from_parent=put(tracks.from_parent, items.from_parent),
-        center=put(tracks.center, items.center),
-        area=put(tracks.area, items.area),
-        next_id=next_id,
+        kind=put(tracks.kind, value=items.kind),
+        id=jnp.where(renewed, new_id[writers.detection], tracks.id),
+        class_id=put(tracks.class_id, value=items.class_id),
+        hits=jnp.where(renewed, 1, tracks.hits) + writers.written,
+        known_id=put(tracks.known_id, value=items.known_id),
+        known_score=put(tracks.known_score, value=items.known_score),
+        from_parent=put(tracks.from_parent, value=items.from_parent),
+        center=put(tracks.center, value=items.center),
+        area=put(tracks.area, value=items.area),
+        next_id=tracks.next_id + jnp.sum(born, axis=1, dtype=jnp.int32),
     )
 
 

@@ -11,16 +11,15 @@ Letters: `N` detections, `O` objects, `P` pending tracks, `K = 3` named candidat
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.ranks import rank_rising
 from remind_jax.numerics.set_order import iteration_rank
-from remind_jax.remind.memory.objects import Objects, create_objects
+from remind_jax.remind.memory.objects import Objects, add_objects
 from remind_jax.remind.memory.pending import Items, Kind, PendingTracks, dice
 from remind_jax.remind.thresholds.outcome import Pending
 from remind_jax.remind.undecided.temporal import rank, to_mask
@@ -72,13 +71,10 @@ def found_reserved(
 
     Rule: method.md#object-ids.
     """
-    order = jnp.argsort(jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max), stable=True)
-    created, slot = create_objects(objects, class_id[order], founds[order], next_id)
-    back = jnp.argsort(order)
-    slot = slot[back]
-    exact = created.id.at[slot].set(reserved, mode="drop")
+    rank = rank_rising([jnp.where(founds, reserved, jnp.iinfo(jnp.int32).max)])
+    objects, slot = add_objects(objects, class_id, founds, rank, reserved)
     last = jnp.max(jnp.where(founds, reserved, NO_ID))
-    return dataclasses.replace(created, id=exact), slot, jnp.maximum(next_id, last + 1)
+    return objects, slot, jnp.maximum(next_id, last + 1)
 
 
 def support_births(
