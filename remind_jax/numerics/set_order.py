@@ -77,7 +77,7 @@ def _fill_table(
     def add(turn: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         taken, slot = carry
         added = rank == turn
-        found = _free_slot(taken, jnp.sum(jnp.where(added, ids, 0)), size)
+        found = _free_slot(taken, jnp.sum(jnp.where(added, ids, 0), dtype=ids.dtype), size)
         return taken | (jnp.arange(taken.shape[0]) == found), jnp.where(added, found, slot)
 
     # Room for the run of the last slots.

@@ -8,7 +8,6 @@ Letters: `N` detections, `O` objects, `P` pending tracks.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -35,7 +34,7 @@ from remind_jax.remind.memory.pending import (
     open_tracks,
     write_tracks,
 )
-from remind_jax.remind.memory.prototypes import DualBank, keep_rows
+from remind_jax.remind.memory.prototypes import Bank, keep_rows
 from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import TrackerState, map_banks, remove_objects
@@ -222,33 +221,30 @@ def _update_banks(
 
     A detection may have two targets, and an object two detections; such cases take further rounds.
     """
-    none = state.appearance.work.size.shape[1]
+    none = state.wholes.size.shape[2]
     now, num = state.frame, rows.shape[1]
-    banks = {name: getattr(state, name) for name in CHANNELS if getattr(state, name) is not None}
+    kinds = {name: getattr(state, name) for name in CHANNELS if getattr(state, name) is not None}
 
-    def show(carry: tuple[Array, dict[str, DualBank]]) -> tuple[Array, dict[str, DualBank]]:
-        rows, banks = carry
+    def show(carry: tuple[Array, dict[str, Bank]]) -> tuple[Array, dict[str, Bank]]:
+        rows, kinds = carry
         turn = jnp.where(rows[0] < none, rows[0], rows[1])
         first = jnp.argmax(turn[:, None] == turn[None], axis=1) == jnp.arange(num)
         turn = jnp.where(first, turn, none)
         done = (rows == turn) & (rows < none)
         done = done & jnp.stack([jnp.ones(num, bool), ~done[0]])
-        args = (descriptors, permit, now, static, t)
-        shown = {
-            name: _write_rows(bank, turn, lambda rows, name=name: CHANNELS[name](rows, *args))
-            for name, bank in banks.items()
+        at = jnp.minimum(turn, none - 1)
+        seen = {
+            name: CHANNELS[name](
+                jax.tree.map(lambda leaf: leaf[:, :, at], banks),
+                descriptors,
+                permit,
+                now,
+                static,
+                t,
+            )
+            for name, banks in kinds.items()
         }
-        return jnp.where(done, none, rows), shown
+        return jnp.where(done, none, rows), write_rows(kinds, turn, seen, axis=2)
 
-    _, banks = repeat(lambda carry: jnp.any(carry[0] < none), show, (rows, banks))
-    return dataclasses.replace(state, **banks)
-
-
-def _write_rows(
-    banks: DualBank, rows: Int[Array, "N"], observe: Callable[[DualBank], DualBank]
-) -> DualBank:
-    """Applies `observe` to the banks of the detections' objects, leading axes `[C N]`."""
-    last = banks.work.size.shape[1] - 1
-    picked = jax.tree.map(lambda leaf: leaf[:, jnp.minimum(rows, last)], banks)
-    updated = observe(picked)
-    return write_rows(banks, rows, updated, axis=1)
+    _, kinds = repeat(lambda carry: jnp.any(carry[0] < none), show, (rows, kinds))
+    return dataclasses.replace(state, **kinds)

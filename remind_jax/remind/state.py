@@ -27,12 +27,12 @@ from remind_jax.remind.memory.cooccurrence import (
 from remind_jax.remind.memory.distances import DistanceGraph, empty_distances, reorder_distances
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.memory.pending import Kind, PendingTracks, no_pending
-from remind_jax.remind.memory.prototypes import DualBank, empty_bank, keep_rows
+from remind_jax.remind.memory.prototypes import Bank, empty_bank, keep_rows
 from remind_jax.static import Static
 
 NUM_APPEARANCE_CHANNELS = 2
 NUM_RINGS = 2
-BANKS = ("appearance", "rings", "parts", "ring_prototypes")
+BANKS = ("wholes", "parts", "ring_prototypes")
 
 
 @jax.tree_util.register_dataclass
@@ -44,26 +44,34 @@ class TrackerState:
     pending: PendingTracks
     cooccurrence: CooccurrenceGraph  # who is seen with whom
     distances: DistanceGraph  # and how far apart
-    appearance: DualBank  # leading axes [A O+P]: objects first, then pending tracks
-    parts: DualBank  # leading axes [C O+P]
-    rings: DualBank  # leading axes [R O+P]
-    ring_prototypes: DualBank | None  # the same, only with static.ring_prototypes
+    # Work and stable banks, leading axes [2 C O+P]: objects first, then pending tracks.
+    wholes: Bank  # what a detection has one vector of: the appearance channels, then the rings
+    parts: Bank
+    ring_prototypes: Bank | None  # of the rings, only with static.ring_prototypes
     next_id: Int[Array, ""]  # id of the next new object
     frame: Int[Array, ""]  # frames processed so far, the clock of the memory
     decisions: Decisions
     overflow: Overflow
+
+    @property
+    def appearance(self) -> Bank:
+        """The banks of the appearance channels, leading axes `[2 A O+P]`."""
+        return jax.tree.map(lambda leaf: leaf[:, :NUM_APPEARANCE_CHANNELS], self.wholes)
+
+    @property
+    def rings(self) -> Bank:
+        """The banks of the rings, leading axes `[2 R O+P]`."""
+        return jax.tree.map(lambda leaf: leaf[:, NUM_APPEARANCE_CHANNELS:], self.wholes)
 
 
 def init(static: Static) -> TrackerState:
     """The empty memory with the capacities of `static`."""
     objects, scalar, dim = static.num_objects, static.scalar, static.feature_dim
 
-    def banks(channels: int, *capacities: tuple[int, int]) -> DualBank:
+    def banks(channels: int, *capacities: tuple[int, int]) -> Bank:
         """All banks of a kind share one shape; capacities are kept by the updates."""
         slots = max(max(capacity) for capacity in capacities)
-        leading = (channels, objects + static.num_pending)
-        work, stable = (empty_bank(leading, slots, dim, scalar) for _ in range(2))
-        return DualBank(work, stable)
+        return empty_bank((2, channels, objects + static.num_pending), slots, dim, scalar)
 
     def column(value: int) -> Array:
         return full(objects, int(value), np.int32)
@@ -81,9 +89,13 @@ def init(static: Static) -> TrackerState:
         pending=no_pending(static.num_pending, scalar),
         cooccurrence=empty_cooccurrence(objects, scalar),
         distances=empty_distances(objects, scalar, static.pending_relations),
-        appearance=banks(NUM_APPEARANCE_CHANNELS, static.appearance_slots),
+        wholes=banks(
+            NUM_APPEARANCE_CHANNELS + NUM_RINGS,
+            static.appearance_slots,
+            static.inner_ring_slots,
+            static.outer_ring_slots,
+        ),
         parts=banks(len(static.part_channels), static.part_slots),
-        rings=banks(NUM_RINGS, static.inner_ring_slots, static.outer_ring_slots),
         ring_prototypes=(
             banks(NUM_RINGS, static.inner_prototype_slots, static.outer_prototype_slots)
             if static.ring_prototypes
@@ -105,9 +117,9 @@ def grow(state: TrackerState, static: Static) -> TrackerState:
     def widen_rows(small: Array, large: Array) -> np.ndarray:
         """Rows of objects and rows of pending tracks move apart."""
         widened, rows = np.array(large), np.asarray(small)
-        pending = rows[:, old_objects:]
-        widened[:, :old_objects] = rows[:, :old_objects]
-        widened[:, new_objects : new_objects + pending.shape[1]] = pending
+        pending = rows[:, :, old_objects:]
+        widened[:, :, :old_objects] = rows[:, :, :old_objects]
+        widened[:, :, new_objects : new_objects + pending.shape[2]] = pending
         return widened
 
     widened = map_banks(
@@ -117,8 +129,8 @@ def grow(state: TrackerState, static: Static) -> TrackerState:
     return extend(widened, empty)
 
 
-def map_banks(state: TrackerState, function: Callable[[str, DualBank], DualBank]) -> TrackerState:
-    """Applies a function of name and banks to the banks of every channel that there is."""
+def map_banks(state: TrackerState, function: Callable[[str, Bank], Bank]) -> TrackerState:
+    """Applies a function of name and banks to the banks of every kind that there is."""
     names = [name for name in BANKS if getattr(state, name) is not None]
     changed = {name: function(name, getattr(state, name)) for name in names}
     return dataclasses.replace(state, **changed)
@@ -145,7 +157,8 @@ def remove_objects(state: TrackerState, forgotten: Bool[Array, "O"]) -> TrackerS
     )
 
     compacted = map_banks(
-        state, lambda _, banks: keep_rows(jax.tree.map(lambda leaf: leaf[:, rows], banks), filled)
+        state,
+        lambda _, banks: keep_rows(jax.tree.map(lambda leaf: leaf[:, :, rows], banks), filled),
     )
     return dataclasses.replace(
         compacted,

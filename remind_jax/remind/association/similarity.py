@@ -21,7 +21,7 @@ from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality
-from remind_jax.remind.memory.prototypes import Bank, DualBank, confidence, mean_quality
+from remind_jax.remind.memory.prototypes import Bank, confidence, mean_quality
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static
@@ -188,7 +188,7 @@ def compare_channels(
     parts = jnp.swapaxes(descriptors.parts, 0, 1)
     parts_seen = jnp.swapaxes(descriptors.parts_valid, 0, 1)
 
-    def both(banks: DualBank, score) -> tuple:
+    def both(banks: Bank, score) -> tuple:
         work, stable = score(banks.work), score(banks.stable)
         if static.banks_read == "work":
             hidden = jax.tree.map(jnp.zeros_like, stable[0])

@@ -7,13 +7,17 @@ of a ring, it stays and feeds the stable bank. A full bank merges its closest pa
 weakest prototype (method.md#bank-room). What differs between the channels is data: a `Channel`, see
 `channels`.
 
-Letters: `C` channels of a kind, `N` detections, `S` slots, `D` dimensions.
+An observation changes each bank by at most one `Edit`, which is found in the banks as they were.
+
+Letters: `C` channels of a kind, `N` detections, `S` slots, `D` dimensions; the axis of two is that
+of the banks, work and stable.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -22,10 +26,13 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.remind.memory.prototypes import (
+    STABLE,
+    WORK,
     Bank,
-    DualBank,
-    append,
+    Edit,
+    change,
     closest_pair,
+    count,
     count_quality,
     entry,
     live,
@@ -33,11 +40,11 @@ from remind_jax.remind.memory.prototypes import (
     move_toward,
     nearest,
     new_entry,
-    remove,
     similarities,
     similarity_rate,
-    write,
 )
+
+T = TypeVar("T")
 
 _TIE = 1e-6
 _FIRST = 0  # the entry that is longest in a bank
@@ -52,362 +59,333 @@ class Permit:
     rate: Float[Array, ""]  # share of the step, [0, 1]
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Refresh:
-    """How a prototype of one of the two banks follows an observation that it resembles."""
+    """How a prototype follows an observation that it resembles."""
 
-    duplicate: Float[Array, ""]  # from this cosine on
-    margin: Float[Array, ""]  # cosine above `duplicate` within which it does not move
-    rate_min: Float[Array, ""]  # step at that margin
-    rate_max: Float[Array, ""]  # step at cosine 1
-    min_quality: Float[Array, ""] | float = 0.0  # least quality that moves it
-    moves: Bool[Array, ""] | bool = True  # it moves at all
-    by_quality: Bool[Array, ""] | bool = False  # the step is the quality, whatever the cosine
+    duplicate: Any  # from this cosine on
+    margin: Any  # cosine above `duplicate` within which it does not move
+    rate_min: Any  # step at that margin
+    rate_max: Any  # step at cosine 1
+    min_quality: Any = (0.0, 0.0)  # least quality that moves it
+    moves: Any = (True, True)  # it moves at all
+    by_quality: Any = (False, False)  # the step is the quality, whatever the cosine
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Room:
-    """How a full bank makes room; work and stable bank side by side."""
+    """How a full bank makes room."""
 
-    capacity: Int[Array, "C 2"]  # prototypes per channel
-    merge: Float[Array, "2"]  # the closest pair is joined from this cosine on
-    redundant: Bool[Array, "2"]  # give up redundant prototypes, else the least recently seen
-    cap: Int[Array, ""] | None  # weight of a joined prototype; None: equal weights
+    capacity: Any  # prototypes
+    merge: Any  # the closest pair is joined from this cosine on
+    redundant: Any  # give up redundant prototypes, else the least recently seen
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Channel:
-    """All that differs between the channels."""
+    """All that differs between the channels: numbers and flags, or pairs for work and stable bank.
 
-    work: Refresh
-    stable: Refresh
-    room: Room
-    promote_hits: Int[Array, ""]  # hits that prove a work prototype
-    promote_quality: Float[Array, ""] | float = 0.0  # least mean quality of a proven one
-    promotes: Bool[Array, ""] | bool = True
-    create_quality: Float[Array, ""] | float = 0.0  # least quality of what founds a prototype
-    keeps_first: Bool[Array, ""] | bool = False  # in empty banks any quality will do
-    refreshes_work: Bool[Array, ""] | bool = True  # a work duplicate counts
-    novel: Float[Array, ""] | None = None  # nothing closer founds a prototype; None: anything may
-    novel_when_full: bool = False  # that holds for a full work bank only
-    stable_waits: bool = False  # nothing moves to a full stable bank
-    one_to_one: Bool[Array, ""] | bool = False  # observations of one frame take different ones
-    # A full stable bank gives up its first entry, and joins its closest pair from this cosine on.
-    stable_merge: Float[Array, ""] | None = None
+    `side_by_side` makes one of several channels, with arrays `[C]`, or `[C 2]` for pairs.
+    """
+
+    refresh: Refresh  # pairs
+    room: Room  # pairs
+    cap: Any  # largest weight of a prototype that is joined; 1: equal weights
+    promote_hits: Any  # hits that prove a work prototype
+    promote_quality: Any = 0.0  # least mean quality of a proven one
+    promotes: Any = True
+    create_quality: Any = 0.0  # least quality of what founds a prototype
+    keeps_first: Any = False  # in empty banks any quality will do
+    refreshes_work: Any = True  # a work duplicate counts
+    novel: Any = jnp.inf  # nothing closer founds a prototype; for parts in a full work bank only
+    stable_waits: Any = False  # nothing moves to a full stable bank
+    one_to_one: Any = False  # observations of one frame take different prototypes
 
 
-def observe_one(
-    banks: DualBank,
+def side_by_side(*channels: Channel) -> Channel:
+    """The channels of a kind as arrays."""
+    return jax.tree.map(
+        lambda *values: jnp.array(values), *channels, is_leaf=lambda node: isinstance(node, tuple)
+    )
+
+
+def observe_whole(
+    banks: Bank,
     vector: Float[Array, "C N D"],
     present: Bool[Array, "C N"],
     quality: Float[Array, "C N"],
     permit: Permit,
     now: Int[Array, ""],
     channel: Channel,
-) -> DualBank:
-    """Shows one observation to each bank; proven work prototypes move to the stable bank.
+) -> Bank:
+    """Shows one rated observation to each bank; proven work prototypes move to the stable bank.
 
     Args:
-      banks: Work and stable banks, leading axes `[C N]`.
+      banks: Leading axes `[2 C N]`.
       vector: Unit descriptors.
       present: False leaves the banks as they are.
       quality: Observation quality, [0, 1].
       permit: What the update of each detection may do.
       now: Frame.
-      channel: How the channel learns.
+      channel: How the channels learn.
     """
-    observe = functools.partial(_observe_one, now=now, c=channel)
-    over_detections = jax.vmap(observe, in_axes=(0, 0, 0, 0, 0, None))
-    banks, arrival = jax.vmap(over_detections, in_axes=(0, 0, 0, 0, None, 0))(
-        banks, vector, present, quality, permit, channel.room.capacity[:, 1]
-    )
-    return place(banks, arrival, channel.room, now)
-
-
-def _observe_one(
-    banks: DualBank,
-    vector: Float[Array, "D"],
-    present: Bool[Array, ""],
-    quality: Float[Array, ""],
-    permit: Permit,
-    stable_capacity: Int[Array, ""],
-    now: Int[Array, ""],
-    c: Channel,
-) -> tuple[DualBank, Arrival]:
-    """A stable duplicate hides the work bank; the banks, and what is to enter one of them."""
-    stable_at, stable_cosine = nearest(banks.stable, vector)
-    work_at, work_cosine = nearest(banks.work, vector)
-    in_stable = present & (stable_cosine >= c.stable.duplicate)
-    in_work = present & ~in_stable & (work_cosine >= c.work.duplicate)
-    again = in_work & c.refreshes_work
-    refresh = functools.partial(_refresh, vector=vector, quality=quality, permit=permit, now=now)
-    stable = refresh(banks.stable, stable_at, stable_cosine, rule=c.stable, when=in_stable)
-    work = refresh(banks.work, work_at, work_cosine, rule=c.work, when=again)
-
-    moved = entry(work, work_at)
-    proven = (moved.hits >= c.promote_hits) & (mean_quality(moved) >= c.promote_quality)
-    leaves = again & permit.insert & c.promotes & proven
-    twin, twin_cosine = nearest(stable, moved.embedding)
-    joins = twin_cosine >= c.stable.duplicate
-    if c.stable_waits:
-        leaves = leaves & (joins | (stable.size < stable_capacity))
-    joined = merge_entries(entry(stable, twin), moved, now, c.room.cap)
-    stable = write(stable, twin, joined, leaves & joins)
-    work = remove(work, work_at, leaves)
-
-    empty = (banks.work.size == 0) & (banks.stable.size == 0)
-    good = (quality >= c.create_quality) | (c.keeps_first & empty)
-    founds = present & ~in_stable & ~in_work & permit.insert & good
-    if c.novel is not None:
-        founds = founds & (jnp.maximum(stable_cosine, work_cosine) <= c.novel)
-    fresh = new_entry(vector, quality, now)
-    value = jax.tree.map(lambda new, old: jnp.where(founds, new, old), fresh, moved)
-    return DualBank(work, stable), Arrival(value, founds, leaves & ~joins)
+    unused = jnp.zeros((*present.shape, banks.embedding.shape[-2]), bool)
+    return _observe(banks, unused, vector, present, quality, permit, now, channel)[0]
 
 
 def observe_several(
-    banks: DualBank,
+    banks: Bank,
     vector: Float[Array, "K C N D"],
     present: Bool[Array, "K C N"],
     permit: Permit,
     now: Int[Array, ""],
     channel: Channel,
-) -> DualBank:
+    patch_merge: Float[Array, ""] | None = None,
+) -> Bank:
     """Shows unrated observations to each bank in turn; proven work prototypes feed the stable bank.
 
     Args:
-      banks: Work and stable banks, leading axes `[C N]`.
+      banks: Leading axes `[2 C N]`.
       vector: Unit descriptors.
       present: False leaves the banks as they are.
       permit: What the update of each detection may do.
       now: Frame.
-      channel: How the channel learns.
+      channel: How the channels learn.
+      patch_merge: For patches of a ring: cosine from which on the closest pair of a stable bank is
+        joined.
     """
-    observe = _observe_part if channel.stable_merge is None else _observe_patch
 
-    def show(carry: tuple[DualBank, Array], one: tuple[Array, Array]):
-        return observe(*carry, *one, permit, now, channel), None
+    def show(carry: tuple[Bank, Array], one: tuple[Array, Array]):
+        banks, used = _observe(*carry, *one, None, permit, now, channel)
+        if patch_merge is not None:
+            banks = _feed_patches(banks, *one, permit, now, channel, patch_merge)
+        return (banks, used), None
 
-    used = jnp.zeros(banks.work.hits.shape, bool)
+    used = jnp.zeros((*present.shape[1:], banks.embedding.shape[-2]), bool)
+    if patch_merge is not None:
+        feeds_later = jnp.zeros_like(channel.promotes)
+        channel = dataclasses.replace(channel, promotes=feeds_later)
     return jax.lax.scan(show, (banks, used), (vector, present))[0][0]
 
 
-def _observe_part(
-    banks: DualBank,
+def _observe(
+    banks: Bank,
     used: Bool[Array, "C N S"],
     vector: Float[Array, "C N D"],
     present: Bool[Array, "C N"],
+    quality: Float[Array, "C N"] | None,
     permit: Permit,
     now: Int[Array, ""],
-    c: Channel,
-) -> tuple[DualBank, Bool[Array, "C N S"]]:
-    """What a part refreshed feeds the stable bank if it is proven."""
-
-    def meet(banks: DualBank, used: Array, vector: Array, present: Array, permit: Permit):
-        work, used, at, again, founds = _meet(banks.work, used, vector, present, permit, now, c)
-        proven = entry(work, at)
-        feeds = again & permit.insert & c.promotes & (proven.hits >= c.promote_hits)
-        stable, enters = _feed(banks.stable, proven, feeds, permit, now, c)
-        value = _unrated(work, jnp.where(founds, vector, proven.embedding), now)
-        return DualBank(work, stable), used, Arrival(value, founds, enters)
-
-    banks, used, arrival = _over_banks(meet)(banks, used, vector, present, permit)
-    return place(banks, arrival, c.room, now), used
-
-
-def _observe_patch(
-    banks: DualBank,
-    used: Bool[Array, "C N S"],
-    vector: Float[Array, "C N D"],
-    present: Bool[Array, "C N"],
-    permit: Permit,
-    now: Int[Array, ""],
-    c: Channel,
-) -> tuple[DualBank, Bool[Array, "C N S"]]:
-    """The work prototype nearest to a ring patch in the end feeds the stable bank if proven."""
-
-    def meet(banks: DualBank, used: Array, vector: Array, present: Array, permit: Permit):
-        work, used, _, _, founds = _meet(banks.work, used, vector, present, permit, now, c)
-        value = _unrated(work, vector, now)
-        return DualBank(work, banks.stable), used, Arrival(value, founds, jnp.zeros_like(founds))
-
-    def feed(banks: DualBank, vector: Array, present: Array, permit: Permit):
-        proven = entry(banks.work, nearest(banks.work, vector)[0])
-        feeds = present & (banks.work.size > 0) & permit.insert & (proven.hits >= c.promote_hits)
-        stable, enters = _feed(banks.stable, proven, feeds, permit, now, c)
-        return stable, _unrated(stable, proven.embedding, now), enters
-
-    def enter(bank: Bank, value: Bank, enters: Array, capacity: Array) -> Bank:
-        bank = remove(bank, jnp.int32(_FIRST), enters & (bank.size >= capacity))
-        return append(bank, value, enters)
-
-    def join(bank: Bank, when: Array) -> Bank:
-        cosine, i, j, _ = closest_pair(bank)
-        joins = when & (cosine >= jnp.asarray(c.stable_merge))
-        joined = merge_entries(entry(bank, i), entry(bank, j), now, c.room.cap)
-        return remove(write(bank, i, joined, joins), j, joins)
-
-    banks, used, arrival = _over_banks(meet)(banks, used, vector, present, permit)
-    banks = place(banks, arrival, c.room, now)
-    stable, value, enters = _over_banks(feed)(banks, vector, present, permit)
-    stable = jax.vmap(jax.vmap(enter, (0, 0, 0, None)))(
-        stable, value, enters, c.room.capacity[:, 1]
-    )
-    stable = branch(
-        jnp.any(enters), lambda: jax.vmap(jax.vmap(join))(stable, enters), lambda: stable
-    )
-    return DualBank(banks.work, stable), used
-
-
-def _over_banks(function):
-    """Maps over channels and detections; what is permitted, the last argument, is per detection."""
-
-    def mapped(*args):
-        axes = (*(0 for _ in args[:-1]), None)
-        return jax.vmap(jax.vmap(function), in_axes=axes)(*args)
-
-    return mapped
-
-
-def _meet(
-    work: Bank,
-    used: Bool[Array, "S"],
-    vector: Float[Array, "D"],
-    present: Bool[Array, ""],
-    permit: Permit,
-    now: Int[Array, ""],
-    c: Channel,
-) -> tuple[Bank, Bool[Array, "S"], Int[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
-    """Refreshes the most similar work prototype, if possible one that `used` does not mark.
-
-    Returns:
-      The work bank; which prototypes this detection refreshed; the most similar one; whether it was
-      refreshed; and whether the vector founds one instead.
-    """
-    cosines = similarities(work, vector)
-    best = jnp.argmax(cosines)
-    free = jnp.where(used, -jnp.inf, cosines)
-    other = jnp.argmax(free)
-    redirect = c.one_to_one & used[best] & (work.size > 1) & jnp.isfinite(free[other])
-    at = jnp.where(redirect, other, best)
-    cosine = cosines[at]
-    again = present & (cosine >= c.work.duplicate)
-    work = _refresh(work, at, cosine, vector, None, permit, now, c.work, again)
-    used = used | (again & (jnp.arange(used.shape[0]) == at))
-    founds = present & ~again & permit.insert
-    if c.novel is not None:
-        room = work.size < c.room.capacity[0, 0] if c.novel_when_full else False
-        founds = founds & (room | (cosine <= c.novel))
-    return work, used, at, again, founds
-
-
-def _feed(
-    stable: Bank,
-    proven: Bank,
-    feeds: Bool[Array, ""],
-    permit: Permit,
-    now: Int[Array, ""],
-    c: Channel,
-) -> tuple[Bank, Bool[Array, ""]]:
-    """Refreshes the twin of a proven prototype; without one, it is to enter the stable bank."""
-    twin, cosine = nearest(stable, proven.embedding)
-    known = cosine >= c.stable.duplicate
-    vector = proven.embedding
-    stable = _refresh(stable, twin, cosine, vector, None, permit, now, c.stable, feeds & known)
-    return stable, feeds & ~known
-
-
-def _refresh(
-    bank: Bank,
-    at: Int[Array, ""],
-    cosine: Float[Array, ""],
-    vector: Float[Array, "D"],
-    quality: Float[Array, ""] | None,
-    permit: Permit,
-    now: Int[Array, ""],
-    rule: Refresh,
-    when: Bool[Array, ""],
-) -> Bank:
-    """Counts a hit and steps toward the vector; an unrated one has no quality to count."""
-    old = entry(bank, at)
-    scale = permit.rate if quality is None else permit.rate * quality
-    rate = similarity_rate(cosine, rule.duplicate, rule.margin, rule.rate_min, rule.rate_max, scale)
-    if quality is not None:
-        rate = jnp.where(rule.by_quality, quality, rate)
-        rate = jnp.where((quality >= rule.min_quality) & rule.moves, rate, 0.0)
-        counted = count_quality(old, quality)
-    else:
-        rate, counted = jnp.where(rule.moves, rate, 0.0), old
-    embedding = move_toward(old.embedding, vector, rate)
-    new = dataclasses.replace(counted, embedding=embedding, hits=old.hits + 1, last_seen=now)
-    return write(bank, at, new, when)
-
-
-def _unrated(bank: Bank, vector: Float[Array, "D"], now: Int[Array, ""]) -> Bank:
-    """The prototype that an observation without a quality founds."""
-    return new_entry(vector, jnp.ones((), bank.quality_sum.dtype), now)
-
-
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class Arrival:
-    """A prototype that enters one of the two banks, or none; leading axes as those of the banks."""
-
-    value: Bank
-    to_work: Bool[Array, "..."]
-    to_stable: Bool[Array, "..."]
-
-
-def place(banks: DualBank, arrival: Arrival, room: Room, now: Int[Array, ""]) -> DualBank:
-    """Adds the arrivals to their banks, leading axes `[C N]`, making room in full ones.
+    channel: Channel,
+) -> tuple[Bank, Bool[Array, "C N S"]]:
+    """Shows one observation to each bank, and makes room where one is full.
 
     Comparing all pairs of a bank costs far more than the rest of an update, so it is done for the
     batch as a whole and only if some bank needs it.
     """
-    stable = arrival.to_stable
+    meet = functools.partial(_meet, now=now)
+    over_detections = jax.vmap(meet, (1, 0, 0, 0, 0, 0, None), (1, 0, 1, 0))
+    over_channels = jax.vmap(over_detections, (1, 0, 0, 0, 0, None, 0), (1, 0, 1, 0))
+    edit, arrival, adds, used = over_channels(
+        banks, used, vector, present, quality, permit, channel
+    )
+    full = adds & (banks.size >= channel.room.capacity.T[..., None])
+    is_stable = full[STABLE]
 
-    def choose(in_work: Array, in_stable: Array) -> Array:
-        extra = (1,) * (in_work.ndim - stable.ndim)
-        return jnp.where(stable.reshape(*stable.shape, *extra), in_stable, in_work)
-
-    bank_index = stable.astype(jnp.int32)
-    capacity = jnp.take_along_axis(room.capacity, bank_index, axis=1)
-    size = choose(banks.work.size, banks.stable.size)
-    full = (arrival.to_work | stable) & (size >= capacity)
-
-    def free_slots() -> DualBank:
-        target = jax.tree.map(choose, banks.work, banks.stable)
-        make = jax.vmap(jax.vmap(make_room, (0, 0, 0, 0, None, None)), (0, 0, 0, 0, None, None))
-        freed = make(
-            target, full, room.merge[bank_index], room.redundant[bank_index], room.cap, now
-        )
-        return DualBank(
-            work=jax.tree.map(lambda old, new: choose(new, old), banks.work, freed),
-            stable=jax.tree.map(choose, banks.stable, freed),
+    def find_room() -> Edit:
+        target = _choose(is_stable, banks.stable, banks.work)
+        of_channel = lambda pairs: jnp.where(is_stable, pairs[:, 1:], pairs[:, :1])  # noqa: E731
+        make = functools.partial(make_room, now=now)
+        return jax.vmap(jax.vmap(make, (0, 0, 0, None)))(
+            target, of_channel(channel.room.merge), of_channel(channel.room.redundant), channel.cap
         )
 
-    banks = branch(jnp.any(full), free_slots, lambda: banks)
-    add = jax.vmap(jax.vmap(append))
-    return DualBank(
-        add(banks.work, arrival.value, arrival.to_work),
-        add(banks.stable, arrival.value, arrival.to_stable),
+    no_room = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape[1:], leaf.dtype), edit)
+    freed = branch(jnp.any(full), find_room, lambda: no_room)
+    both = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), freed)
+    of_object = jax.vmap(change, (0, 0, None, 0))
+    over_detections = jax.vmap(of_object, (1, 1, 0, 1), 1)
+    apply = jax.vmap(over_detections, (1, 1, 0, 1), 1)
+    return apply(banks, _choose(full, both, edit), arrival, adds), used
+
+
+def _choose(chosen: Bool[Array, "..."], new: T, old: T) -> T:
+    """Of each array the new one where chosen; those axes are the leading ones."""
+    return jax.tree.map(
+        lambda new, old: jnp.where(
+            chosen.reshape(*chosen.shape, *(1,) * (new.ndim - chosen.ndim)), new, old
+        ),
+        new,
+        old,
+    )
+
+
+def _meet(
+    banks: Bank,
+    used: Bool[Array, "S"],
+    vector: Float[Array, "D"],
+    present: Bool[Array, ""],
+    quality: Float[Array, ""] | None,
+    permit: Permit,
+    c: Channel,
+    *,
+    now: Int[Array, ""],
+) -> tuple[Edit, Bank, Bool[Array, "2"], Bool[Array, "S"]]:
+    """What one observation, rated or a part, means to the two banks of an object.
+
+    Returns:
+      The edit of each bank; what is to enter one of them, and which; and the work prototypes that
+      this detection refreshed. A bank that something enters is not edited otherwise.
+    """
+    is_part, one = quality is None, jnp.ones((), banks.qualities.dtype)
+    cosines = similarities(banks, vector)
+    at = jnp.argmax(cosines, axis=1).astype(jnp.int32)
+    if is_part:
+        free = jnp.where(used, -jnp.inf, cosines[WORK])
+        redirect = c.one_to_one & used[at[WORK]] & (banks.size[WORK] > 1)
+        redirect = redirect & jnp.isfinite(jnp.max(free))
+        other = jnp.argmax(free).astype(jnp.int32)
+        at = jnp.stack([jnp.where(redirect, other, at[WORK]), at[STABLE]])
+    old = jax.vmap(entry)(banks, at)
+    cosine = jnp.take_along_axis(cosines, at[:, None], axis=1)[:, 0]
+    close = present & (cosine >= c.refresh.duplicate)
+    # A stable duplicate hides the work bank from the whole, but not from parts.
+    in_stable = jnp.zeros_like(present) if is_part else close[STABLE]
+    in_work = close[WORK] & ~in_stable
+    again = in_work & c.refreshes_work
+    refresh = functools.partial(_refresh, quality=quality, permit=permit, now=now)
+    refreshed = jax.vmap(refresh, (0, 0, None, 0))(old, cosine, vector, c.refresh)
+
+    moved = refreshed.work
+    proven = again & permit.insert & c.promotes & (moved.hits >= c.promote_hits)
+    twin, twin_cosine = nearest(banks.stable, moved.embedding)
+    known = twin_cosine >= c.refresh.duplicate[STABLE]
+    in_twin = entry(banks.stable, twin)
+    founds = present & ~in_stable & ~in_work & permit.insert
+    if is_part:
+        of_stable = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
+        joined = refresh(in_twin, twin_cosine, moved.embedding, of_stable)
+        has_room = banks.size[WORK] < c.room.capacity[WORK]
+        founds = founds & (has_room | (cosine[WORK] <= c.novel))
+        arrival = new_entry(jnp.where(founds, vector, moved.embedding), one, now)
+    else:
+        joined = merge_entries(in_twin, moved, now, c.cap)
+        waits = c.stable_waits & ~known & (banks.size[STABLE] >= c.room.capacity[STABLE])
+        proven = proven & (mean_quality(moved) >= c.promote_quality) & ~waits
+        good = (quality >= c.create_quality) | (c.keeps_first & jnp.all(banks.size == 0))
+        founds = founds & good & (jnp.max(cosine) <= c.novel)
+        arrival = _choose(founds, new_entry(vector, quality, now), moved)
+    leaves = proven & (not is_part)
+    edit = Edit(
+        at=jnp.stack([at[WORK], jnp.where(in_stable, at[STABLE], twin)]),
+        value=jax.tree.map(
+            lambda *leaves: jnp.stack(leaves), moved, _choose(in_stable, refreshed.stable, joined)
+        ),
+        replaces=jnp.stack([again & ~leaves, in_stable | (proven & known)]),
+        gone=at,
+        removes=jnp.stack([leaves, jnp.zeros_like(leaves)]),
+    )
+    used = used | (again & (jnp.arange(used.shape[0]) == at[WORK]))
+    return edit, arrival, jnp.stack([founds, proven & ~known]), used
+
+
+def _feed_patches(
+    banks: Bank,
+    vector: Float[Array, "C N D"],
+    present: Bool[Array, "C N"],
+    permit: Permit,
+    now: Int[Array, ""],
+    channel: Channel,
+    patch_merge: Float[Array, ""],
+) -> Bank:
+    """The work prototype nearest to a ring patch in the end feeds the stable bank if proven.
+
+    A full stable bank gives up its first entry, and joins its closest pair after what enters.
+    """
+
+    def feed(banks: Bank, vector: Array, present: Array, permit: Permit, c: Channel):
+        work, stable = banks.work, banks.stable
+        proven = entry(work, nearest(work, vector)[0])
+        feeds = present & (work.size > 0) & permit.insert & (proven.hits >= c.promote_hits)
+        twin, cosine = nearest(stable, proven.embedding)
+        known = cosine >= c.refresh.duplicate[STABLE]
+        rule = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
+        value = _refresh(
+            entry(stable, twin),
+            cosine,
+            proven.embedding,
+            rule,
+            quality=None,
+            permit=permit,
+            now=now,
+        )
+        enters = feeds & ~known
+        full = enters & (stable.size >= c.room.capacity[STABLE])
+        edit = Edit(twin, value, feeds & known, jnp.int32(_FIRST), full)
+        fresh = new_entry(proven.embedding, jnp.ones((), stable.qualities.dtype), now)
+        return change(stable, edit, fresh, enters), enters
+
+    def join(bank: Bank, when: Array, cap: Array) -> Bank:
+        cosine, i, j, _ = closest_pair(bank)
+        joins = when & (cosine >= patch_merge)
+        joined = merge_entries(entry(bank, i), entry(bank, j), now, cap)
+        return change(bank, Edit(i, joined, joins, j, joins), joined, jnp.zeros_like(joins))
+
+    over_detections = jax.vmap(feed, (1, 0, 0, 0, None))
+    stable, enters = jax.vmap(over_detections, (1, 0, 0, None, 0))(
+        banks, vector, present, permit, channel
+    )
+    stable = branch(
+        jnp.any(enters),
+        lambda: jax.vmap(jax.vmap(join, (0, 0, None)))(stable, enters, channel.cap),
+        lambda: stable,
+    )
+    return jax.tree.map(lambda *sides: jnp.stack(sides), banks.work, stable)
+
+
+def _refresh(
+    old: Bank,
+    cosine: Float[Array, ""],
+    vector: Float[Array, "D"],
+    rule: Refresh,
+    *,
+    quality: Float[Array, ""] | None,
+    permit: Permit,
+    now: Int[Array, ""],
+) -> Bank:
+    """Counts a hit and steps toward the vector; an unrated one has no quality to count."""
+    scale = permit.rate if quality is None else permit.rate * quality
+    rate = similarity_rate(cosine, rule.duplicate, rule.margin, rule.rate_min, rule.rate_max, scale)
+    counted = old
+    if quality is not None:
+        rate = jnp.where(rule.by_quality, quality, rate)
+        rate = jnp.where(quality >= rule.min_quality, rate, 0.0)
+        counted = count_quality(old, quality)
+    rate = jnp.where(rule.moves, rate, 0.0)
+    return dataclasses.replace(
+        counted,
+        embedding=move_toward(old.embedding, vector, rate),
+        counts=count(old.hits + 1, now, counted.num_qualities),
     )
 
 
 def make_room(
     bank: Bank,
-    when: Bool[Array, ""],
     merge: Float[Array, ""],
     redundant: Bool[Array, ""],
-    cap: Int[Array, ""] | None,
+    cap: Int[Array, ""],
+    *,
     now: Int[Array, ""],
-) -> Bank:
-    """Frees one slot if `when` holds: joins the closest pair, or gives up the weakest prototype."""
+) -> Edit:
+    """Frees one slot: joins the closest pair, or gives up the weakest prototype."""
     cosine, i, j, all_cosines = closest_pair(bank)
     joins = cosine >= merge
-    bank = write(bank, i, merge_entries(entry(bank, i), entry(bank, j), now, cap), when & joins)
-    return remove(bank, jnp.where(joins, j, weakest(bank, all_cosines, redundant)), when)
+    joined = merge_entries(entry(bank, i), entry(bank, j), now, cap)
+    gone = jnp.where(joins, j, weakest(bank, all_cosines, redundant))
+    return Edit(i, joined, joins, gone, jnp.ones_like(joins))
 
 
 def weakest(bank: Bank, cosine: Float[Array, "S S"], redundant: Bool[Array, ""]) -> Int[Array, ""]:
@@ -421,27 +399,24 @@ def weakest(bank: Bank, cosine: Float[Array, "S S"], redundant: Bool[Array, ""])
     redundancy = jnp.where(redundancy > -1.0, redundancy, 0.0)
     top = jnp.max(jnp.where(alive, redundancy, -jnp.inf))
     alive = alive & (~redundant | (jnp.abs(redundancy - top) < _TIE))
-    return jnp.argmin(jnp.where(alive, bank.last_seen, jnp.iinfo(jnp.int32).max))
+    oldest = jnp.argmin(jnp.where(alive, bank.last_seen, jnp.iinfo(jnp.int32).max))
+    return oldest.astype(jnp.int32)
 
 
-def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, ""] | None) -> Bank:
-    """Joins two prototypes; weights are equal, or the hits up to `cap`.
+def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, ""]) -> Bank:
+    """Joins two prototypes by the weight of their hits, up to `cap`.
 
     Rule: method.md#prototype-merge.
     """
-    weights = [1.0, 1.0]
-    if cap is not None:
-        weights = [
-            jnp.minimum(side.hits, jnp.maximum(1, cap)).astype(jnp.float32)
-            for side in (left, right)
-        ]
+    weights = [
+        jnp.minimum(side.hits, jnp.maximum(1, cap)).astype(jnp.float32) for side in (left, right)
+    ]
+    seen = jnp.maximum(jnp.maximum(left.last_seen, right.last_seen), now)
+    total = left.quality_sum + right.quality_sum
     joined = Bank(
         embedding=to_unit(weights[0] * left.embedding + weights[1] * right.embedding),
-        hits=left.hits + right.hits,
-        last_seen=jnp.maximum(jnp.maximum(left.last_seen, right.last_seen), now),
-        quality_recent=left.quality_recent,
-        quality_sum=left.quality_sum + right.quality_sum,
-        num_qualities=left.num_qualities + right.num_qualities,
+        counts=count(left.hits + right.hits, seen, left.num_qualities + right.num_qualities),
+        qualities=jnp.stack([total, total], axis=-1),
         size=left.size,
     )
-    return dataclasses.replace(joined, quality_recent=mean_quality(joined))
+    return dataclasses.replace(joined, qualities=jnp.stack([mean_quality(joined), total], axis=-1))

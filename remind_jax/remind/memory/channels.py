@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.observation import Descriptors
 from remind_jax.remind.memory.bank import (
@@ -17,10 +17,11 @@ from remind_jax.remind.memory.bank import (
     Permit,
     Refresh,
     Room,
-    observe_one,
     observe_several,
+    observe_whole,
+    side_by_side,
 )
-from remind_jax.remind.memory.prototypes import DualBank
+from remind_jax.remind.memory.prototypes import Bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Appearance, Background
 from remind_jax.static import Static
@@ -54,135 +55,145 @@ def ring_quality(
     return jnp.clip(0.7 * size + 0.3 * jnp.clip(solid, 0.0, 1.0)[:, None], 0.0, 1.0)
 
 
-def observe_appearance(
-    banks: DualBank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
-) -> DualBank:
-    """The look of the whole object and of its typical patches (method.md#appearance-learning)."""
-    a = t.appearance
+def observe_wholes(
+    banks: Bank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
+) -> Bank:
+    """The look of the whole object and of its typical patches, and the mean of both rings."""
+    quality = jnp.concatenate(
+        [
+            appearance_quality(d.patch_sum, t.appearance),
+            ring_quality(d.ring_patches, d.mask_quality, t.background),
+        ],
+        axis=1,
+    )
+    vector = jnp.concatenate([d.appearance, d.rings], axis=1)
+    present = jnp.concatenate([d.appearance_valid, d.rings_valid & t.background.enabled], axis=1)
+    looks = [_appearance_channel(static, t.appearance, t.update.keep_first)] * 2
+    channel = side_by_side(*looks, *_ring_channels(static, t.background, t.update.keep_first))
+    return observe_whole(
+        banks, jnp.swapaxes(vector, 0, 1), present.T, quality.T, permit, now, channel
+    )
 
-    def refresh(duplicate: Array, min_quality: Array) -> Refresh:
-        return Refresh(
-            duplicate, a.update_margin, a.update_rate_min, a.update_rate_max, min_quality,
-            by_quality=~a.gated_update,
-        )  # fmt: skip
 
-    evict = (static.appearance_evict, static.appearance_stable_evict)
-    channel = Channel(
-        work=refresh(a.duplicate, a.work_quality),
-        stable=refresh(a.stable_duplicate, a.stable_quality),
-        room=Room(
-            capacity=jnp.array([static.appearance_slots] * 2),
-            merge=jnp.stack([a.merge, a.stable_merge]),
-            redundant=jnp.array([policy == "redundant" for policy in evict]),
-            cap=a.merge_cap if static.appearance_merge == "capped" else None,
+def _appearance_channel(static: Static, a: Appearance, keeps_first: Bool[Array, ""]) -> Channel:
+    """How the look of an object is learned (method.md#appearance-learning)."""
+    return Channel(
+        refresh=Refresh(
+            duplicate=(a.duplicate, a.stable_duplicate),
+            margin=(a.update_margin, a.update_margin),
+            rate_min=(a.update_rate_min, a.update_rate_min),
+            rate_max=(a.update_rate_max, a.update_rate_max),
+            min_quality=(a.work_quality, a.stable_quality),
+            by_quality=(~a.gated_update, ~a.gated_update),
         ),
+        room=Room(
+            capacity=static.appearance_slots,
+            merge=(a.merge, a.stable_merge),
+            redundant=(
+                static.appearance_evict == "redundant",
+                static.appearance_stable_evict == "redundant",
+            ),
+        ),
+        cap=a.merge_cap if static.appearance_merge == "capped" else 1,
         promote_hits=a.promote_hits,
         promote_quality=a.promote_quality,
         promotes=a.promote_hits > 0,
         create_quality=a.create_quality,
-        keeps_first=t.update.keep_first,
+        keeps_first=keeps_first,
         refreshes_work=a.refresh_work,
-        novel=a.novel if static.appearance_insert == "novel" else None,
+        novel=a.novel if static.appearance_insert == "novel" else jnp.inf,
     )
-    quality = appearance_quality(d.patch_sum, a)
-    vector, present = jnp.swapaxes(d.appearance, 0, 1), d.appearance_valid.T
-    return observe_one(banks, vector, present, quality.T, permit, now, channel)
 
 
-def observe_rings(
-    banks: DualBank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
-) -> DualBank:
-    """The mean background of both rings (method.md#background-learning)."""
-    b = t.background
-    work, stable = _ring_refreshes(b)
-    channel = Channel(
-        work=work,
-        stable=stable,
-        room=_ring_room(static.inner_ring_slots, static.outer_ring_slots, static, b),
-        promote_hits=b.promote_hits,
-        promote_quality=b.promote_quality,
-        create_quality=b.create_quality,
-        keeps_first=t.update.keep_first,
-        stable_waits=True,
-    )
-    quality = ring_quality(d.ring_patches, d.mask_quality, b)
-    vector, present = jnp.swapaxes(d.rings, 0, 1), d.rings_valid.T & b.enabled
-    return observe_one(banks, vector, present, quality.T, permit, now, channel)
+def _ring_channels(static: Static, b: Background, keeps_first: Bool[Array, ""]) -> list[Channel]:
+    """How the mean background of both rings is learned (method.md#background-learning)."""
+    return [
+        Channel(
+            refresh=_ring_refresh(b),
+            room=_ring_room(slots, static, b),
+            cap=b.merge_cap,
+            promote_hits=b.promote_hits,
+            promote_quality=b.promote_quality,
+            create_quality=b.create_quality,
+            keeps_first=keeps_first,
+            stable_waits=True,
+        )
+        for slots in (static.inner_ring_slots, static.outer_ring_slots)
+    ]
 
 
 def observe_parts(
-    banks: DualBank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
-) -> DualBank:
+    banks: Bank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
+) -> Bank:
     """The parts of an object, one after the other (method.md#part-learning)."""
     p = t.parts
-    rates = p.update_margin, p.update_rate_min, p.update_rate_max
     channel = Channel(
-        work=Refresh(p.duplicate, *rates),
-        stable=Refresh(p.stable_duplicate, *rates),
-        room=Room(
-            capacity=jnp.array([static.part_slots] * banks.work.size.shape[0]),
-            merge=jnp.stack([p.merge, p.stable_merge]),
-            redundant=jnp.array([static.part_evict == "redundant"] * 2),
-            cap=p.merge_cap if static.part_merge == "capped" else None,
+        refresh=Refresh(
+            duplicate=(p.duplicate, p.stable_duplicate),
+            margin=(p.update_margin, p.update_margin),
+            rate_min=(p.update_rate_min, p.update_rate_min),
+            rate_max=(p.update_rate_max, p.update_rate_max),
         ),
+        room=Room(
+            capacity=static.part_slots,
+            merge=(p.merge, p.stable_merge),
+            redundant=(static.part_evict == "redundant",) * 2,
+        ),
+        cap=p.merge_cap if static.part_merge == "capped" else 1,
         promote_hits=p.promote_hits,
         promotes=p.promote_hits > 0,
-        novel=p.novel if static.part_insert == "novel" else None,
-        novel_when_full=True,
+        novel=p.novel if static.part_insert == "novel" else jnp.inf,
         one_to_one=p.one_to_one,
     )
-    vector, present = jnp.moveaxis(d.parts, 0, 2), jnp.moveaxis(d.parts_valid, 0, 2)
-    vector, present = jnp.swapaxes(vector, 0, 1), jnp.swapaxes(present, 0, 1)
-    return observe_several(banks, vector, present, permit, now, channel)
+    # [N C K ...] to [K C N ...]
+    vector, present = jnp.swapaxes(d.parts, 0, 2), jnp.swapaxes(d.parts_valid, 0, 2)
+    channels = side_by_side(*[channel] * banks.size.shape[1])
+    return observe_several(banks, vector, present, permit, now, channels)
 
 
 def observe_ring_prototypes(
-    banks: DualBank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
-) -> DualBank:
+    banks: Bank, d: Descriptors, permit: Permit, now: Array, static: Static, t: Thresholds
+) -> Bank:
     """Typical patches of both rings, one after the other (method.md#ring-prototype-learning)."""
     patches, b = d.ring_prototypes, t.background
     assert patches is not None, "there are banks for them"
-    slots = static.inner_prototype_slots, static.outer_prototype_slots
-    work, stable = _ring_refreshes(b)
-    channel = Channel(
-        work=work,
-        stable=stable,
-        room=_ring_room(*slots, static, b),
-        promote_hits=t.ring_prototypes.promote_hits,
-        stable_merge=t.ring_prototypes.stable_merge,
-    )
+    channels = [
+        Channel(
+            refresh=_ring_refresh(b),
+            room=_ring_room(slots, static, b),
+            cap=b.merge_cap,
+            promote_hits=t.ring_prototypes.promote_hits,
+        )
+        for slots in (static.inner_prototype_slots, static.outer_prototype_slots)
+    ]
     # [N R M ...] to [M R N ...]
     vector, present = jnp.swapaxes(patches.vector, 0, 2), jnp.swapaxes(patches.valid, 0, 2)
-    return observe_several(banks, vector, present & b.enabled, permit, now, channel)
-
-
-def _ring_refreshes(b: Background) -> tuple[Refresh, Refresh]:
-    work = Refresh(
-        b.duplicate, b.update_margin, b.update_rate_min, b.update_rate_max, b.work_quality
-    )
-    stable = Refresh(
-        b.stable_duplicate, b.stable_margin, b.stable_rate_min, b.stable_rate_max,
-        b.stable_quality, b.stable_update,
+    return observe_several(
+        banks, vector, present & b.enabled, permit, now, side_by_side(*channels),
+        t.ring_prototypes.stable_merge,
     )  # fmt: skip
-    return work, stable
 
 
-def _ring_room(
-    inner: tuple[int, int], outer: tuple[int, int], static: Static, b: Background
-) -> Room:
-    return Room(
-        capacity=jnp.array([inner, outer]),
-        merge=jnp.stack([b.merge] * 2),
-        redundant=jnp.array([static.ring_evict == "redundant"] * 2),
-        cap=b.merge_cap,
+def _ring_refresh(b: Background) -> Refresh:
+    return Refresh(
+        duplicate=(b.duplicate, b.stable_duplicate),
+        margin=(b.update_margin, b.stable_margin),
+        rate_min=(b.update_rate_min, b.stable_rate_min),
+        rate_max=(b.update_rate_max, b.stable_rate_max),
+        min_quality=(b.work_quality, b.stable_quality),
+        moves=(True, b.stable_update),
     )
 
 
-Observe = Callable[[DualBank, Descriptors, Permit, Array, Static, Thresholds], DualBank]
+def _ring_room(capacity: tuple[int, int], static: Static, b: Background) -> Room:
+    redundant = static.ring_evict == "redundant"
+    return Room(capacity, (b.merge, b.merge), (redundant, redundant))
+
+
+Observe = Callable[[Bank, Descriptors, Permit, Array, Static, Thresholds], Bank]
 # By the name that the banks have in the state of the tracker.
 CHANNELS: dict[str, Observe] = {
-    "appearance": observe_appearance,
-    "rings": observe_rings,
+    "wholes": observe_wholes,
     "parts": observe_parts,
     "ring_prototypes": observe_ring_prototypes,
 }

@@ -18,30 +18,61 @@ from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.pooling import dot, to_unit
 
+WORK, STABLE = 0, 1  # fresh prototypes, and those that proved themselves
 _QUALITY_RATE_MIN, _QUALITY_RATE_MAX = 0.08, 0.30
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Bank:
-    """Prototypes of one kind, oldest first; leading axes are objects and channels."""
+    """Prototypes of one kind, oldest first; leading axes are banks, channels and objects."""
 
     embedding: Float[Array, "... S D"]  # unit vectors, float32
-    hits: Int[Array, "... S"]  # observations that agreed
-    last_seen: Int[Array, "... S"]  # frame
-    quality_recent: Float[Array, "... S"]  # exponential mean of the observation quality, [0, 1]
-    quality_sum: Float[Array, "... S"]  # sum of the observation qualities
-    num_qualities: Int[Array, "... S"]  # number of qualities in the sum
+    counts: Int[Array, "... S 3"]  # hits, last_seen, num_qualities
+    qualities: Float[Array, "... S 2"]  # quality_recent, quality_sum
     size: Int[Array, "..."]  # live slots
 
+    @property
+    def hits(self) -> Int[Array, "..."]:
+        """Observations that agreed."""
+        return self.counts[..., 0]
 
-@jax.tree_util.register_dataclass
-@dataclasses.dataclass(frozen=True)
-class DualBank:
-    """Fresh prototypes, and those that proved themselves."""
+    @property
+    def last_seen(self) -> Int[Array, "..."]:
+        """Frame of the last of them."""
+        return self.counts[..., 1]
 
-    work: Bank
-    stable: Bank
+    @property
+    def num_qualities(self) -> Int[Array, "..."]:
+        """Number of qualities in the sum."""
+        return self.counts[..., 2]
+
+    @property
+    def quality_recent(self) -> Float[Array, "..."]:
+        """Exponential mean of the observation quality, [0, 1]."""
+        return self.qualities[..., 0]
+
+    @property
+    def quality_sum(self) -> Float[Array, "..."]:
+        """Sum of the observation qualities."""
+        return self.qualities[..., 1]
+
+    @property
+    def work(self) -> Bank:
+        """The work banks, where the first axis is that of the two banks."""
+        return jax.tree.map(lambda leaf: leaf[WORK], self)
+
+    @property
+    def stable(self) -> Bank:
+        """The stable banks, likewise."""
+        return jax.tree.map(lambda leaf: leaf[STABLE], self)
+
+
+def count(
+    hits: Int[Array, "..."], last_seen: Int[Array, "..."], num_qualities: Int[Array, "..."] | int
+) -> Int[Array, "... 3"]:
+    """The `counts` of a bank."""
+    return jnp.stack(jnp.broadcast_arrays(hits, last_seen, num_qualities), axis=-1)
 
 
 def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype) -> Bank:
@@ -49,24 +80,20 @@ def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype
     shape = (*leading, slots)
     return Bank(
         embedding=zeros((*shape, dim), np.float32),
-        hits=zeros(shape, np.int32),
-        last_seen=full(shape, NEVER, np.int32),
-        quality_recent=zeros(shape, scalar),
-        quality_sum=zeros(shape, scalar),
-        num_qualities=zeros(shape, np.int32),
+        counts=full((*shape, 3), 0, np.int32) + np.array([0, NEVER, 0], np.int32),
+        qualities=zeros((*shape, 2), scalar),
         size=zeros(leading, np.int32),
     )
 
 
-def keep_rows(banks: DualBank, kept: Bool[Array, "R"]) -> DualBank:
-    """Empties the banks of the other rows; leading axes `[C R]`."""
-    empty = lambda bank: dataclasses.replace(bank, size=jnp.where(kept, bank.size, 0))  # noqa: E731
-    return DualBank(empty(banks.work), empty(banks.stable))
+def keep_rows(bank: Bank, kept: Bool[Array, "R"]) -> Bank:
+    """Empties the banks of the other rows, which are the last leading axis."""
+    return dataclasses.replace(bank, size=jnp.where(kept, bank.size, 0))
 
 
 def live(bank: Bank) -> Bool[Array, "... S"]:
     """Slots that hold a prototype."""
-    return jnp.arange(bank.hits.shape[-1]) < bank.size[..., None]
+    return jnp.arange(bank.embedding.shape[-2]) < bank.size[..., None]
 
 
 def mean_quality(bank: Bank) -> Float[Array, "..."]:
@@ -84,14 +111,14 @@ def confidence(bank: Bank, promote_hits: Int[Array, ""]) -> Float[Array, "..."]:
 def nearest(bank: Bank, vector: Float[Array, "D"]) -> tuple[Int[Array, ""], Float[Array, ""]]:
     """The most similar prototype and its cosine, -inf for an empty bank (method.md#banks)."""
     similarity = similarities(bank, vector)
-    index = jnp.argmax(similarity)
-    return index, similarity[index]
+    return jnp.argmax(similarity).astype(jnp.int32), jnp.max(similarity)
 
 
-def similarities(bank: Bank, vector: Float[Array, "D"]) -> Float[Array, "S"]:
+def similarities(bank: Bank, vector: Float[Array, "D"]) -> Float[Array, "... S"]:
     """Cosine of a unit vector with every prototype, -inf in free slots."""
-    cosine = dot(vector[None], bank.embedding)[0].astype(bank.quality_sum.dtype)
-    return jnp.where(live(bank), cosine, -jnp.inf)
+    shape = bank.embedding.shape
+    cosine = dot(vector[None], bank.embedding.reshape(-1, shape[-1]))[0].reshape(shape[:-1])
+    return jnp.where(live(bank), cosine.astype(bank.qualities.dtype), -jnp.inf)
 
 
 def entry(bank: Bank, index: Int[Array, ""]) -> Bank:
@@ -102,52 +129,54 @@ def entry(bank: Bank, index: Int[Array, ""]) -> Bank:
 def new_entry(vector: Float[Array, "D"], quality: Float[Array, ""], now: Int[Array, ""]) -> Bank:
     """The prototype that one observation founds."""
     one = jnp.int32(1)
-    return Bank(vector, one, now.astype(jnp.int32), quality, quality, one, one)
+    return Bank(vector, count(one, now.astype(jnp.int32), one), jnp.stack([quality] * 2), one)
 
 
-def write(bank: Bank, index: Int[Array, ""], value: Bank, when: Bool[Array, ""]) -> Bank:
-    """Replaces one prototype if `when` holds; the size stays."""
-    chosen = (jnp.arange(bank.hits.shape[-1]) == index) & when
-    return _blend(chosen, jax.tree.map(lambda leaf: leaf[None], value), bank)
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Edit:
+    """What happens to the prototypes of a bank: one is replaced, then one taken out."""
+
+    at: Int[Array, "..."]
+    value: Bank  # takes the place of the prototype there
+    replaces: Bool[Array, "..."]
+    gone: Int[Array, "..."]  # taken out, and the gap is closed
+    removes: Bool[Array, "..."]
 
 
-def append(bank: Bank, value: Bank, when: Bool[Array, ""]) -> Bank:
-    """Adds a prototype at the end if `when` holds; the caller made room."""
-    bank = write(bank, bank.size, value, when)
-    return dataclasses.replace(bank, size=bank.size + when.astype(jnp.int32))
+def change(bank: Bank, edit: Edit, arrival: Bank, adds: Bool[Array, ""]) -> Bank:
+    """The bank after an edit, with a prototype added at the end; the caller made room for it."""
+    slots = bank.embedding.shape[0]
+    place = jnp.arange(slots)
+    source = jnp.minimum(place + (edit.removes & (place >= edit.gone)), slots - 1)
+    is_replaced = (source == edit.at) & edit.replaces
+    end = bank.size - edit.removes.astype(jnp.int32)
+    is_added = (place == end) & adds
 
+    def choose(old: Array, value: Array, added: Array) -> Array:
+        """All slots at once, which fuses with its neighbors, where a scatter would not."""
+        extra = (1,) * (old.ndim - 1)
+        moved = old.at[source].get(mode="promise_in_bounds")
+        kept = jnp.where(is_replaced.reshape(-1, *extra), value, moved)
+        return jnp.where(is_added.reshape(-1, *extra), added, kept)
 
-def remove(bank: Bank, index: Int[Array, ""], when: Bool[Array, ""]) -> Bank:
-    """Takes a prototype out if `when` holds and closes the gap."""
-    later = (jnp.arange(bank.hits.shape[-1]) >= index) & when
-    moved = jax.tree.map(lambda leaf: jnp.roll(leaf, -1, axis=0) if leaf.ndim else leaf, bank)
-    bank = _blend(later, moved, bank)
-    return dataclasses.replace(bank, size=bank.size - when.astype(jnp.int32))
-
-
-def _blend(chosen: Bool[Array, "S"], new: Bank, old: Bank) -> Bank:
-    """Slots of `new` where chosen, else of `old`; the size of `old`.
-
-    A select over all slots fuses with its neighbors, where a scatter would not.
-    """
-
-    def pick(fresh: Array, kept: Array) -> Array:
-        if not kept.ndim:
-            return kept
-        return jnp.where(chosen.reshape(-1, *(1,) * (kept.ndim - 1)), fresh, kept)
-
-    return jax.tree.map(pick, new, old)
+    return Bank(
+        embedding=choose(bank.embedding, edit.value.embedding, arrival.embedding),
+        counts=choose(bank.counts, edit.value.counts, arrival.counts),
+        qualities=choose(bank.qualities, edit.value.qualities, arrival.qualities),
+        size=end + adds.astype(jnp.int32),
+    )
 
 
 def count_quality(value: Bank, quality: Float[Array, ""]) -> Bank:
     """Adds one observation quality to a prototype's record (method.md#prototype-quality)."""
     num = value.num_qualities + 1
     rate = jnp.clip(1.0 / num.astype(quality.dtype), _QUALITY_RATE_MIN, _QUALITY_RATE_MAX)
+    recent = (1.0 - rate) * value.quality_recent + rate * quality
     return dataclasses.replace(
         value,
-        quality_sum=value.quality_sum + quality,
-        num_qualities=num,
-        quality_recent=(1.0 - rate) * value.quality_recent + rate * quality,
+        counts=count(value.hits, value.last_seen, num),
+        qualities=jnp.stack([recent, value.quality_sum + quality], axis=-1),
     )
 
 
@@ -187,10 +216,10 @@ def closest_pair(
 
     The cosine is -1 for fewer than two prototypes (method.md#bank-room).
     """
-    cosine = dot(bank.embedding, bank.embedding).astype(bank.quality_sum.dtype)
-    slots = bank.hits.shape[-1]
+    cosine = dot(bank.embedding, bank.embedding).astype(bank.qualities.dtype)
+    slots = bank.embedding.shape[-2]
     both = live(bank)[:, None] & live(bank)[None]
     upper = jnp.triu(jnp.ones((slots, slots), bool), 1) & both
     flat = jnp.where(upper, cosine, -1.0).ravel()
-    index = jnp.argmax(flat)
-    return flat[index], index // slots, index % slots, jnp.where(both, cosine, -1.0)
+    index = jnp.argmax(flat).astype(jnp.int32)
+    return jnp.max(flat), index // slots, index % slots, jnp.where(both, cosine, -1.0)

@@ -1,25 +1,25 @@
-import dataclasses
-
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from remind_jax.remind.memory.bank import (
-    Arrival,
+    Channel,
+    Permit,
+    Refresh,
     Room,
     make_room,
     merge_entries,
-    place,
+    observe_whole,
+    side_by_side,
     weakest,
 )
 from remind_jax.remind.memory.prototypes import (
-    DualBank,
+    change,
     closest_pair,
     new_entry,
 )
-from tests.remind.memory.small_banks import NO, NOW, YES, bank_of, unit, vectors_of
+from tests.remind.memory.small_banks import NO, NOW, YES, bank_of, unit, vectors_of, with_records
 
 # method.md#bank-room.
 CROWDED = ([1, 0, 0], [0.9, 0.43589, 0], [0, 0, 1])
@@ -46,15 +46,13 @@ def test_opposite_prototypes_are_not_redundant():
     assert int(weakest(bank, closest_pair(bank)[3], YES)) == 1
 
 
-@pytest.mark.parametrize(("cap", "angle"), [(None, 45.0), (10, np.degrees(np.arctan(0.2)))])
+@pytest.mark.parametrize(("cap", "angle"), [(1, 45.0), (10, np.degrees(np.arctan(0.2)))])
 def test_merging_adds_records(cap, angle):
     left, right = (
-        dataclasses.replace(
-            new_entry(unit(d), jnp.float32(q), jnp.int32(seen)), hits=jnp.int32(hits)
-        )
+        with_records(new_entry(unit(d), jnp.float32(q), jnp.int32(seen)), hits=hits)
         for d, q, seen, hits in ((0, 0.2, 3, 12), (90, 0.6, 5, 2))
     )
-    joined = merge_entries(left, right, jnp.int32(4), None if cap is None else jnp.int32(cap))
+    joined = merge_entries(left, right, jnp.int32(4), jnp.int32(cap))
     np.testing.assert_allclose(joined.embedding, unit(angle), atol=1e-6)
     assert (int(joined.hits), int(joined.last_seen), int(joined.num_qualities)) == (14, 5, 2)
     np.testing.assert_allclose(joined.quality_recent, 0.4, rtol=1e-6)
@@ -62,38 +60,41 @@ def test_merging_adds_records(cap, angle):
 
 def test_room_is_made_at_the_lower_index():
     bank = bank_of(unit(90), unit(0), unit(8), slots=3)
-    made = make_room(bank, YES, jnp.float32(0.9), YES, None, NOW)
+    edit = make_room(bank, jnp.float32(0.9), YES, jnp.int32(1), now=NOW)
+    made = change(bank, edit, edit.value, NO)
     np.testing.assert_allclose(vectors_of(made), [unit(90), unit(4)], atol=1e-6)
     assert made.last_seen[:2].tolist() == [0, 9]
-    kept = make_room(bank, NO, jnp.float32(0.9), YES, None, NOW)
-    chex.assert_trees_all_equal(kept, bank)
 
 
 def test_only_full_banks_that_take_something_make_room():
     """One channel, four objects: full work, full stable, not full, nothing arrives."""
     full, half = bank_of(unit(0), unit(50), slots=2), bank_of(unit(0), slots=2)
-    stack = lambda *banks: jax.tree.map(lambda *leaves: jnp.stack(leaves)[None], *banks)  # noqa: E731
-    banks = DualBank(stack(full, full, half, full), stack(full, full, full, full))
-    value = new_entry(unit(90), jnp.float32(1), NOW)
-    arrival = Arrival(
-        value=stack(*[value] * 4),
-        to_work=jnp.array([[True, False, True, False]]),
-        to_stable=jnp.array([[False, True, False, False]]),
+    proven = with_records(bank_of(unit(0), unit(90), slots=2), hits=9)
+    side = lambda *banks: jax.tree.map(lambda *leaves: jnp.stack(leaves)[None], *banks)  # noqa: E731
+    work, stable = side(full, proven, half, full), side(full, full, full, full)
+    banks = jax.tree.map(lambda *sides: jnp.stack(sides), work, stable)
+    channel = Channel(
+        refresh=Refresh((0.99, 0.99), *[(0.0, 0.0)] * 3),
+        room=Room(capacity=(2, 2), merge=(2.0, 2.0), redundant=(False, False)),
+        cap=1,
+        promote_hits=5,
     )
-    room = Room(
-        capacity=jnp.array([[2, 2]]),
-        merge=jnp.array([2.0, 2.0]),
-        redundant=jnp.array([False, False]),
-        cap=None,
+    shown = observe_whole(
+        banks,
+        jnp.broadcast_to(unit(90), (1, 4, 2)),
+        jnp.array([[True, True, True, False]]),
+        jnp.ones((1, 4)),
+        Permit(jnp.ones(4, bool), jnp.ones(4)),
+        NOW,
+        side_by_side(channel),
     )
-    placed = place(banks, arrival, room, NOW)
     expected = {  # degrees of the prototypes: work, stable
         0: ((50, 90), (0, 50)),
-        1: ((0, 50), (50, 90)),
+        1: ((0,), (50, 90)),
         2: ((0, 90), (0, 50)),
         3: ((0, 50), (0, 50)),
     }
     for n, sides in expected.items():
-        for bank, degrees in zip((placed.work, placed.stable), sides, strict=True):
+        for bank, degrees in zip((shown.work, shown.stable), sides, strict=True):
             found = jax.tree.map(lambda leaf: leaf[0, n], bank)  # noqa: B023
             np.testing.assert_allclose(vectors_of(found), [unit(d) for d in degrees], atol=1e-6)

@@ -11,9 +11,9 @@ from remind_jax.remind.memory.channels import (
     GLOBAL,
     TRIMMED,
     appearance_quality,
-    observe_appearance,
+    observe_wholes,
 )
-from remind_jax.remind.memory.prototypes import DualBank, confidence, empty_bank
+from remind_jax.remind.memory.prototypes import STABLE, WORK, confidence, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Appearance
 from remind_jax.static import Static
@@ -29,11 +29,12 @@ pytestmark = pytest.mark.usefixtures("x64")
 
 STATIC = Static(appearance_slots=(3, 2), precision="float64")
 FRAMES, OBJECTS, DIM = 50, 8, 4
+SIDE = {"work": WORK, "stable": STABLE}
 
 
 def new_banks(static, num=OBJECTS, dim=DIM):
     slots = max(static.appearance_slots)
-    return DualBank(*(empty_bank((2, num), slots, dim, static.scalar) for _ in range(2)))
+    return empty_bank((2, 4, num), slots, dim, static.scalar)  # the rings stay empty
 
 
 @functools.partial(jax.jit, static_argnames="static")
@@ -45,7 +46,7 @@ def watch(banks, views, patch_sum, permit, thresholds, static):
         seen = jnp.ones(view.shape[:2], bool)
         num = view.shape[0]
         shown = descriptors_of(num, appearance=view, appearance_valid=seen, patch_sum=patches)
-        banks = observe_appearance(banks, shown, permit, now, static, thresholds)
+        banks = observe_wholes(banks, shown, permit, now, static, thresholds)
         return banks, banks
 
     now = jnp.arange(len(views), dtype=jnp.int32)
@@ -114,7 +115,7 @@ def test_banks_equal_lists(setting):
                     banks, views[now, n, channel], quality[now, n, channel], now, static,
                     Appearance(**changes), may_insert[now, n], rate[now, n],
                 )  # fmt: skip
-                ours = jax.tree.map(lambda leaf: leaf[now, channel, n], seen)  # noqa: B023
+                ours = jax.tree.map(lambda leaf: leaf[now, :, channel, n], seen)  # noqa: B023
                 where = (setting, now, channel, n)
                 assert_same(ours.work, banks.work, where)
                 assert_same(ours.stable, banks.stable, where)
@@ -132,7 +133,7 @@ def test_example_of_the_page():
     seen = watch(new_banks(static, 1, 2), views, np.full((6, 1), 16.0), permit, rules(), static)
 
     def at(frame, channel, bank):
-        ours = jax.tree.map(lambda leaf: np.asarray(leaf[frame, channel, 0]), getattr(seen, bank))
+        ours = jax.tree.map(lambda leaf: np.asarray(leaf[frame, SIDE[bank], channel, 0]), seen)
         stability = np.asarray(confidence(ours, jnp.int32(5)))[0]
         quality = ours.quality_sum[0]
         return int(ours.size), int(ours.hits[0]), quality, stability, ours.embedding[0].tolist()
@@ -169,7 +170,7 @@ def test_small_objects_may_have_no_prototype(patches, in_global, in_trimmed):
     seen = watch(
         new_banks(static, 1, 1), views, np.full((1, 1), float(patches)), permit, rules(), static
     )
-    assert seen.work.size[0, :, 0].tolist() == [in_global, in_trimmed]
+    assert seen.size[0, WORK, :2, 0].tolist() == [in_global, in_trimmed]
 
 
 def test_a_large_duplicate_replaces_the_prototype():
@@ -178,7 +179,7 @@ def test_a_large_duplicate_replaces_the_prototype():
     views = np.zeros((2, 1, 2, 2), np.float32)
     views[0], views[1] = [1, 0], [0.96, 0.28]
     seen = watch(new_banks(static, 1, 2), views, np.full((2, 1), 24.0), permit, rules(), static)
-    np.testing.assert_allclose(seen.work.embedding[1, GLOBAL, 0, 0], [0.96, 0.28], atol=1e-7)
+    np.testing.assert_allclose(seen.embedding[1, WORK, GLOBAL, 0, 0], [0.96, 0.28], atol=1e-7)
 
 
 @pytest.mark.parametrize(("patches", "quality"), [(0, 0), (8, 0), (16, 0.5), (24, 1), (99, 1)])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.memory.bank import Permit
-from remind_jax.remind.memory.channels import observe_rings, ring_quality
-from remind_jax.remind.memory.prototypes import Bank, DualBank, empty_bank
+from remind_jax.remind.memory.channels import observe_wholes, ring_quality
+from remind_jax.remind.memory.prototypes import WORK, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
 from remind_jax.static import Static
@@ -30,7 +30,7 @@ INNER, OUTER = 0, 1
 
 def new_banks(static, num=OBJECTS, dim=DIM):
     slots = max(*static.inner_ring_slots, *static.outer_ring_slots)
-    return DualBank(*(empty_bank((2, num), slots, dim, static.scalar) for _ in range(2)))
+    return empty_bank((2, 4, num), slots, dim, static.scalar)  # appearance stays empty
 
 
 @functools.partial(jax.jit, static_argnames="static")
@@ -43,8 +43,8 @@ def watch(banks, views, ring_patches, solidity, permit, thresholds, static):
             view.shape[0], rings=view, rings_valid=patches > 0, ring_patches=patches,
             mask_quality=solid,
         )  # fmt: skip
-        banks = observe_rings(banks, shown, permit, now, static, thresholds)
-        return banks, banks
+        banks = observe_wholes(banks, shown, permit, now, static, thresholds)
+        return banks, jax.tree.map(lambda leaf: leaf[:, 2:], banks)
 
     now = jnp.arange(len(views), dtype=jnp.int32)
     return jax.lax.scan(see, banks, (now, views, ring_patches, solidity, permit))[1]
@@ -106,7 +106,7 @@ def test_banks_equal_lists(setting):
                         banks, views[now, n, ring], quality[now, n, ring], now, capacities[ring],
                         static.ring_evict, t, may_insert[now, n], rate[now, n],
                     )  # fmt: skip
-                ours = jax.tree.map(lambda leaf: leaf[now, ring, n], seen)  # noqa: B023
+                ours = jax.tree.map(lambda leaf: leaf[now, :, ring, n], seen)  # noqa: B023
                 where = (setting, now, ring, n)
                 assert_same(ours.work, banks.work, where)
                 assert_same(ours.stable, banks.stable, where)
@@ -123,25 +123,18 @@ def direction(degrees):
 def test_merge_example_of_the_page():
     """method.md#bank-room: a full inner bank joins its closest pair, then takes the new one."""
     static = Static(inner_ring_slots=(2, 1), outer_ring_slots=(2, 1), precision="float64")
-    banks = new_banks(static, 1, 2)
-    work = Bank(
-        embedding=np.array([[[direction(0), direction(15)]]] * 2, np.float32).reshape(2, 1, 2, 2),
-        hits=np.array([[[12, 2]]] * 2, np.int32),
-        last_seen=np.array([[[0, 1]]] * 2, np.int32),
-        quality_recent=np.array([[[0.8, 0.6]]] * 2),
-        quality_sum=np.array([[[4.0, 1.2]]] * 2),
-        num_qualities=np.array([[[5, 2]]] * 2, np.int32),
-        size=np.array([[2], [2]], np.int32),
-    )
+    banks = jax.tree.map(np.array, new_banks(static, 1, 2))
+    banks.embedding[WORK, :, 0, :2] = [direction(0), direction(15)]
+    banks.counts[WORK, :, 0, :2] = [[12, 0, 5], [2, 1, 2]]
+    banks.qualities[WORK, :, 0, :2] = [[0.8, 4.0], [0.6, 1.2]]
+    banks.size[WORK] = 2
     views = np.zeros((3, 1, 2, 2), np.float32)
     views[2] = direction(80)
     patches = np.zeros((3, 1, 2), np.int32)  # nothing is seen before frame 2
     patches[2] = 99
     permit = Permit(np.ones((3, 1), bool), np.ones((3, 1)))
-    seen = watch(
-        DualBank(work, banks.stable), views, patches, np.ones((3, 1)), permit, rules(), static
-    )
-    found = jax.tree.map(lambda leaf: np.asarray(leaf[2, INNER, 0]), seen.work)
+    seen = watch(banks, views, patches, np.ones((3, 1)), permit, rules(), static)
+    found = jax.tree.map(lambda leaf: np.asarray(leaf[2, WORK, INNER, 0]), seen)
     assert found.size == 2
     np.testing.assert_allclose(found.embedding, [direction(2.484), direction(80)], atol=1e-5)
     assert found.hits.tolist() == [14, 1]

@@ -8,7 +8,7 @@ import pytest
 
 from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import observe_parts
-from remind_jax.remind.memory.prototypes import DualBank, empty_bank
+from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Parts
 from remind_jax.static import Static
@@ -28,7 +28,7 @@ FRAMES, OBJECTS, NUM_PARTS, DIM = 30, 8, 3, 4
 
 def new_banks(static, num=OBJECTS, dim=DIM):
     slots = max(static.part_slots)
-    return DualBank(*(empty_bank((1, num), slots, dim, static.scalar) for _ in range(2)))
+    return empty_bank((2, 1, num), slots, dim, static.scalar)
 
 
 @functools.partial(jax.jit, static_argnames="static")
@@ -98,7 +98,7 @@ def test_banks_equal_lists(setting):
                 banks, parts[now, n, : count[now, n]], now, static, Parts(**changes),
                 may_insert[now, n], rate[now, n],
             )  # fmt: skip
-            ours = jax.tree.map(lambda leaf: leaf[now, 0, n], seen)  # noqa: B023
+            ours = jax.tree.map(lambda leaf: leaf[now, :, 0, n], seen)  # noqa: B023
             where = (setting, now, n)
             assert_same(ours.work, banks.work, where, qualities=False)
             assert_same(ours.stable, banks.stable, where, qualities=False)
@@ -120,7 +120,8 @@ def test_example_of_the_page():
     valid = np.ones((7, 1, 2), bool)
     valid[2:, :, 1] = False
     permit = Permit(np.ones((7, 1), bool), np.ones((7, 1)))
-    seen = watch(new_banks(static, 1, 2), parts, valid, permit, rules(), static)
+    after = watch(new_banks(static, 1, 2), parts, valid, permit, rules(), static)
+    seen = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), after)
 
     def angles(bank, frame):
         size = int(bank.size[frame, 0, 0])

@@ -9,7 +9,7 @@ import pytest
 from remind_jax.observation import RingPatches
 from remind_jax.remind.memory.bank import Permit
 from remind_jax.remind.memory.channels import observe_ring_prototypes
-from remind_jax.remind.memory.prototypes import DualBank, empty_bank
+from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
 from remind_jax.remind.thresholds.perception import RingPrototypes
@@ -55,9 +55,9 @@ def watch(vectors, valid, permit, thresholds, static):
 
     slots = max(*static.inner_prototype_slots, *static.outer_prototype_slots)
     leading = (vectors.shape[2], vectors.shape[1])
-    empty = (empty_bank(leading, slots, vectors.shape[-1], static.scalar) for _ in range(2))
+    empty = empty_bank((2, *leading), slots, vectors.shape[-1], static.scalar)
     now = jnp.arange(len(vectors), dtype=jnp.int32)
-    return jax.lax.scan(see, DualBank(*empty), (now, vectors, valid, permit))[1]
+    return jax.lax.scan(see, empty, (now, vectors, valid, permit))[1]
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
@@ -87,7 +87,7 @@ def test_banks_equal_lists(setting):
                 static.ring_evict, rules.background, rules.ring_prototypes,
                 may_insert[now, n], rate[now, n],
             )  # fmt: skip
-            ours = jax.tree.map(lambda leaf: leaf[now, ring, n], seen)  # noqa: B023
+            ours = jax.tree.map(lambda leaf: leaf[now, :, ring, n], seen)  # noqa: B023
             where = (setting, now, n, ring)
             assert_same(ours.work, banks.work, where, qualities=False)
             assert_same(ours.stable, banks.stable, where, qualities=False)

@@ -7,8 +7,6 @@ import pytest
 
 from remind_jax.numerics.absent import NEVER
 from remind_jax.remind.memory.prototypes import (
-    DualBank,
-    append,
     closest_pair,
     confidence,
     count_quality,
@@ -19,12 +17,18 @@ from remind_jax.remind.memory.prototypes import (
     move_toward,
     nearest,
     new_entry,
-    remove,
     similarities,
     similarity_rate,
-    write,
 )
-from tests.remind.memory.small_banks import NO, NOW, YES, bank_of, unit, vectors_of
+from tests.remind.memory.small_banks import (
+    NOW,
+    append,
+    bank_of,
+    edited,
+    unit,
+    vectors_of,
+    with_records,
+)
 
 
 def test_empty_bank_holds_nothing():
@@ -51,19 +55,29 @@ def test_the_older_of_two_equals_is_nearest():
 
 def test_removal_keeps_the_order():
     bank = bank_of(unit(0), unit(10), unit(20))
-    left = remove(bank, jnp.int32(1), YES)
+    left = edited(bank, gone=1)
     np.testing.assert_array_equal(vectors_of(left), [unit(0), unit(20)])
     assert left.last_seen[:2].tolist() == [0, 2]
-    chex.assert_trees_all_equal(remove(bank, jnp.int32(1), NO), bank)
+    chex.assert_trees_all_equal(edited(bank), bank)
 
 
 def test_writing_and_adding_only_when_told():
     bank = bank_of(unit(0), unit(10))
     value = new_entry(unit(90), jnp.float32(1), NOW)
-    np.testing.assert_array_equal(vectors_of(write(bank, jnp.int32(0), value, YES))[0], unit(90))
-    for same in (write(bank, jnp.int32(0), value, NO), append(bank, value, NO)):
-        chex.assert_trees_all_equal(same, bank)
-    assert append(bank, value, YES).size == 3
+    np.testing.assert_array_equal(vectors_of(edited(bank, at=0, value=value)), [unit(90), unit(10)])
+    chex.assert_trees_all_equal(append(bank, value, when=False), bank)
+    added = append(bank, value)
+    np.testing.assert_array_equal(vectors_of(added), [unit(0), unit(10), unit(90)])
+    assert added.last_seen.tolist()[2] == NOW
+
+
+def test_a_prototype_that_takes_another_in_moves_up_when_an_earlier_one_goes():
+    bank = bank_of(unit(0), unit(10), unit(20))
+    value = new_entry(unit(15), jnp.float32(1), NOW)
+    both = edited(bank, at=2, value=value, gone=0)
+    np.testing.assert_array_equal(vectors_of(both), [unit(10), unit(15)])
+    last = edited(bank, at=1, value=value, gone=2)
+    np.testing.assert_array_equal(vectors_of(last), [unit(0), unit(15)])
 
 
 # Cosine, duplicate threshold, rates, scale, then the expected step and prototype
@@ -116,11 +130,7 @@ def test_quality_is_a_mean_and_a_slower_mean():
 )
 def test_confidence_grows_with_hits(hits, promote_hits, expected):
     """method.md#prototype-quality: the better quality counts; four hits without promotion."""
-    value = dataclasses.replace(
-        new_entry(unit(0), jnp.float32(0.4), NOW),
-        hits=jnp.int32(hits),
-        quality_recent=jnp.float32(0.6),
-    )
+    value = with_records(new_entry(unit(0), jnp.float32(0.4), NOW), hits=hits, quality_recent=0.6)
     np.testing.assert_allclose(confidence(value, jnp.int32(promote_hits)), expected, rtol=1e-6)
 
 
@@ -130,7 +140,7 @@ def test_the_first_of_equal_pairs_is_closest():
 
 
 def test_only_the_kept_rows_keep_their_banks():
-    bank = empty_bank((1, 3), 2, 2, jnp.dtype("float32"))
-    full = dataclasses.replace(bank, size=jnp.array([[2, 1, 2]]))
-    kept = keep_rows(DualBank(full, full), jnp.array([True, False, True]))
+    bank = empty_bank((2, 1, 3), 2, 2, jnp.dtype("float32"))
+    full = dataclasses.replace(bank, size=jnp.array([[[2, 1, 2]]] * 2))
+    kept = keep_rows(full, jnp.array([True, False, True]))
     assert kept.work.size.tolist() == kept.stable.size.tolist() == [[2, 0, 2]]
