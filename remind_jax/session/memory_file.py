@@ -22,7 +22,7 @@ from remind_jax.method import PAPER_METHOD, get_method, named_leaves
 from remind_jax.session.announcement import Announcements
 from remind_jax.static import Static
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start

@@ -82,9 +82,9 @@ def test_they_survive_growth_and_files(steps, tmp_path):
         jax.tree.leaves(grown), jax.tree.leaves(state.ring_prototypes), strict=True
     ):
         np.testing.assert_array_equal(
-            ours[:, : STATIC.num_objects], theirs[:, : STATIC.num_objects]
+            ours[:, :, : STATIC.num_objects], theirs[:, :, : STATIC.num_objects]
         )
-        np.testing.assert_array_equal(ours[:, 11:], theirs[:, STATIC.num_objects :])
+        np.testing.assert_array_equal(ours[:, :, 11:], theirs[:, :, STATIC.num_objects :])
 
 
 def test_without_them_nothing_is_kept():

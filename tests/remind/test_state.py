@@ -36,14 +36,14 @@ def test_growing_keeps_everything():
     large = grow(small, WIDEST)
     assert jax.tree.map(jnp.shape, large) == jax.tree.map(jnp.shape, empty)
     objects, pending = STATIC.num_objects, STATIC.num_pending
-    for name in ("appearance", "parts", "rings"):
+    for name in ("wholes", "parts"):
         before, after = jax.tree.leaves(getattr(small, name)), jax.tree.leaves(getattr(large, name))
         for old, new in zip(before, after, strict=True):
-            np.testing.assert_array_equal(new[:, :objects], old[:, :objects])
-            moved = new[:, WIDEST.num_objects : WIDEST.num_objects + pending]
-            np.testing.assert_array_equal(moved, old[:, objects:])
+            np.testing.assert_array_equal(new[:, :, :objects], old[:, :, :objects])
+            moved = new[:, :, WIDEST.num_objects : WIDEST.num_objects + pending]
+            np.testing.assert_array_equal(moved, old[:, :, objects:])
     rest = [
-        dataclasses.replace(state, appearance=None, parts=None, rings=None, overflow=None)
+        dataclasses.replace(state, wholes=None, parts=None, overflow=None)
         for state in (small, large)
     ]
     for old, new in zip(*map(jax.tree.leaves, rest), strict=True):
@@ -62,7 +62,7 @@ def test_what_is_added_is_empty():
             np.testing.assert_array_equal(new[objects:], free[objects:])
     assert (large.pending.kind[pending:] == 0).all()
     assert (large.decisions.outcome[STATIC.num_detections :] == Outcome.EMPTY).all()
-    assert (large.appearance.work.size[:, objects : WIDEST.num_objects] == 0).all()
+    assert (large.wholes.size[:, :, objects : WIDEST.num_objects] == 0).all()
     assert (large.overflow.objects, large.overflow.pending) == (0, 0)
 
 

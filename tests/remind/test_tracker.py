@@ -235,7 +235,7 @@ def test_empty_frame_only_ages_the_memory(states):
         lifecycle=after.objects.lifecycle,  # some come to rest: tested with the lifecycle
     )
     assert_same(aged, after.objects, close=0)
-    for part in ("appearance", "parts", "rings", "next_id"):
+    for part in ("wholes", "parts", "next_id"):
         assert_same(getattr(before, part), getattr(after, part), close=0)
 
 

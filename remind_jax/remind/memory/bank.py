@@ -240,10 +240,10 @@ def _meet(
       The edit of each bank; what is to enter one of them, and which; and the work prototypes that
       this detection refreshed. A bank that something enters is not edited otherwise.
     """
-    is_part, one = quality is None, jnp.ones((), banks.qualities.dtype)
+    one = jnp.ones((), banks.qualities.dtype)
     cosines = similarities(banks, vector)
     at = jnp.argmax(cosines, axis=1).astype(jnp.int32)
-    if is_part:
+    if quality is None:
         free = jnp.where(used, -jnp.inf, cosines[WORK])
         redirect = c.one_to_one & used[at[WORK]] & (banks.size[WORK] > 1)
         redirect = redirect & jnp.isfinite(jnp.max(free))
@@ -253,7 +253,7 @@ def _meet(
     cosine = jnp.take_along_axis(cosines, at[:, None], axis=1)[:, 0]
     close = present & (cosine >= c.refresh.duplicate)
     # A stable duplicate hides the work bank from the whole, but not from parts.
-    in_stable = jnp.zeros_like(present) if is_part else close[STABLE]
+    in_stable = jnp.zeros_like(present) if quality is None else close[STABLE]
     in_work = close[WORK] & ~in_stable
     again = in_work & c.refreshes_work
     refresh = functools.partial(_refresh, quality=quality, permit=permit, now=now)
@@ -265,7 +265,8 @@ def _meet(
     known = twin_cosine >= c.refresh.duplicate[STABLE]
     in_twin = entry(banks.stable, twin)
     founds = present & ~in_stable & ~in_work & permit.insert
-    if is_part:
+    leaves = jnp.zeros_like(proven)
+    if quality is None:
         of_stable = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
         joined = refresh(in_twin, twin_cosine, moved.embedding, of_stable)
         has_room = banks.size[WORK] < c.room.capacity[WORK]
@@ -278,7 +279,7 @@ def _meet(
         good = (quality >= c.create_quality) | (c.keeps_first & jnp.all(banks.size == 0))
         founds = founds & good & (jnp.max(cosine) <= c.novel)
         arrival = _choose(founds, new_entry(vector, quality, now), moved)
-    leaves = proven & (not is_part)
+        leaves = proven
     edit = Edit(
         at=jnp.stack([at[WORK], jnp.where(in_stable, at[STABLE], twin)]),
         value=jax.tree.map(

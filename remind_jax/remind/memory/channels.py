@@ -69,7 +69,8 @@ def observe_wholes(
     vector = jnp.concatenate([d.appearance, d.rings], axis=1)
     present = jnp.concatenate([d.appearance_valid, d.rings_valid & t.background.enabled], axis=1)
     looks = [_appearance_channel(static, t.appearance, t.update.keep_first)] * 2
-    channel = side_by_side(*looks, *_ring_channels(static, t.background, t.update.keep_first))
+    rings = _ring_channels(static, t.background, t.update.keep_first)
+    channel = side_by_side(*looks, *rings)
     return observe_whole(
         banks, jnp.swapaxes(vector, 0, 1), present.T, quality.T, permit, now, channel
     )
@@ -169,8 +170,8 @@ def observe_ring_prototypes(
     # [N R M ...] to [M R N ...]
     vector, present = jnp.swapaxes(patches.vector, 0, 2), jnp.swapaxes(patches.valid, 0, 2)
     return observe_several(
-        banks, vector, present & b.enabled, permit, now, side_by_side(*channels),
-        t.ring_prototypes.stable_merge,
+        banks, vector, present & b.enabled, permit, now, 
+        side_by_side(*channels), t.ring_prototypes.stable_merge,
     )  # fmt: skip
 
 

@@ -115,7 +115,7 @@ def _merge_resembling(
         cosine = jnp.where(kept & (ranks < rank), cosine, -jnp.inf)
         alike = jnp.max(cosine, axis=-1).astype(merge.dtype) > merge
         exists = valid[:, rank]
-        kept = kept.at[:, rank].set(exists & ~alike)
+        kept = kept | ((ranks == rank) & (exists & ~alike)[:, None])
         if not joins:
             return kept, parts, support
         into = (ranks == jnp.argmax(cosine, axis=-1)[:, None]) & (alike & exists)[:, None]

@@ -29,6 +29,7 @@ from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Similarity
 from remind_jax.static import Static
 from tests.remind.association.tables import decide_frames, empty_frame, visual_frame
+from tests.remind.memory.small_banks import with_records
 
 STATIC = Static(feature_dim=3)
 DENSE = (0.5 - 0.15) / (0.60 - 0.15)
@@ -164,14 +165,10 @@ def bank(prototypes: list[tuple[float, float, float]], **columns: list[float]) -
     embedding = np.zeros((1, 1, 3, 3), np.float32)
     if prototypes:
         embedding[0, 0, : len(prototypes)] = prototypes
-    filled = {
-        name: getattr(made, name)
-        .at[0, 0, : len(values)]
-        .set(jnp.asarray(values, getattr(made, name).dtype))
-        for name, values in columns.items()
-    }
     size = jnp.full((1, 1), len(prototypes), jnp.int32)
-    return dataclasses.replace(made, embedding=jnp.asarray(embedding), size=size, **filled)
+    made = dataclasses.replace(made, embedding=jnp.asarray(embedding), size=size)
+    padded = {name: [*values, *[0] * (3 - len(values))] for name, values in columns.items()}
+    return with_records(made, **padded)
 
 
 X, Y, Z = np.eye(3, dtype=np.float32)

@@ -41,7 +41,8 @@ def with_records(bank: Bank, **columns) -> Bank:
     }  # fmt: skip
     for name, column in columns.items():
         leaf, place = places[name]
-        leaves[leaf] = jnp.asarray(leaves[leaf]).at[..., place].set(column)
+        old = jnp.asarray(leaves[leaf])
+        leaves[leaf] = old.at[..., place].set(jnp.asarray(column, old.dtype))
     return dataclasses.replace(bank, **leaves)
 
 

@@ -14,6 +14,7 @@ from remind_jax.remind.state import init, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
 from remind_jax.static import Static
+from tests.remind.memory.small_banks import with_records
 
 STATIC = Static(num_objects=4, num_detections=3, num_pending=2, feature_dim=2)
 
@@ -149,32 +150,27 @@ def test_no_limit_is_zero():
 def test_removal_closes_gaps_and_takes_the_banks_along():
     state = init(STATIC)
     objects, _ = born(5, 6, 7)
-    rows = state.appearance.work.size.shape[1]
+    rows = jnp.arange(state.wholes.size.shape[2])
 
     def number(banks):
         """Every row of every bank holds one prototype that says its row."""
-        work = dataclasses.replace(
-            banks.work,
-            size=jnp.broadcast_to(jnp.int32(jnp.arange(rows) < 3), banks.work.size.shape),
-            hits=jnp.broadcast_to(jnp.int32(jnp.arange(rows))[:, None], banks.work.hits.shape),
-        )
-        return dataclasses.replace(banks, work=work)
+        size = jnp.broadcast_to(jnp.int32(rows < 3), banks.size.shape)
+        return with_records(dataclasses.replace(banks, size=size), hits=rows[:, None])
 
     state = dataclasses.replace(
         state,
         objects=objects,
         next_id=jnp.int32(3),
-        appearance=number(state.appearance),
+        wholes=number(state.wholes),
         parts=number(state.parts),
-        rings=number(state.rings),
     )
     left = remove_objects(state, only(1))
     assert left.objects.id.tolist() == [0, 2, -1, -1]
     assert left.objects.class_id.tolist()[:2] == [5, 7]
     assert int(left.next_id) == 3  # ids are not used again
-    for banks in (left.appearance, left.parts, left.rings):
-        assert banks.work.size[:, :4].tolist() == [[1, 1, 0, 0]] * len(banks.work.size)
-        assert banks.work.hits[0, :2, 0].tolist() == [0, 2]
+    for banks in (left.wholes, left.parts):
+        assert (banks.size[..., :4] == jnp.array([1, 1, 0, 0])).all()
+        assert (banks.hits[..., :2, 0] == jnp.array([0, 2])).all()
     again, slot = create_objects(
         left.objects, jnp.array([9, 9, 9], jnp.int32), jnp.array([True, False, False]), left.next_id
     )

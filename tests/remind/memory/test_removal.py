@@ -15,10 +15,11 @@ from remind_jax.remind.memory.objects import (
     mark_missed,
     mark_seen,
 )
-from remind_jax.remind.state import TrackerState, init, remove_objects
+from remind_jax.remind.state import BANKS, TrackerState, init, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
 from remind_jax.static import Static
+from tests.remind.memory.small_banks import with_records
 
 NUM, FRAMES = 3, 60
 STATIC = Static(
@@ -77,12 +78,9 @@ def mark(state: TrackerState, slot) -> TrackerState:
         rows = jnp.concatenate([fresh, jnp.zeros(STATIC.num_pending, bool)])
         ids = jnp.concatenate([own, jnp.zeros(STATIC.num_pending, own.dtype)])
 
-        def of_bank(bank):
-            hits = jnp.where(rows[:, None], ids[:, None], bank.hits).astype(bank.hits.dtype)
-            size = jnp.where(rows, 1, bank.size).astype(bank.size.dtype)
-            return dataclasses.replace(bank, hits=hits, size=size)
-
-        return dataclasses.replace(banks, work=of_bank(banks.work), stable=of_bank(banks.stable))
+        size = jnp.where(rows, 1, banks.size).astype(banks.size.dtype)
+        hits = jnp.where(rows[:, None], ids[:, None], banks.hits)
+        return with_records(dataclasses.replace(banks, size=size), hits=hits)
 
     graph, distances = state.cooccurrence, state.distances
     some = fresh[:, None, None] | fresh[:, None] | fresh
@@ -109,7 +107,6 @@ def mark(state: TrackerState, slot) -> TrackerState:
     )
 
 
-BANKS = ("appearance", "parts", "rings", "ring_prototypes")
 STEP = jax.jit(step)
 
 
@@ -180,8 +177,8 @@ def test_objects_come_and_go_as_in_plain_lists(limits, seed):
         nearer = np.asarray(state.distances.nearer)
         np.testing.assert_array_equal(nearer[:num, :num, :num], triples, str(where))
         for name in BANKS:
-            for bank in (getattr(state, name).work, getattr(state, name).stable):
-                np.testing.assert_array_equal(bank.hits[0, :num, 0], own, str(where))
-                assert (np.asarray(bank.size)[:, :num] == 1).all()
-                assert not np.asarray(bank.size)[:, num : STATIC.num_objects].any()
+            bank = getattr(state, name)
+            assert (np.asarray(bank.hits)[..., :num, 0] == own).all(), where
+            assert (np.asarray(bank.size)[..., :num] == 1).all()
+            assert not np.asarray(bank.size)[..., num : STATIC.num_objects].any()
     assert removed > 5

@@ -90,7 +90,7 @@ def test_the_step_gets_the_attention_between_object_patches(backbone, frame, rea
     run = functools.partial(step, static=static, thresholds=tracker.config.thresholds)
     state = init(static)
     after = jax.eval_shape(run, state, feats, reduced)
-    assert after.parts.work.size.shape[0] == 2
+    assert after.parts.size.shape[1] == 2
     assert jax.tree.map(np.shape, after) == jax.tree.map(np.shape, state)
 
 
