@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.ranks import rank_rising
 
@@ -23,8 +24,8 @@ _SHIFT = 5  # bits of the id that leave the jump at every probe
 def copied_size(num: Int[Array, "..."]) -> Int[Array, "..."]:
     """Slots of the table that a copy of a set of `num` ids gets."""
     powers = 1 << jnp.arange(3, 31, dtype=jnp.int32)
-    fitting = powers > 2 * num[..., None]
-    return jnp.where(num < 5, _SMALLEST, powers[jnp.argmax(fitting, axis=-1)])
+    fitting = jnp.where(powers > 2 * num[..., None], powers, powers[-1])
+    return jnp.where(num < 5, _SMALLEST, jnp.min(fitting, axis=-1))
 
 
 def iteration_rank(
@@ -91,15 +92,17 @@ def _free_slot(
     """First free slot on the probe sequence of an id."""
     steps = jnp.arange(_RUN, dtype=jnp.int32)
 
-    def free(start: Array) -> Array:
+    def probe(carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        """Tries the run of neighbors at a slot, and names the next one; goes on until it finds."""
+        start, perturb, _ = carry
         tried = (steps == 0) | (start + _RUN <= size)
-        return tried & ~jax.lax.dynamic_slice(taken, (start,), (_RUN,))
-
-    def jump(probe: tuple[Array, Array]) -> tuple[Array, Array]:
-        start, perturb = probe
-        found, rest = jnp.any(free(start)), perturb >> _SHIFT
+        free = tried & ~jax.lax.dynamic_slice(taken, (start,), (_RUN,))
+        first = jnp.min(jnp.where(free, steps, _RUN))
+        rest = perturb >> _SHIFT
         following = (5 * start + 1 + rest) & (size - 1)
-        return jnp.where(found, start, following), jnp.where(found, perturb, rest)
+        found = first < _RUN
+        place = jnp.where(found, start + first, NO_SLOT)
+        return jnp.where(found, start, following), jnp.where(found, perturb, rest), place
 
-    start, _ = repeat(lambda probe: ~jnp.any(free(probe[0])), jump, (number & (size - 1), number))
-    return start + jnp.argmax(free(start)).astype(jnp.int32)
+    begin = (number & (size - 1), number, jnp.full_like(number, NO_SLOT))
+    return repeat(lambda carry: carry[2] == NO_SLOT, probe, begin)[2]
