@@ -181,37 +181,30 @@ def compare_channels(
     promote_hits: Int[Array, ""],
 ) -> ChannelScores:
     """Compares every channel with its two banks (method.md#channel-scores)."""
-    appearance = jnp.swapaxes(descriptors.appearance, 0, 1)
-    seen = jnp.swapaxes(descriptors.appearance_valid, 0, 1)
-    rings = jnp.swapaxes(descriptors.rings, 0, 1)
-    rings_seen = jnp.swapaxes(descriptors.rings_valid, 0, 1) & background
-    parts = jnp.swapaxes(descriptors.parts, 0, 1)
-    parts_seen = jnp.swapaxes(descriptors.parts_valid, 0, 1)
+    vectors = jnp.concatenate([descriptors.appearance, descriptors.rings], axis=1)
+    seen = [descriptors.appearance_valid, descriptors.rings_valid & background]
+    wholes, proven = _best_of_bank(
+        state.wholes, jnp.swapaxes(vectors, 0, 1), jnp.concatenate(seen, axis=1).T, promote_hits
+    )
+    parts, parts_seen = (
+        jnp.swapaxes(leaf, 0, 1) for leaf in (descriptors.parts, descriptors.parts_valid)
+    )
 
-    def both(banks: Bank, score) -> tuple:
-        work, stable = score(banks.work), score(banks.stable)
-        if static.banks_read == "work":
-            hidden = jax.tree.map(jnp.zeros_like, stable[0])
-            stable = (hidden, *stable[1:])
-        return work, stable
+    def both(score: Score) -> tuple[Score, Score]:
+        """Against the work and against the stable bank."""
+        work, stable = (Score(*sides) for sides in zip(score.value, score.present, strict=True))
+        return work, _absent(stable) if static.banks_read == "work" else stable
 
-    (object_work, authority_work), (object_stable, authority_stable) = both(
-        state.appearance, lambda bank: _best_of_bank(bank, appearance, seen, promote_hits)
-    )
-    (rings_work, _), (rings_stable, _) = both(
-        state.rings, lambda bank: _best_of_bank(bank, rings, rings_seen, promote_hits)
-    )
-    (parts_work,), (parts_stable,) = both(
-        state.parts, lambda bank: (_best_parts(bank, parts, parts_seen, static.part_top),)
-    )
+    rings = descriptors.appearance.shape[1]
+    object_work, object_stable = both(jax.tree.map(lambda leaf: leaf[:, :rings], wholes))
+    rings_work, rings_stable = both(jax.tree.map(lambda leaf: leaf[:, rings:], wholes))
+    authority_work, authority_stable = proven[:, :rings]
+    parts_work, parts_stable = both(_best_parts(state.parts, parts, parts_seen, static.part_top))
     prototypes: tuple[Score | None, Score | None] = None, None
     if descriptors.ring_prototypes is not None and state.ring_prototypes is not None:
         patches = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), descriptors.ring_prototypes)
         known, top = patches.valid & background, static.ring_prototype_top
-        (work,), (stable,) = both(
-            state.ring_prototypes, lambda bank: (_best_parts(bank, patches.vector, known, top),)
-        )
-        prototypes = work, stable
+        prototypes = both(_best_parts(state.ring_prototypes, patches.vector, known, top))
     return ChannelScores(
         object_work,
         object_stable,
@@ -225,12 +218,16 @@ def compare_channels(
     )
 
 
+def _absent(score: Score) -> Score:
+    return jax.tree.map(jnp.zeros_like, score)
+
+
 def _best_of_bank(
     bank: Bank,
     vectors: Float[Array, "C N D"],
     seen: Bool[Array, "C N"],
     promote_hits: Int[Array, ""],
-) -> tuple[Score, Float[Array, "C N O"]]:
+) -> tuple[Score, Float[Array, "... C N O"]]:
     """Best cosine per object, clamped at 0, and the authority of the winner.
 
     Rule: method.md#channel-scores.
@@ -239,7 +236,7 @@ def _best_of_bank(
     present = seen[..., None] & (best > -1.0)
     quality = jnp.clip(jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
     authority = jnp.clip(jnp.sqrt(quality * confidence(bank, promote_hits)), 0.0, 1.0)
-    won = jnp.take_along_axis(authority[:, None], winner[..., None], axis=-1)[..., 0]
+    won = jnp.take_along_axis(authority[..., None, :, :], winner[..., None], axis=-1)[..., 0]
     return Score(jnp.where(present, jnp.maximum(best, 0.0), 0.0), present), won
 
 
@@ -249,38 +246,39 @@ def _best_parts(
     """Mean over the `top` best matching parts of a detection (method.md#channel-scores)."""
     channels, num, clusters, dim = parts.shape
     best, _ = _find_nearest(bank, parts.reshape(channels, num * clusters, dim))
-    best = best.reshape(channels, num, clusters, -1)
+    best = best.reshape(*best.shape[:-2], num, clusters, best.shape[-1])
     best = jnp.where(seen[..., None], jnp.maximum(best, 0.0), -1.0)
-    best = jnp.stack(_sort_falling([best[:, :, part] for part in range(clusters)])[:top], axis=2)
+    ranked = _sort_falling([best[..., part, :] for part in range(clusters)])[:top]
+    best = jnp.stack(ranked, axis=-2)
     counted = best >= 0.0
-    count = jnp.sum(counted, axis=2)
-    present = (count > 0) & (bank.size > 0)[:, None]
-    mean = jnp.sum(jnp.where(counted, best, 0.0), axis=2) / jnp.maximum(count, 1)
+    count = jnp.sum(counted, axis=-2)
+    present = (count > 0) & (bank.size > 0)[..., None, :]
+    mean = jnp.sum(jnp.where(counted, best, 0.0), axis=-2) / jnp.maximum(count, 1)
     return Score(jnp.where(present, mean, 0.0), present)
 
 
 def _find_nearest(
     bank: Bank, vectors: Float[Array, "C V D"]
-) -> tuple[Float[Array, "C V O"], Int[Array, "C V O"]]:
+) -> tuple[Float[Array, "... C V O"], Int[Array, "... C V O"]]:
     """Cosine and slot of each object's prototype that is nearest to each vector of its channel.
 
     The first among equals; -inf for an empty bank. Reading prototypes takes most of a step, and
     most slots are free: they are read a few at a time, as far as the fullest bank reaches.
     """
-    channels, objects, slots, dim = bank.embedding.shape
+    *leading, objects, slots, dim = bank.embedding.shape
     width = min(_SLOTS_AT_ONCE, slots)
-    shape = (channels, vectors.shape[1], objects)
+    shape = (*leading, vectors.shape[1], objects)
 
     def read_some(found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         turn, best, winner = found
         # The last turn may reach back to slots that are done; they do not win a second time.
         first = jnp.minimum(turn * width, slots - width)
-        some = jax.lax.dynamic_slice_in_dim(bank.embedding, first, width, axis=2)
-        cosine = dot(vectors, some.reshape(channels, objects * width, dim))
+        some = jax.lax.dynamic_slice_in_dim(bank.embedding, first, width, axis=-2)
+        cosine = dot(vectors, some.reshape(*leading, objects * width, dim))
         cosine = cosine.reshape(*shape, width)
         for offset in range(width):
             slot = first + offset
-            wins = (slot < bank.size)[:, None] & (cosine[..., offset] > best)
+            wins = (slot < bank.size)[..., None, :] & (cosine[..., offset] > best)
             best = jnp.where(wins, cosine[..., offset], best)
             winner = jnp.where(wins, slot, winner)
         return turn + 1, best, winner
