@@ -80,6 +80,10 @@ def open_scenes(
     path = Path(path)
     if not path.exists():
         raise SourceError(f"{path} cannot be read: No such file or directory")
+    try:
+        files.check_regular(path)
+    except OSError as error:
+        raise SourceError(f"{path} cannot be read: {error.strerror}") from error
     if format == "mots-png" or (format is None and find_mots_png(path) is not None):
         return SceneSet(
             path, "mots-png", {path.stem: functools.partial(read_mots_png, path)}, {path.stem: path}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -212,6 +213,13 @@ def test_bad_annotations_are_refused(tmp_path: Path, change: dict[str, Any], mes
     path = made.write_json(tmp_path / "x.json", content)
     with pytest.raises(SourceError, match=message):
         open_scenes(path).read["one"]()
+
+
+@pytest.mark.parametrize("name", ["pipe", "pipe.json", "pipe.xml", "pipe.zip", "pipe.txt"])
+def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(SourceError, match="it is a pipe, a device or a socket"):
+        open_scenes(tmp_path / name)
 
 
 def test_bad_places_are_refused(tmp_path: Path):
