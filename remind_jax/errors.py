@@ -82,6 +82,8 @@ def close_names(name: str, allowed: Iterable[str]) -> list[str]:
 def nearest_names(name: str, allowed: Iterable[str]) -> str:
     """Half a sentence that helps with a misspelt name: the closest ones, else all of them."""
     names = sorted(allowed)
+    if not names:
+        return "there are none"
     close = close_names(name, names)
     if close:
         return "did you mean " + " or ".join(repr(c) for c in close) + "?"

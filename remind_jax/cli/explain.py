@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OutputError
-from remind_jax.printing.terminal import output_width
+from remind_jax.printing.terminal import output_width, printable
 
 if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
@@ -53,7 +53,7 @@ class Explain:
         if self.json:
             print(json.dumps(explanation.to_json(), indent=1, ensure_ascii=False))
         else:
-            print(explanation.to_text(output_width()))
+            print(printable(explanation.to_text(output_width())))
         return process.FINE
 
     def _list(self, result: Result) -> None:
@@ -66,4 +66,4 @@ class Explain:
         if self.json:
             print(json.dumps(tracks_to_json(tracks), indent=1, ensure_ascii=False))
         else:
-            print(render_frame(tracks))
+            print(printable(render_frame(tracks)))

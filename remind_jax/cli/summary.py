@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from remind_jax.errors import on_one_line
 from remind_jax.printing.terminal import print_lines
 from remind_jax.printing.words import plural
 
@@ -37,7 +38,7 @@ def print_summary(result: Result, out: Path, notes: Iterable[str] = ()) -> None:
       out: Its output folder.
       notes: What the source found worth saying.
     """
-    print_lines([*notes, *summary_lines(result, out)])
+    print_lines(on_one_line(line) for line in [*notes, *summary_lines(result, out)])
 
 
 def summary_lines(result: Result, out: Path) -> list[str]:

@@ -40,9 +40,10 @@ class Alignment:
             height, width = round(height * (max_width_px / width)), max_width_px
         rows, columns = patch_px * (height // patch_px), patch_px * (width // patch_px)
         if not rows or not columns:
+            scaled = "" if (height, width) == frame_size else f", scaled to {width}x{height},"
             raise SourceError(
-                f"a frame of {frame_size[1]}x{frame_size[0]} pixels is smaller than one patch; "
-                f"both sides must be at least {patch_px} pixels"
+                f"a frame of {frame_size[1]}x{frame_size[0]} pixels{scaled} is smaller than one "
+                f"patch; both sides must be at least {patch_px} pixels"
             )
         top = (height - rows) // 2 if center_crop else 0
         left = (width - columns) // 2 if center_crop else 0

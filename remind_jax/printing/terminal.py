@@ -40,7 +40,7 @@ def wide_console(width: int | None = None) -> Console:
 def print_lines(lines: Iterable[str]) -> None:
     """Prints sentences, wrapped between words on a terminal; paths stay in one piece."""
     width = output_width()
-    for line in lines:
+    for line in map(printable, lines):
         if width is None or len(line) <= width:
             print(line)
             continue
@@ -53,7 +53,7 @@ def print_lines(lines: Iterable[str]) -> None:
 
 def print_markdown(text: str) -> None:
     """Prints Markdown: as it is in a file or pipe, with its tables drawn on a terminal."""
-    width = output_width()
+    width, text = output_width(), printable(text)
     if width is None:
         print(text)
         return
@@ -99,7 +99,7 @@ def lay_out(
     from rich.markup import escape
     from rich.table import Table
 
-    shown = lines if is_markup else [[escape(cell) for cell in line] for line in lines]
+    shown = lines if is_markup else [[escape(printable(c)) for c in line] for line in lines]
     widths = [min(size, _MOST_FOLDED) for size in natural_widths(shown)]
     for number, columns in enumerate(split_columns(widths, width - 1, _AROUND_CELL)):
         table = Table(title=escape(title) or None if number == 0 else None, title_justify="left")

@@ -13,7 +13,7 @@ def _run(path: Path, *words: object) -> None:
     """Tracks a tiny scene, with a share of what `remind run` does."""
     images = seeds.scene_beside(path)
     remind(
-        *("run", images, "--out", path.parent / "out", "--config", "bank", "--no-overlay"),
+        *("run", images, "--out", path.parent / "out", "--tracker", "bank", "--no-overlay"),
         *("--quiet", *words),
     )
 
@@ -21,7 +21,7 @@ def _run(path: Path, *words: object) -> None:
 def _memory_of_a_run(folder: Path) -> Path:
     images, masks = scenes.write_scene(folder / "scene", NUM_FRAMES)
     run = folder / "run"
-    words = ("--out", run, "--config", "bank", "--no-overlay", "--quiet")
+    words = ("--out", run, "--tracker", "bank", "--no-overlay", "--quiet")
     remind("run", images, "--masks", masks, *words)
     return run / "memory.safetensors"
 
@@ -41,7 +41,7 @@ VERBS: dict[str, Format] = {
         "json",
         seeds.metadata,
         lambda path: remind(
-            *("run", path.parents[1] / "images", "--masks", path.parent, "--config", "bank"),
+            *("run", path.parents[1] / "images", "--masks", path.parent, "--tracker", "bank"),
             *("--out", path.parents[2] / "out", "--no-overlay", "--quiet"),
         ),
     ),
@@ -49,7 +49,7 @@ VERBS: dict[str, Format] = {
         "npz",
         seeds.features,
         lambda path: remind(
-            *("run", path, "--out", path.parent / "out", "--config", "bank", "--quiet"),
+            *("run", path, "--out", path.parent / "out", "--tracker", "bank", "--quiet"),
         ),
     ),
     "run with a memory": Format(

@@ -1,5 +1,6 @@
 import pytest
 
+from remind_jax.errors import SourceError
 from remind_jax.metrics import ComparisonTable, Row
 from remind_jax.printing.terminal import print_lines, print_markdown, print_table
 
@@ -78,3 +79,14 @@ def test_a_comparison_of_many_methods_and_scores_fits(width, capsys):
     text = capsys.readouterr().out
     assert fits(text, width)
     assert all(name in text for name in [*names[:7], "IDSW", "note", "a method 11"])
+
+
+def test_names_of_others_command_no_terminal(monkeypatch, capsys):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    print_lines(["a \x1b[31mred \u202e name"])
+    print_markdown("# \x1b[2J")
+    print_table([["name"], ["\x07"]])
+    shown = capsys.readouterr().out
+    assert not set(shown) & set("\x1b\u202e\x07")
+    assert "a \\x1b[31mred \\u202e name" in shown
+    assert str(SourceError("a\nb\x1b")) == "a\\nb\\x1b"
