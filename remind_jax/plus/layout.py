@@ -61,8 +61,8 @@ def weigh_jointly(
     covisible = jnp.where(usable, _covisible_evidence(o, p, geometry, objects, pairs, t.layout), 0)
     related = usable & (pairs.spread[o, p] < NO_RELATION)
     layout = jnp.where(related, _layout_evidence(o, p, geometry, pairs, t.layout), 0)
-    # One product with the weights of the parties gives what they say and how many they are.
-    asked = jnp.stack([layout, covisible, related, usable])
+    # Products with the weights of the parties: what they say, and how many they are.
+    asked = layout, covisible, related.astype(jnp.float32), usable.astype(jnp.float32)
 
     base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
     # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
@@ -73,8 +73,10 @@ def weigh_jointly(
     moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
 
     def ask(weight: Float[Array, "N C"]) -> Float[Array, "3 N C"]:
-        answers = jnp.matmul(asked, weight.reshape(-1), precision="highest")
-        lies, companions, num_related, num_usable = answers.reshape(-1, num, width)
+        lies, companions, num_related, num_usable = (
+            jnp.matmul(one, weight.reshape(-1), precision="highest").reshape(num, width)
+            for one in asked
+        )
         lies = lies * _share(num_related, t.layout.partners)
         lies = t.layout.weight * jnp.clip(lies, -t.layout.best, t.layout.best)
         companions = companions * _share(num_usable, t.layout.covisible_partners)
