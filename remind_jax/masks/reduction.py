@@ -11,10 +11,10 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from remind_jax.masks.erosion import erode_masks
-from remind_jax.masks.relations import relate_masks
+from remind_jax.masks.relations import find_row_ends, relate_masks
 from remind_jax.observation import Masks
 
 SanitizeMode = Literal["convex_hull", "morphology", "none"]
@@ -63,45 +63,59 @@ def reduce_masks(
     """
     masks = erode_masks(masks, erosion_px, margin_px=0)
     num, height_px, width_px = masks.shape
-    grid = (height_px // patch_px, width_px // patch_px)
+    size, grid = (height_px, width_px), (height_px // patch_px, width_px // patch_px)
     coverage = np.zeros((num_slots, *grid), np.float32)
     filled_coverage = np.zeros((num_slots, *grid), np.float32)
     quality = np.zeros(num_slots)
     box, center = np.zeros((num_slots, 4)), np.zeros((num_slots, 2))
     area = np.zeros(num_slots)
     valid = np.zeros(num_slots, bool)
+    margin = close_px + open_px if sanitize == "morphology" else 0
+    ends: list[np.ndarray | None] = [None] * num
     for slot, mask in enumerate(masks):
         pixels = mask.view(np.uint8)
-        left, top, width, height = cv2.boundingRect(pixels)
+        region = left, top, width, height = cv2.boundingRect(pixels)
         if not width:
             continue
         valid[slot] = True
-        inside = pixels[top : top + height, left : left + width]
-        per_column = cv2.reduce(inside, 0, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[0]
-        per_row = cv2.reduce(inside, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[:, 0]
-        area[slot] = num_pixels = int(per_row.sum())
         box[slot] = left, top, left + width, top + height
+        ends[slot] = find_row_ends(mask[top : top + height, left : left + width], left, top)
+        rows, columns = _window(region, margin, patch_px, size)
+        patches = np.s_[
+            rows.start // patch_px : rows.stop // patch_px,
+            columns.start // patch_px : columns.stop // patch_px,
+        ]
+        inside = pixels[rows, columns]
+        summed = cv2.integral(inside)
+        area[slot] = num_pixels = int(summed[-1, -1])
         center[slot] = (
-            left + per_column.dot(np.arange(width)) / num_pixels,
-            top + per_row.dot(np.arange(height)) / num_pixels,
+            left + (_sum_of_places(summed[-1]) - num_pixels * (left - columns.start)) / num_pixels,
+            top + (_sum_of_places(summed[:, -1]) - num_pixels * (top - rows.start)) / num_pixels,
         )
-        solid, region = pixels, (left, top, width, height)
-        if keep_largest and sanitize != "none":
-            solid = _largest_piece(pixels)
-            region = cv2.boundingRect(solid)
-        filled = _sanitize(solid, region, sanitize, fill_holes, close_px, open_px)
-        filled_area = int(cv2.countNonZero(filled))
+        coverage[slot][patches] = patch_coverage(summed, patch_px)
+        if sanitize == "none":
+            quality[slot] = 1.0
+            filled_coverage[slot] = coverage[slot]
+            continue
+        solid, solid_ends = inside, ends[slot]
+        if keep_largest:
+            largest = _largest_piece(pixels)
+            solid = largest[rows, columns]
+            left, top, width, height = cv2.boundingRect(largest)
+            piece = largest[top : top + height, left : left + width].view(bool)
+            solid_ends = find_row_ends(piece, left, top)
+        if sanitize == "convex_hull":
+            assert solid_ends is not None
+            filled = np.zeros_like(inside, order="C")
+            hull = cv2.convexHull(solid_ends - np.array([columns.start, rows.start], np.int32))
+            cv2.fillConvexPoly(filled, hull, 1)
+        else:
+            filled = _fill_gaps(solid, fill_holes, close_px, open_px)
+        summed = cv2.integral(filled)
+        filled_area = int(summed[-1, -1])
         hole = max(0, filled_area - num_pixels)
         quality[slot] = min(1.0, max(0.0, 1.0 - hole / max(1, filled_area)))
-        coverage[slot] = patch_coverage(pixels, patch_px, (left, top, width, height))
-        filled_coverage[slot] = (
-            coverage[slot]
-            if filled is pixels
-            # A hull fills the box that it was made of.
-            else patch_coverage(
-                filled, patch_px, region if sanitize == "convex_hull" else cv2.boundingRect(filled)
-            )
-        )
+        filled_coverage[slot][patches] = patch_coverage(summed, patch_px)
     pad = lambda values: np.concatenate([values, np.zeros(num_slots - num, values.dtype)])  # noqa: E731
     return Masks(
         coverage=coverage,
@@ -116,6 +130,7 @@ def reduce_masks(
             masks,
             box,
             area,
+            ends,
             num_slots=num_slots,
             scale_min_px=scale_min_px,
             exact_gap_max=exact_gap_max,
@@ -146,29 +161,39 @@ def pad_masks(masks: Masks, num_slots: int) -> Masks:
 
 
 def patch_coverage(
-    pixels: np.ndarray, patch_px: int, region: Sequence[int] | None = None
+    summed: Int[np.ndarray, "rows columns"], patch_px: int
 ) -> Float[np.ndarray, "Hp Wp"]:
-    """Share of each patch that is inside a 0/1 pixel mask; exact multiples of 1/patch area.
+    """Share of each whole patch that is inside a pixel mask; exact multiples of 1/patch area.
 
     Args:
-      pixels: The mask, `[H, W]` of uint8.
-      patch_px: Side of a patch in pixels.
-      region: Left, top, width and height of a box that holds all of the mask.
+      summed: Pixels of the mask above and to the left of every corner of a pixel (the table that
+        `cv2.integral` makes): one row and one column more than the mask.
+      patch_px: Side of a patch in pixels; the first one starts at the first pixel.
     """
-    grid = (pixels.shape[0] // patch_px, pixels.shape[1] // patch_px)
-    left, top, width, height = region or (0, 0, pixels.shape[1], pixels.shape[0])
-    first_row, first_column = top // patch_px, left // patch_px
-    last_row = min(grid[0], -(-(top + height) // patch_px))
-    last_column = min(grid[1], -(-(left + width) // patch_px))
-    rows, columns = max(0, last_row - first_row), max(0, last_column - first_column)
-    part = pixels[
-        first_row * patch_px : last_row * patch_px, first_column * patch_px : last_column * patch_px
-    ]
-    blocks = part.reshape(rows, patch_px, columns * patch_px).sum(axis=1, dtype=np.uint16)
-    counts = blocks.reshape(rows, columns, patch_px).sum(axis=2, dtype=np.uint32)
-    coverage = np.zeros(grid, np.float32)
-    coverage[first_row:last_row, first_column:last_column] = counts * np.float32(1.0 / patch_px**2)
-    return coverage
+    at = summed[::patch_px, ::patch_px]
+    counts = at[1:, 1:] - at[:-1, 1:] - at[1:, :-1] + at[:-1, :-1]
+    return (counts * np.float32(1.0 / patch_px**2)).astype(np.float32)
+
+
+def _window(
+    region: Sequence[int], margin: int, patch_px: int, size: tuple[int, int]
+) -> tuple[slice, slice]:
+    """Rows and columns of the whole patches that hold a box and its margin.
+
+    What lies beyond the last whole patch of the frame is included up to the frame's end.
+    """
+    left, top, width, height = region
+
+    def whole(start: int, length: int, most: int) -> slice:
+        first = max(0, start - margin) // patch_px * patch_px
+        return slice(first, min(most, -(-(start + length + margin) // patch_px) * patch_px))
+
+    return whole(top, height, size[0]), whole(left, width, size[1])
+
+
+def _sum_of_places(summed: Int[np.ndarray, "corners"]) -> int:
+    """The sum of the places 0, 1, 2, ... of all pixels, of which `summed` lie before each place."""
+    return (len(summed) - 1) * int(summed[-1]) - int(summed[1:].sum())
 
 
 def _largest_piece(pixels: np.ndarray) -> np.ndarray:
@@ -177,24 +202,8 @@ def _largest_piece(pixels: np.ndarray) -> np.ndarray:
     return (labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])).astype(np.uint8)
 
 
-def _sanitize(
-    pixels: np.ndarray,
-    region: Sequence[int],
-    mode: SanitizeMode,
-    fill_holes: bool,
-    close_px: int,
-    open_px: int,
-) -> np.ndarray:
-    """The filled mask; the very same array if nothing is to be filled."""
-    if mode == "none":
-        return pixels
-    if mode == "convex_hull":
-        filled = np.zeros_like(pixels)
-        left, top, width, height = region
-        inside = pixels[top : top + height, left : left + width]
-        ends = _row_ends(inside) + np.array((left, top), np.int32)
-        cv2.fillConvexPoly(filled, cv2.convexHull(ends), 1)
-        return filled
+def _fill_gaps(pixels: np.ndarray, fill_holes: bool, close_px: int, open_px: int) -> np.ndarray:
+    """A mask without holes, closed and opened."""
     filled = pixels
     if fill_holes:
         flooded = np.pad(pixels, 1)
@@ -204,12 +213,3 @@ def _sanitize(
         if side > 0:
             filled = cv2.morphologyEx(filled, operation, np.ones((side, side), np.uint8))
     return np.ascontiguousarray(filled)
-
-
-def _row_ends(inside: np.ndarray) -> np.ndarray:
-    """First and last pixel of every row of a mask, as x and y: they have the hull of all pixels."""
-    y = np.flatnonzero(inside.any(axis=1))
-    first = inside[y].argmax(axis=1)
-    last = inside.shape[1] - 1 - inside[y, ::-1].argmax(axis=1)
-    ends = [np.concatenate([first, last]), np.concatenate([y, y])]
-    return np.stack(ends, axis=1).astype(np.int32)

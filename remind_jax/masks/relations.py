@@ -5,6 +5,8 @@ Letters: `N` detections, `S` slots (at least N), `H W` pixels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
@@ -18,6 +20,7 @@ def relate_masks(
     masks: Bool[np.ndarray, "N H W"],
     boxes: Float[np.ndarray, "S 4"],
     areas: Num[np.ndarray, "S"],
+    ends: Sequence[Int[np.ndarray, "_ 2"] | None],
     *,
     num_slots: int,
     scale_min_px: float = 40.0,
@@ -33,6 +36,7 @@ def relate_masks(
       boxes: Tight boxes of the masks: left, top, right, bottom, right and bottom excluded; rows
         beyond the masks are not read.
       areas: Pixels of the masks, likewise; empty masks have no exact gap.
+      ends: What `find_row_ends` gives of every mask; an empty one has none.
       num_slots: Slots of the result, at least the number of masks.
       scale_min_px: Least length that gaps are compared with, see `thresholds.relations`.
       exact_gap_max: Pairs whose boxes are at most this many lengths apart are measured exactly.
@@ -52,7 +56,7 @@ def relate_masks(
 
     gap_px = np.where(np.eye(num, dtype=bool), 0.0, box_gap_px)
     first, second = np.nonzero(np.triu(close))
-    gaps = _measure_gaps(masks, boxes.astype(int), first, second)
+    gaps = _measure_gaps(masks, boxes.astype(int), ends, first, second)
     gap_px[first, second] = gap_px[second, first] = gaps
 
     height, width = masks.shape[1:]
@@ -67,7 +71,11 @@ def relate_masks(
 
 
 def _measure_gaps(
-    masks: np.ndarray, corners: np.ndarray, first: np.ndarray, second: np.ndarray
+    masks: np.ndarray,
+    corners: np.ndarray,
+    ends: Sequence[np.ndarray | None],
+    first: np.ndarray,
+    second: np.ndarray,
 ) -> Float[np.ndarray, "M"]:
     """Exact gaps of M pairs, each with a distance transform of the few pixels that matter.
 
@@ -76,8 +84,8 @@ def _measure_gaps(
     """
     pixels = masks.view(np.uint8)
     marks = np.zeros((len(masks), 8, 2), int)
-    for index in np.unique([first, second]):
-        marks[index] = _extreme_pixels(pixels[index], corners[index])
+    for index in np.unique([first, second]).tolist():
+        marks[index] = _extreme_pixels(ends[index], corners[index])
     steps = np.abs(marks[first][:, :, None] - marks[second][:, None])
     most, least = steps.max(axis=-1), steps.min(axis=-1)
     bound_px = (_STRAIGHT * (most - least) + _DIAGONAL * least).min(axis=(1, 2))
@@ -97,10 +105,11 @@ def _measure_gaps(
             strict=True,
         )
     ):
-        num_shared = np.count_nonzero(_crop(pixels[one], both) & _crop(pixels[other], both))
-        if num_shared:
-            gaps[pair] = -np.sqrt(num_shared)
-            continue
+        if both[0] < both[2] and both[1] < both[3]:
+            num_shared = np.count_nonzero(_crop(masks[one], both) & _crop(masks[other], both))
+            if num_shared:
+                gaps[pair] = -np.sqrt(num_shared)
+                continue
         outside = 1 - _crop(pixels[one], around)
         distance_px = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
         nearest = cv2.minMaxLoc(_crop(distance_px, offset), _crop(pixels[other], there))
@@ -108,17 +117,40 @@ def _measure_gaps(
     return gaps
 
 
-def _extreme_pixels(pixels: np.ndarray, corner: np.ndarray) -> Int[np.ndarray, "8 2"]:
-    """Both ends of the outermost rows and columns of a mask, as x and y."""
-    left, top, right, bottom = corner.tolist()
-    ends = []
-    for y in (top, bottom - 1):
-        inside = np.flatnonzero(pixels[y, left:right])
-        ends += [(left + inside[0], y), (left + inside[-1], y)]
-    for x in (left, right - 1):
-        inside = np.flatnonzero(pixels[top:bottom, x])
-        ends += [(x, top + inside[0]), (x, top + inside[-1])]
-    return np.array(ends)
+def find_row_ends(
+    mask: Bool[np.ndarray, "H W"], left: int = 0, top: int = 0
+) -> Int[np.ndarray, "ends 2"]:
+    """First and last pixel of every row of a mask that has some, as x and y.
+
+    The first ones of all rows come first, then the last ones. They have the hull of all pixels.
+
+    Args:
+      mask: The box around a mask, or all of the frame.
+      left: Where it lies in the frame, in pixels.
+      top: Likewise.
+    """
+    first = mask.argmax(axis=1)
+    last = mask.shape[1] - 1 - mask[:, ::-1].argmax(axis=1)
+    y = np.arange(len(mask))
+    has_some = mask[y, first]
+    if not has_some.all():
+        y = np.flatnonzero(has_some)
+        first, last = first[y], last[y]
+    num = len(y)
+    ends = np.empty((2 * num, 2), np.int32)
+    ends[:num, 0], ends[num:, 0] = first + left, last + left
+    ends[:num, 1] = ends[num:, 1] = y + top
+    return ends
+
+
+def _extreme_pixels(ends: np.ndarray | None, corner: np.ndarray) -> Int[np.ndarray, "8 2"]:
+    """Both ends of the outermost rows and columns of a mask, as x and y, from those of all rows."""
+    assert ends is not None  # no gap of an empty mask is measured
+    num = len(ends) // 2
+    (in_left,) = (ends[:num, 0] == corner[0]).nonzero()
+    (in_right,) = (ends[num:, 0] == corner[2] - 1).nonzero()
+    outermost = [0, num - 1, in_left[0], in_left[-1]]
+    return ends[[*outermost, num, 2 * num - 1, num + in_right[0], num + in_right[-1]]]
 
 
 def _intersect(one: np.ndarray, other: np.ndarray) -> Int[np.ndarray, "M 4"]:

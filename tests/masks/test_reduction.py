@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from remind_jax.masks.reduction import patch_coverage, reduce_masks
 from tests.golden import load
+from tests.masks.whole_frames import reduce_on_whole_frames
 
 PATCH = 8
 
@@ -43,10 +44,44 @@ def test_coverage_is_the_area_resize(seed, patch, extra):
     expected = cv2.resize(
         mask[: 3 * patch, : 5 * patch].astype(np.float32), (5, 3), interpolation=cv2.INTER_AREA
     )
-    found = patch_coverage(mask.view(np.uint8), patch)
+    found = patch_coverage(cv2.integral(mask.view(np.uint8)), patch)
     assert found.dtype == np.float32
     # exact where the patch area is a power of two; elsewhere a last bit of float32
     np.testing.assert_allclose(found, expected, atol=0 if patch in (2, 4, 8, 16) else 1e-6)
+
+
+@st.composite
+def frames(draw):
+    """Up to four masks of rectangles and holes, some of them frayed, some of them empty."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    masks = np.zeros((rng.integers(1, 5), *rng.integers(16, 90, 2)), bool)
+    for mask in masks:
+        for _ in range(rng.integers(0, 5)):
+            top, left = (rng.integers(0, side) for side in mask.shape)
+            height, width = rng.integers(1, 40, 2)
+            mask[top : top + height, left : left + width] = rng.random() < 0.7
+        if rng.random() < 0.3:
+            mask &= rng.random(mask.shape) < rng.random()
+    return masks
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    masks=frames(),
+    patch_px=st.sampled_from([2, 4, 7, 8, 14, 16]),
+    sanitize=st.sampled_from(["convex_hull", "morphology", "none"]),
+    fill_holes=st.booleans(),
+    close_px=st.integers(0, 5),
+    open_px=st.integers(0, 3),
+    keep_largest=st.booleans(),
+    erosion_px=st.integers(0, 2),
+)
+def test_nothing_is_lost_by_looking_at_the_boxes_only(masks, **options):
+    num = len(masks)
+    found = reduce_masks(masks, np.arange(num), np.ones(num), num_slots=num, **options)
+    fields = ("coverage", "filled_coverage", "quality", "box", "center", "area", "valid")
+    for name, expected in zip(fields, reduce_on_whole_frames(masks, **options), strict=True):
+        np.testing.assert_array_equal(getattr(found, name), expected, err_msg=name)
 
 
 def test_geometry_of_a_box():

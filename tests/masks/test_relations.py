@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.masks.relations import relate_masks
+from remind_jax.masks.relations import find_row_ends, relate_masks
 
 FLOAT32_STEPS = 1e-4  # px; OpenCV adds up to 200 steps of 0.955 or 1.3693 in float32
 
@@ -22,7 +22,8 @@ def relate(masks, num_slots=None, **limits):
             rows, columns = np.nonzero(mask)
             box[:] = columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
     areas = masks.sum(axis=(1, 2))
-    return relate_masks(masks, boxes, areas, num_slots=num_slots or len(masks), **limits)
+    ends = [find_row_ends(mask) if mask.any() else None for mask in masks]
+    return relate_masks(masks, boxes, areas, ends, num_slots=num_slots or len(masks), **limits)
 
 
 def chamfer_gap(one, other):
@@ -84,6 +85,6 @@ def test_limit_is_relative_to_the_size_of_the_masks():
 
 
 def test_no_masks():
-    found = relate_masks(np.zeros((0, 8, 8), bool), np.zeros((0, 4)), np.zeros(0), num_slots=2)
+    found = relate_masks(np.zeros((0, 8, 8), bool), np.zeros((0, 4)), np.zeros(0), [], num_slots=2)
     assert found.gap_px.shape == (2, 2)
     assert not found.exact.any()
