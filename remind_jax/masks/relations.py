@@ -5,6 +5,7 @@ Letters: `N` detections, `S` slots (at least N), `H W` pixels.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import cv2
@@ -13,7 +14,9 @@ from jaxtyping import Bool, Float, Int, Num
 
 from remind_jax.observation import MaskRelations
 
-_STRAIGHT, _DIAGONAL = 0.955, 1.3693  # steps of the distance transform in pixels
+# Steps of OpenCV's distance transform in ten thousandths of a pixel: 0.955 and 1.3693 pixels.
+_STRAIGHT, _DIAGONAL, _UNITS = 9550, 13693, 10_000
+_SAMPLED = 8  # of so many ends of rows, one bounds a gap
 
 
 def relate_masks(
@@ -73,48 +76,75 @@ def relate_masks(
 def _measure_gaps(
     masks: np.ndarray,
     corners: np.ndarray,
-    ends: Sequence[np.ndarray | None],
+    row_ends: Sequence[np.ndarray | None],
     first: np.ndarray,
     second: np.ndarray,
 ) -> Float[np.ndarray, "M"]:
-    """Exact gaps of M pairs, each with a distance transform of the few pixels that matter.
+    """Exact gaps of M pairs."""
+    column_ends: dict[int, np.ndarray] = {}
+
+    def ends_of(index: int, axis: int) -> np.ndarray:
+        """Both ends of all rows (axis 0) or columns, as places along and across them."""
+        found = row_ends[index] if axis == 0 else column_ends.get(index)
+        if found is None:
+            left, top, right, bottom = corners[index].tolist()
+            inside = np.ascontiguousarray(masks[index, top:bottom, left:right].T)
+            found = column_ends[index] = find_row_ends(inside, top, left)
+        return found
+
+    gaps = np.empty(len(first))
+    boxes = corners.tolist()
+    for pair, (one, other) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        for axis in (0, 1):
+            low, high = (one, other) if boxes[one][axis] < boxes[other][axis] else (other, one)
+            if boxes[low][axis + 2] <= boxes[high][axis]:
+                # One lies wholly behind the other: only the ends that face each other matter.
+                before, behind = ends_of(low, axis), ends_of(high, axis)
+                gaps[pair] = _least_distance(before[len(before) // 2 :], behind[: len(behind) // 2])
+                break
+        else:
+            gaps[pair] = _measure_entangled(
+                masks[one], masks[other], corners[[one, other]], ends_of(one, 0), ends_of(other, 0)
+            )
+    return gaps
+
+
+def _least_distance(one: Int[np.ndarray, "n 2"], other: Int[np.ndarray, "m 2"]) -> float:
+    """The least chamfer distance of two sets of pixels."""
+    along = np.abs(other[:, 0] - one[:, 0, None])
+    across = np.abs(other[:, 1] - one[:, 1, None])
+    # Per step: along the longer axis, and along both.
+    longer = np.maximum(along, across)
+    longer *= 2 * _STRAIGHT - _DIAGONAL
+    along += across
+    along *= _DIAGONAL - _STRAIGHT
+    along += longer
+    return int(along.min()) / _UNITS
+
+
+def _measure_entangled(
+    one: np.ndarray, other: np.ndarray, corners: np.ndarray, *ends: np.ndarray
+) -> float:
+    """The gap of masks whose boxes overlap, by a distance transform of the pixels that matter.
 
     Some pixels of the two masks bound the gap from above; only pixels that close to the other box
     can be nearest.
     """
-    pixels = masks.view(np.uint8)
-    marks = np.zeros((len(masks), 8, 2), int)
-    for index in np.unique([first, second]).tolist():
-        marks[index] = _extreme_pixels(ends[index], corners[index])
-    steps = np.abs(marks[first][:, :, None] - marks[second][:, None])
-    most, least = steps.max(axis=-1), steps.min(axis=-1)
-    bound_px = (_STRAIGHT * (most - least) + _DIAGONAL * least).min(axis=(1, 2))
-    reach = (bound_px / _STRAIGHT).astype(int)[:, None] + 1
-    reach = np.concatenate([-reach, -reach, reach, reach], axis=1)
-    source = _intersect(corners[first], corners[second] + reach)
-    target = _intersect(corners[second], corners[first] + reach)
-    shared = _intersect(corners[first], corners[second])
-    region = np.minimum(source, target)
-    region[:, 2:] = np.maximum(source, target)[:, 2:]
-
-    gaps = np.empty(len(first))
-    corner = region[:, [0, 1, 0, 1]]
-    for pair, (one, other, both, around, there, offset) in enumerate(
-        zip(
-            *(x.tolist() for x in (first, second, shared, region, target, target - corner)),
-            strict=True,
-        )
-    ):
-        if both[0] < both[2] and both[1] < both[3]:
-            num_shared = np.count_nonzero(_crop(masks[one], both) & _crop(masks[other], both))
-            if num_shared:
-                gaps[pair] = -np.sqrt(num_shared)
-                continue
-        outside = 1 - _crop(pixels[one], around)
-        distance_px = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
-        nearest = cv2.minMaxLoc(_crop(distance_px, offset), _crop(pixels[other], there))
-        gaps[pair] = nearest[0]
-    return gaps
+    both = _intersect(*corners)
+    num_shared = np.count_nonzero(_crop(one, both) & _crop(other, both))
+    if num_shared:
+        return -math.sqrt(num_shared)
+    reach = int(_least_distance(*(some[::_SAMPLED] for some in ends)) * _UNITS) // _STRAIGHT + 1
+    grown = np.array([-reach, -reach, reach, reach])
+    source = _intersect(corners[0], corners[1] + grown)
+    target = _intersect(corners[1], corners[0] + grown)
+    region = np.concatenate([np.minimum(source, target)[:2], np.maximum(source, target)[2:]])
+    outside = 1 - _crop(one, region).view(np.uint8)
+    distance_px = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
+    nearest = cv2.minMaxLoc(
+        _crop(distance_px, target - region[[0, 1, 0, 1]]), _crop(other, target).view(np.uint8)
+    )
+    return nearest[0]
 
 
 def find_row_ends(
@@ -143,24 +173,13 @@ def find_row_ends(
     return ends
 
 
-def _extreme_pixels(ends: np.ndarray | None, corner: np.ndarray) -> Int[np.ndarray, "8 2"]:
-    """Both ends of the outermost rows and columns of a mask, as x and y, from those of all rows."""
-    assert ends is not None  # no gap of an empty mask is measured
-    num = len(ends) // 2
-    (in_left,) = (ends[:num, 0] == corner[0]).nonzero()
-    (in_right,) = (ends[num:, 0] == corner[2] - 1).nonzero()
-    outermost = [0, num - 1, in_left[0], in_left[-1]]
-    return ends[[*outermost, num, 2 * num - 1, num + in_right[0], num + in_right[-1]]]
+def _intersect(one: np.ndarray, other: np.ndarray) -> Int[np.ndarray, "4"]:
+    """Common part of two boxes that overlap."""
+    return np.concatenate([np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])])
 
 
-def _intersect(one: np.ndarray, other: np.ndarray) -> Int[np.ndarray, "M 4"]:
-    """Common part of boxes, empty where they are apart."""
-    low = np.maximum(one[:, :2], other[:, :2])
-    return np.concatenate([low, np.maximum(low, np.minimum(one[:, 2:], other[:, 2:]))], axis=1)
-
-
-def _crop(image: np.ndarray, box: list[int]) -> np.ndarray:
-    left, top, right, bottom = box
+def _crop(image: np.ndarray, box: np.ndarray) -> np.ndarray:
+    left, top, right, bottom = box.tolist()
     return image[top:bottom, left:right]
 
 
