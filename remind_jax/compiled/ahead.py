@@ -53,7 +53,7 @@ class Forecast:
                 pace = (count - before[name]) / (now - start)
             if count >= PRESSED * capacity or count + pace * HORIZON_S > capacity:
                 grown[name] = capacity + 1
-        return static.grow(**grown)
+        return static.grow(**grown) if grown else static
 
 
 class Preparation:

@@ -141,10 +141,14 @@ def reduce_masks(
 
 def pad_masks(masks: Masks, num_slots: int) -> Masks:
     """Adds empty slots at the end."""
-    lacking = num_slots - len(masks.valid)
+    num = len(masks.valid)
+    if num == num_slots:
+        return masks
 
     def pad(leaf: np.ndarray, axes: int = 1) -> np.ndarray:
-        return np.pad(leaf, [(0, lacking)] * axes + [(0, 0)] * (leaf.ndim - axes))
+        padded = np.zeros((num_slots,) * axes + leaf.shape[axes:], leaf.dtype)
+        padded[(slice(num),) * axes] = leaf
+        return padded
 
     relations = dataclasses.replace(
         masks.relations,

@@ -34,8 +34,11 @@ def outline(masks: Bool[np.ndarray, "N H W"]) -> Outlines:
     corners = [cv2.boundingRect(mask) for mask in pixels]
     boxes = np.array(corners, np.float32).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]
-    areas = np.array([cv2.countNonZero(mask) for mask in pixels], np.int64)
-    return Outlines(encode_masks(masks), boxes, areas)
+    areas = [
+        cv2.countNonZero(mask[top : top + height, left : left + width]) if width else 0
+        for mask, (left, top, width, height) in zip(pixels, corners, strict=True)
+    ]
+    return Outlines(encode_masks(masks), boxes, np.array(areas, np.int64))
 
 
 def read_tracks(

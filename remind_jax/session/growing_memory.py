@@ -121,6 +121,8 @@ class GrowingMemory:
                 f"the frame has features of {dim} numbers, the memory knows "
                 f"{self.static.feature_dim}; go on with the features that it was made with"
             )
+        if self.static.feature_dim == dim:  # as in all frames but the first
+            return self.static
         return dataclasses.replace(self.static, feature_dim=dim)
 
     def _input(
