@@ -40,10 +40,23 @@ METHODS = ("plus", "remind")
 STATIC = Static(feature_dim=177)
 PATCHES = (30, 40)  # rows and columns of a frame of 640x480 pixels
 PATCH_PX = 16
-_INSTRUCTION = re.compile(r"^\s+(?:ROOT )?%?[\w.\-]+ = (?:\(.*?\)|\S+) ([\w\-]+)\(")
+_INSTRUCTION = re.compile(r"^\s+(?:ROOT )?%?([\w.\-]+) = (?:\(.*?\)|\S+) ([\w\-]+)\(")
 _COMPUTATION = re.compile(r"^(?:ENTRY )?%?([\w.\-]+) \(.*\{$")
 # What only names values, or is part of another instruction.
 _NO_WORK = {"parameter", "get-tuple-element", "tuple", "constant", "bitcast"}
+
+
+NO_PLACE = "no place recorded"
+
+
+@dataclasses.dataclass(frozen=True)
+class Instruction:
+    """One instruction of a compiled program, and where in this package it comes from."""
+
+    name: str
+    kind: str
+    module: str
+    line: int
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,19 +144,25 @@ def count_instructions(
     text: str,
 ) -> tuple[collections.Counter[str], collections.Counter[str], collections.Counter[str]]:
     """Instructions of a compiled program that run on their own: by kind, module and line."""
-    place_of = _read_places(text)
     kinds, modules, lines = (collections.Counter[str]() for _ in range(3))
+    for one in read_instructions(text):
+        kinds[one.kind] += 1
+        modules[one.module] += 1
+        lines[f"{one.module}:{one.line}"] += 1
+    return kinds, modules, lines
+
+
+def read_instructions(text: str) -> Iterator[Instruction]:
+    """Instructions of a compiled program that run on their own."""
+    place_of = _read_places(text)
     is_fused = False
     for line in text.splitlines():
         if found := _COMPUTATION.match(line):
             is_fused = "fused" in found[1] or "wrapped" in found[1]
-        elif not is_fused and (found := _INSTRUCTION.match(line)) and found[1] not in _NO_WORK:
-            kinds[found[1]] += 1
+        elif not is_fused and (found := _INSTRUCTION.match(line)) and found[2] not in _NO_WORK:
             frame = re.search(r"stack_frame_id=(\d+)", line)
-            module, number = place_of(int(frame[1])) if frame else ("no place recorded", 0)
-            modules[module] += 1
-            lines[f"{module}:{number}"] += 1
-    return kinds, modules, lines
+            place = place_of(int(frame[1])) if frame else (NO_PLACE, 0)
+            yield Instruction(found[1], found[2], *place)
 
 
 def _read_places(text: str) -> Callable[[int], tuple[str, int]]:
@@ -169,7 +188,7 @@ def _read_places(text: str) -> Callable[[int], tuple[str, int]]:
                 return path.rpartition("/remind_jax/")[2], location.get("line", 0)
             parent = frames[frame].get("parent_frame_id", 0)
             frame = 0 if parent == frame else parent
-        return "no place recorded", 0
+        return NO_PLACE, 0
 
     return place_of
 

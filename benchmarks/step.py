@@ -1,6 +1,7 @@
 """Time of one tracker step on a golden sequence, beside the original in the same run, alternating.
 
     python benchmarks/step.py [--sequence FOLDER/NAME] [--variant default] [--json OUT]
+    python benchmarks/step.py --profile 10     kernels of the last ten frames instead of times
 
 Without network: features are given. Rows: the whole frame (masks to memory), and our stages. The
 original is looked for in the work tree that REMIND_ORIGINAL names. Frames come from
@@ -17,14 +18,17 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from benchmarks.kernels import make_rows, record
+from benchmarks.rows import show_rows
 from remind_jax.config import Config
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.reduction import pad_masks
@@ -128,9 +132,7 @@ def time_description(tracker: Tracker, frame: Frame, masks: Any) -> float:
 def measure(root: Path, name: str, variant: str) -> list[dict[str, Any]]:
     """One row per stage and one for the whole frame."""
     overrides, classes = read_settings(root, name, variant)
-    config = Config.from_reference(overrides)
-    most = int((load.Scene(name, root).order != load.NO_LABEL).sum(axis=1).max())
-    tracker = Tracker(config.updated({"static": {"num_detections": most}}))
+    tracker = make_tracker(root, name, variant)
     peer = Peer(os.environ.get("REMIND_ORIGINAL"), root, name, overrides, classes)
     ours: dict[str, list[float]] = {stage: [] for stage in (WHOLE_FRAME, *STAGES)}
     theirs: list[float] = []
@@ -145,6 +147,28 @@ def measure(root: Path, name: str, variant: str) -> list[dict[str, Any]]:
     prefix = f"{name}/{variant}"
     rows = [make_row(f"{prefix}: {WHOLE_FRAME}", ours[WHOLE_FRAME], theirs)]
     return rows + [make_row(f"{prefix}: {stage}", ours[stage], None) for stage in STAGES]
+
+
+def profile(root: Path, name: str, variant: str, num_frames: int) -> Iterator[dict[str, Any]]:
+    """Kernels per frame of the last frames, by kind, module, line and kernel; the longest ones."""
+    tracker = make_tracker(root, name, variant)
+    frames = [as_frame(index, golden) for index, golden in enumerate(load.load_inputs(name, root))]
+    for frame in frames[:-num_frames]:
+        tracker.update(frame)
+    with record() as recording:
+        for frame in frames[-num_frames:]:
+            tracker.update(frame)
+    programs = tracker._memory.frame_step.programs()
+    texts = [cast("Any", program.run).as_text() for program in programs]
+    yield from make_rows(recording.kernels, texts, num_frames, most=20)
+
+
+def make_tracker(root: Path, name: str, variant: str) -> Tracker:
+    """Our tracker with the settings of a variant and as many slots as the sequence needs."""
+    overrides, _ = read_settings(root, name, variant)
+    config = Config.from_reference(overrides)
+    most = int((load.Scene(name, root).order != load.NO_LABEL).sum(axis=1).max())
+    return Tracker(config.updated({"static": {"num_detections": most}}))
 
 
 def make_row(name: str, ours: list[float], theirs: list[float] | None) -> dict[str, Any]:
@@ -184,7 +208,13 @@ def main() -> None:
     parser.add_argument("--sequence", type=Path, default=DEFAULT_SEQUENCE, metavar="FOLDER/NAME")
     parser.add_argument("--variant", default="default")
     parser.add_argument("--json", type=Path, metavar="OUT")
+    parser.add_argument("--profile", type=int, default=0, metavar="FRAMES")
     options = parser.parse_args()
+    if options.profile:
+        sequence = options.sequence
+        found = profile(sequence.parent, sequence.name, options.variant, options.profile)
+        show_rows(found, options.json)
+        return
     rows = measure(options.sequence.parent, options.sequence.name, options.variant)
     print_rows(rows)
     if options.json is not None:
