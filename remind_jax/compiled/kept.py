@@ -64,7 +64,8 @@ def load(file: Path) -> tuple[jax.stages.Compiled, tuple[jax.ShapeDtypeStruct, .
         outputs = tuple(jax.ShapeDtypeStruct(tuple(s), d) for s, d in head["outputs"])
         in_tree = jax.tree.structure((tuple(range(head["num_arguments"])), {}))
         out_tree = jax.tree.structure(list(outputs))
-        _bind_lapack()
+        if b"lapack" in payload:
+            _bind_lapack()
         program = serialize_executable.deserialize_and_load(payload, in_tree, out_tree)
     except Exception as error:  # whatever the library says to a program of another kind
         _tell_rejected(file.parent, first_line(error))
@@ -126,7 +127,10 @@ def _remove_oldest(folder: Path) -> None:
 
 @functools.cache
 def _bind_lapack() -> None:
-    """Lets loaded programs call LAPACK, which JAX binds only when it lowers a call of it."""
+    """Lets loaded programs call LAPACK, which JAX binds only when it lowers a call of it.
+
+    That loads SciPy as well: a tenth of a second, for programs that name such a call only.
+    """
     jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), jnp.float32))
 
 

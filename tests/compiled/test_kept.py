@@ -199,3 +199,27 @@ def test_a_kept_program_may_call_lapack_in_a_process_that_never_lowered_such_a_c
         )
         assert float(done.stdout) == 6.0
     assert len(files(folder)) == 1
+
+
+_SUM = """
+import sys
+import jax.numpy as jnp, numpy as np
+from remind_jax.compiled.programs import Recipe, get_program, shapes_of
+before = "scipy.linalg" in sys.modules
+row = np.ones(3, np.float32)
+assert float(get_program(Recipe("sum", jnp.sum, shapes_of([row]), None))(row)[0]) == 3.0
+print(before, "scipy.linalg" in sys.modules)
+"""
+
+
+def test_a_kept_program_without_lapack_does_not_wait_for_it(folder):
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", _SUM],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "JAX_COMPILATION_CACHE_DIR": ""},
+        )
+        assert done.stdout.split() == ["False", "False"]
+    assert len(files(folder)) == 1
