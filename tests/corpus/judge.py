@@ -180,9 +180,9 @@ def count(verdicts: list[tuple[str, int, Verdict]]) -> str:
     kinds = sorted({verdict.kind for _, _, verdict in verdicts})
     by_format = collections.Counter((name, verdict.kind) for name, _, verdict in verdicts)
     rows = [["format", *kinds]]
-    rows += [
-        [name, *(str(by_format[name, kind] or "") for kind in kinds)] for name in FORMATS | VERBS
-    ]
+    names = list(dict.fromkeys(name for name, _, _ in verdicts))
+    rows += [[name, *(str(by_format[name, kind] or "") for kind in kinds)] for name in names]
+    rows.append(["all", *(str(sum(by_format[n, kind] for n in names)) for kind in kinds)])
     lines = ["| " + " | ".join(row) + " |" for row in rows]
     lines.insert(1, "|" + " --- |" * len(rows[0]))
     causes = collections.defaultdict(list)
