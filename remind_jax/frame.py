@@ -6,6 +6,9 @@ Letters: `H W` pixels of the frame, `N` detections, `Hp Wp` patches, `D` feature
 from __future__ import annotations
 
 import dataclasses
+import math
+import numbers
+import reprlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,6 +21,7 @@ Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": byt
 
 NO_INSTANCE = -1
 MOST_LABEL = 200  # characters of a class name
+MOST_SIDE_PX = 1 << 16  # of a frame
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,16 +78,36 @@ class Detections:
 
     @classmethod
     def empty(cls, height_px: int, width_px: int) -> Detections:
-        """A frame in which nothing was detected."""
+        """A frame in which nothing was detected.
+
+        Raises:
+          SourceError: If a side is no number of pixels.
+        """
+        for side in (height_px, width_px):
+            if not isinstance(side, numbers.Integral) or not 0 <= int(side) <= MOST_SIDE_PX:
+                raise SourceError(
+                    f"a frame cannot be {reprlib.repr(height_px)} by {reprlib.repr(width_px)} "
+                    f"pixels; give whole numbers up to {MOST_SIDE_PX}"
+                )
         return cls.create(np.zeros((0, height_px, width_px), bool))
 
     def __len__(self) -> int:
         return len(self.labels)
 
     def select(self, keep: Any) -> Detections:
-        """The detections at `keep` (indices or a boolean mask), in that order."""
-        keep = np.asarray(keep)
-        rows = np.arange(len(self))[keep if keep.size else keep.astype(int)]
+        """The detections at `keep` (indices or a boolean mask), in that order.
+
+        Raises:
+          SourceError: If there are no such detections.
+        """
+        try:
+            keep = np.asarray(keep)
+            rows = np.arange(len(self))[keep if keep.size else keep.astype(int)]
+        except (IndexError, ValueError, TypeError) as error:
+            raise SourceError(
+                f"of {len(self)} detections {reprlib.repr(keep)} cannot be selected "
+                f"({first_line(error)}); give row numbers, or one truth value per detection"
+            ) from error
         return Detections(
             self.masks[rows],
             tuple(self.labels[row] for row in rows),
@@ -120,6 +144,73 @@ class Frame:
         if self.detections is not None:
             return self.detections.masks.shape[1], self.detections.masks.shape[2]
         raise SourceError(f"frame '{self.name}' has neither an image nor masks")
+
+
+def check_frame(frame: Any) -> None:
+    """Checks a frame that may have been put together by hand.
+
+    Raises:
+      SourceError: If it is none, or a part is of another kind or shape.
+    """
+    if not isinstance(frame, Frame):
+        raise SourceError(f"a frame is of type {type(frame).__name__}; give a remind_jax.Frame")
+    is_timed = isinstance(frame.time_s, numbers.Real) and math.isfinite(frame.time_s)
+    for name, fits, wanted in (
+        ("index", isinstance(frame.index, numbers.Integral), "a whole number"),
+        ("source_index", isinstance(frame.source_index, numbers.Integral), "a whole number"),
+        ("time_s", is_timed, "a finite number of seconds"),
+        ("name", isinstance(frame.name, str), "a text"),
+    ):
+        if not fits:
+            shown = reprlib.repr(getattr(frame, name))
+            raise SourceError(f"{name} of a frame is {shown}; it must be {wanted}")
+    if frame.image is not None:
+        _check_array(f"the image of frame '{frame.name}'", frame.image, 3, "u", "uint8 [H, W, 3]")
+        if frame.image.shape[2] != 3 or frame.image.dtype != np.uint8:
+            raise SourceError(
+                f"the image of frame '{frame.name}' is {frame.image.dtype} of shape "
+                f"{frame.image.shape}; give RGB, uint8 [H, W, 3]"
+            )
+    if frame.features is not None:
+        what = f"the features of frame '{frame.name}'"
+        _check_array(what, frame.features, 3, "fV", "numbers [rows, columns, width]")
+        if 0 in frame.features.shape:
+            raise SourceError(f"{what} are {frame.features.shape}; there is nothing to compare")
+    if frame.detections is not None:
+        check_detections(frame.detections, frame.name)
+
+
+def check_detections(detections: Any, name: str = "") -> None:
+    """Checks detections that may have been put together by hand, past `Detections.create`.
+
+    Raises:
+      SourceError: If they are none, a part is of another kind, or parts differ in length.
+    """
+    where = f" of frame '{name}'" if name else ""
+    if not isinstance(detections, Detections):
+        raise SourceError(
+            f"detections{where} are of type {type(detections).__name__}; make them with "
+            "remind_jax.Detections.create"
+        )
+    _check_array(f"masks{where}", detections.masks, 3, "b", "booleans [N, H, W]")
+    num, labels = len(detections.masks), detections.labels
+    if not isinstance(labels, tuple) or not all(isinstance(label, str) for label in labels):
+        raise SourceError(f"labels{where} are {reprlib.repr(labels)}; give a tuple of names")
+    _check_array(f"scores{where}", detections.scores, 1, "f", "numbers [N]")
+    _check_array(f"instance ids{where}", detections.instance_ids, 1, "iu", "whole numbers [N]")
+    if not np.isfinite(detections.scores).all():
+        raise SourceError(f"scores{where} are not all finite; give numbers from 0 to 1")
+    parts = (("labels", labels), ("scores", detections.scores), ("ids", detections.instance_ids))
+    for part, values in parts:
+        if len(values) != num:
+            raise SourceError(f"{len(values)} {part} were given for {num} masks{where}")
+
+
+def _check_array(what: str, array: Any, ndim: int, kinds: str, wanted: str) -> None:
+    dtype = getattr(array, "dtype", None)
+    if dtype is None or getattr(array, "ndim", None) != ndim or dtype.kind not in kinds:
+        found = type(array).__name__ if dtype is None else f"{dtype} of shape {array.shape}"
+        raise SourceError(f"{what}: found {found}, give {wanted}")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -11,6 +11,7 @@ from remind_jax.errors import ConfigError
 from remind_jax.settings.checks import check_fields
 from remind_jax.settings.record import setting
 
+MOST_OBJECTS = 32_768
 GROWTH_STEP = 2  # capacities double when they overflow
 
 # Where the original keeps these settings.
@@ -46,7 +47,7 @@ class Static:
     num_detections: int = setting(16, "detection slots of a frame; grows", "detections",
         more=_CAPACITY, most=8192, why=_MORE)
     num_objects: int = setting(64, "object slots of the memory; grows", "objects",
-        more=_CAPACITY, most=32768, why=_MORE)
+        more=_CAPACITY, most=MOST_OBJECTS, why=_MORE)
     num_pending: int = setting(32, "slots of ambiguous and of provisional tracks each; grows",
         "tracks", more=_CAPACITY, most=8192, why=_MORE)
     feature_dim: int = setting(0, "width of the patch features; 0: taken from the backbone",

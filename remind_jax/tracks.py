@@ -6,12 +6,14 @@ Letters: `N` detections, `C` candidates shown per detection.
 from __future__ import annotations
 
 import dataclasses
+import numbers
 
 import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import number
@@ -81,7 +83,15 @@ class Tracks(Printable):
         return float(self.confidence[row]) if self.is_rated(row) else None
 
     def display_name(self, row: int) -> str:
-        """What to write beside a detection: `cup 3`, `cup 3 or 5?`, `cup new?`."""
+        """What to write beside a detection: `cup 3`, `cup 3 or 5?`, `cup new?`.
+
+        Raises:
+          SourceError: If there is no such row.
+        """
+        if not isinstance(row, numbers.Integral) or not -len(self) <= int(row) < len(self):
+            raise SourceError(
+                f"row {row!r} was asked for, but the frame has {len(self)} detections"
+            )
         label, object_id = self.labels[row], int(self.object_id[row])
         if object_id != NO_ID:
             return f"{label} {object_id}"

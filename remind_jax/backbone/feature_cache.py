@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.registry import Backbone
-from remind_jax.files import make_folder, read_bytes, replace_file, user_cache_folder
+from remind_jax.errors import OutputError
+from remind_jax.files import as_path, make_folder, read_bytes, replace_file, user_cache_folder
 
 _DIGEST_BYTES = 32
 
@@ -51,7 +52,7 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
     Raises:
       OutputError: If the folder cannot be made.
     """
-    folder, tally = Path(folder), tally or Tally()
+    folder, tally = as_path(folder, "the feature cache", OutputError), tally or Tally()
     make_folder(folder)
 
     def apply(images: UInt8[np.ndarray, "B H W 3"]) -> Float[jax.Array, "B Hp Wp D"]:

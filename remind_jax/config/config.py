@@ -79,7 +79,7 @@ class Config:
         Raises:
           ConfigError: If there is no such tracker.
         """
-        if name == self.tracker:
+        if _as_tracker(name, "a call") == self.tracker:
             return self
         get_method(name)
         start = load_config(name) if name in list_configs() else _neutral(name)
@@ -91,6 +91,10 @@ class Config:
 
     def difference(self, other: Config) -> list[tuple[str, Any, Any]]:
         """Keys whose values differ, with this value and the other's (None: it has no such key)."""
+        if not isinstance(other, Config):
+            raise ConfigError(
+                f"a configuration was compared with a {type(other).__name__}; give a Config"
+            )
         mine, theirs = dict(flatten(self.to_dict())), dict(flatten(other.to_dict()))
         return [(key, mine[key], theirs.get(key)) for key in mine if mine[key] != theirs.get(key)]
 
@@ -101,6 +105,8 @@ class Config:
         to keys that nobody chose: that are not `chosen` and have their published value. Once more
         changes nothing.
         """
+        if not isinstance(name, str):
+            raise ConfigError(f"the backbone is {reprlib.repr(name)}; give its name")
         path = find_profile(self.tracker, name)
         if not self.backbone_profile or path is None:
             return self
@@ -124,7 +130,12 @@ class Config:
         Raises:
           ConfigError: For a key that the original does not have, or a value that is not supported.
         """
-        if isinstance(settings, (str, Path)):
+        if not isinstance(settings, Mapping):
+            if not isinstance(settings, (str, Path)):
+                raise ConfigError(
+                    f"settings of the original are of type {type(settings).__name__}; give nested "
+                    "values, or the path of a YAML file"
+                )
             settings = read_yaml(Path(settings))
         settings = _as_nested(settings, "settings of the original")
         return cls().updated(translate(settings, cls()), "settings of the original")

@@ -178,6 +178,11 @@ def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector |
       ConfigError: If the specification is none of these, or an option does not fit.
       WeightsError: If the file cannot be used.
     """
+    if options is not None and not isinstance(options, DetectorOptions):
+        raise ConfigError(
+            f"options of a detector are of type {type(options).__name__}; give a "
+            "remind_jax.detectors.DetectorOptions"
+        )
     if spec is None or isinstance(spec, Detector):
         return spec
     if isinstance(spec, (str, os.PathLike)):

@@ -1,5 +1,6 @@
 """Files: what enters is checked before it is used, what leaves is written whole or not at all."""
 
+from remind_jax.files.reading import as_path as as_path
 from remind_jax.files.reading import check_regular as check_regular
 from remind_jax.files.reading import read_bytes as read_bytes
 from remind_jax.files.reading import read_text as read_text

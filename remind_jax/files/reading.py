@@ -6,6 +6,9 @@ import errno
 import os
 import stat
 from pathlib import Path
+from typing import Any
+
+from remind_jax.errors import RemindError
 
 MOST_BYTES = 512 << 20  # of a file that is read whole
 _MARKS = {  # byte order marks, the longer ones first
@@ -14,6 +17,17 @@ _MARKS = {  # byte order marks, the longer ones first
     b"\xff\xfe": "UTF-16",
     b"\xfe\xff": "UTF-16",
 }
+
+
+def as_path(value: Any, what: str, refused: type[RemindError]) -> Path:
+    """The path that a caller gave.
+
+    Raises:
+      RemindError: Of kind `refused`, if it is none.
+    """
+    if isinstance(value, (str, os.PathLike)):
+        return Path(value)
+    raise refused(f"{what} is of type {type(value).__name__}; give a path")
 
 
 def check_regular(path: str | Path) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from remind_jax.errors import RemindError
+from remind_jax.errors import RemindError, SourceError
+from remind_jax.files import as_path
 from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
 from remind_jax.metrics.formats.opening import Format
 from remind_jax.metrics.scene_evaluation import (
@@ -164,9 +165,14 @@ def name_predictions(
         return dict(predictions)
     if isinstance(predictions, str | Path):
         predictions = [predictions]
+    if not isinstance(predictions, Iterable):
+        raise RemindError(
+            f"predictions are of type {type(predictions).__name__}; give paths, or paths by name"
+        )
+    predictions = list(predictions)
     if not predictions:
         raise RemindError("there is no prediction to compare; give at least one")
-    paths = [Path(path) for path in predictions]
+    paths = [as_path(path, "a prediction", SourceError) for path in predictions]
     for name_of in (path_name, lambda p: f"{p.parent.name}/{path_name(p)}", str):
         names = [name_of(path) for path in paths]
         if len(set(names)) == len(names):

@@ -19,6 +19,7 @@ from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
 from remind_jax.explanation.explainer import Explainer, open_archive
 from remind_jax.explanation.explanation import Explanation
+from remind_jax.files import as_path
 from remind_jax.files.records import decode_json
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import get_method
@@ -148,7 +149,9 @@ class Result(Printable):
                 "to_supervision needs the supervision library, which is not installed: "
                 'pip install "remind-jax[viz]"'
             ) from error
-        if not -len(self.tracks) <= t < len(self.tracks):
+        if not isinstance(t, (int, np.integer)) or not -len(self.tracks) <= int(t) < len(
+            self.tracks
+        ):
             raise OutputError(f"frame {t} was asked for, but the run has {len(self.tracks)} frames")
         tracks = self.tracks[t]
         numbers = {name: number for number, name in enumerate(self.class_names)}
@@ -234,7 +237,7 @@ class Result(Printable):
         Raises:
           OutputError: If the folder holds no run or the run is damaged.
         """
-        run_dir = Path(run_dir)
+        run_dir = as_path(run_dir, "the folder of a run", OutputError)
         content, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
         info = RunInfo.from_json(content, f"'{run_dir / store.DETECTIONS_NAME}', line 1")
         trace = open_archive(run_dir, info.tracker)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Decisions, Overflow, no_decisions
+from remind_jax.errors import ConfigError
 from remind_jax.method import extend
 from remind_jax.numerics.absent import NEVER, NO_ID
 from remind_jax.numerics.constant_arrays import full, number
@@ -65,7 +66,13 @@ class TrackerState:
 
 
 def init(static: Static) -> TrackerState:
-    """The empty memory with the capacities of `static`."""
+    """The empty memory with the capacities of `static`.
+
+    Raises:
+      ConfigError: If it is no `Static`.
+    """
+    if not isinstance(static, Static):
+        raise ConfigError(f"static is of type {type(static).__name__}; give a remind_jax.Static")
     objects, scalar, dim = static.num_objects, static.scalar, static.feature_dim
 
     def banks(channels: int, *capacities: tuple[int, int]) -> Bank:

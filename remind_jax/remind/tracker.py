@@ -9,6 +9,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from remind_jax.decision import Outcome
+from remind_jax.errors import ConfigError
 from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
@@ -54,7 +55,15 @@ def step(
     Returns:
       Memory after the frame with `decisions` about it. If the frame needs more object slots than
       there are, only `overflow` is changed.
+
+    Raises:
+      ConfigError: If `static` or `thresholds` are of another kind.
     """
+    for name, given, kind in (("static", static, Static), ("thresholds", thresholds, Thresholds)):
+        if not isinstance(given, kind):
+            raise ConfigError(
+                f"{name} are of type {type(given).__name__}; give remind_jax.{kind.__name__}"
+            )
     # What does each detection look like?
     t = thresholds.as_arrays(static.scalar)
     return _advance(state, describe(frame_feats, masks, static, t), masks, static, t)[0]

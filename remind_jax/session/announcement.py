@@ -8,6 +8,7 @@ announced stays. Tracks "as decided" carry the ids of the memory, tracks "as ann
 from __future__ import annotations
 
 import dataclasses
+import numbers
 import sys
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -115,10 +116,11 @@ def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
     Raises:
       OptionError: If what is asked for is no number of detections.
     """
-    if asked is not None and asked < 0:
+    is_count = isinstance(asked, numbers.Integral) and int(asked) >= 0
+    if asked is not None and (isinstance(asked, bool) or not is_count):
         raise OptionError(
-            f"'announce_after' is {asked}; give a number of detections from 1 on, or 0 for 1 with "
-            f"given masks and {DETECTOR_DEFAULT} with a detector",
+            f"'announce_after' is {asked!r}; give a number of detections from 1 on, or 0 for 1 "
+            f"with given masks and {DETECTOR_DEFAULT} with a detector",
             "announce_after",
         )
     return asked or configured or (DETECTOR_DEFAULT if has_detector else 1)

@@ -6,9 +6,13 @@ the first ahead of the second in another thread.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import operator
+import reprlib
+import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +23,9 @@ from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, load_config
 from remind_jax.decision import NO_ID, Decisions
-from remind_jax.errors import ConfigError, SourceError
-from remind_jax.frame import Detections, Frame
+from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
+from remind_jax.files import as_path
+from remind_jax.frame import MOST_SIDE_PX, Detections, Frame, check_frame
 from remind_jax.method import get_method
 from remind_jax.observation import FrameFeats, PatchAttention
 from remind_jax.outputs.run_info import Event
@@ -37,19 +42,22 @@ from remind_jax.session.memory_file import (
     static_of,
 )
 from remind_jax.session.preparation import FramePreparer, Prepared
-from remind_jax.static import Static
+from remind_jax.settings.ranges import check_option
+from remind_jax.static import MOST_OBJECTS, Static
 from remind_jax.tracks import Tracks
 
 _ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
+_MOST_PIXELS = 1 << 28  # of a frame
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
 
 
 class Tracker:
     """Remembers objects over an unbounded stream of frames.
 
-    Not thread-safe. Touches no file but in `save` and `load`, and for the compiled programs that it
-    keeps (`remind_jax.compiled.kept`); programs for larger capacities are compiled in a thread of
-    its own before they are needed. Results depend on neither.
+    For one thread at a time: a second one is refused. Touches no file but in `save` and `load`, and
+    for the compiled programs that it keeps (`remind_jax.compiled.kept`); programs for larger
+    capacities are compiled in a thread of its own before they are needed. Results depend on
+    neither.
 
     Example:
       >>> import numpy as np
@@ -100,6 +108,11 @@ class Tracker:
             )
         if isinstance(backbone, str):
             backbone = get_backbone(backbone, **backbone_options)
+        elif not isinstance(backbone, Backbone):
+            raise ConfigError(
+                f"the backbone is of type {type(backbone).__name__}; give the name of one, or one "
+                "that was made by 'remind_jax.backbone.get_backbone'"
+            )
         self.backbone = backbone
         static = self.config.static
         self.method.check_static(chosen_switches(self.config))
@@ -113,6 +126,7 @@ class Tracker:
         self._attention_slots = _ATTENTION_SLOTS
         if self._wants_attention():
             self.backbone.check_attention()
+        self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
         self._features_given = False
         self._has_profile = False
         self.announcements = self._announce_nothing()
@@ -172,8 +186,10 @@ class Tracker:
           SourceError: If frames of this size are too small.
         """
         start = time.perf_counter()
+        frame_size = _as_size(frame_size)
+        check_option("num_objects", num_objects, 0, MOST_OBJECTS)
         image = np.zeros((*frame_size, 3), np.uint8)
-        nothing = Detections.create(np.zeros((0, *frame_size), bool))
+        nothing = Detections.empty(*frame_size)
         # With a preparer of its own: the next frame does not follow this one.
         preparer = FramePreparer(self.method, self.backbone.patch_px)
         prepared = preparer.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing), self.config)
@@ -196,13 +212,19 @@ class Tracker:
         """
         if not isinstance(frame, Frame):
             index = 0 if self.state is None else int(self.state.frame)
-            image = np.asarray(frame)
+            try:
+                image = np.asarray(frame)
+            except (ValueError, TypeError) as error:
+                raise SourceError(
+                    f"the frame is no picture ({first_line(error)}); give RGB, uint8 [H, W, 3]"
+                ) from error
             if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
                 raise SourceError(
                     f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, "
                     "uint8 [H, W, 3]"
                 )
             frame = Frame(index, index, float(index), str(index), image)
+        check_frame(frame)
         if detections is not None:
             from remind_jax.sources.detections import detections_from
 
@@ -217,10 +239,25 @@ class Tracker:
           SourceError: If the frame has no detections, neither image nor features, is smaller than
             a patch, or disagrees with its masks about the size.
         """
-        return self._preparer.prepare(frame, self.config)
+        check_frame(frame)
+        with self._alone("prepare"):
+            return self._preparer.prepare(frame, self.config)
 
     def advance(self, prepared: Prepared) -> Tracks:
-        """The part of `update` that reads and writes memory."""
+        """The part of `update` that reads and writes memory.
+
+        Raises:
+          RemindError: If another thread is in the middle of it.
+        """
+        if not isinstance(prepared, Prepared):
+            raise SourceError(
+                f"what is to be advanced is of type {type(prepared).__name__}; give what 'prepare' "
+                "returned"
+            )
+        with self._alone("advance"):
+            return self._advance(prepared)
+
+    def _advance(self, prepared: Prepared) -> Tracks:
         start, waited_before = time.perf_counter(), waited_s()
         attention = None
         if prepared.features is not None:
@@ -255,6 +292,7 @@ class Tracker:
           OutputError: If the file cannot be written.
           SourceError: If there is nothing to remember yet.
         """
+        path = as_path(path, "the memory file", OutputError)
         if self.state is None:
             raise SourceError("there is no memory to save before the first frame")
         name = FEATURES_GIVEN if self._features_given else self.backbone.name
@@ -275,6 +313,7 @@ class Tracker:
           RemindError: If it was made with another backbone, by another tracker, or with room for
             other switches.
         """
+        path = as_path(path, "the memory file", OutputError)
         memory = load_memory(path)
         check_tracker(memory, self.method.name, path)
         if memory.backbone != FEATURES_GIVEN:
@@ -289,6 +328,27 @@ class Tracker:
             self.announcements = Announcements.all_below(int(memory.state.next_id))
         else:
             self.announcements = Announcements()
+
+    def __reduce__(self) -> Any:
+        """Refuses to be pickled or copied."""
+        raise RemindError(
+            "a Tracker holds compiled programs and cannot be pickled or copied; write its memory "
+            "with 'save' and 'load' it into another Tracker"
+        )
+
+    @contextlib.contextmanager
+    def _alone(self, part: str) -> Iterator[None]:
+        """Refuses a second thread in one half of `update`; the halves may overlap."""
+        lock = self._locks[part]
+        if not lock.acquire(blocking=False):
+            raise RemindError(
+                "this Tracker is used by two threads at once; give each its own, or a lock around "
+                "'update'"
+            )
+        try:
+            yield
+        finally:
+            lock.release()
 
     def _follow_profile(self) -> None:
         """Takes the thresholds made for the backbone, now that it is known to be used."""
@@ -349,3 +409,23 @@ class Tracker:
                 message = f"object {old} turned out to be object {new}"
                 self.events.append(Event(decided.frame_index, "merged", message))
         return as_announced(self.announcements, decided)
+
+
+def _as_size(frame_size: Any) -> tuple[int, int]:
+    """Height and width of a frame that memory has room for."""
+    try:
+        height, width = (operator.index(side) for side in frame_size)
+    except (TypeError, ValueError) as error:
+        raise SourceError(
+            f"the frame size is {reprlib.repr(frame_size)}; give height and width in whole pixels"
+        ) from error
+    if not (0 < height <= MOST_SIDE_PX and 0 < width <= MOST_SIDE_PX):
+        raise SourceError(
+            f"frames of {width}x{height} pixels cannot be tracked; give sides from 1 to "
+            f"{MOST_SIDE_PX}"
+        )
+    if height * width > _MOST_PIXELS:
+        raise SourceError(
+            f"frames of {width}x{height} pixels are too large; at most {_MOST_PIXELS} pixels"
+        )
+    return height, width

@@ -18,7 +18,8 @@ from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
 from remind_jax.detectors import Detector, DetectorOptions, as_detector
-from remind_jax.errors import ConfigError, OptionError, RemindError, SourceError, nearest_names
+from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, nearest_names
+from remind_jax.files import as_path
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import RunInfo
 from remind_jax.outputs.writer import RunWriter, check_folder
@@ -27,9 +28,12 @@ from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.live import FEATURES_GIVEN, Tracker
 from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress, follow_run
+from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
 
 MEMORY_NAME = "memory.safetensors"
+
+_MOST_DELAY = 1_000_000  # frames
 
 
 def run(
@@ -108,7 +112,8 @@ def run(
     """
     _check_options(source_options)
     if out is not None:
-        check_folder(Path(out), overwrite)
+        out = as_path(out, "the output folder", OutputError)
+        check_folder(out, overwrite)
     detector = as_detector(detector, detector_options)
     backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
     config = load_config(config)
@@ -157,8 +162,7 @@ def _check_options(source_options: Mapping[str, Any]) -> None:
 
 def _delay_answers(tracker: Tracker, delay: int) -> Any:
     """What revises answers, None if they are given at once."""
-    if delay < 0:
-        raise OptionError(f"'delay' is {delay}; give 0 or more frames", "delay")
+    check_option("delay", delay, 0, _MOST_DELAY)
     if not delay:
         return None
     if tracker.method.delayed is None:

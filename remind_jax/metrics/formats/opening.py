@@ -77,7 +77,7 @@ def open_scenes(
     Raises:
       SourceError: If nothing is there, it is not recognized, or it cannot be read.
     """
-    path = Path(path)
+    path = files.as_path(path, "what is to be scored", SourceError)
     if not path.exists():
         raise SourceError(f"{path} cannot be read: No such file or directory")
     try:
