@@ -73,9 +73,8 @@ def test_single_precision_equals_host(options):
     assert num_equal >= 0.99 * 50 * 6
 
 
-@pytest.mark.parametrize("size", [10, 11, 20, 21, 160])
-def test_gathered_and_shared_rows_agree(size):
-    """Sets of at most 160 / 16 and of at most 160 / 8 points take other paths than larger ones."""
+@pytest.mark.parametrize("size", [1, 63, 64, 65, 128, 160])
+def test_sets_fill_one_block_of_rows_or_several(size):
     points, _ = make_generic(np.random.default_rng(size), 160, 16, 1)
     members = np.zeros((6, 160), bool)
     members[0, :size] = True
