@@ -26,34 +26,40 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch, repeat
+from remind_jax.numerics.ranks import rank_rising
 
 FORBIDDEN_COST = 1e6
 _NO_KEY = 2**31 - 1
 
 
 class _Problem(NamedTuple):
-    """What the search reads; rows and drivers are sorted by group, those that take part first."""
+    """What the search reads; drivers are counted in the order in which they enter."""
 
-    cost: Float[Array, "N C"]  # of each driver in each slot
+    cost: Float[Array, "N C"]  # of each row as a driver in each slot
     place: Int[Array, "N C"]  # of the slot among the open ones, by rising order; -1: not open
-    start: Int[Array, "N"]  # first driver of the group
+    row: Int[Array, "N"]  # of each driver, by group; those that take no part come last
+    start: Int[Array, "N"]  # first driver of the group of each row
     num_drivers: Int[Array, ""]
 
 
 class _Search(NamedTuple):
-    """State between two visits; `driver` looks for the cheapest path to a slot without owner."""
+    """State between two turns; arrays of one kind are rows of one array, which is less to write."""
+
+    at: Int[Array, "4"]  # `_At`
+    low: Float[Array, ""]  # length of the path to `visited`
+    lengths: Float[Array, "2 C"]  # of the shortest path to each slot, and its price
+    slots: Int[Array, "3 C"]  # place, last driver on the path, owner
+    drivers: Float[Array, "2 N"]  # `low` when the driver was visited (inf: not visited), its price
+    settled: Int[Array, "N"]  # slot of drivers whose slot was taken over by a later group
+
+
+class _At(NamedTuple):
+    """Where the search is; `driver` looks for the cheapest path to a slot without owner."""
 
     driver: Int[Array, ""]
     visited: Int[Array, ""]  # driver whose slots are looked at next, on the path of `driver`
-    low: Float[Array, ""]  # length of the path to `visited`
-    distance: Float[Array, "C"]  # of the shortest path to each slot
-    previous: Int[Array, "C"]  # last driver on that path
-    place: Int[Array, "C"]  # among the open slots; -1: closed or of another group
-    entry: Float[Array, "N"]  # `low` when the driver was visited, inf: not visited
-    driver_price: Float[Array, "N"]  # dual variables
-    slot_price: Float[Array, "C"]
-    owner: Int[Array, "C"]  # driver of each slot, of an earlier group: free
-    settled: Int[Array, "N"]  # slot of drivers whose slot was taken over by a later group
+    holder: Int[Array, ""]  # driver that gives up its slot next, -1: the path is not found yet
+    taken: Int[Array, ""]  # the slot that it took instead
 
 
 def assign_in_graph(
@@ -73,10 +79,11 @@ def assign_in_graph(
     cost = jnp.where(allowed, -scores, FORBIDDEN_COST)
     problem, crossed, object_of = _pose(cost, groups, -dummy, dummies)
     owner, settled = _search(problem, dummies, scores.shape[1])
-    holds = owner[None, :] == jnp.arange(len(settled), dtype=jnp.int32)[:, None]
-    slot = jnp.where(jnp.any(holds, axis=1), jnp.argmax(holds, axis=1), -1)
-    slot = jnp.where(settled >= 0, settled, slot).astype(jnp.int32)
-    return _read_columns(slot, crossed, object_of, groups)
+    driver = jnp.arange(len(settled), dtype=jnp.int32)[:, None]
+    slot_index = jnp.arange(len(owner), dtype=jnp.int32)[None]
+    slot = jnp.max(jnp.where(owner[None] == driver, slot_index, -1), axis=1)
+    slot = jnp.where(settled >= 0, settled, slot)[groups.position]
+    return _read_columns(slot, crossed, object_of, groups, allowed)
 
 
 def double_precision() -> AbstractContextManager[Any]:
@@ -85,11 +92,10 @@ def double_precision() -> AbstractContextManager[Any]:
 
 
 class _Groups(NamedTuple):
-    order: Int[Array, "N"]  # rows by group, those that take no part last
+    position: Int[Array, "N"]  # of each row by group, those that take no part last
     live: Bool[Array, "N"]
-    allowed: Bool[Array, "N M"]
     same: Bool[Array, "N N"]  # both live and of one group
-    start: Int[Array, "N"]
+    start: Int[Array, "N"]  # first position of the group
     columns: Bool[Array, "N M"]  # columns that the group of the row may use
 
 
@@ -101,14 +107,13 @@ def _sort_groups(
 ) -> _Groups:
     """Finds the rows that compete; one without allowed pair does so only where dummies do not."""
     active = jnp.any(allowed, axis=1)
-    competes = jnp.any((group[:, None] == group[None, :]) & active[None, :], axis=1)
-    live = jnp.where(dummies, active, competes)
-    order = jnp.lexsort((group, ~live)).astype(jnp.int32)
-    live, allowed, group = live[order], allowed[order], group[order]
-    same = (group[:, None] == group[None, :]) & live[:, None] & live[None, :]
-    reach = jnp.dot(same.astype(jnp.float32), present[order].astype(jnp.float32))
-    start = jnp.argmax(same, axis=1).astype(jnp.int32)
-    return _Groups(order, live, allowed, same, start, reach > 0)
+    alike = group[:, None] == group[None, :]
+    live = jnp.where(dummies, active, jnp.any(alike & active[None, :], axis=1))
+    position = rank_rising([~live, group])
+    same = alike & live[:, None] & live[None, :]
+    start = jnp.min(jnp.where(same, position[None, :], len(group)), axis=1)
+    reach = jnp.dot(same.astype(jnp.float32), present.astype(jnp.float32))
+    return _Groups(position, live, same, start, reach > 0)
 
 
 def _pose(
@@ -117,7 +122,6 @@ def _pose(
     """Lays out drivers and slots; also says which drivers are objects, and which objects."""
     num, columns = cost.shape
     slots = max(columns + 1, num)
-    cost, dummy_cost = cost[groups.order], dummy_cost[groups.order]
     padding = ((0, 0), (0, slots - columns - 1))
     falling = columns - jnp.arange(columns, dtype=jnp.int32)
     place = jnp.where(groups.columns, falling[None, :], -1)
@@ -130,8 +134,10 @@ def _pose(
         lambda: _cross(cost, groups, priced, place),
         lambda: (jnp.zeros(num, bool), jnp.zeros(num, jnp.int32), priced, place),
     )
+    index = jnp.arange(num, dtype=jnp.int32)
+    row = jnp.argmax(groups.position[None, :] == index[:, None], axis=1).astype(jnp.int32)
     num_drivers = jnp.sum(groups.live, dtype=jnp.int32)
-    return _Problem(priced, place, groups.start, num_drivers), crossed, object_of
+    return _Problem(priced, place, row, groups.start, num_drivers), crossed, object_of
 
 
 def _cross(
@@ -146,13 +152,13 @@ def _cross(
     """
     num, slots = place.shape
     crossed = jnp.sum(groups.same, axis=1) > jnp.sum(groups.columns, axis=1)
-    index = jnp.arange(num, dtype=jnp.int32)
     rank = jnp.cumsum(groups.columns, axis=1, dtype=jnp.int32) - 1
-    drives = groups.columns & (rank == (index - groups.start)[:, None])
+    drives = groups.columns & (rank == (groups.position - groups.start)[:, None])
     object_of = jnp.argmax(drives, axis=1).astype(jnp.int32)
     competes = groups.same & jnp.any(drives, axis=1, keepdims=True)
     padding = ((0, 0), (0, slots - num))
-    turned = jnp.where(competes, (num - index)[None, :], -1)
+    falling = num - jnp.arange(num, dtype=jnp.int32)
+    turned = jnp.where(competes, falling[None, :], -1)
     turned = jnp.pad(turned, padding, constant_values=-1)
     priced = jnp.where(crossed[:, None], jnp.pad(cost[:, object_of].T, padding), priced)
     return crossed, object_of, priced, jnp.where(crossed[:, None], turned, place)
@@ -173,53 +179,56 @@ def _search(
 
 def _search_in_double(problem, dummies, dummy_slot):
     num, slots = problem.cost.shape
-    none = jnp.full(slots, -1, jnp.int32)
     zero = jnp.int32(0)
     state = _Search(
-        driver=zero,
-        visited=zero,
+        at=jnp.stack(_At(zero, zero, zero - 1, zero)),
         low=jnp.float64(0),
-        distance=jnp.full(slots, jnp.inf, jnp.float64),
-        previous=none,
-        place=none,
-        entry=jnp.full(num, jnp.inf, jnp.float64),
-        driver_price=jnp.zeros(num, jnp.float64),
-        slot_price=jnp.zeros(slots, jnp.float64),
-        owner=none,
+        lengths=jnp.zeros((2, slots), jnp.float64),
+        slots=jnp.full((3, slots), -1, jnp.int32),
+        drivers=jnp.zeros((2, num), jnp.float64),
         settled=jnp.full(num, -1, jnp.int32),
     )
     no_owner = dummies & (jnp.arange(slots, dtype=jnp.int32) == dummy_slot)
     state = repeat(
-        lambda state: state.driver < problem.num_drivers,
-        lambda state: _visit(state, problem, no_owner),
+        lambda state: _At(*state.at).driver < problem.num_drivers,
+        lambda state: _advance(state, problem, no_owner),
         state,
     )
-    return state.owner, state.settled
+    return state.slots[2], state.settled
+
+
+def _advance(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Search:
+    """Visits the next driver of a path, or passes on the next slot of a path that is found."""
+    passed, visited = _pass_on(state), _visit(state, problem, no_owner)
+    passes = _At(*state.at).holder >= 0
+    return _Search(*(jnp.where(passes, *leaves) for leaves in zip(passed, visited, strict=True)))
 
 
 def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Search:
     """Measures the open slots from one driver, closes the nearest, and ends or goes on there."""
     num, slots = problem.cost.shape
     slot_index, driver_index = (jnp.arange(size, dtype=jnp.int32) for size in (slots, num))
-    driver, visited = state.driver, state.visited
-    start = problem.start[driver]
+    driver, visited, _, _ = _At(*state.at)
+    (distance, slot_price), (place, previous, owner) = state.lengths, state.slots
+    entry, driver_price = state.drivers
 
     fresh = driver == visited
     low = jnp.where(fresh, 0.0, state.low)
     # Entries of a batch that are done wait for the others: without an open slot nothing changes.
-    todo = jnp.where(driver < problem.num_drivers, problem.place[driver], -1)
-    place = jnp.where(fresh, todo, state.place)
-    entry = jnp.where(fresh, jnp.inf, state.entry)
+    row = problem.row[driver]
+    todo = jnp.where(driver < problem.num_drivers, problem.place[row], -1)
+    place = jnp.where(fresh, todo, place)
+    entry = jnp.where(fresh, jnp.inf, entry)
     entry = jnp.where(driver_index == visited, low, entry)
-    owned = state.owner >= start
-    slot_price = jnp.where(owned, state.slot_price, 0.0)
+    owned = owner >= problem.start[row]
+    slot_price = jnp.where(owned, slot_price, 0.0)
 
     is_open = place >= 0
-    length = low + problem.cost[visited] - state.driver_price[visited] - slot_price
-    distance = jnp.where(fresh, jnp.inf, state.distance)
+    length = low + problem.cost[problem.row[visited]] - driver_price[visited] - slot_price
+    distance = jnp.where(fresh, jnp.inf, distance)
     shorter = is_open & (length < distance)
     distance = jnp.where(shorter, length, distance)
-    previous = jnp.where(shorter, visited, state.previous)
+    previous = jnp.where(shorter, visited, previous)
 
     key = jnp.where(is_open, jnp.where(owned, place, -1 - place), _NO_KEY)
     low, key, slot, last = _nearest(jnp.where(is_open, distance, jnp.inf), key, slot_index, place)
@@ -232,23 +241,41 @@ def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Se
 
     closed = (place < 0) & (distance < jnp.inf)
     paid = jnp.where(closed, slot_price - (low - distance), slot_price)
-    priced = jnp.where(entry < jnp.inf, state.driver_price + (low - entry), state.driver_price)
-    last_owner = state.owner[slot]
+    priced = jnp.where(entry < jnp.inf, driver_price + (low - entry), driver_price)
+    holder, last_owner = previous[slot], owner[slot]
     gains = ends & found
-    owner = _augment(state.owner, previous, at_slot, previous[slot], driver, gains)
+    passes = gains & (holder != driver)
+    after = driver + jnp.where(ends & ~passes, 1, 0)
+    at = _At(
+        driver=after,
+        visited=jnp.where(ends, after, last_owner),
+        holder=jnp.where(passes, holder, -1),
+        taken=slot,
+    )
+    owner = jnp.where(at_slot & gains & ~no_owner, holder, owner)
     return _Search(
-        driver=jnp.where(ends, driver + 1, driver),
-        visited=jnp.where(ends, driver + 1, last_owner),
+        at=jnp.stack(at),
         low=low,
-        distance=distance,
-        previous=previous,
-        place=place,
-        entry=entry,
-        driver_price=jnp.where(gains, priced, state.driver_price),
-        slot_price=jnp.where(gains, paid, slot_price),
-        owner=jnp.where(no_owner, -1, owner),
+        lengths=jnp.stack([distance, jnp.where(gains, paid, slot_price)]),
+        slots=jnp.stack([place, previous, owner]),
+        drivers=jnp.stack([entry, jnp.where(gains, priced, driver_price)]),
         settled=jnp.where(gains & (driver_index == last_owner), slot, state.settled),
     )
+
+
+def _pass_on(state: _Search) -> _Search:
+    """Gives the slot of a driver that took another one to the driver before it on the path."""
+    driver, visited, holder, taken = _At(*state.at)
+    place, previous, owner = state.slots
+    slot_index = jnp.arange(len(owner), dtype=jnp.int32)
+    given_up = (owner == holder) & (slot_index != taken)
+    slot = jnp.max(jnp.where(given_up, slot_index, 0))
+    heir = previous[slot]
+    ends = heir == driver
+    after = driver + jnp.where(ends, 1, 0)
+    at = _At(after, jnp.where(ends, after, visited), jnp.where(ends, -1, heir), slot)
+    owner = jnp.where(given_up, heir, owner)
+    return state._replace(at=jnp.stack(at), slots=jnp.stack([place, previous, owner]))
 
 
 def _nearest(
@@ -269,45 +296,18 @@ def _nearest(
     return lax.reduce((distance, key, slot, place), unit, less, (0,))
 
 
-def _augment(
-    owner: Int[Array, "C"],
-    previous: Int[Array, "C"],
-    at_slot: Bool[Array, "C"],
-    holder: Int[Array, ""],
-    driver: Int[Array, ""],
-    ends: Bool[Array, ""],
-) -> Int[Array, "C"]:
-    """Passes every slot of the path on to the driver before it, back to `driver`."""
-
-    def unfinished(carry):
-        return carry[0] != driver
-
-    def pass_on(carry):
-        holder, renewed = carry
-        moves = holder != driver
-        given_up = (owner == holder) & moves
-        holder = jnp.where(moves, jnp.max(jnp.where(given_up, previous, -1)), holder)
-        return holder, jnp.where(given_up, holder, renewed)
-
-    holder = jnp.where(ends, holder, driver)
-    renewed = jnp.where(at_slot & ends, holder, owner)
-    return repeat(unfinished, pass_on, (holder, renewed))[1]
-
-
 def _read_columns(
     slot: Int[Array, "N"],
     crossed: Bool[Array, "N"],
     object_of: Int[Array, "N"],
     groups: _Groups,
+    allowed: Bool[Array, "N M"],
 ) -> Int[Array, "N"]:
-    """Column of each row in the order of the caller; forbidden pairs are dropped."""
-    num, columns = groups.allowed.shape
-    index = jnp.arange(num, dtype=jnp.int32)
-    taken = crossed[:, None] & (slot[:, None] == index[None, :])
+    """Column of each row; forbidden pairs are dropped."""
+    num, columns = allowed.shape
+    row = jnp.arange(num, dtype=jnp.int32)
+    taken = crossed[:, None] & (slot[:, None] == row[None, :])
     column = jnp.max(jnp.where(taken, object_of[:, None], NO_SLOT), axis=0)
     column = jnp.where(crossed, column, slot)
-    picked = jnp.arange(columns, dtype=jnp.int32)[None, :] == column[:, None]
-    fits = groups.live & jnp.any(picked & groups.allowed, axis=1)
-    column = jnp.where(fits, column, NO_SLOT)
-    here = groups.order[None, :] == index[:, None]
-    return jnp.max(jnp.where(here, column[None, :], NO_SLOT), axis=1).astype(jnp.int32)
+    fits = allowed[row, jnp.clip(column, 0, columns - 1)] & (column >= 0) & (column < columns)
+    return jnp.where(fits & groups.live, column, NO_SLOT).astype(jnp.int32)
