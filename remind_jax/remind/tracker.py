@@ -27,7 +27,7 @@ from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Intermediates, Trace, collect_trace
 from remind_jax.remind.undecided.provisional_commit import support_births
 from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import PairTable
+from remind_jax.remind.undecided.temporal import tabulate_pairs
 from remind_jax.static import Static
 
 __all__ = ["init", "step", "step_described", "step_described_traced", "step_traced"]
@@ -145,7 +145,7 @@ def _advance(
     assignment = associate(comparison, evidence, context, descriptors.class_id, static, t.matching)
     pairs = assignment.pairs
     # Who stays undecided?
-    table = PairTable(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
+    table = tabulate_pairs(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
     settlement = settle(table, assignment, state, descriptors, relations, static, t)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, static.margin, t.diagnosis)
     decisions = decide(

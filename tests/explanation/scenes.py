@@ -36,7 +36,7 @@ from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Intermediates, collect_trace
 from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import PairTable
+from remind_jax.remind.undecided.temporal import tabulate_pairs
 from remind_jax.static import Static
 
 NUM, SLOTS = 3, 4
@@ -133,7 +133,7 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     reasoning = Reasoning(felt, candidate & (veto == 0), veto, no_hypotheses(NUM, SLOTS, STATIC))
     verdict = read_context(reasoning, t.influence, t.ambiguous)
     assignment = associate(comparison, evidence, verdict, descriptors.class_id, STATIC, t.matching)
-    table = PairTable(
+    table = tabulate_pairs(
         comparison, assignment.pairs, verdict, t.similarity, t.ambiguous.known_set_score
     )
     apart, never = jnp.zeros((NUM, NUM)), jnp.zeros((NUM, NUM), bool)

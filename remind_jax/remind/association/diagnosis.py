@@ -33,14 +33,14 @@ class Evidence:
 
 
 def top_two(
-    scores: Float[Array, "N O"], counted: Bool[Array, "N O"]
-) -> tuple[Int[Array, "N"], Float[Array, "N"], Float[Array, "N"]]:
+    scores: Float[Array, "*B O"], counted: Bool[Array, "*B O"]
+) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"]]:
     """The first best column of each row, its score and the second best score (0 if none)."""
     masked = jnp.where(counted, scores, -jnp.inf)
-    best = jnp.argmax(masked, axis=1)
-    rest = jnp.where(jnp.arange(scores.shape[1]) == best[:, None], -jnp.inf, masked)
+    best = jnp.argmax(masked, axis=-1)
+    rest = jnp.where(jnp.arange(scores.shape[-1]) == best[..., None], -jnp.inf, masked)
     finite = lambda x: jnp.where(jnp.isfinite(x), x, 0.0)  # noqa: E731
-    return best, finite(jnp.max(masked, axis=1)), finite(jnp.max(rest, axis=1))
+    return best, finite(jnp.max(masked, axis=-1)), finite(jnp.max(rest, axis=-1))
 
 
 def find_anchors(

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.components import connect
 from remind_jax.remind.disambiguation.distance_evidence import (
     AGREEMENT_BASE,
     AGREEMENT_CONTACT,
@@ -80,7 +81,8 @@ def form_groups(
     some = jnp.any(stored, axis=1)
     other_class = class_id[:, None] != class_id
     linked = linked & ~(other_class & some[:, None] & some)
-    root = jnp.where(takes_part, _label_components(linked, takes_part), -1)
+    reach = connect(linked & takes_part[:, None] & takes_part)
+    root = jnp.where(takes_part, jnp.argmax(reach, axis=1).astype(jnp.int32), -1)
 
     flat, label = candidates.reshape(-1), jnp.repeat(root, width)
     repeated = (flat[:, None] == flat) & (label[:, None] == label)
@@ -162,13 +164,3 @@ def _share_candidates(
     """Detections that name one and the same candidate."""
     equal = candidates[:, :, None, None] == candidates[None, None]
     return jnp.any(equal & filled[:, :, None, None] & filled[None, None], axis=(1, 3))
-
-
-def _label_components(linked: Bool[Array, "N N"], takes_part: Bool[Array, "N"]) -> Int[Array, "N"]:
-    """The first detection of each connected component, by repeated squaring."""
-    num = linked.shape[0]
-    reach = linked & takes_part[:, None] & takes_part
-    reach = (reach | reach.T | jnp.eye(num, dtype=bool)).astype(jnp.float32)
-    square = lambda _, reach: (reach @ reach > 0).astype(jnp.float32)  # noqa: E731
-    reach = jax.lax.fori_loop(0, max(1, (num - 1).bit_length()), square, reach)
-    return jnp.argmax(reach, axis=1).astype(jnp.int32)

@@ -17,7 +17,7 @@ from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.thresholds.outcome import Competition
 from remind_jax.remind.undecided.provisional_commit import reserve_ids
-from remind_jax.remind.undecided.temporal import PairTable, temporal_score
+from remind_jax.remind.undecided.temporal import SUPPORTED, PairTable
 
 
 @jax.tree_util.register_dataclass
@@ -54,9 +54,10 @@ def find_competitions(
     open_parents = table.comparison.candidate & held[None]
     parent = jnp.argmax(jnp.where(open_parents, known, -jnp.inf), axis=1)
     has_parent = jnp.any(open_parents, axis=1) & creates & t.enabled
-    holder = jnp.argmax(holds, axis=0)[parent]
+    row = jnp.arange(num)
+    holder = jnp.argmax(slot[None] == parent[:, None], axis=1)
 
-    at = lambda table: jnp.take_along_axis(table, parent[:, None], axis=1)[:, 0]  # noqa: E731
+    at = lambda table: table[row, parent]  # noqa: E731
     lifecycle = objects.lifecycle[parent]
     young = (objects.age[parent] <= t.max_parent_age) | ~t.young_only
     is_confirmed = lifecycle == Lifecycle.CONFIRMED
@@ -71,41 +72,29 @@ def find_competitions(
     ok = has_parent & fit & (mine >= least) & (theirs >= least)
     ok = ok & (jnp.abs(theirs - mine) <= widest)
 
-    supported = table.plausible & table.context.supported[None]
-    rival_score = jnp.maximum(known, temporal_score(table, supported))
+    # Where both know of another supported candidate that is good enough, nothing competes.
+    rival_score = jnp.maximum(known, table.temporal[SUPPORTED])
+    both = jnp.stack([row, holder])
+    among = table.supported[both]
+    others = among & (parent[:, None] != jnp.arange(width)) & (rival_score[both] >= least[:, None])
+    sets = jnp.stack([table.plausible[both], among, others])
+    num_plausible, num_supported, num_others = jnp.sum(sets, axis=3)
+    has_rival = (num_plausible >= 2) & (num_supported >= 2) & (num_others >= 1)
+    ok = ok & ~jnp.any(has_rival & table.supported[both, parent], axis=0)
+    same = ok & (parent == parent[:, None])
+    best = jnp.argmax(jnp.where(same, mine, -jnp.inf), axis=1)
+    seed = ok & (best == row) & ~((jnp.sum(same, axis=1) > 1) & t.single_create)
 
-    def has_rival(row: Int[Array, "N"]) -> Bool[Array, "N"]:
-        """Another supported candidate of that detection is good enough as well."""
-        among = supported[row]
-        is_parent = parent[:, None] == jnp.arange(width)
-        asked = (jnp.sum(table.plausible[row], axis=1) >= 2) & (jnp.sum(among, axis=1) >= 2)
-        asked = asked & jnp.any(among & is_parent, axis=1)
-        return asked & jnp.any(among & ~is_parent & (rival_score[row] >= least[:, None]), axis=1)
-
-    ok = ok & ~has_rival(jnp.arange(num)) & ~has_rival(holder)
-    claims = ok[:, None] & (parent[:, None] == jnp.arange(width))
-    crowded = (jnp.sum(claims, axis=0) > 1) & t.single_create
-    best = jnp.argmax(jnp.where(claims, mine[:, None], -jnp.inf), axis=0)
-    seed = ok & ~crowded[parent] & (best[parent] == jnp.arange(num))
-
-    score = jnp.maximum(mine, theirs)
-    virtual = width + jnp.arange(num)
-    pair = jnp.stack([parent, virtual, jnp.full(num, NO_SLOT)], axis=1).astype(jnp.int32)
-    scores = jnp.stack([score, score, jnp.zeros_like(score)], axis=1)
-    of_seed = jnp.where(seed, holder, num)
-
-    def spread(values: Array) -> Array:
-        """The founding detection and the one that holds the parent share the entry."""
-        empty = jnp.zeros_like(values)
-        own = jnp.where(seed.reshape(-1, *(1,) * (values.ndim - 1)), values, empty)
-        return own.at[of_seed].set(values, mode="drop")
-
-    present = seed.at[of_seed].set(True, mode="drop")
+    # The founding detection and the one that holds the parent share the entry.
+    founder = seed & ((holder == row[:, None]) | (row == row[:, None]))
+    present, source = jnp.any(founder, axis=1), jnp.argmax(founder, axis=1)
+    score = jnp.where(present, jnp.maximum(mine, theirs)[source], 0.0)
+    pair = [jnp.where(present, named, NO_SLOT) for named in (parent[source], width + source)]
     entries = Undecided(
         present=present,
-        slot=jnp.where(present[:, None], spread(pair), NO_SLOT),
-        score=spread(scores),
-        best=spread(score),
+        slot=jnp.stack([*pair, jnp.full(num, NO_SLOT)], axis=1).astype(jnp.int32),
+        score=jnp.stack([score, score, jnp.zeros_like(score)], axis=1),
+        best=score,
         reason=jnp.full(num, Reason.KNOWN_AND_COMMITTED_NEW_COMPETITION, jnp.int32),
     )
-    return Rivalry(entries, reserve_ids(seed, parent, creates, next_id, width))
+    return Rivalry(entries, reserve_ids(seed, parent, creates, next_id))

@@ -10,16 +10,18 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason, Status
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.ranks import rank_rising
 from remind_jax.remind.association.diagnosis import admit_by_status, top_two
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.association import Diagnosis, Matching
 from remind_jax.remind.thresholds.outcome import Provisional
 from remind_jax.remind.undecided.temporal import (
+    CANDIDATES,
+    PLAUSIBLE,
     PairTable,
     is_close,
     judge,
     rank,
-    temporal_score,
     to_mask,
 )
 
@@ -75,34 +77,41 @@ def question_births(
     """
     candidate, plausible = table.comparison.candidate, table.plausible
     visual = table.comparison.score
-    score = temporal_score(table, plausible)
-    raw_score = temporal_score(table, candidate)
-    supported = plausible & table.context.supported[None]
-    some = jnp.any(supported, axis=1)
-    several = jnp.sum(supported, axis=1, keepdims=True) >= 2
+    supported = table.supported
+    score, raw_score = table.temporal[PLAUSIBLE], table.temporal[CANDIDATES]
+    num_supported, num_plausible, num_candidates = jnp.sum(
+        jnp.stack([supported, plausible, candidate]), axis=2
+    )
+    some = num_supported > 0
     status, _, _ = judge(
-        score, jnp.where(several, supported, plausible), t.min_top, t.min_candidate, t.gap,
-        t.relative_gap, t.gap_slack,
+        score, jnp.where((num_supported >= 2)[:, None], supported, plausible), t.min_top,
+        t.min_candidate, t.gap, t.relative_gap, t.gap_slack,
     )  # fmt: skip
-    first, first_score, _ = top_two(score, supported)
+    # The best of all sets of candidates that a detection may be compared within.
+    slots, tops, seconds = top_two(
+        jnp.stack([score, score, raw_score, visual, visual]),
+        jnp.stack([supported, plausible, candidate, plausible, candidate]),
+    )
+    first, first_score, raw_top = slots[0], tops[0], slots[2]
+    hint, hint_score = slots[4], tops[4]
     blocked_ok = some & held[first] & (first_score >= t.min_top)
-    near_miss = _is_near_miss(visual, plausible, candidate, some, t, matching, diagnosis)
+    near_miss = _is_near_miss(
+        visual, plausible, candidate, tops[3:], seconds[3:], t, matching, diagnosis
+    )
+    near_miss = near_miss & (~t.visual_single_only | (num_candidates == 1))
+    near_miss = near_miss & t.visual_fallback & (~some | ~t.visual_only_without_context)
     admitted = admit_by_status(status, t.from_strong, t.from_ambiguous, t.from_weak)
     bad_status = ~admitted & ~blocked_ok & ~near_miss
 
-    focus, focus_score = plausible, score
-    focus = jnp.where(some[:, None], supported, focus)
-    only_raw = ~jnp.any(focus, axis=1) & near_miss
-    focus = jnp.where(only_raw[:, None], candidate, focus)
-    focus_score = jnp.where(only_raw[:, None], raw_score, focus_score)
-    best_slot, best, _ = top_two(focus_score, focus)
-    asked = creates & jnp.any(candidate, axis=1) & jnp.any(focus, axis=1) & t.enabled
+    only_raw = ~some & (num_plausible == 0) & near_miss
+    choose = lambda leaf: jnp.where(only_raw, leaf[2], jnp.where(some, leaf[0], leaf[1]))  # noqa: E731
+    best_slot, best = choose(slots), choose(tops)
+    asked = creates & (num_candidates > 0) & ((num_plausible > 0) | only_raw) & t.enabled
     asked = asked & (some | near_miss | ~t.require_context) & (best >= t.min_top)
 
     near = supported & (score >= t.min_candidate)
     near = near & is_close(best[:, None], score, t.gap, t.relative_gap, t.gap_slack)
     known, known_score = rank(score, near, t.max_support)
-    hint, hint_score, _ = top_two(visual, candidate)
     lacks = known[:, 0] == NO_SLOT
     asked = asked & (~lacks | near_miss | blocked_ok | ~t.require_context)
     known, known_score = _fill(known, known_score, lacks & blocked_ok, first, first_score)
@@ -117,7 +126,6 @@ def question_births(
     count = jnp.sum(known != NO_SLOT, axis=1)
     all_blocked = jnp.any(blocked, axis=1) & (jnp.sum(blocked, axis=1) == count)
     contextual = (count > 0) & ~all_blocked
-    raw_top, _, _ = top_two(raw_score, candidate)
     aligned = (count == 1) & ~jnp.any(blocked, axis=1)
     aligned = aligned & jnp.where(
         by_hint, known[:, 0] == best_slot, (known[:, 0] == first) & (first == raw_top) & some
@@ -145,22 +153,24 @@ def _is_near_miss(
     visual: Float[Array, "N O"],
     plausible: Bool[Array, "N O"],
     candidate: Bool[Array, "N O"],
-    some: Bool[Array, "N"],
+    tops: Float[Array, "2 N"],
+    seconds: Float[Array, "2 N"],
     t: Provisional,
     matching: Matching,
     diagnosis: Diagnosis,
 ) -> Bool[Array, "N"]:
-    """A clear visual winner that just missed the match threshold (method.md#near-miss)."""
-    _, plain_top, _ = top_two(visual, plausible)
-    among = jnp.where((plain_top > 0)[:, None], plausible, candidate)
-    _, top, second = top_two(visual, among)
+    """A clear visual winner that just missed the match threshold (method.md#near-miss).
+
+    `tops` and `seconds` are the two best visual scores of plausible ones and of all candidates.
+    """
+    some = tops[0] > 0
+    top, second = jnp.where(some, tops[0], tops[1]), jnp.where(some, seconds[0], seconds[1])
+    among = jnp.where(some[:, None], plausible, candidate)
     near = among & (visual >= (top - jnp.maximum(0.0, diagnosis.close))[:, None])
     lack = matching.match - top
     ok = (top >= t.visual_min_score) & (matching.match > 0)
     ok = ok & (lack >= 0) & (lack <= t.visual_margin) & (top - second >= t.visual_min_gap)
-    ok = ok & (jnp.sum(near, axis=1) <= t.visual_max_close)
-    ok = ok & (~t.visual_single_only | (jnp.sum(candidate, axis=1) == 1))
-    return ok & t.visual_fallback & (~some | ~t.visual_only_without_context)
+    return ok & (jnp.sum(near, axis=1) <= t.visual_max_close)
 
 
 def _fill(
@@ -215,7 +225,8 @@ def _as_entries(
     """Support of at least two as ambiguous candidates, by score, then the larger id."""
     named = known != NO_SLOT
     key = jnp.where(named, known_score, -jnp.inf)
-    order = jnp.lexsort((-known, -key), axis=-1)
+    place = rank_rising([-key, -known])
+    order = jnp.argmax(place[:, None] == jnp.arange(known.shape[1])[:, None], axis=2)
     slots = jnp.take_along_axis(known, order, axis=1)
     keep = jnp.arange(known.shape[1]) < max_candidates
     slots = jnp.where(keep, slots, NO_SLOT)

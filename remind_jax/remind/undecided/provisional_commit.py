@@ -30,20 +30,16 @@ def reserve_ids(
     parent: Int[Array, "N"],
     creates: Bool[Array, "N"],
     next_id: Int[Array, ""],
-    num_objects: int,
 ) -> Int[Array, "N"]:
     """Ids in advance, by rising parent, behind all other births that the frame may bring.
 
     Args:
       founder: Detections that may found an object although they stay ambiguous.
-      parent: Object that each of them competes for.
+      parent: Object that each of them competes for, no two for the same.
       creates: Detections that would found an object, founders included.
       next_id: Next free object id.
-      num_objects: Object slots.
     """
-    at = jnp.where(founder, parent, num_objects)
-    by_parent = jnp.zeros(num_objects, bool).at[at].set(True, mode="drop")
-    turn = (jnp.cumsum(by_parent, dtype=jnp.int32) - 1)[parent]
+    turn = jnp.sum(founder & (parent < parent[:, None]), axis=1, dtype=jnp.int32)
     others = jnp.sum(creates & ~founder, dtype=jnp.int32)
     return jnp.where(founder, next_id + others + turn, NO_ID)
 

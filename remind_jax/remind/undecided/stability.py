@@ -20,14 +20,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.components import connect
 from remind_jax.numerics.control_flow import branch
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.outcome import Stability
-from remind_jax.remind.undecided.temporal import PairTable, rank, temporal_score
+from remind_jax.remind.undecided.temporal import PairTable, rank, temporal_score, to_mask
 
 MAX_MEMBERS = 4
 _ORDERS = np.array(list(itertools.permutations(range(MAX_MEMBERS))), np.int32)
+_TURNS = MAX_MEMBERS ** np.arange(MAX_MEMBERS - 1, -1, -1, dtype=np.int32)
 
 
 @jax.tree_util.register_dataclass
@@ -63,11 +65,10 @@ def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabiliz
     """
     parts = _find_components(table, slot)
     contested = parts.contested & t.enabled
-    first, second, close, gap = _compare_assignments(table, parts, t)
+    (first, second), close, gap = _compare_assignments(table, parts, slot, t)
     settled = contested & close
     undecided = settled & (first != second)
-    current = slot[:, None] == jnp.arange(parts.edge.shape[1])
-    named = current | _one_hot(first, parts.edge) | _one_hot(second, parts.edge)
+    named = to_mask(jnp.stack([slot, first, second], axis=1), parts.edge.shape[1])
     few = jnp.sum(named, axis=1, keepdims=True) < 2
     rivals = jnp.where(few, parts.objects, named & parts.objects)
 
@@ -118,10 +119,6 @@ def doubt_entries(
     )
 
 
-def _one_hot(slots: Int[Array, "N"], like: Bool[Array, "N O"]) -> Bool[Array, "N O"]:
-    return slots[:, None] == jnp.arange(like.shape[1])
-
-
 def _find_components(table: PairTable, slot: Int[Array, "N"]) -> _Components:
     """Connects matched detections through the eligible pairs with matched objects."""
     num, width = table.pairs.eligible.shape
@@ -129,10 +126,7 @@ def _find_components(table: PairTable, slot: Int[Array, "N"]) -> _Components:
     taken = jnp.any(slot[:, None] == jnp.arange(width), axis=0)
     edge = table.pairs.eligible & matched[:, None] & taken[None]
     links = edge.astype(jnp.float32)
-    reach = (links @ links.T) > 0
-    for _ in range(max(1, (num - 1).bit_length())):
-        spread = reach.astype(jnp.float32)
-        reach = (spread @ spread) > 0
+    reach = connect((links @ links.T) > 0)
     linked = jnp.any(edge, axis=1)
     root = jnp.where(linked, jnp.argmax(reach, axis=1).astype(jnp.int32), num)
     objects = (reach.astype(jnp.float32) @ links) > 0
@@ -141,48 +135,53 @@ def _find_components(table: PairTable, slot: Int[Array, "N"]) -> _Components:
 
 
 def _compare_assignments(
-    table: PairTable, parts: _Components, t: Stability
-) -> tuple[Int[Array, "N"], Int[Array, "N"], Bool[Array, "N"], Float[Array, "N"]]:
+    table: PairTable, parts: _Components, slot: Int[Array, "N"], t: Stability
+) -> tuple[Int[Array, "2 N"], Bool[Array, "N"], Float[Array, "N"]]:
     """The two best complete assignments of each small component.
 
     Returns:
       The object of each detection in the best and in the second best assignment, whether the
       component has two and they are too close, and how far the best one leads.
     """
-    num, width = parts.edge.shape
-    known = table.pairs.score_known
-    roots = jnp.arange(num)
-    in_part = parts.root[None] == roots[:, None]
-    objects = parts.objects & (parts.root == roots)[:, None]
+    num = len(slot)
+    row, member = jnp.arange(num), jnp.arange(MAX_MEMBERS)
+    in_part = parts.root[None] == row[:, None]
     size = jnp.sum(in_part, axis=1)
+    num_objects = jnp.sum(parts.objects & (parts.root == row)[:, None], axis=1)
     most = jnp.minimum(t.max_members, MAX_MEMBERS)
-    small = (size == jnp.sum(objects, axis=1)) & (size <= most) & (size >= 2)
+    small = (size == num_objects) & (size <= most) & (size >= 2)
 
-    # Detections by number of edges, then id; objects by id.
-    degree = jnp.where(in_part, jnp.sum(parts.edge, axis=1)[None], width + 1)
-    dets = jnp.argsort(degree, axis=1, stable=True)[:, :MAX_MEMBERS]
-    dets = _pad_columns(dets, MAX_MEMBERS)
-    objs = _pad_columns(jnp.argsort(~objects, axis=1, stable=True)[:, :MAX_MEMBERS], MAX_MEMBERS)
-    member = jnp.arange(MAX_MEMBERS) < size[:, None]
-    inner = member[:, :, None] & member[:, None, :]
-    score = known[dets[:, :, None], objs[:, None, :]]
+    # Detections by number of edges, then id. Where there are as many objects, each is that of a
+    # detection: objects by id.
+    degree = jnp.sum(parts.edge, axis=1)
+    before = (degree < degree[:, None]) | ((degree == degree[:, None]) & (row < row[:, None]))
+    place = jnp.sum(in_part[:, None] & before, axis=2)
+    at_place = (place[:, None] == member[:, None]) & in_part[:, None]  # [R, M, N]
+    dets, inside = jnp.argmax(at_place, axis=2), jnp.any(at_place, axis=2)
+    own = jnp.where(inside, slot[dets], parts.edge.shape[1])
+    own_place = jnp.sum(own[:, None] < own[:, :, None], axis=2)
+    is_object = (own_place[:, None] == member[:, None]) & inside[:, None]
+    objs = jnp.sum(jnp.where(is_object, own[:, None], 0), axis=2)
+    inner = inside[:, :, None] & inside[:, None]
     edge = parts.edge[dets[:, :, None], objs[:, None, :]] & inner
     edge = edge | (~inner & jnp.eye(MAX_MEMBERS, dtype=bool))
+    score = table.pairs.score_known[dets[:, :, None], objs[:, None, :]]
     value = jnp.where(inner, score, 0.0)
 
-    rows = jnp.arange(MAX_MEMBERS)
-    feasible = jnp.all(edge[:, rows, _ORDERS], axis=-1)
+    feasible = jnp.all(edge[:, member, _ORDERS], axis=-1)
     total = jnp.zeros(feasible.shape, value.dtype)
-    for row in range(MAX_MEMBERS):  # summed in this order, as in the original
-        total = total + value[:, row, _ORDERS[:, row]]
+    for each in range(MAX_MEMBERS):  # summed in this order, as in the original
+        total = total + value[:, each, _ORDERS[:, each]]
     # Equal totals keep the order of enumeration: each detection tries its best object first.
-    tries = jnp.argsort(jnp.argsort(-value, axis=-1, stable=True), axis=-1, stable=True)
-    place = jnp.sum(tries[:, rows, _ORDERS] * (MAX_MEMBERS ** (MAX_MEMBERS - 1 - rows)), axis=-1)
+    one, other = value[..., None], value[:, :, None]
+    earlier = (other > one) | ((other == one) & (member < member[:, None]))
+    tries = jnp.sum(earlier, axis=-1)
+    turn = jnp.sum(tries[:, member, _ORDERS] * _TURNS, axis=-1)
 
     def best(allowed: Bool[Array, "N Q"]) -> tuple[Array, Array]:
         top = jnp.max(jnp.where(allowed, total, -jnp.inf), axis=1)
         ties = allowed & (total == top[:, None])
-        return jnp.argmin(jnp.where(ties, place, jnp.iinfo(jnp.int32).max), axis=1), top
+        return jnp.argmin(jnp.where(ties, turn, jnp.iinfo(jnp.int32).max), axis=1), top
 
     first, top = best(feasible)
     second, next_top = best(feasible & (jnp.arange(len(_ORDERS)) != first[:, None]))
@@ -190,38 +189,28 @@ def _compare_assignments(
     gap = jnp.where(several, jnp.maximum(0.0, top - next_top), jnp.inf)
     close = several & (gap <= t.assignment_gap)
 
-    def spread(order: Int[Array, "N"]) -> Int[Array, "N"]:
-        """From (component, member) back to detections."""
-        chosen = jnp.take_along_axis(objs, jnp.asarray(_ORDERS)[order], axis=1)
-        target = jnp.where(member & close[:, None], dets, num)
-        return (
-            jnp.full(num, NO_SLOT, jnp.int32).at[target].set(chosen.astype(jnp.int32), mode="drop")
-        )
-
-    is_close = jnp.any(in_part & close[:, None], axis=0)
-    of_detection = jnp.min(jnp.where(in_part, gap[:, None], jnp.inf), axis=0)
-    return spread(first), spread(second), is_close, of_detection
-
-
-def _pad_columns(index: Int[Array, "N X"], width: int) -> Int[Array, "N W"]:
-    lacking = width - index.shape[1]
-    return jnp.pad(index, ((0, 0), (0, max(0, lacking))))
+    # From (component, member) back to detections.
+    order = jnp.asarray(_ORDERS)[jnp.stack([first, second])]
+    chosen = jnp.take_along_axis(objs[None], order, axis=2)[..., None]  # [2, R, M, 1]
+    named = at_place & close[:, None, None]
+    objects = jnp.max(jnp.where(named, chosen, NO_SLOT), axis=(1, 2)).astype(jnp.int32)
+    linked, root = parts.root < num, jnp.minimum(parts.root, num - 1)
+    return objects, linked & close[root], jnp.where(linked, gap[root], jnp.inf)
 
 
 def _is_fragile(
     table: PairTable, parts: _Components, slot: Int[Array, "N"], t: Stability
 ) -> Bool[Array, "N"]:
     """Components with a fragile match that a rival pair beats (method.md#gating-fragile)."""
-    known, width = table.pairs.score_known, parts.edge.shape[1]
-    current = slot[:, None] == jnp.arange(width)
-    gate = table.pairs.gate
+    known, row, at = table.pairs.score_known, jnp.arange(len(slot)), jnp.maximum(slot, 0)
+    gate, mine = table.pairs.gate[row, at], known[row, at]
     weak = t.rescued_fragile & (gate == Gate.SETS_RESCUE)
     weak = weak | (t.passed_fragile & (gate == Gate.PASS_MATCH_THR))
-    fragile = jnp.any(current & weak & parts.edge, axis=1)
-    mine = jnp.sum(jnp.where(current, known, 0.0), axis=1)
-    other_object = jnp.max(jnp.where(parts.edge & ~current, known, -jnp.inf), axis=1)
-    rivals = parts.edge[None] & current[:, None] & ~jnp.eye(len(slot), dtype=bool)[..., None]
-    other_detection = jnp.max(jnp.where(rivals, known[None], -jnp.inf), axis=(1, 2))
+    fragile = weak & parts.edge[row, at] & (slot >= 0)
+    others = parts.edge & (jnp.arange(known.shape[1]) != slot[:, None])
+    other_object = jnp.max(jnp.where(others, known, -jnp.inf), axis=1)
+    rivals = parts.edge[:, at] & (row[:, None] != row)
+    other_detection = jnp.max(jnp.where(rivals, known[:, at], -jnp.inf), axis=0)
     beaten = jnp.maximum(other_object, other_detection) >= mine + t.alternative_margin
     bad = fragile & beaten & parts.contested
     same = parts.root[:, None] == parts.root[None]
@@ -235,34 +224,27 @@ def _solve_greedily(
 
     Rule: method.md#gating-fragile.
     """
-    known, num = table.pairs.score_known, len(fragile)
+    known, visual = table.pairs.score_known, table.comparison.score
     edge = parts.edge & fragile[:, None]
-    order = jnp.lexsort(
-        (-table.comparison.score.ravel(), -jnp.where(edge, known, -jnp.inf).ravel())
-    )
-    place = jnp.argsort(order, stable=True).reshape(edge.shape)
-    last = jnp.iinfo(place.dtype).max
+    masked = jnp.where(edge, known, -jnp.inf)
+    row, column = jnp.arange(edge.shape[0])[:, None], jnp.arange(edge.shape[1])
 
     def take(_: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Pairs that come first both in their row and in their column are taken."""
         taken, left = carry
-        rank_left = jnp.where(left, place, last)
-        first = left & (rank_left == jnp.min(rank_left, axis=1, keepdims=True))
-        first = first & (rank_left == jnp.min(rank_left, axis=0, keepdims=True))
-        free = ~jnp.any(first, axis=1)[:, None] & ~jnp.any(first, axis=0)[None]
-        return taken | first, left & free
+        top = left & (masked == jnp.max(jnp.where(left, masked, -jnp.inf)))
+        top = top & (visual == jnp.max(jnp.where(top, visual, -jnp.inf)))
+        first = jnp.argmax(top)
+        in_row, in_column = row == first // len(column), column == first % len(column)
+        return taken | (top & in_row & in_column), left & ~in_row & ~in_column
 
-    taken, _ = jax.lax.fori_loop(0, num, take, (jnp.zeros_like(edge), edge))
-    masked = jnp.where(edge, known, -jnp.inf)
+    taken, _ = jax.lax.fori_loop(0, len(fragile), take, (jnp.zeros_like(edge), edge))
 
-    def best_other(axis: int) -> Float[Array, "N O"]:
-        """Largest score of the other pairs in the same row or column."""
-        top = jnp.max(masked, axis=axis, keepdims=True)
-        is_top = masked == top
-        single = jnp.sum(is_top & edge, axis=axis, keepdims=True) == 1
-        rest = jnp.max(jnp.where(is_top, -jnp.inf, masked), axis=axis, keepdims=True)
-        return jnp.where(is_top & single, rest, top)
+    def best_other(scores: Float[Array, "X Y"]) -> Float[Array, "X Y"]:
+        """Largest score of the other pairs in the same row."""
+        is_best = jnp.arange(scores.shape[1]) == jnp.argmax(scores, axis=1)[:, None]
+        rest = jnp.max(jnp.where(is_best, -jnp.inf, scores), axis=1, keepdims=True)
+        return jnp.where(is_best, rest, jnp.max(scores, axis=1, keepdims=True))
 
-    rival = jnp.maximum(best_other(0), best_other(1))
+    rival = jnp.maximum(best_other(masked), best_other(masked.T).T)
     stands = (table.pairs.gate == Gate.PASS_MATCH_THR) | (known >= rival + t.keep_margin)
     return taken & stands

@@ -19,6 +19,7 @@ from remind_jax.remind.association.similarity import Comparison, comparable_scor
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.association import Similarity
 
+PLAUSIBLE, CANDIDATES, SUPPORTED = 0, 1, 2
 _TINY = 1e-12
 
 
@@ -32,11 +33,32 @@ class PairTable:
     context: ContextVerdict
     similarity: Similarity
     known_set_score: Bool[Array, ""]  # compare on common evidence, else by the final score
+    temporal: Float[Array, "3 N O"]  # T among all PLAUSIBLE candidates, CANDIDATES, SUPPORTED ones
 
     @property
     def plausible(self) -> Bool[Array, "N O"]:
         """Candidates that context does not veto."""
         return self.comparison.candidate & self.context.plausible
+
+    @property
+    def supported(self) -> Bool[Array, "N O"]:
+        """Plausible candidates that context clearly backs."""
+        return self.plausible & self.context.supported[None]
+
+
+def tabulate_pairs(
+    comparison: Comparison,
+    pairs: Pairs,
+    context: ContextVerdict,
+    similarity: Similarity,
+    known_set_score: Bool[Array, ""],
+) -> PairTable:
+    """The table of a frame, with T among the sets of candidates that several rules ask about."""
+    nothing = jnp.zeros((3, *comparison.score.shape), comparison.score.dtype)
+    table = PairTable(comparison, pairs, context, similarity, known_set_score, nothing)
+    sets = jnp.stack([table.plausible, comparison.candidate, table.supported])
+    among = jax.vmap(lambda members: temporal_score(table, members))(sets)
+    return dataclasses.replace(table, temporal=among)
 
 
 def prefer(first: Undecided, second: Undecided) -> Undecided:
@@ -89,34 +111,34 @@ def judge(
 
 
 def rank(
-    scores: Float[Array, "N O"],
-    members: Bool[Array, "N O"],
-    most: Int[Array, ""] | int = NUM_OPTIONS,
+    scores: Float[Array, "*B O"],
+    members: Bool[Array, "*B O"],
+    most: Int[Array, "..."] | int = NUM_OPTIONS,
     *,
     later_first: bool = False,
-) -> tuple[Int[Array, "N K"], Float[Array, "N K"]]:
+) -> tuple[Int[Array, "*B K"], Float[Array, "*B K"]]:
     """The best members by falling score, at most three.
 
     Args:
       scores: Score of each pair.
       members: Pairs to choose from.
-      most: How many, at most three.
+      most: How many, at most three; broadcast against the slots.
       later_first: Among equals the larger id first, else the smaller.
 
     Returns:
       Slots (-1 padding) and scores (0 padding).
     """
-    width = scores.shape[1]
+    width = scores.shape[-1]
     masked = jnp.where(members, scores, -jnp.inf)
     shown = min(NUM_OPTIONS, width)
-    top, index = jax.lax.top_k(masked[:, ::-1] if later_first else masked, shown)
+    top, index = jax.lax.top_k(masked[..., ::-1] if later_first else masked, shown)
     index = width - 1 - index if later_first else index
     real = jnp.isfinite(top) & (jnp.arange(shown) < most)
-    lacking = ((0, 0), (0, NUM_OPTIONS - shown))
+    lacking = (*((0, 0),) * (scores.ndim - 1), (0, NUM_OPTIONS - shown))
     slots = jnp.pad(jnp.where(real, index, NO_SLOT), lacking, constant_values=NO_SLOT)
     return slots.astype(jnp.int32), jnp.pad(jnp.where(real, top, 0.0), lacking)
 
 
-def to_mask(slots: Int[Array, "N K"], width: int) -> Bool[Array, "N O"]:
+def to_mask(slots: Int[Array, "*B K"], width: int) -> Bool[Array, "*B O"]:
     """Marks the named slots; padding and virtual ones fall out."""
-    return jnp.any(slots[:, :, None] == jnp.arange(width), axis=1)
+    return jnp.any(slots[..., None] == jnp.arange(width), axis=-2)

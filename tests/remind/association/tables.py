@@ -31,7 +31,7 @@ from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.settlement import settle
-from remind_jax.remind.undecided.temporal import PairTable
+from remind_jax.remind.undecided.temporal import tabulate_pairs
 from remind_jax.static import Static
 
 NUM, SLOTS, PENDING = 5, 8, 1  # detections, objects, undecided tracks
@@ -185,7 +185,7 @@ def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
     context = read_context(reasoning, rules, t.ambiguous)
     assignment = associate(comparison, evidence, context, frame.class_id, STATIC, t.matching)
     pairs = assignment.pairs
-    table = PairTable(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
+    table = tabulate_pairs(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
     apart = jnp.zeros((NUM, NUM), STATIC.scalar)
     never = jnp.zeros((NUM, NUM), bool)
     relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)

@@ -28,7 +28,7 @@ def objects_of(*ids, class_id=0) -> Objects:
 def test_ids_are_reserved_by_rising_parent_behind_all_other_births():
     founder = jnp.array([True, False, True, False])
     creates = jnp.array([True, True, True, False])
-    reserved = reserve_ids(founder, jnp.array([5, 0, 2, 0]), creates, jnp.int32(10), SLOTS)
+    reserved = reserve_ids(founder, jnp.array([5, 0, 2, 0]), creates, jnp.int32(10))
     assert reserved.tolist() == [12, NO_ID, 11, NO_ID]
 
 
