@@ -54,6 +54,19 @@ class Rating:
     maturity: Float[Array, "..."]  # mean over the members, [0, 1)
     tally: Tally
 
+    def pack(self) -> Float[Array, "... F"]:
+        """All fields side by side: one array to write, and to pick from."""
+        return jnp.stack([leaf.astype(self.score.dtype) for leaf in jax.tree.leaves(self)], axis=-1)
+
+    @classmethod
+    def unpack(cls, packed: Float[Array, "... F"]) -> Rating:
+        """The fields of what `pack` gives."""
+        score, density, maturity, info, support, weight, stability, lead, exclusive = (
+            packed[..., field] for field in range(packed.shape[-1])
+        )
+        tally = Tally(info, support, weight, stability, lead, exclusive > 0)
+        return cls(score, density, maturity, tally)
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
@@ -65,11 +78,16 @@ class Beam:
     """
 
     sets: MemberSet  # leading axis W, of which `num_sets` count
-    rating: Rating  # of each set
+    rates: Float[Array, "W F"]  # `rating`, packed
     num_sets: Int[Array, ""]
     set_of: Int[Array, "W"]  # set of each row
     detections: Bool[Array, "W N"]
     valid: Bool[Array, "W"]
+
+    @property
+    def rating(self) -> Rating:
+        """Of each set."""
+        return Rating.unpack(self.rates)
 
 
 def empty_beam(num: int, slots: int, static: Static) -> Beam:
@@ -78,14 +96,14 @@ def empty_beam(num: int, slots: int, static: Static) -> Beam:
     zero = jnp.zeros((), scalar)
     one = (
         empty_set(min(num, slots), slots, scalar),
-        Rating(score=zero, density=zero, maturity=zero, tally=empty_tally(scalar)),
+        Rating(score=zero, density=zero, maturity=zero, tally=empty_tally(scalar)).pack(),
         jnp.zeros(num, bool),
     )
-    sets, rating, detections = jax.tree.map(
+    sets, rates, detections = jax.tree.map(
         lambda leaf: jnp.broadcast_to(leaf, (width, *leaf.shape)), one
     )
     rows = jnp.zeros(width, jnp.int32)
-    return Beam(sets, rating, jnp.int32(1), rows, detections, jnp.arange(width) == 0)
+    return Beam(sets, rates, jnp.int32(1), rows, detections, jnp.arange(width) == 0)
 
 
 def expand_by_class(
@@ -115,26 +133,28 @@ def expand_by_class(
     menu = write_menu(classes.pool_size[step], classes.num_detections[step], most, static, t)
     scale = FrameScale(total, step + 1)
 
-    def rate(rows: tuple[MemberSet, Tally]) -> tuple[Options, Rating, Array]:
-        sets, tally = rows
+    def rate(rows: tuple[MemberSet, Array]) -> tuple[Array, Array, Array]:
+        sets, rates = rows
         support, has_kernel = support_by_kernel(sets.members, pool, view, links.maturity, static, t)
         options = list_options(support, has_kernel, pool, menu, t)
+        tally = Rating.unpack(rates).tally
         rating = _rate_choices(sets, tally, options, menu, scale, links, t)
-        return options, rating, rank_choices(options.support, menu.allowed)
+        return options.ranked, rating.pack(), rank_choices(options.support, menu.allowed)
 
-    options, rating, order = by_chunks(rate, (beam.sets, beam.rating.tally), beam.num_sets)
+    ranked, rates, order = by_chunks(rate, (beam.sets, beam.rates), beam.num_sets)
+    score = Rating.unpack(rates).score
     diverse = menu.num_detections > 1
-    child = select_children(rating.score, order, menu.allowed, beam.set_of, beam.valid, diverse)
+    child = select_children(score, order, menu.allowed, beam.set_of, beam.valid, diverse)
     taken = choice_mask(places + 1)[child.count, child.det_variant, :places]
     is_detection = classes.detections[step][:, None] == jnp.arange(beam.detections.shape[1])
     explained = jnp.any(taken[:, :, None] & is_detection[None], axis=1)
     set_of, origin, num_sets = number_sets(beam.set_of[child.row], child, most)
     parent = beam.set_of[child.row][origin]
     count, variant = child.count[origin], child.variant[origin]
-    chosen = _chosen_objects(options.ranked[parent], count, variant)
+    chosen = _chosen_objects(ranked[parent], count, variant)
     return Beam(
         sets=join_chosen(beam.sets, parent, chosen, largest_choice(menu), num_sets, links),
-        rating=jax.tree.map(lambda leaf: leaf[parent, count, variant], rating),
+        rates=rates[parent, count, variant],
         num_sets=num_sets,
         set_of=set_of,
         detections=beam.detections[child.row] | explained,

@@ -71,7 +71,8 @@ def grow_trees(
         entry = sets.size + count - 1
         other = _weigh(_extend(path, strength[count], entry))
         path = _extend(path, strength[count - 1], entry)
-        return path, table.at[count].set(jnp.stack([_weigh(path), other]))
+        weight = jnp.stack([_weigh(path), other])
+        return path, jax.lax.dynamic_update_index_in_dim(table, weight, count, 0)
 
     _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, table))
     return jnp.moveaxis(table, 2, 0)
@@ -92,18 +93,13 @@ def count_links(sets: MemberSet, ranked: Int[Array, "W C"], links: Links, t: Set
     new = jnp.take_along_axis(degree, at, axis=1)[:, None, None]
     new = new + jnp.einsum("kvj,wji->wkvi", chosen, to_chosen)
     is_member = (jnp.arange(slot.shape[1]) < sets.size[:, None])[:, None, None]
-
-    def count(of_members: Array, of_chosen: Array) -> Array:
-        within = jnp.sum(jnp.where(is_member, of_members, 0), axis=3)
-        return within + jnp.sum(jnp.where(taken, of_chosen, 0), axis=3)
-
+    shape = new.shape[:3]
+    inside = [jnp.broadcast_to(part, (*shape, part.shape[3])) for part in (is_member, taken[None])]
+    inside, degree = jnp.concatenate(inside, axis=3), jnp.concatenate([old, new], axis=3)
+    counts = jnp.stack([degree, degree > 0.0, degree < t.min_links.astype(jnp.float32)])
+    degrees, linked, isolated = jnp.sum(jnp.where(inside, counts, 0.0), axis=4)
     scalar = links.strength.dtype
-    least = t.min_links.astype(jnp.float32)
-    return LinkCounts(
-        pairs=count(old, new).astype(scalar) / 2.0,
-        linked=count((old > 0.0).astype(scalar), (new > 0.0).astype(scalar)),
-        isolated=count((old < least).astype(scalar), (new < least).astype(scalar)) > 0.0,
-    )
+    return LinkCounts(degrees.astype(scalar) / 2.0, linked.astype(scalar), isolated > 0.0)
 
 
 def join_chosen(

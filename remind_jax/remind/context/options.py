@@ -9,7 +9,6 @@ detections, or replaces the last. Letters: `W` sets of the beam, `K` most detect
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 
 import jax
@@ -140,8 +139,8 @@ def list_options(
     target = jnp.sum(plausible, axis=1, dtype=jnp.int32)
     target = jnp.minimum(menu.num_detections, jnp.maximum(1, target)).astype(scalar)
 
-    columns = itertools.accumulate(value.T[:most], initial=jnp.zeros_like(value[:, 0]))
-    sums = jnp.stack(list(columns), axis=1)  # added one by one, as in the original
+    up_to = jnp.arange(most)[:, None, None] < jnp.arange(most + 1)
+    sums = sum_in_order(value.T[:most, :, None], up_to)
     counts = jnp.arange(1, most + 1).astype(scalar)
     chosen = jnp.stack([sums[:, 1:], sums[:, :-1] + value[:, 1:]], axis=-1)
     fill = jnp.minimum(1.0, divide(counts[None], target[:, None])) ** t.fill_power

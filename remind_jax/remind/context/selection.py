@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.ranks import count_before
 from remind_jax.remind.context.options import VARIANTS
 
 
@@ -68,15 +69,19 @@ def select_children(
     top = jnp.max(of_count, axis=0)
     chosen = choice[leading] // VARIANTS**2 == jnp.arange(counts - 1, -1, -1)[:, None]
     place = jnp.argmax(chosen & (value[leading] == top[:, None]), axis=1)
-    leader = leading * choices + place
+    leader = (leading * choices + place).astype(jnp.int32)
     leads = (top >= 0.0) & diverse
     value, choice = value.reshape(-1), choice.reshape(-1)
-    value = value.at[jnp.where(leads, leader, value.shape[0])].set(-jnp.inf, mode="drop")
-    best, rest = jax.lax.top_k(value, live.shape[0])
-    child = jnp.concatenate([leader, rest]).astype(jnp.int32)
-    valid = jnp.concatenate([leads, best >= 0.0])
-    first = jnp.argsort(~valid, stable=True)[: live.shape[0]]
-    child, valid = child[first], valid[first]
+    index = jnp.arange(len(value), dtype=jnp.int32)
+    is_leader = jnp.any(leads & (index[:, None] == leader), axis=1)
+    best, rest = jax.lax.top_k(jnp.where(is_leader, -jnp.inf, value), live.shape[0])
+    # Leaders in front, then the rest.
+    row, num_leads = jnp.arange(live.shape[0]), jnp.sum(leads)
+    ahead = leads & (count_before(leads) == row[:, None])
+    front = jnp.sum(jnp.where(ahead, leader, 0), axis=1, dtype=jnp.int32)
+    behind = jnp.maximum(row - num_leads, 0)
+    child = jnp.where(row < num_leads, front, rest[behind])
+    valid = (row < num_leads) | (best[behind] >= 0.0)
     choice = choice[child].astype(jnp.int32)
     return Children(
         row=child // choices,

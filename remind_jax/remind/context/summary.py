@@ -96,11 +96,14 @@ def summarize(
     score = jnp.where(hypotheses.members & heeded[:, None], hypotheses.score[:, None], 0.0)
     prior, support_sum = jnp.max(score, axis=0), jnp.sum(score, axis=0)
     close = hypotheses.valid & (hypotheses.score >= hypotheses.score[0] * (1 - sets.shortlist_loss))
-    best_kernel = _class_max(kernel, same)
+    strength = _mix(kernel, prior, t.strength_kernel_weight, t.strength_prior_weight, clip=False)
+    best_kernel, best_prior, best_sum, best_strength = _class_max(
+        jnp.stack([kernel, prior, support_sum, strength]), same
+    )
     kernel_relative = _relative(kernel, best_kernel) ** t.kernel_power
     hypothesis_relative = _mix(
-        _relative(prior, _class_max(prior, same)) ** t.hypothesis_power,
-        _relative(support_sum, _class_max(support_sum, same)) ** t.hypothesis_power,
+        _relative(prior, best_prior) ** t.hypothesis_power,
+        _relative(support_sum, best_sum) ** t.hypothesis_power,
         t.top_weight,
         t.sum_weight,
     )
@@ -113,14 +116,13 @@ def summarize(
     best_relative, second = _class_top_two(jnp.where(ranked, kernel_relative, 0.0), same)
     supported = ranked & (kernel_relative >= t.band * best_relative)
 
-    kept = jnp.sum(same & supported[None], axis=1, dtype=jnp.int32)
-    size = jnp.maximum(jnp.sum(same, axis=1, dtype=jnp.int32), 1).astype(scalar)
-    strength = _mix(kernel, prior, t.strength_kernel_weight, t.strength_prior_weight, clip=False)
+    kept, size = jnp.sum(same & jnp.stack([supported, exists])[:, None], axis=2, dtype=jnp.int32)
+    size = jnp.maximum(size, 1).astype(scalar)
     lead = (best_relative - second) / jnp.maximum(_TINY, best_relative)
     classes = ClassSummary(
         kept_count=kept,
         pruning=jnp.where(exists, jnp.clip(1.0 - kept.astype(scalar) / size, 0.0, 1.0), 0.0),
-        strength=jnp.clip(_class_max(strength, same), 0.0, 1.0),
+        strength=jnp.clip(best_strength, 0.0, 1.0),
         selectivity=jnp.where(best_relative > 0.0, jnp.clip(lead, 0.0, 1.0), 0.0),
         best_kernel=best_kernel,
         best_relative=best_relative,
@@ -200,9 +202,9 @@ def _rate_quality(
     return jnp.where(some, jnp.clip(total / jnp.where(some, weights, 1.0), 0.0, 1.0), 0.0)
 
 
-def _class_max(value: Float[Array, "O"], same: Bool[Array, "O O"]) -> Float[Array, "O"]:
+def _class_max(value: Float[Array, "*B O"], same: Bool[Array, "O O"]) -> Float[Array, "*B O"]:
     """Largest value, not below 0, within the class of each object."""
-    return jnp.max(jnp.where(same, value[None], 0.0), axis=1)
+    return jnp.max(jnp.where(same, value[..., None, :], 0.0), axis=-1)
 
 
 def _class_top_two(

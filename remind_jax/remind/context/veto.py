@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import enum
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.influence import Influence
 from remind_jax.remind.memory.cooccurrence import neighbor_rank, ranked_neighbors
@@ -98,13 +100,10 @@ def plausibly_in_view(
     Looks alone count, late objects win ties.
     """
     slots = score.shape[1]
-    slot = jnp.arange(slots)
-    left = jnp.where(candidate & (score >= visual_gate), score, -jnp.inf)
-    named = jnp.zeros_like(candidate)
-    for _ in range(_TOP):
-        best = slots - 1 - jnp.argmax(left[:, ::-1], axis=1)
-        named = named | ((slot == best[:, None]) & (left > -jnp.inf))
-        left = jnp.where(named, -jnp.inf, left)
+    asked = jnp.where(candidate & (score >= visual_gate), score, -jnp.inf)
+    top, behind = jax.lax.top_k(asked[:, ::-1], min(_TOP, slots))
+    best = jnp.where(top > -jnp.inf, slots - 1 - behind, NO_SLOT)
+    named = jnp.any(best[..., None] == jnp.arange(slots), axis=1)
     times = jnp.sum(named, axis=0, dtype=jnp.int32)
     return times[None] > named
 
