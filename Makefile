@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow test-matrix fuzz lint types bench figures notebooks docs dist clean
+.PHONY: help demo test test-slow test-matrix fuzz kills lint types bench figures notebooks docs dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -23,6 +23,9 @@ test-matrix: $(VENV)/.dev  ## a share of the tests with oldest and newest versio
 
 fuzz: $(VENV)/.dev  ## changed files of every format, for an hour (make fuzz SECONDS=300)
 	$(BIN)/python -m tests.corpus.fuzz --seconds $(or $(SECONDS),3600)
+
+kills: $(VENV)/.dev  ## kill commands at random moments and have them go on (make kills KILLS=30)
+	$(BIN)/python -m tests.corpus.kills --kills $(or $(KILLS),100)
 
 lint: $(VENV)/.dev  ## style, and which room imports which
 	$(BIN)/ruff check .

@@ -99,9 +99,14 @@ class Method:
     # Objects that turned out to be others in the last frame: `merges(state)` gives pairs of ids,
     # the one that is gone and the one that it is.
     merges: Callable[[Any], list[tuple[int, int]]] | None = None
-    # `delayed(delay)` makes what revises answers that wait: an object with
-    # `push(frame, tracks, state) -> [(frame, tracks), ...]` and `flush()`, which gives the rest.
+    # `delayed(delay)` makes what revises answers that wait: an object with `evidence(state)`, what
+    # it needs of a memory as `json` can write it,
+    # `push(frame, tracks, evidence) -> [(frame, tracks), ...]`, and `flush()`, which gives the
+    # rest.
     delayed: Callable[[int], Any] | None = None
+    # On the host: phrases about what is wrong with a memory that was read from a file,
+    # `find_faults(state)`, beyond what holds for every method (`session.memory_checks`).
+    find_faults: Callable[[Any], Iterable[str]] | None = None
     # The same step in two halves; left out, the method cannot be swept.
     halves: StepHalves | None = None
 

@@ -38,6 +38,7 @@ class Counter:
     """Gives every detection a new id; shift is the last thing observed."""
 
     objects: Slots
+    next_id: jax.Array
     frame: jax.Array
     decisions: Decisions
     overflow: Overflow
@@ -47,6 +48,7 @@ class Counter:
 def empty(static: Static) -> Counter:
     return Counter(
         Slots(jnp.full(static.num_objects, NO_ID)),
+        jnp.int32(0),
         jnp.int32(0),
         no_decisions(static),
         Overflow(jnp.int32(0), jnp.int32(0)),
@@ -68,6 +70,7 @@ def count(state, frame_feats, masks, *, static, thresholds, observed):
     )
     after = Counter(
         Slots(state.objects.id.at[slot].set(ids, mode="drop")),
+        jnp.maximum(state.next_id, jnp.max(ids) + 1).astype(jnp.int32),
         state.frame + 1,
         decisions,
         state.overflow,

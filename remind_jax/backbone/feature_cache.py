@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from remind_jax import files
 from remind_jax.backbone.registry import Backbone
 from remind_jax.errors import OutputError
 from remind_jax.files import as_path, make_folder, read_bytes, replace_file, user_cache_folder
@@ -57,21 +58,28 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
 
     def apply(images: UInt8[np.ndarray, "B H W 3"]) -> Float[jax.Array, "B Hp Wp D"]:
         images = np.asarray(images)
-        files = [folder / place_of(image, backbone) for image in images]
+        places = [folder / place_of(image, backbone) for image in images]
         rows, columns = (side // backbone.patch_px for side in images.shape[1:3])
-        features = [_load(file, (rows, columns, backbone.dim)) for file in files]
+        features = [_load(file, (rows, columns, backbone.dim)) for file in places]
         missing = [i for i, found in enumerate(features) if found is None]
         if missing:
             computed = np.asarray(backbone.apply(images[missing]))
             for i, new in zip(missing, computed, strict=True):
-                make_folder(files[i].parent)
-                replace_file(files[i], _as_file(files[i], new))
+                make_folder(places[i].parent)
+                replace_file(places[i], _as_file(places[i], new))
                 features[i] = new
         tally.num_computed += len(missing)
         tally.num_found += len(images) - len(missing)
         return jnp.stack([jnp.asarray(one) for one in features])
 
     return dataclasses.replace(backbone, apply=apply)
+
+
+def remove_unfinished(folder: str | Path) -> None:
+    """Removes what processes that died were writing to a folder of features."""
+    for below in Path(folder).iterdir():
+        if below.is_dir():
+            files.remove_unfinished(below)
 
 
 def place_of(image: UInt8[np.ndarray, "H W 3"], backbone: Backbone) -> Path:

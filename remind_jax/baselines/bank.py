@@ -6,6 +6,7 @@ Letters: `N` detection slots, `O` object slots, `K` views of a bank, `D` feature
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -18,9 +19,11 @@ from remind_jax.baselines.scene_memory import (
     SceneMemory,
     conclude,
     empty_memory,
+    find_faults,
     same_class,
 )
 from remind_jax.method import Method
+from remind_jax.numerics.array_faults import not_unit, outside
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.observation import FrameFeats, Masks
@@ -113,4 +116,13 @@ def _add_view(
     )
 
 
-METHOD = Method("bank", BankThresholds, init, step)
+def _find_faults(state: SceneMemory) -> Iterator[str]:
+    """As `scene_memory.find_faults`, and of the views."""
+    views: Views = state.looks
+    yield from find_faults(state)
+    yield from outside("looks.weight", views.weight, 0)
+    kept = np.asarray(state.objects.exists)[:, None] & (np.asarray(views.weight) > 0)
+    yield from not_unit("looks.vector", views.vector, kept)
+
+
+METHOD = Method("bank", BankThresholds, init, step, find_faults=_find_faults)

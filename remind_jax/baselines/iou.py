@@ -21,6 +21,7 @@ from remind_jax.baselines.scene_memory import (
     SceneMemory,
     conclude,
     empty_memory,
+    find_faults,
     same_class,
 )
 from remind_jax.method import Method
@@ -89,4 +90,4 @@ def _forget(state: SceneMemory, thresholds: IouThresholds) -> SceneMemory:
     return dataclasses.replace(state, objects=kept)
 
 
-METHOD = Method("iou", IouThresholds, init, step)
+METHOD = Method("iou", IouThresholds, init, step, find_faults=find_faults)

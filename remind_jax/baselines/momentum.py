@@ -23,6 +23,7 @@ from remind_jax.baselines.scene_memory import (
     SceneMemory,
     conclude,
     empty_memory,
+    find_faults,
     same_class,
 )
 from remind_jax.method import Method
@@ -145,4 +146,4 @@ def _take_in_turn(
     return jax.lax.fori_loop(0, len(score), take, start)[0]
 
 
-METHOD = Method("momentum", MomentumThresholds, init, step)
+METHOD = Method("momentum", MomentumThresholds, init, step, find_faults=find_faults)

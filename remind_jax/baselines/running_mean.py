@@ -6,6 +6,7 @@ Letters: `O` object slots, `D` feature dimension.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -18,9 +19,11 @@ from remind_jax.baselines.scene_memory import (
     SceneMemory,
     conclude,
     empty_memory,
+    find_faults,
     same_class,
 )
 from remind_jax.method import Method
+from remind_jax.numerics.array_faults import outside
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.observation import FrameFeats, Masks
@@ -81,4 +84,10 @@ def step(
     return conclude(state, masks, matching, learn, static, looks.num_bad_patches)
 
 
-METHOD = Method("running-mean", RunningMeanThresholds, init, step)
+def _find_faults(state: SceneMemory) -> Iterator[str]:
+    """As `scene_memory.find_faults`, and of the means."""
+    yield from find_faults(state)
+    yield from outside("looks.count", state.looks.count, 0)
+
+
+METHOD = Method("running-mean", RunningMeanThresholds, init, step, find_faults=_find_faults)

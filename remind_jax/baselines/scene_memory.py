@@ -6,7 +6,7 @@ Letters: `N` detection slots, `O` object slots, `D` feature dimension.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Decisions, Outcome, Overflow, Reason, no_decisions
 from remind_jax.numerics.absent import NEVER, NO_ID
+from remind_jax.numerics.array_faults import outside
 from remind_jax.numerics.constant_arrays import full, number
 from remind_jax.observation import Masks
 from remind_jax.static import Static
@@ -79,6 +80,13 @@ def empty_memory(static: Static, looks: Any) -> SceneMemory:
         overflow=Overflow(objects=number(0), pending=number(0)),
     )
     return jax.device_put(empty)
+
+
+def find_faults(memory: SceneMemory) -> Iterator[str]:
+    """Phrases about values that no run makes; leaves are host arrays of the right shapes."""
+    objects, now = memory.objects, int(memory.frame) - 1
+    used = np.asarray(objects.id) != NO_ID
+    yield from outside("objects.last_seen", objects.last_seen, NEVER, max(now, NEVER), used)
 
 
 def same_class(memory: SceneMemory, masks: Masks) -> Bool[Array, "N O"]:

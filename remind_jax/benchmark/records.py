@@ -34,6 +34,7 @@ class Record:
     fingerprint: str  # of all that decides about the result: configuration, features, input
     status: Status
     error: str = ""  # why it failed
+    num_kills: int = 0  # processes that ended during this run
     num_frames: int = 0
     # Milliseconds per frame, mean and 95th percentile, as columns of the tables name them. `step`:
     # the tracker alone; `frame`: detector, features, masks and step; `compiling`: with the frames

@@ -35,6 +35,7 @@ from remind_jax.sources.sampling import Sampling
 
 Regime = Literal["masks", "detector"]
 _KILLED = "the process ended during this run"
+_MOST_KILLS = 2
 _MIB = 1024 * 1024
 _STATUS = Path("/proc/self/status")
 _CLEAR = Path("/proc/self/clear_refs")
@@ -79,14 +80,19 @@ def run_all(
             fingerprint = _fingerprint(setup, scene, contender)
             known = read_record(folder)
             is_known = known is not None and known.fingerprint == fingerprint
-            if known and is_known and not (setup.retry_failed and known.status == "failed"):
+            num_kills = known.num_kills if known and is_known else 0
+            is_tried_again = 0 < num_kills < _MOST_KILLS or (
+                known is not None and setup.retry_failed and known.status == "failed"
+            )
+            if known and is_known and not is_tried_again:
                 records.append(known)
                 report(known, True)
                 continue
             blank = Record(contender.name, scene.name, setup.regime, fingerprint, "failed")
             shutil.rmtree(folder, ignore_errors=True)
-            # Stands if the process is killed, so that the next one does not run into the same.
-            write_record(folder, dataclasses.replace(blank, error=_KILLED))
+            # Stands if the process is killed, so that the next ones do not run into the same for
+            # ever; once may have been chance.
+            write_record(folder, dataclasses.replace(blank, error=_KILLED, num_kills=num_kills + 1))
             try:
                 if features_ms is None:
                     features_ms = _prepare_features(setup, scene, contender)

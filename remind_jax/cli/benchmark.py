@@ -20,6 +20,7 @@ from remind_jax.cli.flags import (
     refuse_flags,
 )
 from remind_jax.errors import ConfigError
+from remind_jax.files import locked
 
 if TYPE_CHECKING:
     from remind_jax.benchmark.contenders import Contender
@@ -95,7 +96,8 @@ class Benchmark:
             retry_failed=self.retry_failed,
             is_shown=not self.quiet,
         )
-        records = run_all(setup, scenes, contenders, self._say_record)
+        with locked(self.out):
+            records = run_all(setup, scenes, contenders, self._say_record)
         runs = self._score(records, scenes)
         tables = self._make_tables(runs, contenders, scenes, setup.regime)
         self._show(tables, runs)

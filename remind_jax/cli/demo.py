@@ -63,8 +63,9 @@ class Demo:
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         options = demo_options(self.seed)
         scene = make_scene(options)
+        display = RunDisplay(NAME, options.frames, is_shown=not self.quiet)
         result = track(
-            RunDisplay(NAME, options.frames, is_shown=not self.quiet),
+            display,
             self.out,
             source=render(scene),
             config=config,
@@ -79,7 +80,7 @@ class Demo:
         elif not self.quiet:
             print_summary(result, self.out)
             print_recovered(evaluation)
-        return process.FINE if result.complete else process.INTERRUPTED
+        return process.FINE if result.complete else process.stopped_by(display.signal)
 
 
 def print_recovered(evaluation: Evaluation) -> None:

@@ -49,7 +49,12 @@ class Features:
         from rich.console import Console
         from rich.progress import track
 
-        from remind_jax.backbone.feature_cache import Tally, cache_features, default_folder
+        from remind_jax.backbone.feature_cache import (
+            Tally,
+            cache_features,
+            default_folder,
+            remove_unfinished,
+        )
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.masks.alignment import Alignment
         from remind_jax.sources import open_source
@@ -64,6 +69,7 @@ class Features:
         options = load_config_with(self.config, self.changes).input
         folder, tally = self.cache or default_folder(), Tally()
         backbone = cache_features(open_backbone(self.backbone, weights=self.weights), folder, tally)
+        remove_unfinished(folder)
         console = Console(stderr=True)
         for frame in track(
             frames,

@@ -38,7 +38,7 @@ First steps:
 
 Exit codes: 0 fine; 1 wrong input, configuration or output, in one sentence;
 2 wrong usage; 70 a defect of remind, told with a file to report;
-130 stopped by Ctrl-C, everything done so far is kept."""
+130 stopped by Ctrl-C, 143 by SIGTERM, everything done so far is kept."""
 
 
 class Verb(Protocol):
@@ -102,10 +102,14 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
         hint = nearest_names(words[0], VERBS)
         process.complain(f"there is no verb {words[0]!r}; {hint}")
         return process.USAGE
+    signals: list[int] = []
     try:
         verb = _parse(words)
         process.silence_libraries()
-        return verb.execute()
+        with process.ending_well() as signals:
+            code = verb.execute()
+        was_ended = signals and code == process.INTERRUPTED
+        return process.stopped_by(signals[0]) if was_ended else code
     except SystemExit as stop:  # help was shown, or wrong usage explained
         return stop.code if isinstance(stop.code, int) else process.USAGE
     except UsageError as error:
@@ -121,7 +125,7 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
         return process.ERROR
     except KeyboardInterrupt:
         process.complain("stopped")
-        return process.INTERRUPTED
+        return process.stopped_by(signals[0] if signals else None)
     except streams.OutputStops:
         raise
     except MemoryError as error:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import sys
 import tempfile
+import threading
 import traceback
+from collections.abc import Iterator
+from types import FrameType
 
 from remind_jax.printing.terminal import printable
 
@@ -14,7 +18,32 @@ ERROR = 1  # input, configuration or output is wrong: one sentence on stderr
 USAGE = 2  # the words of the command make no sense
 FAILED = 70  # a defect of ours: the traceback is in a file
 INTERRUPTED = 130  # Ctrl-C, after finishing what was done
+TERMINATED = 143  # SIGTERM, the same
 BROKEN_PIPE = 141  # the reader of our output went away
+
+
+@contextlib.contextmanager
+def ending_well() -> Iterator[list[int]]:
+    """Lets SIGTERM end what goes on as Ctrl-C does; gives a list that it will be in then."""
+    signals: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield signals
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        signals.append(number)
+        raise KeyboardInterrupt
+
+    former = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield signals
+    finally:
+        signal.signal(signal.SIGTERM, former)
+
+
+def stopped_by(number: int | None) -> int:
+    """The exit code after a signal; that of Ctrl-C if none is known."""
+    return TERMINATED if number == signal.SIGTERM else INTERRUPTED
 
 
 def complain(sentence: str) -> None:

@@ -1,4 +1,4 @@
-"""How Ctrl-C ends a run well, and what is seen of a sweep."""
+"""How Ctrl-C and SIGTERM end a run well, and what is seen of a sweep."""
 
 from __future__ import annotations
 
@@ -26,12 +26,15 @@ if TYPE_CHECKING:
 class RunDisplay:
     """The line of a run, and its Ctrl-C; hand it to `run` as `progress`.
 
-    The first Ctrl-C ends the run after the frame in work, so that everything done is written and
-    the memory is whole; the second ends it at once.
+    The first Ctrl-C or SIGTERM ends the run after the frame in work, so that everything done is
+    written and the memory is whole; the second ends it at once.
+
+    Attributes:
+      signal: What asked the run to stop; None if nothing did.
     """
 
     def __init__(self, title: str, num_frames: int | None, is_shown: bool) -> None:
-        self.stop_requested = False
+        self.signal: int | None = None
         self._line = RunLine(title, num_frames, is_shown=is_shown)
 
     @property
@@ -40,31 +43,32 @@ class RunDisplay:
         return self._line.num_done
 
     def __enter__(self) -> RunDisplay:
-        self._former: Any = None
+        self._former: dict[int, Any] = {}
         if threading.current_thread() is threading.main_thread():
-            self._former = signal.signal(signal.SIGINT, self._on_interrupt)
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._former[number] = signal.signal(number, self._stop)
         self._line.__enter__()
         return self
 
     def __exit__(self, *raised: Any) -> None:
         self._line.__exit__(*raised)
-        if self._former is not None:
-            signal.signal(signal.SIGINT, self._former)
+        for number, handler in self._former.items():
+            signal.signal(number, handler)
 
     def __call__(self, progress: Progress) -> None:
         """Takes note of a frame.
 
         Raises:
-          KeyboardInterrupt: If Ctrl-C was pressed since the last one.
+          KeyboardInterrupt: If the run was asked to stop since the last one.
         """
         self._line(progress)
-        if self.stop_requested and not self._line.is_last:
+        if self.signal is not None and not self._line.is_last:
             raise KeyboardInterrupt
 
-    def _on_interrupt(self, number: int, frame: FrameType | None) -> None:
-        if self.stop_requested:
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        if self.signal is not None:
             raise KeyboardInterrupt
-        self.stop_requested = True
+        self.signal = number
         self._line.note = "stopping after this frame"
 
 

@@ -22,6 +22,7 @@ from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError
+from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
@@ -59,6 +60,7 @@ class Run:
       remind run rooms.mp4 --masks detections.json COCO run-length masks
       remind run frames/ --masks masks/ --set thresholds.decision.new=1.5
       remind run tuesday/ --memory runs/monday/memory.safetensors
+      remind run rooms.mp4 --masks masks/ --resume  go on after a crash or a kill
     """
 
     # video, folder or tar of images, DAVIS or ScanNet++ folder or tar, feature file (.npz)
@@ -78,6 +80,7 @@ class Run:
     memory: Path | None = None  # go on from the memory of an earlier run
     out: Path | None = None  # output folder; runs/NAME if left out
     overwrite: bool = False  # allow an output folder with files in it
+    resume: bool = False  # go on with the run in the folder that was killed or stopped
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
     delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
@@ -113,12 +116,15 @@ class Run:
             delay=self.delay,
             announce_after=self.announce_after,
             overwrite=self.overwrite,
+            resume=self.resume,
         )
+        if not display.num_done and not self.quiet:
+            print_lines([f"the run in {out} is finished already; nothing was done"])
         if self.json:
             print(json.dumps(summary_facts(result, out), indent=1))
         elif not self.quiet:
             print_summary(result, out, source.notes)
-        return process.FINE if result.complete else process.INTERRUPTED
+        return process.FINE if result.complete else process.stopped_by(display.signal)
 
     def _open(self) -> Source:
         from remind_jax.sources import open_source

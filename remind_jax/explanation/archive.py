@@ -99,14 +99,25 @@ class TraceArchive(Generic[Record]):
         other._labels = {new[i]: label for i, label in self._labels.items()}
         return other
 
-    def save(self, path: Path) -> None:
-        """Writes `trace.npz` at once or not at all.
+    def take_in(self, path: Path) -> None:
+        """Adds the frames of a file.
+
+        Raises:
+          OutputError: If it is damaged, or of another method.
+        """
+        self._read()
+        other = type(self)(self._tracker, self._kind, path)
+        self._labels = {**other.labels, **self._labels}
+        self._frames |= other._frames
+
+    def save(self, path: Path, skip: int = 0) -> None:
+        """Writes `trace.npz` at once or not at all, without the first `skip` frames.
 
         Raises:
           OutputError: If it cannot be written.
         """
         self._read()
-        index = sorted(self._frames)
+        index = sorted(self._frames)[skip:]
         records = [self._frames[i] for i in index]
         columns = {
             "tracker": np.array(self._tracker),

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
+import platform
+import re
 import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 from remind_jax.errors import OutputError
+
+# Machine, process and thread of who writes, after the name that the whole file will have.
+_UNFINISHED = re.compile(r".+\.([\w-]+)\.(\d+)-\d+\.part")
 
 
 def user_cache_folder() -> Path:
@@ -66,11 +72,75 @@ def replace_file(path: Path, content: bytes) -> None:
     Raises:
       OutputError: If it cannot be written; an older file of this name is then kept.
     """
-    partial = path.with_name(f"{path.name}.{os.getpid()}-{threading.get_ident()}.part")
+    with replacing(path) as partial:
+        partial.write_bytes(content)
+
+
+@contextlib.contextmanager
+def replacing(path: Path, *also: type[Exception], durably: bool = False) -> Iterator[Path]:
+    """A file to write to, which takes the place of another one when the block is left well.
+
+    Args:
+      path: The other one.
+      *also: Kinds of errors of the library that writes, which are no `OSError`.
+      durably: Wait until it is on the disk, so that a power cut leaves one of the two whole.
+
+    Raises:
+      OutputError: If it cannot be written; an older file of this name is then kept.
+    """
+    partial = path.with_name(f"{path.name}.{_writer()}.part")
     try:
-        with writing(path):
-            partial.write_bytes(content)
+        with writing(path, *also):
+            yield partial
+            if durably:
+                _wait_for_disk(partial)
             partial.replace(path)
+            if durably and os.name != "nt":
+                _wait_for_disk(path.parent)  # its name as well
     finally:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Removes what processes of this machine that are no more were still writing.
+
+    What has the number of a process that runs is left alone.
+    """
+    for path in folder.glob("*.part"):
+        found = _UNFINISHED.fullmatch(path.name)
+        if found and found[1] == _machine() and not _is_running(int(found[2])):
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def _writer() -> str:
+    """Who writes, as a part of a name: machine, process and thread."""
+    return f"{_machine()}.{os.getpid()}-{threading.get_ident()}"
+
+
+@functools.cache
+def _machine() -> str:
+    return re.sub(r"[^\w-]+", "_", platform.node())[:40] or "here"
+
+
+def _is_running(process: int) -> bool:
+    """Whether there is a process of this number."""
+    if os.name == "nt":
+        return True  # signal 0 would end it there
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
+def _wait_for_disk(path: Path) -> None:
+    """Returns when a file, or the names in a folder, would outlive a power cut."""
+    number = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)

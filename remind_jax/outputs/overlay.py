@@ -167,14 +167,16 @@ def is_playable(path: Path) -> bool:
 class OverlayVideo(contextlib.AbstractContextManager):
     """Writes an H.264 video frame by frame; browsers play it and seek in it.
 
-    All frames get the size of the first one, made even as yuv420p needs.
+    All frames get the size of the first one, made even as yuv420p needs. A video that was there is
+    replaced when this one is closed.
     """
 
     def __init__(self, path: Path, fps: float) -> None:
-        self._path = path
+        self._path, self._partial = path, path.with_name(f"{path.name}.part")
         self._rate = Fraction(fps).limit_denominator(1001)
+        options = {"movflags": "+faststart"}
         with writing(path, FFmpegError):
-            self._container = av.open(str(path), "w", options={"movflags": "+faststart"})
+            self._container = av.open(str(self._partial), "w", format="mp4", options=options)
         self._stream: Any = None
         self._size = (0, 0)
 
@@ -206,8 +208,11 @@ class OverlayVideo(contextlib.AbstractContextManager):
                         self._container.mux(packet)
             finally:
                 self._container.close()
-        if self._stream is None:
-            self._path.unlink(missing_ok=True)
+            if self._stream is None:
+                self._partial.unlink(missing_ok=True)
+                self._path.unlink(missing_ok=True)
+            elif self._partial.exists():
+                self._partial.replace(self._path)
 
     def _start(self, height: int, width: int) -> Any:
         key_frame_every = max(1, round(_KEY_FRAME_EVERY_S * float(self._rate)))

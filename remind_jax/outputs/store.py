@@ -44,11 +44,12 @@ _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")
 class DetectionsWriter(contextlib.AbstractContextManager):
     """Writes `detections.jsonl` frame by frame; every frame is on disk when `add` returns."""
 
-    def __init__(self, path: Path, info: dict[str, Any]) -> None:
+    def __init__(self, path: Path, info: dict[str, Any], *, append: bool = False) -> None:
         self._path = path
         with writing(path):
-            self._file = path.open("w", encoding="utf-8", newline="\n")
-            self._write({"format": FORMAT, "version": VERSION, "info": info})
+            self._file = path.open("a" if append else "w", encoding="utf-8", newline="\n")
+            if not append:
+                self._write({"format": FORMAT, "version": VERSION, "info": info})
 
     def add(self, tracks: Tracks) -> None:
         """Appends one frame.

@@ -73,11 +73,12 @@ class CsvWriter(contextlib.AbstractContextManager):
     Text is guarded (`files/csv_cells.py`).
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, append: bool = False) -> None:
         self._path = path
         with files.writing(path):
-            self._file = path.open("w", encoding="utf-8", newline="")
-            write_row(self._file, CSV_COLUMNS)
+            self._file = path.open("a" if append else "w", encoding="utf-8", newline="")
+            if not append:
+                write_row(self._file, CSV_COLUMNS)
 
     def add(self, tracks: Tracks) -> None:
         """Appends one frame.

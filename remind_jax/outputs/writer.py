@@ -39,6 +39,8 @@ FILE_NAMES = (
     report.REPORT_NAME,
     store.RUN_NAME,
 )
+MEMORY_NAME = "memory.safetensors"  # written by the tracker
+CHECKPOINT_NAME = "checkpoint"  # folder of what is needed to go on, until the run is complete
 # Image folders have no clock of their own.
 _DEFAULT_FPS = 10.0
 
@@ -50,10 +52,22 @@ class RunWriter:
 
     `add` streams detections, table and overlay; `finish` draws the rest. Left by an exception or
     Ctrl-C before `finish`, it closes the video and finishes what there is as an interrupted run.
+
+    Nothing can be added to a video, so a run that is gone on with adds all frames again; until
+    `end_repeating`, what the earlier process wrote stays as it was.
+
+    Attributes:
+      is_repeating: Whether frames are added that were done before.
     """
 
     def __init__(
-        self, out_dir: str | Path, info: RunInfo, *, overlay: bool = True, overwrite: bool = False
+        self,
+        out_dir: str | Path,
+        info: RunInfo,
+        *,
+        overlay: bool = True,
+        overwrite: bool = False,
+        resume: bool = False,
     ) -> None:
         """Prepares the folder, before any work is done.
 
@@ -62,6 +76,7 @@ class RunWriter:
           info: What is known of the run at its start; `finish` may bring a fuller one.
           overlay: False leaves out the video.
           overwrite: Allow a folder with files in it; files of an earlier run are removed.
+          resume: Allow a folder with files of a run, which are kept until they are written anew.
 
         Raises:
           OutputError: If the folder cannot be written to, or has files and `overwrite` is False.
@@ -71,16 +86,15 @@ class RunWriter:
         self._with_overlay = overlay
         self._tracks: list[Tracks] = []
         self._sightings = gallery.SightingCollector()
-        self._finished = False
-        _prepare_folder(self.folder, overwrite)
+        self._finished, self.is_repeating = False, resume
+        _prepare_folder(self.folder, overwrite, resume)
 
     def __enter__(self) -> RunWriter:
         self._open_files = contextlib.ExitStack()
         with contextlib.ExitStack() as opening:
-            self._detections = opening.enter_context(
-                store.DetectionsWriter(self.folder / store.DETECTIONS_NAME, self._info.to_json())
-            )
-            self._csv = opening.enter_context(tables.CsvWriter(self.folder / CSV_NAME))
+            # Records that are there stay until what is written again has come as far as they.
+            part = ".part" if self.is_repeating else ""
+            self._open_records(opening, part)
             self._video = (
                 opening.enter_context(
                     overlay.OverlayVideo(self.folder / OVERLAY_NAME, self._info.fps)
@@ -90,6 +104,30 @@ class RunWriter:
             )
             self._open_files = opening.pop_all()
         return self
+
+    def _open_records(self, stack: contextlib.ExitStack, part: str, append: bool = False) -> None:
+        detections = self.folder / (store.DETECTIONS_NAME + part)
+        table = self.folder / (CSV_NAME + part)
+        self._detections = stack.enter_context(
+            store.DetectionsWriter(detections, self._info.to_json(), append=append)
+        )
+        self._csv = stack.enter_context(tables.CsvWriter(table, append=append))
+
+    def end_repeating(self) -> None:
+        """From now on frames are added that were not done before.
+
+        Raises:
+          OutputError: If what was written again cannot take the place of what was there.
+        """
+        if not self.is_repeating:
+            return
+        self._detections.close()
+        self._csv.close()
+        for name in (store.DETECTIONS_NAME, CSV_NAME):
+            with files.writing(self.folder / name):
+                (self.folder / f"{name}.part").replace(self.folder / name)
+        self._open_records(self._open_files, "", append=True)
+        self.is_repeating = False
 
     def add(self, frame: Frame, tracks: Tracks) -> None:
         """Writes one frame.
@@ -149,6 +187,12 @@ class RunWriter:
     ) -> None:
         if self._finished:
             return
+        if self.is_repeating:
+            with contextlib.suppress(OutputError):
+                self._open_files.close()
+            for name in (store.DETECTIONS_NAME, CSV_NAME):
+                (self.folder / f"{name}.part").unlink(missing_ok=True)
+            return
         result = Result(tuple(self._tracks), self._info, complete=False)
         try:
             self.finish(result)
@@ -175,7 +219,13 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
     """
     folder = Path(run_dir)
     result = Result.load(folder)
-    files.make_folder(folder)
+    with files.locked(folder):
+        _render(folder, result, source)
+    return result
+
+
+def _render(folder: Path, result: Result, source: Iterable[Frame] | None) -> None:
+    """Draws what `render_again` draws."""
     sightings = report.read_sightings(folder / report.REPORT_NAME) if source is None else []
     has_overlay = overlay.is_playable(folder / OVERLAY_NAME)
     if source is not None or not sightings or not has_overlay:
@@ -185,7 +235,6 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
     _write_products(folder, result, sightings)
     if not (folder / store.RUN_NAME).exists():
         result.save_run_json(folder)
-    return result
 
 
 def _draw_overlay_again(
@@ -248,26 +297,39 @@ def _write_png(path: Path, image: np.ndarray) -> None:
     files.replace_file(path, png.tobytes())
 
 
-def check_folder(folder: Path, overwrite: bool) -> None:
+def check_folder(folder: Path, overwrite: bool, resume: bool = False) -> None:
     """Looks whether a run may write to a folder, which need not be there; changes nothing.
 
     Raises:
-      OutputError: If it is a file, or has files and `overwrite` is False.
+      OutputError: If it is a file, or has files and neither `overwrite` nor `resume` is given, or
+        has files that no run writes and `resume` is.
     """
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"the output folder '{folder}' is a file; choose another name")
-    present = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    if present and not overwrite:
+    present = {path.name for path in folder.iterdir()} if folder.exists() else set()
+    present.discard(files.LOCK_NAME)
+    if not present or overwrite:
+        return
+    if not resume:
+        hint = "choose another one or allow overwriting (--overwrite)"
+        if CHECKPOINT_NAME in present:
+            hint = "go on with the run in it (--resume), or start it anew (--overwrite)"
         raise OutputError(
-            f"the output folder '{folder}' is not empty (it holds '{present[0]}'); choose another "
-            "one or allow overwriting (--overwrite)"
+            f"the output folder '{folder}' is not empty (it holds '{min(present)}'); {hint}"
+        )
+    is_of_a_run = CHECKPOINT_NAME in present or store.DETECTIONS_NAME in present
+    if not is_of_a_run and not present <= {*FILE_NAMES, TRACE_NAME, MEMORY_NAME}:
+        raise OutputError(
+            f"the output folder '{folder}' holds no run to go on with, but '{min(present)}'; "
+            "choose the folder of a run, or an empty one"
         )
 
 
-def _prepare_folder(folder: Path, overwrite: bool) -> None:
+def _prepare_folder(folder: Path, overwrite: bool, resume: bool) -> None:
     files.make_folder(folder)
-    check_folder(folder, overwrite)
-    for name in (*FILE_NAMES, TRACE_NAME):
+    check_folder(folder, overwrite, resume)
+    names = (*FILE_NAMES, TRACE_NAME)
+    for name in [f"{name}.part" for name in names] + ([] if resume else list(names)):
         with files.writing(folder / name):
             (folder / name).unlink(missing_ok=True)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,11 +49,20 @@ class DelayedAnswers:
         self._latest: dict[int, _Latest] = {}  # by tracklet
         self._merged: dict[int, int] = {}  # object, and which it turned out to be
 
-    def push(self, frame: Any, tracks: Tracks, state: Any) -> list[tuple[Any, Tracks]]:
-        """Takes the answers of a frame; gives those that waited long enough, with their frames."""
+    def evidence(self, state: Any) -> dict[str, list[int]]:
+        """What `push` needs of the memory after a frame, as `json` can write it."""
         verdicts: Verdicts = state.verdicts
-        tracklet = np.asarray(verdicts.tracklet_id)[: len(tracks)]
-        merged = np.asarray(verdicts.merged_id)[: len(tracks)]
+        return {
+            "tracklet_id": np.asarray(verdicts.tracklet_id).tolist(),
+            "merged_id": np.asarray(verdicts.merged_id).tolist(),
+        }
+
+    def push(
+        self, frame: Any, tracks: Tracks, evidence: Mapping[str, Sequence[int]]
+    ) -> list[tuple[Any, Tracks]]:
+        """Takes the answers of a frame; gives those that waited long enough, with their frames."""
+        tracklet = np.array(evidence["tracklet_id"][: len(tracks)], int)
+        merged = np.array(evidence["merged_id"][: len(tracks)], int)
         for row in range(len(tracks)):
             if tracklet[row] == NO_ID:
                 continue

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from remind_jax.method import PAPER_METHOD, Method, StepHalves
 from remind_jax.observation import Descriptors, FrameFeats, Masks
+from remind_jax.remind.faults import find_faults
 from remind_jax.remind.perception.description import describe
 from remind_jax.remind.state import TrackerState, count_occupied, grow, init
 from remind_jax.remind.thresholds import Thresholds
@@ -73,6 +74,7 @@ METHOD = Method(
     step_traced,
     wants_attention=lambda static: "attention" in static.part_channels,
     gap_options=gap_options,
+    find_faults=find_faults,
     static_fields=tuple(field.name for field in dataclasses.fields(Static)),
     explainer_name="remind_jax.explanation.remind.explainer:RemindExplainer",
     halves=StepHalves(

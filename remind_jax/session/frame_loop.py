@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -15,7 +15,6 @@ import numpy as np
 from remind_jax.decision import NO_ID
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
-from remind_jax.explanation.archive import TraceArchive
 from remind_jax.explanation.explainer import new_archive
 from remind_jax.frame import Detections, Frame
 from remind_jax.outputs.presence import UNDECIDED
@@ -24,6 +23,8 @@ from remind_jax.outputs.run_info import Event, RunInfo
 from remind_jax.outputs.writer import RunWriter
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import as_announced
+from remind_jax.session.checkpoint import Checkpoints
+from remind_jax.session.journal import Journal, Step, check_frame, checksum_of
 from remind_jax.session.live import Tracker
 from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress
@@ -33,11 +34,22 @@ from remind_jax.tracks import Tracks
 _AHEAD = 4  # frames that are decoded and reduced before the tracker asks for them
 
 
+@dataclasses.dataclass(frozen=True)
+class Upcoming:
+    """A frame on its way to the tracker."""
+
+    frame: Frame
+    checksum: int  # of its picture or features
+    prepared: Prepared | None = None  # None for one that was done before the run was gone on with
+    dropped: Counter[str] = dataclasses.field(default_factory=Counter)  # by the detector
+
+
 class FrameLoop:
     """The loop over frames of one run, and what it collects.
 
     Attributes:
       progress: Called after every frame, if set.
+      num_before: Frames that were done before the run was gone on with.
     """
 
     def __init__(
@@ -47,6 +59,7 @@ class FrameLoop:
         detector: Detector | None,
         delayed: Any = None,
         num_waiting: int = 0,
+        checkpoints: Checkpoints | None = None,
     ) -> None:
         """Collects nothing yet.
 
@@ -56,36 +69,102 @@ class FrameLoop:
           detector: Finds detections in frames that bring none.
           delayed: Revises answers that wait; None if they are given at once.
           num_waiting: Frames that wait for announcements.
+          checkpoints: Keep what is needed to go on after a kill; None if nobody will.
         """
         self._delayed, self._num_waiting = delayed, num_waiting
         self._waiting: deque[tuple[Frame, Tracks]] = deque()  # as decided
         self._tracker, self._source, self._detector = tracker, source, detector
+        self._checkpoints = checkpoints
+        self._before: Sequence[
+            Step
+        ] = ()  # of frames that were done before the run was gone on with
+        self._first: Upcoming | None = None  # looked at, not done yet
+        self.num_before = 0
         self.progress: Callable[[Progress], None] | None = None
         self._decided: list[Tracks] = []
         self._events: list[Event] = []
         self._grown_at: list[int] = []
         self._timings: dict[str, list[float]] = {}
         self._first_frame_ms: float | None = None
-        self._archive: TraceArchive | None = None  # made with the first trace
+        self._compile_s = 0.0  # before the run was gone on with
+        self._dropped = Counter[str]()
+        self._archive = new_archive(tracker.method) if tracker.traces else None
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
-    def prepare(self) -> contextlib.AbstractContextManager[Iterator[Prepared]]:
-        """The frames, decoded and reduced ahead of the tracker in another thread."""
-        timed = _decode(self._source, self._detector)
-        return contextlib.closing(prefetch(timed, self._prepare, depth=_AHEAD))
+    def go_on_after(self, journal: Journal) -> None:
+        """Takes the tracker to the last checkpoint of a run that was not completed.
 
-    def consume(self, first: Prepared, ahead: Iterator[Prepared], writer: RunWriter | None) -> bool:
+        Raises:
+          RemindError: If it is damaged.
+        """
+        assert self._checkpoints is not None
+        self._before = self._checkpoints.go_on(self._tracker, journal, self._archive)
+        self.num_before = len(self._before)
+        if self._before:
+            self._tracker.go_on(self._before[-1].attention_slots)
+
+    def prepare(self) -> contextlib.AbstractContextManager[Iterator[Upcoming]]:
+        """The frames, decoded and reduced ahead of the tracker in another thread."""
+        decoded = _decode(self._source, self._detector, self.num_before)
+        return contextlib.closing(prefetch(decoded, self._prepare, depth=_AHEAD))
+
+    def look_at_first(self, ahead: Iterator[Upcoming]) -> Frame:
+        """The first frame, before it is its turn.
+
+        Raises:
+          SourceError: If there is none.
+        """
+        self._first = next(ahead, None)
+        if self._first is None:
+            raise SourceError(f"'{self._source.name}' has no frames")
+        return self._first.frame
+
+    def repeat(self, ahead: Iterator[Upcoming], writer: RunWriter) -> None:
+        """Collects and writes again what was done before: everything but deciding.
+
+        Raises:
+          SourceError: If the frames are not those that the run was begun with.
+        """
+        for step in self._before:
+            upcoming = next(ahead, None)
+            if upcoming is None:
+                raise SourceError(
+                    f"'{self._source.name}' ends before frame {step.tracks.source_index} "
+                    f"('{step.tracks.name}'), which was done already; give the whole source, or "
+                    "start the run anew with --overwrite"
+                )
+            tracks = self._tracker.repeat(step.tracks, step.merges)
+            self._hand_on(upcoming.frame, step, writer)
+            self._collect(step, tracks)
+        if self._before:
+            self._compile_s = self._before[-1].compile_s
+            self._before = ()
+        writer.end_repeating()
+
+    def consume(self, ahead: Iterator[Upcoming], writer: RunWriter | None) -> bool:
         """Tracks every frame; Ctrl-C ends the loop. Returns whether there was none."""
         complete = True
         try:
-            self._take(first, writer)
-            for prepared in ahead:
-                self._take(prepared, writer)
+            if self._first is not None:
+                self._take(self._first, writer)
+                self._first = None
+            for upcoming in ahead:
+                self._take(upcoming, writer)
         except KeyboardInterrupt:
             complete = False
+            self.keep()
         self.release(writer)
         return complete
+
+    def keep(self) -> None:
+        """Makes a checkpoint of what was done so far.
+
+        Raises:
+          OutputError: If it cannot be written.
+        """
+        if self._checkpoints is not None:
+            self._checkpoints.save(self._tracker, self._archive)
 
     def release(self, writer: RunWriter | None) -> None:
         """Gives the answers that still wait."""
@@ -106,7 +185,7 @@ class FrameLoop:
             info=info,
             timings_ms=self._timings,
             first_frame_ms=self._first_frame_ms,
-            compile_s=self._tracker.compile_s,
+            compile_s=self._compile_s + self._tracker.compile_s,
             skipped=tuple(self._source.skipped),
             events=tuple(self._events),
             grown_at=tuple(self._grown_at),
@@ -114,35 +193,62 @@ class FrameLoop:
             trace=archive,
         )
 
-    def _prepare(self, timed: tuple[Frame, dict[str, float]]) -> Prepared:
-        frame, spent = timed
+    def _prepare(self, decoded: _Decoded) -> Upcoming:
+        frame = decoded.frame
+        checksum = 0 if self._checkpoints is None else checksum_of(frame)
+        if decoded.number < self.num_before:
+            config, has_detector = self._tracker.config, self._detector is not None
+            check_frame(self._before[decoded.number], frame, checksum, config, has_detector)
+            self._tracker.pass_over(frame)
+            return Upcoming(frame, checksum)
         prepared = self._tracker.prepare(frame)
-        return dataclasses.replace(prepared, stage_ms={**spent, **prepared.stage_ms})
+        prepared = dataclasses.replace(prepared, stage_ms={**decoded.spent, **prepared.stage_ms})
+        return Upcoming(frame, checksum, prepared, decoded.dropped)
 
-    def _take(self, prepared: Prepared, writer: RunWriter | None) -> None:
+    def _take(self, upcoming: Upcoming, writer: RunWriter | None) -> None:
+        """Decides about a frame."""
+        tracker, prepared = self._tracker, upcoming.prepared
+        assert prepared is not None
         start = time.perf_counter()
-        tracks = self._tracker.advance(prepared)
+        tracks = tracker.advance(prepared)
         tracked = time.perf_counter()
+        first_ms: float | None = None
         if self._first_frame_ms is None:
-            before = sum(prepared.stage_ms.values())
-            self._first_frame_ms = before + 1000 * (tracked - start)
-        decided = self._tracker.decided
+            first_ms = sum(prepared.stage_ms.values()) + 1000 * (tracked - start)
+        decided = tracker.decided
         assert decided is not None
-        # What waits are images; masks of many detections would be larger.
-        frame = dataclasses.replace(prepared.frame, detections=None, features=None)
-        if self._delayed is None:
-            self._waiting.append((frame, decided))
-        else:
-            self._waiting.extend(self._delayed.push(frame, decided, self._tracker.state))
-        self._keep(self._num_waiting, writer)
-        spent = {**self._tracker.stage_ms, "write": 1000 * (time.perf_counter() - tracked)}
-        for stage, milliseconds in spent.items():
-            self._timings.setdefault(stage, []).append(milliseconds)
+        step = Step(
+            tracks=decided,
+            checksum=upcoming.checksum,
+            timings_ms=tracker.stage_ms,
+            compile_s=self._compile_s + tracker.compile_s,
+            first_frame_ms=first_ms,
+            merges=tracker.merges,
+            evidence=None if self._delayed is None else self._delayed.evidence(tracker.state),
+            events=tuple(tracker.events),
+            has_grown=tracker.has_grown,
+            dropped=upcoming.dropped,
+            attention_slots=tracker.attention_slots,
+        )
+        self._hand_on(upcoming.frame, step, writer)
+        written_ms = 1000 * (time.perf_counter() - tracked)
+        step = dataclasses.replace(step, timings_ms={**step.timings_ms, "write": written_ms})
         self._record(tracks)
-        self._events += self._tracker.events
-        if self._tracker.has_grown:
-            self._grown_at.append(tracks.frame_index)
-        self._report(tracks)
+        if self._checkpoints is not None:
+            self._checkpoints.add(step)
+            if self._checkpoints.is_due:
+                self.keep()
+        self._collect(step, tracks)
+
+    def _hand_on(self, frame: Frame, step: Step, writer: RunWriter | None) -> None:
+        """Hands on a frame that was decided to whatever waits for it."""
+        # What waits are images; masks of many detections would be larger.
+        frame = dataclasses.replace(frame, detections=None, features=None)
+        if self._delayed is None:
+            self._waiting.append((frame, step.tracks))
+        else:
+            self._waiting.extend(self._delayed.push(frame, step.tracks, step.evidence))
+        self._keep(self._num_waiting, writer)
 
     def _keep(self, num_waiting: int, writer: RunWriter | None) -> None:
         """Writes and collects all frames but the last ones."""
@@ -155,9 +261,8 @@ class FrameLoop:
     def _record(self, tracks: Tracks) -> None:
         """Keeps what the decisions of the frame were made of, if the tracker gives that."""
         tracker = self._tracker
-        if tracker.trace is None:
+        if self._archive is None:
             return
-        self._archive = self._archive or new_archive(tracker.method)
         decisions, objects = jax.device_get((tracker.state.decisions, tracker.state.objects))
         record = tracker.method.explainer.record(len(tracks), decisions, tracker.trace)
         labels = {
@@ -167,7 +272,16 @@ class FrameLoop:
         }
         self._archive.add(tracks.frame_index, record, labels)
 
-    def _report(self, tracks: Tracks) -> None:
+    def _collect(self, step: Step, tracks: Tracks) -> None:
+        """Adds a frame to what the result will tell, and reports how far the run is."""
+        for stage, milliseconds in step.timings_ms.items():
+            self._timings.setdefault(stage, []).append(milliseconds)
+        if self._first_frame_ms is None:
+            self._first_frame_ms = step.first_frame_ms
+        self._events += step.events
+        self._dropped += Counter(step.dropped)
+        if step.has_grown:
+            self._grown_at.append(tracks.frame_index)
         self._identities.update(int(i) for i in tracks.object_id if i != NO_ID)
         self._num_detections += len(tracks)
         self._num_undecided += int(np.isin(tracks.outcome, UNDECIDED).sum())
@@ -185,13 +299,9 @@ class FrameLoop:
 
     def _note_drops(self) -> None:
         """Reports detections that the detector found and gave up again."""
-        if self._detector is None or not self._decided:
-            return
-        last = self._decided[-1].frame_index
-        for reason, count in self._detector.dropped.items():
-            if count:
-                message = f"{count} detections were dropped by the detector: {reason} mask"
-                self._events.append(Event(last, "dropped", message))
+        for reason, count in self._dropped.items() if self._decided else ():
+            message = f"{count} detections were dropped by the detector: {reason} mask"
+            self._events.append(Event(self._decided[-1].frame_index, "dropped", message))
 
     def _note_unannounced(self) -> None:
         """Reports objects that were not announced."""
@@ -204,17 +314,29 @@ class FrameLoop:
             self._events.append(Event(self._decided[-1].frame_index, "announced", message))
 
 
-def _decode(source: Source, detector: Detector | None) -> Iterator[tuple[Frame, dict[str, float]]]:
-    """Frames with detections and the milliseconds that decoding and detecting took."""
+@dataclasses.dataclass(frozen=True)
+class _Decoded:
+    """A frame with its detections."""
+
+    number: int
+    frame: Frame
+    spent: dict[str, float]  # milliseconds that decoding and detecting took
+    dropped: Counter[str]  # by the detector
+
+
+def _decode(source: Source, detector: Detector | None, num_done: int) -> Iterator[_Decoded]:
+    """The frames; nothing is detected in the first `num_done`."""
     start = time.perf_counter()
-    for frame in source:
+    for number, frame in enumerate(source):
         decoded = time.perf_counter()
-        spent = {"decode": 1000 * (decoded - start)}
-        if detector is not None:
+        spent, dropped = {"decode": 1000 * (decoded - start)}, Counter[str]()
+        if detector is not None and number >= num_done:
             if frame.image is None:
                 raise SourceError(f"frame '{frame.name}' has no image for the detector to look at")
+            before = Counter(detector.dropped)
             found: Detections = detector(frame.image)
             frame = dataclasses.replace(frame, detections=found)
             spent["detect"] = 1000 * (time.perf_counter() - decoded)
-        yield frame, spent
+            dropped = Counter(detector.dropped) - before
+        yield _Decoded(number, frame, spent, dropped)
         start = time.perf_counter()

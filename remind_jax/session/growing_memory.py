@@ -39,6 +39,7 @@ class GrowingMemory:
     Attributes:
       state: A pytree of arrays; None before the first frame.
       static: Capacities as grown so far.
+      traced: Whether it keeps what decisions were made of.
       trace: What the decisions of the last frame were made of, on the host.
       has_grown: Whether it did so in the last frame.
     """
@@ -48,6 +49,7 @@ class GrowingMemory:
         self.static = static
         self.trace: Any = None
         self.has_grown = False
+        self.traced = traced
         self.frame_step = FrameStep(method, traced=traced)
         self.preparation = Preparation()
         self._method = method

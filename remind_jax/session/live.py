@@ -12,7 +12,7 @@ import operator
 import reprlib
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -123,7 +123,7 @@ class Tracker:
             )
         self._preparer = FramePreparer(self.method, self.backbone.patch_px)
         self._memory = GrowingMemory(self.method, static, traced=trace)
-        self._attention_slots = _ATTENTION_SLOTS
+        self.attention_slots = _ATTENTION_SLOTS
         if self._wants_attention():
             self.backbone.check_attention()
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
@@ -131,6 +131,7 @@ class Tracker:
         self._has_profile = False
         self.announcements = self._announce_nothing()
         self.decided: Tracks | None = None  # the last frame, by ids of the memory
+        self.merges: list[tuple[int, int]] = []  # objects that turned out to be others in it
         self.events: list[Event] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
         self.compile_s = 0.0  # waited for programs to be compiled or loaded, so far
@@ -154,6 +155,11 @@ class Tracker:
     def has_grown(self) -> bool:
         """Whether the memory got more room in the last frame."""
         return self._memory.has_grown
+
+    @property
+    def traces(self) -> bool:
+        """Whether it keeps what decisions were made of."""
+        return self._memory.traced
 
     @property
     def trace(self) -> Any:
@@ -285,8 +291,37 @@ class Tracker:
         }
         return tracks
 
-    def save(self, path: str | Path) -> None:
-        """Writes the memory to a file.
+    def pass_over(self, frame: Frame) -> None:
+        """Takes the place of `prepare` for a frame that the memory has seen already.
+
+        Raises:
+          SourceError: If the frame is smaller than a patch.
+        """
+        self._preparer.pass_over(frame, self.config)
+
+    def repeat(self, decided: Tracks, merges: Sequence[tuple[int, int]]) -> Tracks:
+        """The answers about a frame that was decided; takes the place of `advance` for such ones.
+
+        Args:
+          decided: By ids of the memory.
+          merges: Objects that turned out to be others in this frame, beside those.
+        """
+        self.decided, self.merges = decided, list(merges)
+        self.announcements = announce(self.announcements, decided, self.announce_after, merges)
+        return as_announced(self.announcements, decided)
+
+    def go_on(self, attention_slots: int) -> None:
+        """After `load`: as if the frames that the memory has seen had been seen here."""
+        self.attention_slots = attention_slots
+        if not self._features_given:
+            self._follow_profile()
+
+    def save(self, path: str | Path, *, durably: bool = False) -> None:
+        """Writes the memory to a file; an older one is replaced only by a complete one.
+
+        Args:
+          path: The file.
+          durably: Return only when it is on the disk, so that it outlives a power cut.
 
         Raises:
           OutputError: If the file cannot be written.
@@ -300,7 +335,20 @@ class Tracker:
         saved = SavedMemory(
             self.state, self.static, self.class_names, name, self.method.name, announced
         )
-        save_memory(path, saved)
+        save_memory(path, saved, durably=durably)
+
+    def checkpoint(self, path: str | Path) -> None:
+        """As `save`, and returns only when the file is on the disk: for loops that may be cut off.
+
+        The file is replaced at once, so that a crash or a power cut leaves the one before or this
+        one. It takes a few milliseconds per MB of memory; call it every so many seconds, and `load`
+        it at the next start.
+
+        Raises:
+          OutputError: If the file cannot be written; the one before is kept.
+          SourceError: If there is nothing to remember yet.
+        """
+        self.save(path, durably=True)
 
     def load(self, path: str | Path) -> None:
         """Goes on from a memory file; what is in memory now is forgotten.
@@ -363,9 +411,9 @@ class Tracker:
         if not self._wants_attention():
             return self.backbone.extract(images)[0], None
         patches = np.flatnonzero(np.any(prepared.masks.coverage > 0, axis=0))
-        while self._attention_slots < len(patches):
-            self._attention_slots *= 2
-        slots = np.full(self._attention_slots, -1, np.int32)
+        while self.attention_slots < len(patches):
+            self.attention_slots *= 2
+        slots = np.full(self.attention_slots, -1, np.int32)
         slots[: len(patches)] = patches
         heads = self.static.attention_heads or None
         features, paid = self.backbone.extract_with_attention(images, slots[None], heads)
@@ -401,14 +449,14 @@ class Tracker:
     def _announce(self, decided: Tracks) -> Tracks:
         """The answers by what is announced, this frame included; notes objects that became one."""
         merges = [] if self.method.merges is None else self.method.merges(self.state)
-        before, self.decided = self.announcements, decided
-        self.announcements = announce(before, decided, self.announce_after, merges)
+        before = self.announcements
+        tracks = self.repeat(decided, merges)
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
                 message = f"object {old} turned out to be object {new}"
                 self.events.append(Event(decided.frame_index, "merged", message))
-        return as_announced(self.announcements, decided)
+        return tracks
 
 
 def _as_size(frame_size: Any) -> tuple[int, int]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
 import json
-import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import jax
+import msgspec
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
@@ -17,9 +19,12 @@ from safetensors.numpy import load_file, save_file
 from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.keys import how_to_choose
-from remind_jax.errors import OutputError, RemindError
+from remind_jax.errors import ConfigError, OutputError, RemindError, first_line
+from remind_jax.files.records import Small, Whole, decode_json
+from remind_jax.files.tensors import TensorEntry, read_safetensors_header
 from remind_jax.method import PAPER_METHOD, get_method, named_leaves
 from remind_jax.session.announcement import Announcements
+from remind_jax.session.memory_checks import find_fault
 from remind_jax.static import Static
 
 SCHEMA_VERSION = 2
@@ -27,6 +32,19 @@ _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start
 _PUBLISHED = Static()
+_SETTINGS = {field.name for field in dataclasses.fields(Static)}
+_RESTORE = "restore the file, or start without it"
+# As safetensors call the types of arrays.
+_TYPES = {"bool": "BOOL", "int32": "I32", "int64": "I64", "float32": "F32", "float64": "F64"}
+
+
+class _AnnouncedRow(msgspec.Struct, frozen=True):
+    """As `Announcements.to_json` makes it."""
+
+    known_below: Whole
+    next_id: Whole
+    ids: list[tuple[Small, Whole]]
+    counts: list[tuple[Small, Whole]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,8 +59,13 @@ class SavedMemory:
     announced: Announcements | None = None  # None: all objects, under their own ids
 
 
-def save_memory(path: str | Path, memory: SavedMemory) -> None:
+def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> None:
     """Writes a memory file; an existing one is replaced only by a complete one.
+
+    Args:
+      path: The file.
+      memory: What it will hold.
+      durably: Return only when it is on the disk, so that it outlives a power cut.
 
     Raises:
       OutputError: If the file cannot be written.
@@ -59,20 +82,19 @@ def save_memory(path: str | Path, memory: SavedMemory) -> None:
     }
     if memory.announced is not None:
         header["announced"] = json.dumps(memory.announced.to_json())
-    unfinished = path.with_name(path.name + ".part")
-    try:
-        save_file(leaves, unfinished, metadata=header)
-        os.replace(unfinished, path)
-    except (OSError, SafetensorError) as error:
-        unfinished.unlink(missing_ok=True)
-        raise OutputError(f"cannot write memory to {path}: {error}") from error
+    header["sha256"] = _checksum(header, leaves)
+    with files.replacing(path, SafetensorError, durably=durably) as partial:
+        save_file(leaves, partial, metadata=header)
 
 
 def load_memory(path: str | Path) -> SavedMemory:
-    """Reads a memory file.
+    """Reads a memory file, and checks it as a whole before any of it is trusted.
+
+    Files without a checksum, of earlier versions, are read with all other checks.
 
     Raises:
-      OutputError: If the file is missing, damaged, no memory, or of another schema version.
+      OutputError: If the file is missing, damaged, no memory, of another schema version, or holds
+        what no run leaves.
       ConfigError: If it was made by a tracker that there is not.
     """
     path = Path(path)
@@ -80,29 +102,33 @@ def load_memory(path: str | Path) -> SavedMemory:
         raise OutputError(
             f"memory '{path}' is a folder; give the file, memory.safetensors of a run"
         )
-    try:
-        files.check_regular(path)
-        header = _read_header(path)
-        tensors = load_file(path)
-    except (OSError, SafetensorError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise OutputError(f"cannot read memory from {path}: {reason}") from error
-    if header.get("format") != _FORMAT:
-        raise OutputError(f"{path} is not a memory file of remind-jax")
-    if header.get("schema") != str(SCHEMA_VERSION):
+    header = read_safetensors_header(path, refused=OutputError)
+    metadata = header.metadata
+    if metadata.get("format") != _FORMAT:
+        raise OutputError(f"'{path}' is not a memory file of remind-jax")
+    if metadata.get("schema") != str(SCHEMA_VERSION):
         raise OutputError(
-            f"{path} has memory schema {header.get('schema')}; this version reads schema "
+            f"'{path}' has memory schema {metadata.get('schema')!r}; this version reads schema "
             f"{SCHEMA_VERSION}"
         )
-    static, names, backbone, tracker, announced = _read_description(header, path)
-    empty = get_method(tracker).init(static)
-    leaves = []
-    for name, leaf in named_leaves(empty):
-        if name not in tensors or tensors[name].shape != leaf.shape:
-            raise OutputError(f"{path} is damaged: '{name}' is missing or of another shape")
-        leaves.append(jax.numpy.asarray(tensors[name], leaf.dtype))
-    state = jax.tree.unflatten(jax.tree.structure(empty), leaves)
-    return SavedMemory(state, static, names, backbone, tracker, announced)
+    static, names, announced = _read_description(metadata, path)
+    method = get_method(metadata["tracker"])
+    expected = _shape(method.name, static)
+    _check_tensors(header.tensors, expected, path)
+    try:
+        tensors = load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise OutputError(f"cannot read memory from '{path}': {first_line(error)}") from error
+    checksum = metadata.get("sha256")
+    if checksum is not None and checksum != _checksum(metadata, tensors):
+        raise OutputError(f"'{path}' is damaged: its checksum is another one; {_RESTORE}")
+    leaves = [tensors[name] for name, _ in named_leaves(expected)]
+    state = jax.tree.unflatten(jax.tree.structure(expected), leaves)
+    fault = find_fault(state, method, names, announced, static.first_object_id)
+    if fault is not None:
+        raise OutputError(f"'{path}' is damaged: {fault}; {_RESTORE}")
+    state = jax.tree.map(jax.numpy.asarray, state)
+    return SavedMemory(state, static, names, metadata["backbone"], method.name, announced)
 
 
 def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
@@ -167,34 +193,75 @@ def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None
         )
 
 
-def _read_header(path: Path) -> dict[str, str]:
-    """The metadata of a safetensors file: a length and a JSON object at its start."""
-    with path.open("rb") as file:
-        length = int.from_bytes(file.read(8), "little")
-        if not 0 < length <= 1 << 26:
-            raise OSError("it is not a safetensors file")
-        header = json.loads(file.read(length))
-        metadata = header.get("__metadata__", {}) if isinstance(header, dict) else {}
-        return metadata if isinstance(metadata, dict) else {}
+def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path) -> None:
+    """Compares what the header says of the tensors with the memory that its settings make.
+
+    Raises:
+      OutputError: If one is missing, of another shape or type, or unknown.
+    """
+    leaves = dict(named_leaves(expected))
+    for name, leaf in leaves.items():
+        entry = tensors.get(name)
+        if entry is None or entry.shape != leaf.shape or entry.dtype != _TYPES[str(leaf.dtype)]:
+            found = "missing" if entry is None else f"{entry.dtype} of shape {list(entry.shape)}"
+            raise OutputError(
+                f"'{path}' is damaged, or of another version: '{name}' is {found}; expected: "
+                f"{_TYPES[str(leaf.dtype)]} of shape {list(leaf.shape)}"
+            )
+    for name in tensors:
+        if name not in leaves:
+            raise OutputError(
+                f"'{path}' is damaged, or of another version: it holds '{name[:100]}', which no "
+                "memory of this tracker has"
+            )
+
+
+def _checksum(metadata: Mapping[str, str], tensors: Mapping[str, np.ndarray]) -> str:
+    """Of everything in the file but the checksum itself, in any order."""
+    digest = hashlib.sha256()
+    described = {name: value for name, value in metadata.items() if name != "sha256"}
+    digest.update(json.dumps(described, sort_keys=True).encode("ascii"))
+    for name in sorted(tensors):
+        array = np.ascontiguousarray(tensors[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(array.data if array.size else b"")
+    return digest.hexdigest()
 
 
 def _read_description(
-    header: dict[str, str], path: Path
-) -> tuple[Static, tuple[str, ...], str, str, Announcements | None]:
-    """Static, class names, backbone and tracker of the memory, and what was announced."""
+    metadata: Mapping[str, str], path: Path
+) -> tuple[Static, tuple[str, ...], Announcements | None]:
+    """Static, class names of the memory, and what was announced.
+
+    Raises:
+      OutputError: If one is missing or damaged.
+    """
+    where = f"'{path}', header"
+    for name in ("static", "class_names", "backbone", "tracker"):
+        if name not in metadata:
+            raise OutputError(f"'{path}' is damaged: its header lacks '{name}'; {_RESTORE}")
+
+    def read(name: str, record: Any) -> Any:
+        data = metadata[name].encode("utf-8", "replace")
+        return decode_json(data, record, f"{where}, '{name}'", refused=OutputError)
+
     try:
-        values: Any = json.loads(header["static"])
-        values = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
-        static = Static(**values)
-        names = tuple(json.loads(header["class_names"]))
-        backbone, tracker = header["backbone"], header["tracker"]
-        text = header.get("announced")
-        announced = None if text is None else Announcements.from_json(json.loads(text))
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise OutputError(f"{path} is damaged: its description cannot be read ({error})") from error
+        static = read("static", Static)
+    except ConfigError as error:
+        raise OutputError(f"{where}, 'static': {error}") from error
+    for name in read("static", dict[str, Any]):
+        if name not in _SETTINGS:
+            raise OutputError(
+                f"'{path}' is damaged, or of another version: 'static' has no '{name[:100]}'"
+            )
+    names = tuple(read("class_names", list[str]))
+    announced = None
+    if "announced" in metadata:
+        row = read("announced", _AnnouncedRow)
+        announced = Announcements(row.known_below, dict(row.ids), dict(row.counts), {}, row.next_id)
     if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
         raise OutputError(
             f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "
             "environment variable JAX_ENABLE_X64=1"
         )
-    return static, names, backbone, tracker, announced
+    return static, names, announced

@@ -54,14 +54,8 @@ class FramePreparer:
             a patch, or disagrees with its masks about the size.
         """
         start = time.perf_counter()
-        detections, num_ignored = _wanted_detections(frame, config)
-        patch_px = self._patch_px if frame.features is None else _patch_px_of_features(frame)
-        alignment = Alignment.fit(
-            frame.size,
-            patch_px,
-            max_width_px=config.input.max_width_px,
-            center_crop=config.input.center_crop,
-        )
+        detections, num_ignored = wanted_detections(frame, config)
+        alignment = self._align(frame, config)
         options, gaps = config.input, {"exact_gap_max": -math.inf}  # of boxes only
         if self._method.gap_options is not None:
             gaps = self._method.gap_options(config.thresholds)
@@ -70,7 +64,7 @@ class FramePreparer:
             np.array([self._class_id(name) for name in detections.labels], np.int32),
             detections.scores,
             num_slots=len(detections),
-            patch_px=patch_px,
+            patch_px=self._patch_px_of(frame),
             sanitize=options.sanitize,
             fill_holes=options.fill_holes,
             close_px=options.close_px,
@@ -98,11 +92,34 @@ class FramePreparer:
             observed=observed,
         )
 
+    def pass_over(self, frame: Frame, config: Config) -> None:
+        """Keeps of a frame, which is not prepared, what the next one needs.
+
+        Raises:
+          SourceError: If the frame is smaller than a patch.
+        """
+        if self._method.observe is None or frame.features is not None:
+            return
+        alignment = self._align(frame, config)
+        self.last_image = None if frame.image is None else alignment.align_image(frame.image)
+
+    def _align(self, frame: Frame, config: Config) -> Alignment:
+        """How the frame becomes whole patches."""
+        return Alignment.fit(
+            frame.size,
+            self._patch_px_of(frame),
+            max_width_px=config.input.max_width_px,
+            center_crop=config.input.center_crop,
+        )
+
+    def _patch_px_of(self, frame: Frame) -> int:
+        return self._patch_px if frame.features is None else _patch_px_of_features(frame)
+
     def _class_id(self, label: str) -> int:
         return self.class_ids.setdefault(label, len(self.class_ids))
 
 
-def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
+def wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
     """The detections of the frame but for those of ignored classes, and how many these are."""
     if frame.detections is None:
         raise SourceError(f"frame '{frame.name}' comes without masks; give masks or a detector")

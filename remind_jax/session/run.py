@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
-import dataclasses
-import datetime
-import importlib.metadata
 import inspect
-import platform
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
-
+from remind_jax import files
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
-from remind_jax.detectors import Detector, DetectorOptions, as_detector
-from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, nearest_names
+from remind_jax.detectors import DetectorOptions, as_detector
+from remind_jax.errors import ConfigError, OptionError, OutputError, nearest_names
 from remind_jax.files import as_path
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import RunInfo
-from remind_jax.outputs.writer import RunWriter, check_folder
+from remind_jax.outputs.writer import check_folder
 from remind_jax.session.announcement import choose_after
+from remind_jax.session.checkpoint import Checkpoints
+from remind_jax.session.folder_run import Origin, describe_files, describe_run, run_into
 from remind_jax.session.frame_loop import FrameLoop
-from remind_jax.session.live import FEATURES_GIVEN, Tracker
-from remind_jax.session.preparation import Prepared
+from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress, follow_run
 from remind_jax.settings.ranges import check_option
-from remind_jax.sources import Sampling, Source, open_source
-
-MEMORY_NAME = "memory.safetensors"
+from remind_jax.sources import Sampling, open_source
 
 _MOST_DELAY = 1_000_000  # frames
 
@@ -56,6 +48,7 @@ def run(
     delay: int = 0,
     announce_after: int | None = None,
     overwrite: bool = False,
+    resume: bool = False,
     progress: Callable[[Progress], None] | bool | None = None,
     **source_options: Any,
 ) -> Result:
@@ -88,6 +81,9 @@ def run(
         seen less often stays provisional. `input.announce_after` of the configuration if left out,
         and 0 there is 1 for masks and `announcement.DETECTOR_DEFAULT` for a detector.
       overwrite: Allow an output folder with files in it.
+      resume: Go on with the run in `out` that was killed or stopped, as if it had not been; source
+        and options must be those that it was begun with. A complete run is given back as it is, an
+        empty folder gets a new run.
       progress: Called after every frame. Left out, a line on a terminal or in a notebook shows how
         far the run is, and nothing elsewhere; False for nothing at all.
       **source_options: Further options of `open_source`.
@@ -111,9 +107,10 @@ def run(
       [[0], [0], [0]]
     """
     _check_options(source_options)
+    _check_resume(out, overwrite, resume)
     if out is not None:
         out = as_path(out, "the output folder", OutputError)
-        check_folder(out, overwrite)
+        check_folder(out, overwrite, resume)
     detector = as_detector(detector, detector_options)
     backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
     config = load_config(config)
@@ -128,27 +125,19 @@ def run(
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = max(0, 2 * after - delay) if after > 1 else 0
     delayed = _delay_answers(live, delay)
-    loop = FrameLoop(live, frames, detector, delayed, waiting)
-    with (
-        follow_run(progress, frames.name, frames.num_frames) as loop.progress,
-        loop.prepare() as ahead,
-    ):
-        first = next(ahead, None)
-        if first is None:
-            raise SourceError(f"'{frames.name}' has no frames")
-        info = describe_run(frames, detector, live, first)
-        if out is None:
-            return loop.conclude(info, loop.consume(first, ahead, None))
-        with RunWriter(out, info, overlay=overlay, overwrite=overwrite) as writer:
-            try:
-                complete = loop.consume(first, ahead, writer)
-            except Exception:
-                # What was done is finished; what went wrong first is what is reported.
-                with contextlib.suppress(RemindError):
-                    loop.release(writer)
-                    _finish(loop.conclude(info, complete=False), live, writer)
-                raise
-            return _finish(loop.conclude(info, complete), live, writer)
+    checkpoints = None if out is None else Checkpoints(Path(out))
+    loop = FrameLoop(live, frames, detector, delayed, waiting, checkpoints)
+    with follow_run(progress, frames.name, frames.num_frames) as loop.progress:
+        if checkpoints is None:
+            with loop.prepare() as ahead:
+                first = loop.look_at_first(ahead)
+                info = describe_run(frames, detector, live, first.size, first.features is not None)
+                return loop.conclude(info, loop.consume(ahead, None))
+        beside = {"delay": delay, "trace": trace, **describe_files(memory, live, detector)}
+        origin = Origin(frames, detector, live, beside)
+        folder = checkpoints.run_folder
+        with files.locked(folder):
+            return run_into(folder, loop, checkpoints, origin, overlay, overwrite, resume)
 
 
 def _check_options(source_options: Mapping[str, Any]) -> None:
@@ -158,6 +147,14 @@ def _check_options(source_options: Mapping[str, Any]) -> None:
         if name not in known:
             hint = nearest_names(name, {*known, *inspect.signature(run).parameters})
             raise ConfigError(f"run has no option '{name}'; {hint}")
+
+
+def _check_resume(out: Any, overwrite: bool, resume: bool) -> None:
+    """Refuses to go on with nothing, or with what is to be removed."""
+    if resume and out is None:
+        raise OptionError("'resume' goes on with the run in a folder; give out", "resume")
+    if resume and overwrite:
+        raise OptionError("'resume' and 'overwrite' exclude each other; give one", "resume")
 
 
 def _delay_answers(tracker: Tracker, delay: int) -> Any:
@@ -171,41 +168,3 @@ def _delay_answers(tracker: Tracker, delay: int) -> Any:
             "tracker 'plus'"
         )
     return tracker.method.delayed(delay)
-
-
-def _finish(result: Result, tracker: Tracker, writer: RunWriter) -> Result:
-    """Writes all that is written at the end."""
-    if tracker.state is not None:
-        tracker.save(writer.folder / MEMORY_NAME)
-    writer.finish(result)
-    return result
-
-
-def describe_run(
-    source: Source, detector: Detector | None, tracker: Tracker, first: Prepared
-) -> RunInfo:
-    """What a run is made with, as far as it is known before it starts."""
-    brings_features = first.features is not None
-    backbone = FEATURES_GIVEN if brings_features else tracker.backbone.name
-    # The thresholds that will decide, those made for the backbone among them.
-    config = tracker.config if brings_features else tracker.config.for_backbone(backbone)
-    config = dataclasses.replace(config, static=tracker.static)  # of a memory, if there is one
-    announcing = dataclasses.replace(config.input, announce_after=tracker.announce_after)
-    config = dataclasses.replace(config, input=announcing)
-    return RunInfo(
-        name=source.name,
-        source=source.describe(),
-        frame_size=first.frame.size,
-        fps=source.fps or 0.0,
-        class_names=(),
-        config=config.to_dict(),
-        backbone=backbone,
-        versions={
-            **{name: importlib.metadata.version(name) for name in ("remind_jax", "jax", "numpy")},
-            "opencv": importlib.metadata.version("opencv-python-headless"),
-            "python": platform.python_version(),
-        },
-        device=jax.devices()[0].device_kind,
-        started_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        detector=None if detector is None else detector.describe(),
-    )

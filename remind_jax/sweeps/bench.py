@@ -134,13 +134,14 @@ class SceneBench:
         tally = _Tally(len(chosen) * len(self._sources), self._progress)
         keys: list[list[str]] = []
         finished = False
-        try:
-            for name in self._sources:
-                keys.append(self._start(name, chosen, share, tally))
-            self._crew.finish()
-            finished = True
-        except KeyboardInterrupt:
-            self._crew.stop()
+        with self._records.locked():
+            try:
+                for name in self._sources:
+                    keys.append(self._start(name, chosen, share, tally))
+                self._crew.finish()
+                finished = True
+            except KeyboardInterrupt:
+                self._crew.stop()
         return self._collect(chosen, keys, finished)
 
     def _start(

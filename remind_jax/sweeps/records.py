@@ -6,15 +6,16 @@ more settings, does again nothing that is there; a line cut off in writing count
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from remind_jax.errors import OutputError
-from remind_jax.files import writing
+from remind_jax.files import locked, writing
 from remind_jax.sweeps.settings import Setting
 
 FILE_NAME = "rows.jsonl"
@@ -47,18 +48,38 @@ class Records:
         """
         self._file = None if folder is None else Path(folder) / FILE_NAME
         self._rows: dict[str, Row] = {}
+        self._read()
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keeps other processes from the folder; rows that they have written are known inside.
+
+        Raises:
+          OutputError: If another process has it.
+        """
         if self._file is None:
+            yield
             return
+        with locked(self._file.parent):
+            if not self._read():
+                self._write("\n")  # a line that was cut off ends here
+            yield
+
+    def _read(self) -> bool:
+        """Reads the rows that are there; False if the last line was cut off."""
+        if self._file is None:
+            return True
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
             text = self._file.read_text(encoding="utf-8") if self._file.exists() else ""
         except OSError as error:
-            raise OutputError(f"cannot use sweep folder '{folder}': {error.strerror}") from error
+            raise OutputError(
+                f"cannot use sweep folder '{self._file.parent}': {error.strerror}"
+            ) from error
         for line in text.splitlines():
-            if (row := _read(line)) is not None:
+            if (row := _parse(line)) is not None:
                 self._rows[row.key] = row
-        if text and not text.endswith("\n"):
-            self._write("\n")
+        return not text or text.endswith("\n")
 
     def __contains__(self, key: str) -> bool:
         return key in self._rows
@@ -84,7 +105,7 @@ class Records:
             stream.write(text)
 
 
-def _read(line: str) -> Row | None:
+def _parse(line: str) -> Row | None:
     """A row, or None if the line was cut off or is none."""
     try:
         return Row(**json.loads(line))

@@ -53,7 +53,9 @@ def state(tracklets, merged=None, answer=None):
 def run(delay, frames):
     """Object ids of all frames as they leave."""
     held = DelayedAnswers(delay)
-    out = [pair for frame in frames for pair in held.push(None, *frame)]
+    out = [
+        pair for tracks, after in frames for pair in held.push(None, tracks, held.evidence(after))
+    ]
     return [tracks for _, tracks in out + held.flush()]
 
 

@@ -21,7 +21,7 @@ from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import ConfigError
 from remind_jax.outputs.result import Result
-from remind_jax.session import run as session
+from remind_jax.session import folder_run as session
 from remind_jax.session.announcement import (
     DETECTOR_DEFAULT,
     Announcements,

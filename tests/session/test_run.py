@@ -19,9 +19,9 @@ from remind_jax.decision import Outcome
 from remind_jax.errors import ConfigError, OutputError, SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.outputs.result import Result
+from remind_jax.outputs.writer import MEMORY_NAME
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress
-from remind_jax.session.run import MEMORY_NAME
 from tests.cli import scenes
 
 CONFIG = {"static": {"num_detections": 4, "num_objects": 6, "num_pending": 4}}

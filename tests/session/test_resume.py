@@ -1,0 +1,261 @@
+"""Runs that were stopped or killed go on as if they had not been; what differs is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import remind_jax as rj
+from remind_jax import files
+from remind_jax.errors import OptionError, OutputError, RemindError, SourceError
+from remind_jax.outputs.writer import CHECKPOINT_NAME
+from remind_jax.session import checkpoint
+from remind_jax.session.journal import JOURNAL_NAME
+from remind_jax.session.progress import Progress
+from tests.cli import scenes
+from tests.corpus.kills import compare_runs
+
+NUM = 8
+PICTURES = [scenes.picture(index, (1, 2, 3) if index % 3 else (1, 3)) for index in range(NUM)]
+
+
+def track(out: Path, pictures=PICTURES, **options) -> rj.Result:
+    return rj.run(pictures, tracker="bank", out=out, **{"progress": False, **options})
+
+
+@pytest.fixture(autouse=True)
+def _checkpoints_of_short_runs(monkeypatch):
+    monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
+    monkeypatch.setattr(checkpoint, "MOST_OF_A_RUN", 1e6)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    """A run that nobody disturbed."""
+    out = tmp_path_factory.mktemp("whole") / "run"
+    track(out)
+    return out
+
+
+def break_off(out: Path, num: int, **options) -> None:
+    """Leaves what a kill after some frames leaves: nothing is finished."""
+
+    class Killed(BaseException):
+        pass
+
+    def stop(step: Progress) -> None:
+        if step.num_done == num:
+            shutil.copytree(out, out.with_name("killed"))
+            raise Killed
+
+    with pytest.raises(Killed):
+        track(out, **{"progress": stop, **options})
+    shutil.rmtree(out)
+    out.with_name("killed").rename(out)
+
+
+@pytest.mark.parametrize("num", [1, 4, NUM])
+def test_a_killed_run_ends_as_if_nothing_had_happened(tmp_path, whole, num):
+    break_off(tmp_path / "run", num)
+    result = track(tmp_path / "run", resume=True)
+    assert result.complete
+    assert compare_runs(whole, tmp_path / "run") == []
+    assert not (tmp_path / "run" / CHECKPOINT_NAME).exists()
+
+
+@pytest.mark.parametrize("options", [{"announce_after": 3}, {"trace": True, "tracker": "plus"}])
+def test_what_waits_and_traces_survive(tmp_path, options):
+    given = {"overlay": False, **options}
+    tracker = given.pop("tracker", "bank")
+
+    def go(out: Path, **more) -> None:
+        break_off_with = more.pop("num", None)
+        if break_off_with is None:
+            rj.run(PICTURES, tracker=tracker, out=out, **{"progress": False, **given, **more})
+            return
+        break_off(out, break_off_with, **given)
+
+    go(tmp_path / "whole")
+    if tracker == "bank":
+        go(tmp_path / "run", num=5)
+    else:
+
+        def stop(step: Progress) -> None:
+            if step.num_done == 5:
+                raise KeyboardInterrupt
+
+        go(tmp_path / "run", progress=stop)
+    go(tmp_path / "run", resume=True)
+    assert compare_runs(tmp_path / "whole", tmp_path / "run") == []
+    if "trace" in given:
+        with (
+            np.load(tmp_path / "whole" / "trace.npz") as one,
+            np.load(tmp_path / "run" / "trace.npz") as other,
+        ):
+            assert one.files == other.files
+            for name in one.files:
+                np.testing.assert_array_equal(one[name], other[name])
+
+
+def test_what_the_checkpoint_has_not_seen_is_left_out(tmp_path, whole):
+    break_off(tmp_path / "run", 5)
+    journal = tmp_path / "run" / CHECKPOINT_NAME / JOURNAL_NAME
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join([*lines, lines[-1], lines[-1][:30]]))  # a line too much, one torn
+    track(tmp_path / "run", resume=True)
+    assert compare_runs(whole, tmp_path / "run") == []
+
+
+def test_an_interrupted_run_goes_on(tmp_path, whole):
+    def stop(step: Progress) -> None:
+        if step.num_done == 4:
+            raise KeyboardInterrupt
+
+    assert not track(tmp_path / "run", progress=stop).complete
+    seen: list[int] = []
+    track(tmp_path / "run", resume=True, progress=lambda step: seen.append(step.num_done))
+    assert seen == list(range(1, NUM + 1))
+    assert compare_runs(whole, tmp_path / "run") == []
+
+
+def test_a_finished_run_is_given_back(whole):
+    before = {path.name: path.stat().st_mtime_ns for path in whole.iterdir()}
+    result = track(whole, resume=True)
+    assert result.complete
+    assert len(result) == NUM
+    assert {path.name: path.stat().st_mtime_ns for path in whole.iterdir()} == before
+
+
+def test_an_empty_folder_gets_a_new_run(tmp_path, whole):
+    track(tmp_path / "run", resume=True)
+    assert compare_runs(whole, tmp_path / "run") == []
+
+
+OTHER_MASKS = [(image, np.roll(labels, 16, axis=1)) for image, labels in PICTURES]
+OTHER_PICTURES = [(image[::-1].copy(), labels) for image, labels in PICTURES]
+
+
+@pytest.mark.parametrize(
+    ("pictures", "options", "said"),
+    [
+        (OTHER_MASKS, {}, "its masks were others"),
+        (OTHER_PICTURES, {}, "its picture was another one"),
+        (PICTURES[:2], {}, "num_frames 8, not 2"),
+        (PICTURES, {"config": {"match": 0.6}}, "config.thresholds.match 0"),
+        (PICTURES, {"announce_after": 2}, "announce_after 1, not 2"),
+        (PICTURES, {"tracker": "iou"}, "config.tracker 'bank', not 'iou'"),
+        (PICTURES, {"name": "other"}, "name 'frames', not 'other'"),
+    ],
+)
+def test_anything_else_is_refused_and_nothing_is_lost(tmp_path, whole, pictures, options, said):
+    break_off(tmp_path / "run", 4)
+    record = (tmp_path / "run" / "detections.jsonl").read_bytes()
+    tracker = options.pop("tracker", "bank")
+    config = options.pop("config", "default")
+    if isinstance(config, dict):
+        config = {"tracker": tracker, "thresholds": config}
+    with pytest.raises(RemindError, match=said):
+        rj.run(
+            pictures,
+            config=config,
+            tracker=None if isinstance(config, dict) else tracker,
+            out=tmp_path / "run",
+            resume=True,
+            progress=False,
+            **options,
+        )
+    assert (tmp_path / "run" / "detections.jsonl").read_bytes() == record
+    track(tmp_path / "run", resume=True)
+    assert compare_runs(whole, tmp_path / "run") == []
+
+
+def test_another_source_in_a_finished_folder_is_refused(whole):
+    with pytest.raises(OutputError, match="was begun with name 'frames', not 'other'"):
+        track(whole, resume=True, name="other")
+
+
+def test_a_shorter_source_without_a_known_length(tmp_path):
+    break_off(tmp_path / "run", 4, pictures=iter(PICTURES))
+    with pytest.raises(SourceError, match="ends before frame 2"):
+        track(tmp_path / "run", iter(PICTURES[:2]), resume=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"overwrite": True}, "exclude each other"), ({"out": None}, "give out")],
+)
+def test_options_that_do_not_go_together(tmp_path, options, said):
+    with pytest.raises(OptionError, match=said):
+        rj.run(PICTURES, resume=True, **{"out": tmp_path / "run", **options})
+
+
+def test_folders_without_a_run_are_refused(tmp_path, whole):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(OutputError, match="holds no run to go on with, but"):
+        track(tmp_path, resume=True)
+    earlier = tmp_path / "earlier"
+    earlier.mkdir()
+    shutil.copy(whole / "detections.jsonl", earlier)
+    with pytest.raises(OutputError, match="left no checkpoints"):
+        track(earlier, resume=True)
+
+
+def test_a_folder_with_a_run_says_how_to_go_on(tmp_path):
+    break_off(tmp_path / "run", 4)
+    with pytest.raises(OutputError, match=r"go on with the run in it \(--resume\)"):
+        track(tmp_path / "run")
+    assert track(tmp_path / "run", overwrite=True).complete
+
+
+def test_two_runs_in_one_folder(tmp_path):
+    with files.locked(tmp_path), pytest.raises(OutputError, match="in use by another run"):
+        track(tmp_path)
+
+
+def test_a_damaged_journal_is_refused_in_a_sentence(tmp_path):
+    break_off(tmp_path / "run", 4)
+    journal = tmp_path / "run" / CHECKPOINT_NAME / JOURNAL_NAME
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join([lines[0], b"{}\n", *lines[2:]]))
+    with pytest.raises(OutputError, match="line 2"):
+        track(tmp_path / "run", resume=True)
+    journal.write_bytes(b"".join(lines[:2]))
+    with pytest.raises(OutputError, match="has 1 frames, the memory beside it has seen"):
+        track(tmp_path / "run", resume=True)
+
+
+def test_checkpoints_take_a_bounded_share_of_a_run(tmp_path, monkeypatch):
+    """Each is followed by so much of the run that it was at most a hundredth of it."""
+    now = [0.0]
+    monkeypatch.setattr(checkpoint, "MOST_OF_A_RUN", 0.01)
+    kept = checkpoint.Checkpoints(tmp_path, every_s=10.0, clock=lambda: now[0])
+    kept.folder.mkdir()
+
+    class Slow:
+        state = dataclasses.make_dataclass("State", ["frame"])(1)
+
+        def save(self, path, durably):
+            now[0] += 3.0
+
+    step = _any_step()
+    kept.add(step)
+    assert not kept.is_due
+    now[0] = 10.0
+    assert kept.is_due
+    kept.save(Slow(), None)  # pyright: ignore[reportArgumentType]
+    kept.add(step)
+    now[0] = 13.0 + 299.0
+    assert not kept.is_due
+    now[0] = 13.0 + 300.0
+    assert kept.is_due
+
+
+def _any_step():
+    from remind_jax.session.journal import Step
+    from tests.outputs.fake_run import make_run
+
+    return Step(make_run(1, (48, 64), 1)[1].tracks[0], 0, {"step": 1.0}, 0.0)
