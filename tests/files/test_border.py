@@ -26,6 +26,8 @@ OUR_OWN = {
     "remind_jax/compiled/programs.py": "the source of this package",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
     "remind_jax/outputs/labeling.py": "what it wrote just before",
+    "remind_jax/session/checkpoint.py": "what it wrote just before",
+    "remind_jax/session/folder_run.py": "what it wrote just before",
     "weights_convert/reference_values.py": "a picture that a developer names",
 }
 
