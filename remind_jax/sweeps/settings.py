@@ -93,7 +93,7 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
     if not 0 < number <= MOST_SETTINGS:
         raise ConfigError(f"{number} settings cannot be drawn; give 1 to {MOST_SETTINGS}")
     for name, values in space.items():
-        if not len(values) or (len(values) == 2 and values[0] > values[1]):
+        if not len(values) or (_is_range(values) and values[0] > values[1]):
             raise ConfigError(
                 f"there is nothing to draw for {name} from {list(values)}; give its least and its "
                 "largest value, or three or more to choose from"
@@ -101,8 +101,7 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
     random = np.random.default_rng(seed)
 
     def one(values: Sequence[Value]) -> Value:
-        is_range = len(values) == 2 and not isinstance(values[0], bool)
-        if not is_range:
+        if not _is_range(values):
             return values[int(random.integers(len(values)))]
         low, high = values
         if isinstance(low, int) and isinstance(high, int):
@@ -110,6 +109,11 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
         return float(random.uniform(low, high))
 
     return [{name: one(values) for name, values in space.items()} for _ in range(number)]
+
+
+def _is_range(values: Sequence[Value]) -> bool:
+    """Whether two values are the ends of a range; true and false are two to choose from."""
+    return len(values) == 2 and not isinstance(values[0], bool)
 
 
 def parse_values(text: str) -> list[Value]:
