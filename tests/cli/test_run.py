@@ -74,6 +74,7 @@ def test_interrupt_finishes_what_was_done(command, scene, tmp_path):
     kept = Result.load("out")
     assert (len(kept), kept.complete) == (2, False)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "checkpoint",  # what --resume goes on with
         *FILE_NAMES,
         "memory.safetensors",
     }
