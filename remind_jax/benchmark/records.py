@@ -53,6 +53,7 @@ class _StoredRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     fingerprint: Text
     status: Status
     error: str = ""
+    num_kills: Count = 0
     num_frames: Count = 0
     times_ms: dict[Label, float] = {}
     peak_rss_mib: float | None = None

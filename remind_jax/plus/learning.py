@@ -262,7 +262,8 @@ def keep_look(
 
     def put(values: Array, value: Array) -> Array:
         start = (slot, at, *(jnp.int32(0),) * (values.ndim - 2))
-        return lax.dynamic_update_slice(values, value[None, None], start)
+        # Where JAX computes in 64 bits, so does a sum of counts.
+        return lax.dynamic_update_slice(values, value.astype(values.dtype)[None, None], start)
 
     return dataclasses.replace(
         objects,

@@ -116,10 +116,10 @@ def test_detector_that_is_no_model(command, scene, tmp_path):
     [
         (("--backbone", "patch-statistic"), "did you mean 'patch-statistics'?"),
         (("--config", "defualt"), "did you mean 'default'?"),
-        (("--config", "missing.yaml"), "cannot read configuration missing.yaml"),
+        (("--config", "missing.yaml"), "cannot read 'missing.yaml'"),
         (("--set", "thresholds.decision.frim=0.7"), "did you mean 'firm'?"),
         (("--set", "thresholds.decision.firm=high"), "must be a number"),
-        (("--memory", "missing.safetensors"), "cannot read memory from missing.safetensors"),
+        (("--memory", "missing.safetensors"), "cannot read 'missing.safetensors'"),
     ],
 )
 def test_unknown_names_and_wrong_values(command, scene, words, expected):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone.registry import get_backbone
-from remind_jax.errors import SweepError
+from remind_jax.errors import ConfigError, SweepError
 from remind_jax.sources import open_source
 from remind_jax.sweeps import draw, sweep
 from remind_jax.sweeps.scene_arrays import load_scene
@@ -31,7 +31,7 @@ def test_without_ray_one_sentence_says_what_to_install(monkeypatch):
 
 
 def test_no_workers_are_no_crew():
-    with pytest.raises(SweepError, match="0 workers"):
+    with pytest.raises(ConfigError, match="'workers' is 0"):
         sweep(SCENES, SETTINGS, config=CONFIG, workers=0)
 
 

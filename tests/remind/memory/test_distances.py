@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.masks.relations import relate_masks
+from remind_jax.masks.relations import find_row_ends, relate_masks
 from remind_jax.observation import MaskRelations, Masks
 from remind_jax.remind.memory.cooccurrence import (
     empty_cooccurrence,
@@ -110,10 +110,11 @@ def test_chairs_and_lamp_of_the_page(x64):
         for mask, (left, _, right, _) in zip(pixels, box.astype(int), strict=True):
             mask[100:140, left:right] = True
         unused, area = np.zeros(3), np.full(3, 1600.0)
+        ends = [find_row_ends(mask) for mask in pixels]
         masks = Masks(
             coverage=unused, filled_coverage=unused, quality=unused, box=box,
             center=(box[:, :2] + box[:, 2:] - 1) / 2, area=area, class_id=unused,
-            detector_score=unused, relations=relate_masks(pixels, box, area, num_slots=3),
+            detector_score=unused, relations=relate_masks(pixels, box, area, ends, num_slots=3),
             valid=np.ones(3, bool),
         )  # fmt: skip
         neighbors, graph = step(neighbors, graph, masks, jnp.int32(frame))
