@@ -13,10 +13,24 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-FOR_USERS = ("detect", "viz", "sweep", "cluster", "convert")  # extras; others are for developers
+FOR_USERS = (
+    "detect",
+    "viz",
+    "viewers",
+    "sweep",
+    "cluster",
+    "convert",
+)  # extras; others are for developers
 
 # Distributions whose modules are called otherwise.
-MODULES = {"ipython": "IPython", "opencv-python-headless": "cv2", "pyyaml": "yaml"}
+MODULES = {
+    "foxglove-sdk": "foxglove",
+    "ipython": "IPython",
+    "mcap-protobuf-support": "mcap_protobuf",
+    "opencv-python-headless": "cv2",
+    "pyyaml": "yaml",
+    "rerun-sdk": "rerun",
+}
 # What is used without being imported by us: where, and by which word.
 TOOLS = {
     "build": ("Makefile", "-m build"),

@@ -83,6 +83,9 @@ class Run:
     resume: bool = False  # go on with the run in the folder that was killed or stopped
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
+    # record for Rerun's viewer (out.rrd), or the address of one that is open (rerun+http://...)
+    rerun: Annotated[str | None, arg(metavar="FILE|ADDRESS")] = None
+    mcap: Path | None = None  # record for Foxglove (out.mcap)
     delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
     # detections after which an object gets its id; 1 for masks, 5 for a detector if left out
     announce_after: Annotated[int | None, arg(metavar="N")] = None
@@ -117,6 +120,8 @@ class Run:
             announce_after=self.announce_after,
             overwrite=self.overwrite,
             resume=self.resume,
+            rerun=self.rerun,
+            mcap=self.mcap,
         )
         if not display.num_done and not self.quiet:
             print_lines([f"the run in {out} is finished already; nothing was done"])

@@ -6,9 +6,10 @@ import contextlib
 import dataclasses
 import itertools
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -47,6 +48,17 @@ _DEFAULT_FPS = 10.0
 _log = logging.getLogger(__name__)
 
 
+class ViewerRecord(Protocol):
+    """What a viewer of its own opens: a context manager that is given every frame."""
+
+    def __enter__(self) -> Any: ...
+
+    def __exit__(self, *raised: Any) -> Any: ...
+
+    def add(self, frame: Frame, tracks: Tracks) -> None:
+        """Takes one frame."""
+
+
 class RunWriter:
     """Writes everything a run leaves behind: a context manager around the loop over frames.
 
@@ -68,6 +80,7 @@ class RunWriter:
         overlay: bool = True,
         overwrite: bool = False,
         resume: bool = False,
+        viewers: Sequence[ViewerRecord] = (),
     ) -> None:
         """Prepares the folder, before any work is done.
 
@@ -77,6 +90,7 @@ class RunWriter:
           overlay: False leaves out the video.
           overwrite: Allow a folder with files in it; files of an earlier run are removed.
           resume: Allow a folder with files of a run, which are kept until they are written anew.
+          viewers: Records that get every frame as well, such as `RerunRecord`.
 
         Raises:
           OutputError: If the folder cannot be written to, or has files and `overwrite` is False.
@@ -84,6 +98,7 @@ class RunWriter:
         self.folder = Path(out_dir)
         self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
         self._with_overlay = overlay
+        self._viewers = viewers
         self._tracks: list[Tracks] = []
         self._sightings = gallery.SightingCollector()
         self._finished, self.is_repeating = False, resume
@@ -102,6 +117,8 @@ class RunWriter:
                 if self._with_overlay
                 else None
             )
+            for viewer in self._viewers:
+                opening.enter_context(viewer)
             self._open_files = opening.pop_all()
         return self
 
@@ -141,6 +158,8 @@ class RunWriter:
         self._sightings.add(frame.image, tracks)
         if self._video is not None:
             self._video.add(overlay.draw_overlay(frame.image, tracks))
+        for viewer in self._viewers:
+            viewer.add(frame, tracks)
 
     def finish(self, result: Result) -> None:
         """Closes the streamed files, draws timeline, gallery and report, and writes `run.json`.

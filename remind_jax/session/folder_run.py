@@ -8,7 +8,7 @@ import datetime
 import importlib.metadata
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from remind_jax.errors import OutputError, RemindError
 from remind_jax.outputs import store
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import RunInfo
-from remind_jax.outputs.writer import MEMORY_NAME, RunWriter
+from remind_jax.outputs.writer import MEMORY_NAME, RunWriter, ViewerRecord
 from remind_jax.session.checkpoint import Checkpoints, check_same, make_header
 from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.journal import checksum_of_file
@@ -54,6 +54,7 @@ def run_into(
     overlay: bool,
     overwrite: bool,
     resume: bool,
+    viewers: Sequence[ViewerRecord] = (),
 ) -> Result:
     """Tracks all frames, and completes the folder whatever happens; the caller has locked it.
 
@@ -65,6 +66,7 @@ def run_into(
       overlay: False leaves out the overlay video.
       overwrite: Allow a folder with files in it.
       resume: Go on with the run that is there, if there is one.
+      viewers: Records that get every frame as well.
 
     Raises:
       RemindError: If something about the input or the output is wrong; what was written until then
@@ -88,11 +90,13 @@ def run_into(
     with loop.prepare() as ahead:
         if journal is not None and loop.num_before:
             info = RunInfo.from_json(journal.header["info"])
-            writer = RunWriter(folder, info, overlay=overlay, resume=True)
+            writer = RunWriter(folder, info, overlay=overlay, resume=True, viewers=viewers)
         else:
             first = loop.look_at_first(ahead)
             info = origin.describe(first.size, first.features is not None)
-            writer = RunWriter(folder, info, overlay=overlay, overwrite=overwrite or resume)
+            writer = RunWriter(
+                folder, info, overlay=overlay, overwrite=overwrite or resume, viewers=viewers
+            )
             checkpoints.begin(info, origin.start, origin.beside)
         with writer:
             try:

@@ -15,7 +15,7 @@ from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.errors import ConfigError, OptionError, OutputError, nearest_names
 from remind_jax.files import as_path
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.writer import check_folder
+from remind_jax.outputs.writer import ViewerRecord, check_folder
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
 from remind_jax.session.folder_run import Origin, describe_files, describe_run, run_into
@@ -49,6 +49,8 @@ def run(
     announce_after: int | None = None,
     overwrite: bool = False,
     resume: bool = False,
+    rerun: str | Path | None = None,
+    mcap: str | Path | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
     **source_options: Any,
 ) -> Result:
@@ -84,6 +86,9 @@ def run(
       resume: Go on with the run in `out` that was killed or stopped, as if it had not been; source
         and options must be those that it was begun with. A complete run is given back as it is, an
         empty folder gets a new run.
+      rerun: Record for the viewer of Rerun (`.rrd`), or the address of one that is open
+        (`rerun+http://127.0.0.1:9876/proxy`); needs `out`.
+      mcap: Record for Foxglove (`.mcap`); needs `out`.
       progress: Called after every frame. Left out, a line on a terminal or in a notebook shows how
         far the run is, and nothing elsewhere; False for nothing at all.
       **source_options: Further options of `open_source`.
@@ -108,6 +113,7 @@ def run(
     """
     _check_options(source_options)
     _check_resume(out, overwrite, resume)
+    _check_viewers(out, rerun, mcap)
     if out is not None:
         out = as_path(out, "the output folder", OutputError)
         check_folder(out, overwrite, resume)
@@ -137,7 +143,8 @@ def run(
         origin = Origin(frames, detector, live, beside)
         folder = checkpoints.run_folder
         with files.locked(folder):
-            return run_into(folder, loop, checkpoints, origin, overlay, overwrite, resume)
+            viewers = _open_viewers(frames.name, rerun, mcap)
+            return run_into(folder, loop, checkpoints, origin, overlay, overwrite, resume, viewers)
 
 
 def _check_options(source_options: Mapping[str, Any]) -> None:
@@ -155,6 +162,29 @@ def _check_resume(out: Any, overwrite: bool, resume: bool) -> None:
         raise OptionError("'resume' goes on with the run in a folder; give out", "resume")
     if resume and overwrite:
         raise OptionError("'resume' and 'overwrite' exclude each other; give one", "resume")
+
+
+def _check_viewers(out: Any, rerun: Any, mcap: Any) -> None:
+    """Refuses records of a run that leaves nothing behind."""
+    for name, target in (("rerun", rerun), ("mcap", mcap)):
+        if target is not None and out is None:
+            raise OptionError(f"'{name}' records a run that is written to a folder; give out", name)
+
+
+def _open_viewers(
+    name: str, rerun: str | Path | None, mcap: str | Path | None
+) -> list[ViewerRecord]:
+    """The records that are wanted; their libraries are imported for them only."""
+    viewers: list[ViewerRecord] = []
+    if rerun is not None:
+        from remind_jax.outputs.rerun_record import RerunRecord
+
+        viewers.append(RerunRecord(rerun, name))
+    if mcap is not None:
+        from remind_jax.outputs.mcap_record import McapRecord
+
+        viewers.append(McapRecord(mcap))
+    return viewers
 
 
 def _delay_answers(tracker: Tracker, delay: int) -> Any:

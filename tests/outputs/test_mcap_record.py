@@ -5,14 +5,12 @@ import json
 import cv2
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from remind_jax.errors import OutputError
 from remind_jax.outputs.mcap_record import McapRecord
 from tests.outputs.fake_run import make_run
-
-pytest.importorskip("foxglove")
-reader_of = pytest.importorskip("mcap.reader").make_reader
-DecoderFactory = pytest.importorskip("mcap_protobuf.decoder").DecoderFactory
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +27,11 @@ def messages(run, tmp_path_factory):
         for frame, tracks in zip(frames, result.tracks, strict=True):
             record.add(frame, tracks)
     found = {}
+    factory = DecoderFactory()
     with path.open("rb") as file:
-        reader = reader_of(file, decoder_factories=[DecoderFactory()])
-        for schema, channel, message in reader.iter_messages():
-            if channel.topic == "/remind/tracks":
-                decoded = json.loads(message.data)
-            else:
-                decoded = DecoderFactory().decoder_for("protobuf", schema)(message.data)
-            found.setdefault(channel.topic, []).append((message.log_time, decoded))
+        for schema, channel, message in make_reader(file).iter_messages():
+            decode = factory.decoder_for(channel.message_encoding, schema) or json.loads
+            found.setdefault(channel.topic, []).append((message.log_time, decode(message.data)))
     return found
 
 
@@ -59,7 +54,9 @@ def test_pictures_can_be_decoded(messages, run):
     frames, _ = run
     _, picture = messages["/camera/image"][3]
     data = np.frombuffer(picture.data, np.uint8)
-    shown = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    shown = cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
     assert np.abs(shown.astype(int) - frames[3].image).mean() < 6
 
 

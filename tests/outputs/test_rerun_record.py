@@ -6,12 +6,11 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+from rerun import chunk
 
 from remind_jax.errors import OutputError
 from remind_jax.outputs.rerun_record import RerunRecord
 from tests.outputs.fake_run import make_run
-
-chunk = pytest.importorskip("rerun.chunk")
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +43,9 @@ def test_every_frame_is_there(rows, run):
     assert sorted(row["frame"] for row in pictures) == list(range(len(frames)))
     first = min(pictures, key=lambda row: row["frame"])
     data = np.array(column(first, ":blob")[0], np.uint8)
-    shown = cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    shown = cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)
     assert np.abs(shown.astype(int) - frames[0].image).mean() < 6
 
 
