@@ -53,6 +53,12 @@ def fit_image(image: UInt8[np.ndarray, "H W 3"], height: int, width: int) -> np.
     return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
 
+def encode_jpeg(image: UInt8[np.ndarray, "H W 3"], quality: int) -> bytes:
+    """An RGB image as JPEG; quality from 0 to 100."""
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality]
+    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()
+
+
 _WEIGHT = 500
 # Of the stroke font: capital height in pixels at scale 1.
 _STROKE_CAPITAL_PX = 22.0

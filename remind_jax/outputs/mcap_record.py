@@ -22,6 +22,7 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import ConfigError, OutputError
 from remind_jax.frame import Frame
 from remind_jax.masks.run_length import decode_mask, mask_box
+from remind_jax.outputs.drawing import encode_jpeg
 from remind_jax.outputs.overlay import detection_color
 from remind_jax.printing.terminal import printable
 from remind_jax.tracks import Tracks
@@ -88,9 +89,7 @@ class McapRecord(contextlib.AbstractContextManager):
         time_ns = round(1e9 * max(0.0, float(tracks.time_s)))
         stamp = self._messages.Timestamp(time_ns // 1_000_000_000, time_ns % 1_000_000_000)
         if frame.image is not None:
-            options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-            picture = cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR)
-            data = cv2.imencode(".jpg", picture, options)[1].tobytes()
+            data = encode_jpeg(frame.image, _JPEG_QUALITY)
             self._image.log(
                 self._messages.CompressedImage(
                     timestamp=stamp, frame_id=_FRAME_ID, data=data, format="jpeg"

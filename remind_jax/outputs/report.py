@@ -22,7 +22,7 @@ import numpy as np
 
 from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.outputs.drawing import identity_color, to_hex
+from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.timeline import build_timeline, frame_steps, time_steps
@@ -252,9 +252,7 @@ def _short(value: float | None) -> float | None:
 
 
 def _sighting_data(sighting: Sighting) -> dict[str, Any]:
-    bgr = cv2.cvtColor(sighting.image, cv2.COLOR_RGB2BGR)
-    _, jpeg = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 88])
-    encoded = base64.b64encode(jpeg.tobytes()).decode("ascii")
+    encoded = base64.b64encode(encode_jpeg(sighting.image, 88)).decode("ascii")
     return {
         "position": sighting.position,
         "absent_frames": sighting.absent_frames,

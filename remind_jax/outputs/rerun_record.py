@@ -24,7 +24,7 @@ from remind_jax.decision import NO_ID
 from remind_jax.errors import ConfigError, OutputError
 from remind_jax.frame import Frame
 from remind_jax.masks.run_length import decode_mask
-from remind_jax.outputs.drawing import identity_color
+from remind_jax.outputs.drawing import encode_jpeg, identity_color
 from remind_jax.outputs.overlay import detection_color
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.printing.terminal import printable
@@ -83,7 +83,7 @@ class RerunRecord(contextlib.AbstractContextManager):
         self._stream.set_time("time", duration=float(tracks.time_s))
         if frame.image is not None:
             self._log("camera/image", self._rerun.EncodedImage(
-                contents=_encode(frame.image), media_type="image/jpeg"
+                contents=encode_jpeg(frame.image, _JPEG_QUALITY), media_type="image/jpeg"
             ))  # fmt: skip
         self._log_detections(tracks)
         for row in np.flatnonzero(tracks.object_id != NO_ID):
@@ -133,7 +133,7 @@ class RerunRecord(contextlib.AbstractContextManager):
         # A view is logged again only if it is clearly larger, so that files stay small.
         if frame.image is not None and area > 1.5 * self._views.get(number, 0.0):
             self._views[number] = area
-            view = _encode(_crop(frame.image, tracks.boxes[row]))
+            view = encode_jpeg(_crop(frame.image, tracks.boxes[row]), _JPEG_QUALITY)
             self._log(f"{where}/view", rerun.EncodedImage(contents=view, media_type="image/jpeg"))
 
     def _log(self, entity: str, what: Any) -> None:
@@ -168,8 +168,3 @@ def _crop(image: np.ndarray, box: np.ndarray) -> np.ndarray:
     scale = min(1.0, _VIEW_PX / max(part.shape[:2]))
     size = (max(1, round(part.shape[1] * scale)), max(1, round(part.shape[0] * scale)))
     return cv2.resize(part, size, interpolation=cv2.INTER_AREA)
-
-
-def _encode(image: np.ndarray) -> bytes:
-    options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
-    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()

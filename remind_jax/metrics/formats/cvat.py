@@ -23,6 +23,7 @@ from remind_jax.files.records import MOST_LABEL
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import encode_masks, encode_polygon
 from remind_jax.metrics.formats.rows import RowCollector, TrackRows
+from remind_jax.sources.detections import fill_boxes
 
 NAME_IN_ZIP = "annotations.xml"
 _MOST_BYTES = 256 << 20  # of XML
@@ -80,7 +81,7 @@ def read_cvat(path: str | Path) -> TrackRows:
                 continue
             rle = shape.rle
             if rle is None and has_masks:
-                rle = _fill_box(shape.box, size)  # pyright: ignore[reportArgumentType]
+                (rle,) = encode_masks(fill_boxes(np.array([shape.box]), size))  # pyright: ignore
             collector.add(
                 shape.frame, number, class_names.index(label), rle=rle,
                 box=None if has_masks else shape.box,
@@ -202,13 +203,6 @@ def _read_polygon(
         raise SourceError(f"'{path}', {where}: give three or more points, 'x,y;x,y;x,y'")
     corners = _numbers([number for pair in pairs for number in pair], where, path)
     return encode_polygon(np.array(corners).reshape(-1, 2), size)
-
-
-def _fill_box(box: tuple[float, float, float, float], size: tuple[int, int]) -> Rle:
-    left, top, right, bottom = np.clip(np.rint(box), 0, [size[1], size[0]] * 2).astype(int)
-    mask = np.zeros(size, bool)
-    mask[top:bottom, left:right] = True
-    return encode_masks(mask[None])[0]
 
 
 def _fill_gaps(track: list[_Shape]) -> list[_Shape]:

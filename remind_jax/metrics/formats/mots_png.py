@@ -19,13 +19,13 @@ from remind_jax.errors import SourceError
 from remind_jax.files.records import MOST_LABEL
 from remind_jax.masks.run_length import encode_label_map
 from remind_jax.metrics.formats.rows import TrackRows, boxes_of
+from remind_jax.outputs.labeling import MOTS_PNG_INSTANCES
 from remind_jax.sources.annotation_png import read_label_map
 from remind_jax.sources.source import UnreadableFrame
 
 FOLDER = "instances"
 LABELS = "labels.txt"
-PER_CLASS = 1000
-IGNORED = 10 * PER_CLASS
+IGNORED_CLASS = 10
 _MOST_BYTES = 64 << 20  # of a picture
 
 
@@ -76,15 +76,15 @@ def read_mots_png(path: str | Path) -> TrackRows:
                 f"{size[1]}x{size[0]}; all must be of one size"
             )
         for number, rle in encode_label_map(numbers).items():
-            if number // PER_CLASS == IGNORED // PER_CLASS:
+            if number // MOTS_PNG_INSTANCES == IGNORED_CLASS:
                 ignored_frame.append(place)
                 ignored_rles.append(rle)
-            elif number >= PER_CLASS:
+            elif number >= MOTS_PNG_INSTANCES:
                 frame.append(place)
                 track_id.append(number)
                 rles.append(rle)
     ids = np.asarray(track_id, np.int64)
-    numbers, class_id = np.unique(ids // PER_CLASS, return_inverse=True)
+    numbers, class_id = np.unique(ids // MOTS_PNG_INSTANCES, return_inverse=True)
     given = _read_labels(read, folder, _names_in(path), path)
     class_names = tuple(
         given[number - 1] if number <= len(given) else f"class {number}"

@@ -10,9 +10,8 @@ from jaxtyping import Bool, Int
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
+from remind_jax.sources.class_names import ANY_CLASS
 from remind_jax.sources.detections import fill_boxes
-
-ANY_CLASS = "object"
 
 
 def read_detections(
