@@ -15,7 +15,7 @@ RUN python -m build --wheel --outdir /dist
 FROM python:3.12-slim AS core
 RUN useradd --create-home --uid 1000 remind
 COPY --from=wheel /dist/*.whl /tmp/
-RUN pip install --no-cache-dir "$(ls /tmp/*.whl)[detect]" && rm /tmp/*.whl
+RUN pip install --no-cache-dir "$(ls /tmp/*.whl)[detect,hub]" && rm /tmp/*.whl
 USER remind
 WORKDIR /work
 ENTRYPOINT ["remind"]

@@ -66,6 +66,7 @@ def convert(
     dtype: Dtype = "float32",
     overwrite: bool = False,
     progress: Callable[[int, int], None] | None = None,
+    origin: str | None = None,
 ) -> Conversion:
     """Converts one network.
 
@@ -77,6 +78,7 @@ def convert(
       dtype: Type that numbers are stored in.
       overwrite: Replace an existing file.
       progress: Called with the number of leaves written, and of all leaves.
+      origin: What the header calls the source; the name of its file if left out.
 
     Raises:
       WeightsError: If the source is not exactly one of the known networks.
@@ -94,7 +96,7 @@ def convert(
         out = default_folder() / f"{variant.name}.safetensors"
         _check_free(out, overwrite)
     out = Path(out)
-    metadata = _metadata(opened, named, variant, dtype)
+    metadata = _metadata(opened, named, variant, dtype, origin or opened.path.name)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         unfinished = out.with_name(out.name + ".part")
@@ -120,7 +122,7 @@ def _check_free(out: Path, overwrite: bool) -> None:
 
 
 def _metadata(
-    source: WeightSource, named: NamedTensors, variant: Variant, dtype: str
+    source: WeightSource, named: NamedTensors, variant: Variant, dtype: str, origin: str
 ) -> dict[str, str]:
     """What the header says of a file, besides its tensors."""
     terms = TERMS[variant.family]
@@ -131,12 +133,12 @@ def _metadata(
         "architecture": json.dumps(dataclasses.asdict(variant)),
         "dtype": dtype,
         "data_sha256": _HASH_PLACE,
-        "source": source.path.name,
+        "source": origin,
         "source_sha256": source.sha256,
         "source_layout": named.layout.name,
         "licence": terms.license,
         "licence_notice": (
-            f"Converted from {source.path.name}; the weights remain under the {terms.license} of "
+            f"Converted from {origin}; the weights remain under the {terms.license} of "
             f"their publisher, {terms.license_url}"
         ),
         "converted_by": f"remind-jax {remind_jax.__version__}",

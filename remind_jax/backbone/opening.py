@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from remind_jax.backbone.registry import Backbone, get_backbone
+from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.errors import ConfigError
 
 
@@ -13,6 +14,7 @@ def open_backbone(
     *,
     weights: str | Path | None = None,
     feature_cache: str | Path | None = None,
+    quiet: bool = False,
 ) -> Backbone:
     """A backbone by name with its weights, which keeps features if asked to.
 
@@ -20,6 +22,7 @@ def open_backbone(
       backbone: Registered name, or one that was made already.
       weights: Converted weight file or folder, for a name that needs one.
       feature_cache: Folder of features that are kept; none if left out.
+      quiet: Say nothing of weights that are fetched.
 
     Raises:
       ConfigError: If the name is unknown, or weights are given to what takes none.
@@ -27,6 +30,7 @@ def open_backbone(
       OutputError: If the folder cannot be made.
     """
     if isinstance(backbone, str):
+        obtain_named(backbone, weights, quiet=quiet)
         options = {} if weights is None else {"weights": weights}
         backbone = get_backbone(backbone, **options)
     elif weights is not None:
@@ -39,3 +43,20 @@ def open_backbone(
     from remind_jax.backbone.feature_cache import cache_features
 
     return cache_features(backbone, feature_cache)
+
+
+def obtain_named(
+    backbone: str | Backbone, weights: str | Path | None = None, *, quiet: bool = False
+) -> None:
+    """Sees to it that a published network has weights: fetches them if there are none.
+
+    For those who show something of their own while a backbone is opened, beforehand.
+
+    Raises:
+      WeightsError: If there are none and they cannot be fetched.
+      OutputError: If they cannot be kept.
+    """
+    if weights is None and isinstance(backbone, str) and backbone in VARIANTS:
+        from remind_jax.backbone.weights_download import obtain_weights
+
+        obtain_weights(backbone, quiet=quiet)

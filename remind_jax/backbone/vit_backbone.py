@@ -14,7 +14,8 @@ from remind_jax.backbone.registry import Backbone
 from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
 from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
-from remind_jax.backbone.vit_weights import DTYPES, Weights, find_weights, load_weights
+from remind_jax.backbone.vit_weights import DTYPES, Weights, load_weights
+from remind_jax.backbone.weights_download import obtain_weights
 from remind_jax.compiled.programs import KeptFunction, known_options
 from remind_jax.errors import ConfigError
 
@@ -39,8 +40,8 @@ def vit(
 
     Args:
       name: Of the variant.
-      weights: Converted file, or folder with `NAME.safetensors`; looked for as
-        `vit_weights.find_weights` says if left out.
+      weights: Converted file, or folder with `NAME.safetensors`; looked for, then fetched as
+        `weights_download.obtain_weights` says if left out.
       precision: Of matrix products: `"float32"` is exact, `"bfloat16"` fast on GPUs and TPUs.
       attention: How attention is computed; see `vit_attention.Method`.
 
@@ -49,7 +50,7 @@ def vit(
       ConfigError: If an option is not one of those above.
     """
     _check_options(precision, attention)
-    return _make(load_weights(find_weights(name, weights), name), precision, attention)
+    return _make(load_weights(obtain_weights(name, weights), name), precision, attention)
 
 
 def vit_from_file(

@@ -159,7 +159,7 @@ def name_of(variant: Variant) -> str:
 
     The rule by which a table is resampled is a choice of the reader, not of the weights.
     """
-    for known in _TABLE:
+    for known in VARIANTS.values():
         renamed = dataclasses.replace(variant, name=known.name, position=known.position)
         if renamed == known and (variant.position == "rotary") == (known.position == "rotary"):
             return known.name

@@ -122,31 +122,41 @@ def _block_shapes(v: Variant) -> dict[str, tuple[int, ...]]:
     return shapes
 
 
-def find_weights(name: str, given: str | Path | None) -> Path:
-    """Where the weights of a named variant are.
+def look_for_weights(name: str, given: str | Path | None = None) -> tuple[Path | None, list[Path]]:
+    """The weights of a named variant, None if there are none, and where they were looked for.
 
     Args:
       name: Of the variant.
       given: A file, or a folder with `NAME.safetensors`. Left out: the file or folder that the
         environment variable `REMIND_WEIGHTS` names, then the user's cache folder.
-
-    Raises:
-      WeightsError: If there are none; says where to obtain them, and under which license.
     """
-    tried = []
+    tried: list[Path] = []
     for place in (given, os.environ.get(WEIGHTS_VARIABLE), default_folder()):
         if not place:
             continue
         path = Path(place)
         path = path / f"{name}.safetensors" if path.is_dir() else path
         if path.is_file():
-            return path
-        tried.append(f"'{path}'")
+            return path, tried
+        tried.append(path)
         if place == given:
             break
+    return None, tried
+
+
+def find_weights(name: str, given: str | Path | None) -> Path:
+    """Where the weights of a named variant are; arguments as for `look_for_weights`.
+
+    Raises:
+      WeightsError: If there are none; says where to obtain them, and under which license.
+    """
+    found, tried = look_for_weights(name, given)
+    if found is not None:
+        return found
     terms = TERMS[VARIANTS[name].family]
+    places = " or ".join(f"'{path}'" for path in tried)
     raise WeightsError(
-        f"there are no weights for '{name}' at {' or '.join(tried)}: {terms.source}; they are "
+        f"there are no weights for '{name}' at {places}: {terms.source}; they are "
         f"under the {terms.license} ({terms.license_url}); convert them once with 'remind convert "
         f"SOURCE -o {default_folder() / f'{name}.safetensors'}', or name the converted file by "
         f"weights (--weights PATH) or the environment variable {WEIGHTS_VARIABLE}"

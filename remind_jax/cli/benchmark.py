@@ -57,7 +57,7 @@ class Benchmark:
     scenes: Annotated[UseAppendAction[tuple[tuple[str, ...], ...]], arg(metavar="NAME ...")] = ()
     detector: Path | None = None  # ONNX segmentation model; the scenes' own masks if left out
     backbone: BackboneName = "patch-statistics"
-    weights: Path | None = None  # converted weights of the backbone
+    weights: Path | None = None  # converted weights; found or fetched if left out
     feature_cache: Path | None = None  # keep features there, in the user's cache if left out
     # name of the metadata file in each scene's folder, where it has several
     metadata: Annotated[str | None, arg(metavar="NAME")] = None
@@ -87,7 +87,7 @@ class Benchmark:
         scenes = self._find_scenes()
         setup = Setup(
             out=self.out,
-            backbone=open_backbone(self.backbone, weights=self.weights),
+            backbone=open_backbone(self.backbone, weights=self.weights, quiet=self.quiet),
             regime="masks" if self.detector is None else "detector",
             detector=self.detector,
             detector_options=self.detection,

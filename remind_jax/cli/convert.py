@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,7 +12,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import ConfigError, SourceError
-from remind_jax.printing.terminal import print_lines, print_table
+from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
     from weights_convert.conversion import Conversion
@@ -27,17 +26,17 @@ class Convert:
 
     The network is recognized by its tensors; every one is used, or reported.
 
+    Networks that 'remind backbones' calls 'on first use' need no conversion.
+
     Examples:
       remind convert dinov3_vits16_pretrain_lvd1689m-08c60483.pth
       remind convert dinov3-vits16-pretrain-lvd1689m/ -o dinov3.safetensors
-      remind convert --list
     """
 
     # official .pth, or Hugging Face's .safetensors, index of shards, or folder
     source: Annotated[Positional[Path | None], arg(metavar="[SOURCE]")] = None
     # converted file; NAME.safetensors where 'remind run' looks for it if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
-    list: bool = False  # print the known networks instead
     variant: Annotated[str | None, arg(metavar="NAME")] = None  # refuse any other network
     dtype: Literal["float32", "bfloat16"] = "float32"  # type that numbers are stored in
     # how position tables of DINO and DINOv2 without registers are resampled: offset, as the
@@ -52,11 +51,8 @@ class Convert:
 
     def execute(self) -> int:
         """Converts, checks and reports; returns the exit code."""
-        if self.list:
-            _print_variants()
-            return process.FINE
         if self.source is None:
-            raise ConfigError("name the weight file to convert, or use --list")
+            raise ConfigError("name the weight file to convert; 'remind backbones' lists networks")
         if self.verify is not None and not self.verify.is_file():
             raise SourceError(f"image '{self.verify}' does not exist")
         from weights_convert.conversion import convert
@@ -126,17 +122,3 @@ def _print_check(check: Check) -> None:
         print_lines([line])
     for name, values in rows:
         print(f"    {name:18}" + " ".join(f"{value:9.5f}" for value in values))
-
-
-def _print_variants() -> None:
-    from remind_jax.backbone.vit_variants import TERMS, VARIANTS
-    from remind_jax.backbone.vit_weights import leaf_shapes
-
-    rows: list[tuple[str, ...]] = [
-        ("name", "patch", "width", "depth", "heads", "MiB", "licence of the weights")
-    ]
-    for v in VARIANTS.values():
-        mib = 4 * sum(math.prod(shape) for shape in leaf_shapes(v).values()) / 2**20
-        sizes = map(str, (v.patch_px, v.width, v.depth, v.heads, round(mib)))
-        rows.append((v.name, *sizes, TERMS[v.family].license))
-    print_table(rows, is_text=(0, 6))

@@ -33,7 +33,7 @@ class Features:
     # video, folder or tar of images, DAVIS or ScanNet++ folder or tar
     source: Annotated[Positional[Path], arg(metavar="SOURCE")]
     backbone: BackboneName = "dinov3-vits16"
-    weights: Path | None = None  # converted weights; see 'remind convert'
+    weights: Path | None = None  # converted weights; found or fetched if left out
     cache: Path | None = None  # folder of features; in the user's cache folder if left out
     # configuration by name or YAML file: frames are scaled and cropped as it says
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
@@ -68,7 +68,9 @@ class Features:
         )
         options = load_config_with(self.config, self.changes).input
         folder, tally = self.cache or default_folder(), Tally()
-        backbone = cache_features(open_backbone(self.backbone, weights=self.weights), folder, tally)
+        backbone = cache_features(
+            open_backbone(self.backbone, weights=self.weights, quiet=self.quiet), folder, tally
+        )
         remove_unfinished(folder)
         console = Console(stderr=True)
         for frame in track(

@@ -29,9 +29,9 @@ BackboneName = Annotated[
     str,
     arg(
         metavar="NAME",
-        help="what patch features come from: patch-statistics, which needs no weights; with "
-        f"converted weights (see 'remind convert') {', '.join(VARIANTS)}, or vit for whatever "
-        "--weights holds; onnx:FILE, any ONNX encoder",
+        help="what patch features come from: patch-statistics, which needs no weights; a network, "
+        f"whose weights are fetched on first use (see 'remind backbones'): {', '.join(VARIANTS)}; "
+        "vit for whatever --weights holds; onnx:FILE, any ONNX encoder",
     ),
 ]
 

@@ -12,6 +12,7 @@ from tyro.conf import subcommand
 
 import remind_jax
 from remind_jax.cli import process, streams
+from remind_jax.cli.backbones import Backbones
 from remind_jax.cli.benchmark import Benchmark
 from remind_jax.cli.config import ConfigVerb
 from remind_jax.cli.convert import Convert
@@ -62,6 +63,7 @@ VERBS: dict[str, type[Verb]] = {
     "eval": Eval,
     "benchmark": Benchmark,
     "sweep": Sweep,
+    "backbones": Backbones,
     "convert": Convert,
     "features": Features,
     "warmup": Warmup,

@@ -69,7 +69,7 @@ class Run:
     masks: Path | None = None
     detector: Path | None = None  # ONNX segmentation export (YOLO-seg, RF-DETR-seg)
     backbone: BackboneName = "patch-statistics"
-    weights: Path | None = None  # converted weights; see 'remind convert'
+    weights: Path | None = None  # converted weights; found or fetched if left out
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
@@ -102,6 +102,9 @@ class Run:
         source = self._open()
         out = self.out or DEFAULT_FOLDER / _fit_for_folder(source.name)
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
+        from remind_jax.backbone.opening import obtain_named
+
+        obtain_named(self.backbone, self.weights, quiet=self.quiet)
         display = RunDisplay(source.name, source.num_frames, is_shown=not self.quiet)
         result = track(
             display,

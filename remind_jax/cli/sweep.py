@@ -74,7 +74,7 @@ class Sweep:
     seed: int = 0  # of everything random
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"  # what a setting does not name
     backbone: BackboneName = "patch-statistics"
-    weights: Path | None = None  # converted weights; see 'remind convert'
+    weights: Path | None = None  # converted weights; found or fetched if left out
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     masks: Path | None = None  # of the scene, if there is one only and its layout holds none
     memory_gib: float = 2.0  # that the compiled program may take, on each device
@@ -93,6 +93,9 @@ class Sweep:
         """Sweeps, writes the tables, prints the summary; returns the exit code."""
         plan = self._plan()
         out = self.out or DEFAULT_FOLDER / "sweep"
+        from remind_jax.backbone.opening import obtain_named
+
+        obtain_named(self.backbone, self.weights, quiet=self.quiet)
         display = SweepDisplay(is_shown=not self.quiet)
         with display:
             bench = self._open(out, display)

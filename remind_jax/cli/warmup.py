@@ -37,7 +37,7 @@ class Warmup:
     sizes: Annotated[Positional[tuple[str, ...]], arg(metavar="WIDTHxHEIGHT")]
     objects: int = 128  # objects that may be met; room for more is made when it is needed
     backbone: BackboneName = "patch-statistics"
-    weights: Path | None = None  # converted weights of the backbone; see 'remind convert'
+    weights: Path | None = None  # converted weights; found or fetched if left out
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
     tracker: Annotated[str | None, arg(metavar="NAME")] = None  # as for 'remind run'
@@ -53,7 +53,9 @@ class Warmup:
         from remind_jax.compiled.kept import VARIABLE, program_folder
         from remind_jax.session.live import Tracker
 
-        tracker = Tracker(config, open_backbone(self.backbone, weights=self.weights))
+        tracker = Tracker(
+            config, open_backbone(self.backbone, weights=self.weights, quiet=self.quiet)
+        )
         for width, height in sizes:
             with RunLine(f"{width}x{height}", None, is_shown=not self.quiet):
                 seconds = tracker.warm_up((height, width), num_objects=self.objects)

@@ -66,7 +66,7 @@ def run(
       backbone: What patch features come from, for instance `"dinov3-vits16"` or
         `"onnx:encoder.onnx"`.
       weights: Converted weight file of the backbone; looked for where the environment variable
-        `REMIND_WEIGHTS` says and in the user's cache folder if left out.
+        `REMIND_WEIGHTS` says and in the user's cache folder if left out, then fetched.
       feature_cache: Folder of features that are kept and reused; none if left out.
       config: Configuration by name, by file, or as values.
       tracker: Method by name (`remind_jax.method.list_methods`) with the thresholds of the shipped
@@ -118,7 +118,9 @@ def run(
         out = as_path(out, "the output folder", OutputError)
         check_folder(out, overwrite, resume)
     detector = as_detector(detector, detector_options)
-    backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
+    backbone = open_backbone(
+        backbone, weights=weights, feature_cache=feature_cache, quiet=progress is False
+    )
     config = load_config(config)
     after = choose_after(announce_after, config.input.announce_after, detector is not None)
     live = Tracker(config, backbone, tracker=tracker, trace=trace, announce_after=after)

@@ -47,12 +47,6 @@ def test_left_out_the_result_lies_where_backbones_look(command, source, tmp_path
     assert load_weights(tmp_path / "cache" / "weights" / "custom.safetensors").params
 
 
-def test_list_shows_every_network(command):
-    outcome = command("convert", "--list")
-    assert outcome.code == 0
-    assert all(name in outcome.stdout for name in VARIANTS)
-
-
 def test_wrong_files_are_answered_in_one_sentence(command, source, tmp_path):
     truncated = tmp_path / "truncated.pth"
     truncated.write_bytes(source.read_bytes()[:-1000])
