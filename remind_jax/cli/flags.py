@@ -20,6 +20,7 @@ from tyro.constructors import (
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import OptionError
+from remind_jax.sources.live_source import LiveOptions
 from remind_jax.sources.sampling import Sampling
 
 VerbT = TypeVar("VerbT")
@@ -110,6 +111,54 @@ class DetectionFlags(DetectorOptions):
     def __post_init__(self) -> None:
         with past_the_parser():
             super().__post_init__()
+
+
+class PageAddress:
+    """Where a page is shown: HOST:PORT, or True where nothing was said."""
+
+    def __init__(self, where: bool | str) -> None:
+        self.where = where
+
+
+@quiet_defaults
+@dataclasses.dataclass(frozen=True)
+class LiveFlags(LiveOptions):
+    """Cameras (0, /dev/video0), streams (rtsp://, http://) and folders that grow (--follow)."""
+
+    # folder or lossless video (out.mkv) that gets the frames as seen, to repeat the run
+    record: Path | None = None
+    # show the run in a browser while it goes on; only to this machine unless HOST:PORT says
+    # otherwise
+    live: Annotated[PageAddress | None, arg(metavar="[HOST:PORT]")] = None
+    no_browser: bool = False  # open no browser, only say where the page is
+
+    def __post_init__(self) -> None:
+        with past_the_parser():
+            super().__post_init__()
+
+    def as_options(self) -> dict[str, Any]:
+        """What `open_source` takes of them."""
+        names = [field.name for field in dataclasses.fields(LiveOptions)]
+        return {name: getattr(self, name) for name in names}
+
+
+@KINDS.primitive_rule
+def _read_page_address(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    if info.type is not PageAddress:
+        return None
+
+    def read(words: list[str]) -> PageAddress:
+        if len(words) > 1:
+            raise ValueError(f"{words[1]!r} follows it; put SOURCE before it")
+        return PageAddress(words[0] if words else True)
+
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar="[HOST:PORT]",
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, PageAddress),
+        str_from_instance=lambda value: [str(value.where)],
+    )
 
 
 @KINDS.primitive_rule

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Callable
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -31,10 +32,12 @@ class RunDisplay:
 
     Attributes:
       signal: What asked the run to stop; None if nothing did.
+      on_stop: Called then, so that nothing is waited for in vain.
     """
 
     def __init__(self, title: str, num_frames: int | None, is_shown: bool) -> None:
         self.signal: int | None = None
+        self.on_stop: Callable[[], None] = lambda: None
         self._line = RunLine(title, num_frames, is_shown=is_shown)
 
     @property
@@ -70,6 +73,7 @@ class RunDisplay:
             raise KeyboardInterrupt
         self.signal = number
         self._line.note = "stopping after this frame"
+        self.on_stop()
 
 
 class SweepDisplay:

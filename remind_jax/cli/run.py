@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
+import os
 import re
+import sys
+import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,6 +18,7 @@ from remind_jax.cli import process
 from remind_jax.cli.flags import (
     BackboneName,
     DetectionFlags,
+    LiveFlags,
     SamplingFlags,
     quiet_defaults,
     refuse_flags,
@@ -22,7 +27,7 @@ from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError
-from remind_jax.printing.terminal import print_lines
+from remind_jax.printing.terminal import print_lines, printable
 
 if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
@@ -61,10 +66,13 @@ class Run:
       remind run frames/ --masks masks/ --set thresholds.decision.new=1.5
       remind run tuesday/ --memory runs/monday/memory.safetensors
       remind run rooms.mp4 --masks masks/ --resume  go on after a crash or a kill
+      remind run 0 --detector yolo11n-seg.onnx --live  a camera, seen in a browser
+      remind run rtsp://10.0.0.5/main --detector m.onnx  a stream
     """
 
-    # video, folder or tar of images, DAVIS or ScanNet++ folder or tar, feature file (.npz)
-    source: Annotated[Positional[Path], arg(metavar="SOURCE")]
+    # video, folder or tar of images, DAVIS or ScanNet++ folder or tar, feature file (.npz); number
+    # of a camera, or address of a stream (rtsp, rtsps, http, https)
+    source: Annotated[Positional[str], arg(metavar="SOURCE")]
     # instance maps (folder, tar, .npz) or COCO JSON; 'none' ignores those of the layout
     masks: Path | None = None
     detector: Path | None = None  # ONNX segmentation export (YOLO-seg, RF-DETR-seg)
@@ -94,6 +102,7 @@ class Run:
     sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
     detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
     layout: Layout = dataclasses.field(default_factory=Layout)
+    live_source: LiveFlags = dataclasses.field(default_factory=LiveFlags)
 
     def execute(self) -> int:
         """Runs, shows progress, prints the summary; returns the exit code."""
@@ -106,6 +115,10 @@ class Run:
 
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
         display = RunDisplay(source.name, source.num_frames, is_shown=not self.quiet)
+        stop = getattr(source, "stop", None)  # a live source may wait for long
+        if stop is not None:
+            display.on_stop = stop
+        page = self.live_source.live
         result = track(
             display,
             out,
@@ -125,6 +138,9 @@ class Run:
             resume=self.resume,
             rerun=self.rerun,
             mcap=self.mcap,
+            record=self.live_source.record,
+            live=False if page is None else page.where,
+            on_live=self._tell_page,
         )
         if not display.num_done and not self.quiet:
             print_lines([f"the run in {out} is finished already; nothing was done"])
@@ -132,7 +148,18 @@ class Run:
             print(json.dumps(summary_facts(result, out), indent=1))
         elif not self.quiet:
             print_summary(result, out, source.notes)
-        return process.FINE if result.complete else process.stopped_by(display.signal)
+        was_stopped = stop is not None and display.signal is not None
+        is_fine = result.complete and not was_stopped
+        return process.FINE if is_fine else process.stopped_by(display.signal)
+
+    def _tell_page(self, address: str) -> None:
+        """Says where the live page is, and opens it where there is a display."""
+        if not self.quiet:
+            print(printable(f"live page: {address}"), file=sys.stderr)
+        wants_browser = not self.live_source.no_browser and not os.environ.get("REMIND_NO_BROWSER")
+        if wants_browser and has_display():
+            with contextlib.suppress(webbrowser.Error, OSError):
+                webbrowser.open(address)
 
     def _open(self) -> Source:
         from remind_jax.sources import open_source
@@ -142,6 +169,7 @@ class Run:
             masks=None if self.masks is None else _path_or_none(self.masks),
             sampling=self.sampling,
             **dataclasses.asdict(self.layout),
+            **self.live_source.as_options(),
         )
 
 
@@ -157,9 +185,18 @@ def track(display: RunDisplay, out: Path, **options: Any) -> Result:
         with display:
             return run(options.pop("source"), out=out, progress=display, **options)
     except RemindError as error:
+        if display.signal is not None and not display.num_done:
+            raise KeyboardInterrupt from error  # stopped before a live source gave anything
         if display.num_done:
             error.add_note(f"what was done until then ({display.num_done} frames) is in {out}")
         raise
+
+
+def has_display() -> bool:
+    """Whether a browser would have a window, as far as the environment says."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _path_or_none(masks: Path) -> str | Path:

@@ -19,6 +19,7 @@ from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME
 from remind_jax.frame import Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
+from remind_jax.outputs.kept_tracks import KeptTracks
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import RunInfo
 from remind_jax.tracks import Tracks
@@ -81,6 +82,7 @@ class RunWriter:
         overwrite: bool = False,
         resume: bool = False,
         viewers: Sequence[ViewerRecord] = (),
+        endless: bool = False,
     ) -> None:
         """Prepares the folder, before any work is done.
 
@@ -91,6 +93,7 @@ class RunWriter:
           overwrite: Allow a folder with files in it; files of an earlier run are removed.
           resume: Allow a folder with files of a run, which are kept until they are written anew.
           viewers: Records that get every frame as well, such as `RerunRecord`.
+          endless: Nobody knows how many frames will come, so memory must not grow with them.
 
         Raises:
           OutputError: If the folder cannot be written to, or has files and `overwrite` is False.
@@ -99,10 +102,10 @@ class RunWriter:
         self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
         self._with_overlay = overlay
         self._viewers = viewers
-        self._tracks: list[Tracks] = []
         self._sightings = gallery.SightingCollector()
         self._finished, self.is_repeating = False, resume
         _prepare_folder(self.folder, overwrite, resume)
+        self._tracks = KeptTracks(self.folder if endless else None)
 
     def __enter__(self) -> RunWriter:
         self._open_files = contextlib.ExitStack()

@@ -24,7 +24,7 @@ from remind_jax.session.checkpoint import Checkpoints, check_same, make_header
 from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.journal import checksum_of_file
 from remind_jax.session.live import FEATURES_GIVEN, Tracker
-from remind_jax.sources import Source
+from remind_jax.sources import LiveSource, Source
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,9 +94,17 @@ def run_into(
         else:
             first = loop.look_at_first(ahead)
             info = origin.describe(first.size, first.features is not None)
+            is_live = isinstance(origin.source, LiveSource)
             writer = RunWriter(
-                folder, info, overlay=overlay, overwrite=overwrite or resume, viewers=viewers
+                folder,
+                info,
+                overlay=overlay,
+                overwrite=overwrite or resume,
+                viewers=viewers,
+                endless=is_live,
             )
+            if is_live:
+                loop.keep_on_disk(folder)
             checkpoints.begin(info, origin.start, origin.beside)
         with writer:
             try:

@@ -1,12 +1,18 @@
-"""The loop over the frames of a run: decoding ahead of the tracker, and what is collected."""
+"""The loop over the frames of a run: decoding ahead of the tracker, and what is collected.
+
+Of a live source nothing is decoded ahead: what waits gets old, so every frame is taken when the
+tracker is ready for it, and is shown one frame of the tracker's own time later.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import time
+from array import array
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -17,6 +23,9 @@ from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
 from remind_jax.explanation.explainer import new_archive
 from remind_jax.frame import Detections, Frame
+from remind_jax.live_page.view import LiveView
+from remind_jax.outputs.frame_record import FrameRecord
+from remind_jax.outputs.kept_tracks import KeptTracks
 from remind_jax.outputs.presence import UNDECIDED
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import Event, RunInfo
@@ -28,7 +37,8 @@ from remind_jax.session.journal import Journal, Step, check_frame, checksum_of
 from remind_jax.session.live import Tracker
 from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress
-from remind_jax.sources import Source, prefetch
+from remind_jax.sources import LiveSource, Source, prefetch
+from remind_jax.sources.source import Content
 from remind_jax.tracks import Tracks
 
 _AHEAD = 4  # frames that are decoded and reduced before the tracker asks for them
@@ -49,6 +59,8 @@ class FrameLoop:
 
     Attributes:
       progress: Called after every frame, if set.
+      view: Shows every frame at once, if set.
+      record: Gets every frame with its detections, if set.
       num_before: Frames that were done before the run was gone on with.
     """
 
@@ -74,6 +86,9 @@ class FrameLoop:
         self._delayed, self._num_waiting = delayed, num_waiting
         self._waiting: deque[tuple[Frame, Tracks]] = deque()  # as decided
         self._tracker, self._source, self._detector = tracker, source, detector
+        self._live = source if isinstance(source, LiveSource) else None
+        if self._live is not None:
+            self._live.get_ready_by(self._warm_up)
         self._checkpoints = checkpoints
         self._before: Sequence[
             Step
@@ -81,10 +96,13 @@ class FrameLoop:
         self._first: Upcoming | None = None  # looked at, not done yet
         self.num_before = 0
         self.progress: Callable[[Progress], None] | None = None
-        self._decided: list[Tracks] = []
+        self.view: LiveView | None = None
+        self.record: FrameRecord | None = None
+        self._decided = KeptTracks()
+        self._last_index: int | None = None  # of the last frame that was written
         self._events: list[Event] = []
         self._grown_at: list[int] = []
-        self._timings: dict[str, list[float]] = {}
+        self._timings: dict[str, array[float]] = {}
         self._first_frame_ms: float | None = None
         self._compile_s = 0.0  # before the run was gone on with
         self._dropped = Counter[str]()
@@ -104,10 +122,16 @@ class FrameLoop:
         if self._before:
             self._tracker.go_on(self._before[-1].attention_slots)
 
-    def prepare(self) -> contextlib.AbstractContextManager[Iterator[Upcoming]]:
-        """The frames, decoded and reduced ahead of the tracker in another thread."""
+    def prepare(self) -> contextlib.closing[Generator[Upcoming, None, None]]:
+        """The frames, decoded and reduced ahead of the tracker in another thread; see above."""
         decoded = _decode(self._source, self._detector, self.num_before)
+        if self._live is not None:
+            return contextlib.closing(self._prepare_in_turn(decoded))
         return contextlib.closing(prefetch(decoded, self._prepare, depth=_AHEAD))
+
+    def keep_on_disk(self, folder: Path) -> None:
+        """Keeps the frames on the disk of a folder, so that memory does not grow with them."""
+        self._decided = KeptTracks(folder)
 
     def look_at_first(self, ahead: Iterator[Upcoming]) -> Frame:
         """The first frame, before it is its turn.
@@ -142,8 +166,12 @@ class FrameLoop:
             self._before = ()
         writer.end_repeating()
 
-    def consume(self, ahead: Iterator[Upcoming], writer: RunWriter | None) -> bool:
-        """Tracks every frame; Ctrl-C ends the loop. Returns whether there was none."""
+    def consume(self, ahead: Generator[Upcoming, None, None], writer: RunWriter | None) -> bool:
+        """Tracks every frame; Ctrl-C ends the loop.
+
+        Returns:
+          Whether nothing is left to do: no Ctrl-C came, or it ended a live source.
+        """
         complete = True
         try:
             if self._first is not None:
@@ -152,8 +180,11 @@ class FrameLoop:
             for upcoming in ahead:
                 self._take(upcoming, writer)
         except KeyboardInterrupt:
-            complete = False
+            complete = self._live is not None
             self.keep()
+        finally:
+            if self._live is not None:
+                ahead.close()  # the source then says what it passed over
         self.release(writer)
         return complete
 
@@ -174,6 +205,7 @@ class FrameLoop:
 
     def conclude(self, info: RunInfo, complete: bool) -> Result:
         """What was found so far, by what is announced now."""
+        self._note_end()
         self._note_drops()
         self._note_unannounced()
         announced = self._tracker.announcements
@@ -183,7 +215,7 @@ class FrameLoop:
         return Result(
             tracks=tuple(as_announced(announced, decided) for decided in self._decided),
             info=info,
-            timings_ms=self._timings,
+            timings_ms={stage: times.tolist() for stage, times in self._timings.items()},
             first_frame_ms=self._first_frame_ms,
             compile_s=self._compile_s + self._tracker.compile_s,
             skipped=tuple(self._source.skipped),
@@ -193,6 +225,21 @@ class FrameLoop:
             trace=archive,
         )
 
+    def _prepare_in_turn(self, items: Generator[_Decoded, None, None]) -> Generator[Upcoming]:
+        """Every frame when it is asked for."""
+        with contextlib.closing(items):
+            for decoded in items:
+                yield self._prepare(decoded)
+
+    def _warm_up(self, content: Content) -> None:
+        """Compiles and loads all for pictures of one size, so that the first does not age."""
+        if content.image is None:
+            return
+        if self._detector is not None:
+            self._detector(content.image)
+        height, width = content.image.shape[:2]
+        self._compile_s += self._tracker.warm_up((height, width))
+
     def _prepare(self, decoded: _Decoded) -> Upcoming:
         frame = decoded.frame
         checksum = 0 if self._checkpoints is None else checksum_of(frame)
@@ -201,6 +248,8 @@ class FrameLoop:
             check_frame(self._before[decoded.number], frame, checksum, config, has_detector)
             self._tracker.pass_over(frame)
             return Upcoming(frame, checksum)
+        if self.record is not None:
+            self.record.add(frame)
         prepared = self._tracker.prepare(frame)
         prepared = dataclasses.replace(prepared, stage_ms={**decoded.spent, **prepared.stage_ms})
         return Upcoming(frame, checksum, prepared, decoded.dropped)
@@ -211,21 +260,25 @@ class FrameLoop:
         assert prepared is not None
         start = time.perf_counter()
         tracks = tracker.advance(prepared)
+        if self.view is not None:
+            self.view.show(upcoming.frame, tracks, tracker.decided, tracker.merges)
         tracked = time.perf_counter()
         first_ms: float | None = None
+        age_ms = self._age_ms(upcoming.frame)
         if self._first_frame_ms is None:
-            first_ms = sum(prepared.stage_ms.values()) + 1000 * (tracked - start)
+            took_ms = sum(prepared.stage_ms.values()) + 1000 * (tracked - start)
+            first_ms = age_ms.get("age", took_ms)
         decided = tracker.decided
         assert decided is not None
         step = Step(
             tracks=decided,
             checksum=upcoming.checksum,
-            timings_ms=tracker.stage_ms,
+            timings_ms={**tracker.stage_ms, **age_ms},
             compile_s=self._compile_s + tracker.compile_s,
             first_frame_ms=first_ms,
             merges=tracker.merges,
             evidence=None if self._delayed is None else self._delayed.evidence(tracker.state),
-            events=tuple(tracker.events),
+            events=(*tracker.events, *self._news(tracks.frame_index)),
             has_grown=tracker.has_grown,
             dropped=upcoming.dropped,
             attention_slots=tracker.attention_slots,
@@ -239,6 +292,15 @@ class FrameLoop:
             if self._checkpoints.is_due:
                 self.keep()
         self._collect(step, tracks)
+
+    def _age_ms(self, frame: Frame) -> dict[str, float]:
+        """Milliseconds from the arrival of a live frame until it is shown."""
+        return {} if self._live is None else {"age": 1000 * self._live.age_s(frame)}
+
+    def _news(self, frame_index: int) -> list[Event]:
+        """What happened to a live source before a frame."""
+        news = [] if self._live is None else self._live.take_news()
+        return [Event(frame_index, "source", message) for message in news]
 
     def _hand_on(self, frame: Frame, step: Step, writer: RunWriter | None) -> None:
         """Hands on a frame that was decided to whatever waits for it."""
@@ -257,6 +319,7 @@ class FrameLoop:
             if writer is not None:
                 writer.add(frame, as_announced(self._tracker.announcements, decided))
             self._decided.append(decided)
+            self._last_index = decided.frame_index
 
     def _record(self, tracks: Tracks) -> None:
         """Keeps what the decisions of the frame were made of, if the tracker gives that."""
@@ -275,7 +338,7 @@ class FrameLoop:
     def _collect(self, step: Step, tracks: Tracks) -> None:
         """Adds a frame to what the result will tell, and reports how far the run is."""
         for stage, milliseconds in step.timings_ms.items():
-            self._timings.setdefault(stage, []).append(milliseconds)
+            self._timings.setdefault(stage, array("d")).append(milliseconds)
         if self._first_frame_ms is None:
             self._first_frame_ms = step.first_frame_ms
         self._events += step.events
@@ -297,21 +360,28 @@ class FrameLoop:
                 )
             )
 
+    def _note_end(self) -> None:
+        """Reports what happened to a live source after the last frame."""
+        if self._last_index is not None:
+            self._events += self._news(self._last_index)
+
     def _note_drops(self) -> None:
         """Reports detections that the detector found and gave up again."""
-        for reason, count in self._dropped.items() if self._decided else ():
+        if self._last_index is None:
+            return
+        for reason, count in self._dropped.items():
             message = f"{count} detections were dropped by the detector: {reason} mask"
-            self._events.append(Event(self._decided[-1].frame_index, "dropped", message))
+            self._events.append(Event(self._last_index, "dropped", message))
 
     def _note_unannounced(self) -> None:
         """Reports objects that were not announced."""
         num, after = len(self._tracker.announcements.counts), self._tracker.announce_after
-        if num and self._decided:
+        if num and self._last_index is not None:
             message = (
                 f"{plural(num, 'object')} without an id: detected fewer than {after} times "
                 "(--announce-after)"
             )
-            self._events.append(Event(self._decided[-1].frame_index, "announced", message))
+            self._events.append(Event(self._last_index, "announced", message))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -324,12 +394,15 @@ class _Decoded:
     dropped: Counter[str]  # by the detector
 
 
-def _decode(source: Source, detector: Detector | None, num_done: int) -> Iterator[_Decoded]:
+def _decode(
+    source: Source, detector: Detector | None, num_done: int
+) -> Generator[_Decoded, None, None]:
     """The frames; nothing is detected in the first `num_done`."""
     start = time.perf_counter()
     for number, frame in enumerate(source):
         decoded = time.perf_counter()
-        spent, dropped = {"decode": 1000 * (decoded - start)}, Counter[str]()
+        waited = "wait" if isinstance(source, LiveSource) else "decode"
+        spent, dropped = {waited: 1000 * (decoded - start)}, Counter[str]()
         if detector is not None and number >= num_done:
             if frame.image is None:
                 raise SourceError(f"frame '{frame.name}' has no image for the detector to look at")

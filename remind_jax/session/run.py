@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
-from collections.abc import Callable, Mapping
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +16,16 @@ from remind_jax.config import Config, load_config
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.errors import ConfigError, OptionError, OutputError, nearest_names
 from remind_jax.files import as_path
+from remind_jax.live_page.server import LivePage, parse_where
+from remind_jax.live_page.view import LiveView
+from remind_jax.outputs.frame_record import FrameRecord
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.writer import ViewerRecord, check_folder
+from remind_jax.outputs.writer import (
+    CHECKPOINT_NAME,
+    MEMORY_NAME,
+    ViewerRecord,
+    check_folder,
+)
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
 from remind_jax.session.folder_run import Origin, describe_files, describe_run, run_into
@@ -23,7 +33,7 @@ from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress, follow_run
 from remind_jax.settings.ranges import check_option
-from remind_jax.sources import Sampling, open_source
+from remind_jax.sources import LiveSource, Sampling, Source, open_source
 
 _MOST_DELAY = 1_000_000  # frames
 
@@ -51,14 +61,18 @@ def run(
     resume: bool = False,
     rerun: str | Path | None = None,
     mcap: str | Path | None = None,
+    record: str | Path | None = None,
+    live: bool | str = False,
+    on_live: Callable[[str], None] | None = None,
     progress: Callable[[Progress], None] | bool | None = None,
     **source_options: Any,
 ) -> Result:
     """Tracks everything in a source and says who is who in every frame.
 
     Args:
-      source: A video, a folder of images, a DAVIS or ScanNet++ folder or tar, a feature file,
-        arrays, or an iterable; see `remind_jax.sources.open_source`.
+      source: A camera (0, "/dev/video0"), the address of a stream, a video, a folder of images, a
+        DAVIS or ScanNet++ folder or tar, a feature file, arrays, or an iterable; see
+        `remind_jax.sources.open_source`.
       masks: Detections kept apart from the frames; those of the source's layout if left out.
       detector: ONNX segmentation model, or a function from an RGB frame to instances; used
         instead of the source's masks.
@@ -89,13 +103,19 @@ def run(
       rerun: Record for the viewer of Rerun (`.rrd`), or the address of one that is open
         (`rerun+http://127.0.0.1:9876/proxy`); needs `out`.
       mcap: Record for Foxglove (`.mcap`); needs `out`.
+      record: Folder or lossless video (`.mkv`) that gets the frames as they were seen, and their
+        detections, so that a live run can be repeated.
+      live: True shows the run on a page that only this machine sees; `"HOST:PORT"` on one at that
+        address.
+      on_live: Gets the address of the page once it is there; printed to standard error if left
+        out.
       progress: Called after every frame. Left out, a line on a terminal or in a notebook shows how
         far the run is, and nothing elsewhere; False for nothing at all.
       **source_options: Further options of `open_source`.
 
     Returns:
       Identities of every frame, as known at the end. After Ctrl-C, those so far, with `complete`
-      false.
+      false; a live source has no other end, and is complete.
 
     Raises:
       RemindError: If something about the input, the configuration or the output is wrong; what was
@@ -114,6 +134,9 @@ def run(
     _check_options(source_options)
     _check_resume(out, overwrite, resume)
     _check_viewers(out, rerun, mcap)
+    if live is not False:
+        parse_where(live)
+    recorded = None if record is None else FrameRecord(record, overwrite)
     if out is not None:
         out = as_path(out, "the output folder", OutputError)
         check_folder(out, overwrite, resume)
@@ -123,26 +146,39 @@ def run(
     )
     config = load_config(config)
     after = choose_after(announce_after, config.input.announce_after, detector is not None)
-    live = Tracker(config, backbone, tracker=tracker, trace=trace, announce_after=after)
+    tracking = Tracker(config, backbone, tracker=tracker, trace=trace, announce_after=after)
     if memory is not None:
-        live.load(memory)
+        tracking.load(memory)
     frames = open_source(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
+    if resume and isinstance(frames, LiveSource):
+        raise OutputError(
+            f"'{frames.name}' is live and cannot be gone back in; start a new run into another "
+            f"folder, and go on from what is remembered with memory='{out}/{MEMORY_NAME}' (or "
+            f"'{out}/{CHECKPOINT_NAME}/{MEMORY_NAME}' after a crash)"
+        )
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = max(0, 2 * after - delay) if after > 1 else 0
-    delayed = _delay_answers(live, delay)
+    delayed = _delay_answers(tracking, delay)
     checkpoints = None if out is None else Checkpoints(Path(out))
-    loop = FrameLoop(live, frames, detector, delayed, waiting, checkpoints)
-    with follow_run(progress, frames.name, frames.num_frames) as loop.progress:
+    loop = FrameLoop(tracking, frames, detector, delayed, waiting, checkpoints)
+    with contextlib.ExitStack() as stack:
+        if live is not False:
+            loop.view = stack.enter_context(_open_page(frames, live, on_live))
+        if recorded is not None:
+            loop.record = stack.enter_context(recorded)
+        loop.progress = stack.enter_context(follow_run(progress, frames.name, frames.num_frames))
         if checkpoints is None:
             with loop.prepare() as ahead:
                 first = loop.look_at_first(ahead)
-                info = describe_run(frames, detector, live, first.size, first.features is not None)
+                info = describe_run(
+                    frames, detector, tracking, first.size, first.features is not None
+                )
                 return loop.conclude(info, loop.consume(ahead, None))
-        beside = {"delay": delay, "trace": trace, **describe_files(memory, live, detector)}
-        origin = Origin(frames, detector, live, beside)
+        beside = {"delay": delay, "trace": trace, **describe_files(memory, tracking, detector)}
+        origin = Origin(frames, detector, tracking, beside)
         folder = checkpoints.run_folder
         with files.locked(folder):
             viewers = _open_viewers(frames.name, rerun, mcap)
@@ -187,6 +223,20 @@ def _open_viewers(
 
         viewers.append(McapRecord(mcap))
     return viewers
+
+
+@contextlib.contextmanager
+def _open_page(
+    source: Source, where: bool | str, on_live: Callable[[str], None] | None
+) -> Iterator[LiveView]:
+    """The page of a run, and the view that it shows."""
+    view = LiveView(source.name, source if isinstance(source, LiveSource) else None)
+    with LivePage(view, where) as page:
+        if on_live is None:
+            print(f"live page: {page.address}", file=sys.stderr)
+        else:
+            on_live(page.address)
+        yield view
 
 
 def _delay_answers(tracker: Tracker, delay: int) -> Any:

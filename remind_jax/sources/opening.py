@@ -17,6 +17,8 @@ from remind_jax.sources.features import FEATURE_SUFFIXES, find_classes, load_arr
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.layouts import Choice, locate, open_maps_at
+from remind_jax.sources.live_opening import open_live
+from remind_jax.sources.live_source import RECONNECT_S, LiveOptions
 from remind_jax.sources.reopening import read_arguments
 from remind_jax.sources.sampling import Sampling, require_rate
 from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
@@ -41,11 +43,16 @@ def open_source(
     allow_size_change: bool = False,
     class_names: ClassNaming | None = None,
     name: str | None = None,
+    follow: bool = False,
+    every_frame: bool = False,
+    duration: float | None = None,
+    reconnect: float = RECONNECT_S,
 ) -> Source:
     """Opens whatever holds frames.
 
     Args:
-      spec: A video; a folder of images; a DAVIS folder (its root, or a sequence in `JPEGImages`);
+      spec: A camera (0, "/dev/video0"); the address of a stream (`"rtsp://..."`, `"http://..."`);
+        a video; a folder of images; a DAVIS folder (its root, or a sequence in `JPEGImages`);
         a ScanNet++ scene; a tar of one of these folders; a feature file `.npz` or `.npy`; an array
         `[T, H, W, 3]`; an iterable of images, image paths, pairs (image, detections) or `Frame`s;
         a `Source`, which is returned as it is unless other options are given.
@@ -63,6 +70,12 @@ def open_source(
       allow_size_change: Yield frames whose size differs from the first; else they are skipped.
       class_names: Names of class ids (or instance ids of instance maps) of detections in memory.
       name: Name of the sequence; that of the file or folder if left out.
+      follow: The folder grows: its newest picture is taken, as that of a camera. Masks that come
+        along are a folder of instance maps.
+      every_frame: With `follow`, take all pictures in order, however late that gets.
+      duration: Seconds after which a live source ends.
+      reconnect: Seconds that a live source may be lost, or a growing folder without new pictures;
+        with 0, that is its end.
 
     Raises:
       SourceError: If nothing can be made of it; one sentence.
@@ -83,10 +96,16 @@ def open_source(
             )
     if unlabelled not in ("error", "skip"):
         raise OptionError(f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled")
+    live = LiveOptions(follow, every_frame, duration, reconnect)
     if isinstance(spec, Source) and masks is None and chosen == Sampling():
+        live.refuse_for_recordings(spec.name)
         return spec
     json_file = None if metadata is None else _existing(metadata)
     choice = Choice(name, sequence, images, mask_variant, json_file, unlabelled, image_fps)
+    opened = open_live(spec, masks, choice, chosen, live, allow_size_change=allow_size_change)
+    if opened is not None:
+        return opened
+    live.refuse_for_recordings(str(spec)[:200] if isinstance(spec, str | Path) else "this source")
     reopen: dict[str, Any] | None = None
     if isinstance(spec, str | Path):
         path = _existing(spec)
@@ -182,11 +201,11 @@ def _existing(path: str | Path) -> Path:
         return resolved
     if resolved.is_symlink():
         raise SourceError(f"'{path}' is a link that leads nowhere; mend it")
-    # A path has lost one of the slashes of an address.
-    if re.match(r"\w\w+:/", str(path)) or str(path).isdecimal():
+    # A path has lost one of the slashes of an address, and may have a password in it.
+    if (scheme := re.match(r"(\w\w+):/", str(path))) is not None:
         raise SourceError(
-            f"'{path}' is no file or folder; download what is at an address, and give frames of a "
-            "camera to remind_jax.Tracker one by one"
+            f"an address ({scheme[1]}:) was given as a path; give it as text, and a live stream "
+            "only as a source"
         )
     where = resolved.parent
     if not where.is_dir():

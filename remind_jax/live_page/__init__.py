@@ -1,0 +1,1 @@
+"""A run seen while it goes on, in a browser at a local address."""

@@ -1,0 +1,276 @@
+"""What the live page shows: the newest frame, who is in view, who is remembered, and since when.
+
+The tracker's thread only hands over references (`show`); drawing and packing is done by the threads
+of the page, once per frame however many look at it, and not at all if nobody does. Memory is
+bounded: so many objects, so many spans of each.
+"""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.frame import Frame
+from remind_jax.outputs.drawing import encode_jpeg, fit_image, identity_color, to_hex
+from remind_jax.outputs.gallery import crop_detection
+from remind_jax.outputs.overlay import detection_color, draw_overlay
+from remind_jax.sources import LiveSource
+from remind_jax.tracks import Tracks
+
+MOST_OBJECTS = 500  # those unseen for longest leave the page, not the memory
+MOST_SPANS = 100  # of one object
+MOST_ROWS = 40  # of the timeline
+MOST_LISTED = 100  # that are not in view
+WINDOW_S = 120.0  # of the timeline
+_GAP_S = 1.0  # shorter absences leave no gap in the timeline
+_MOST_SIDE_PX = 1280  # of the picture shown
+_QUALITY = 80
+_FRESH_S = 10.0  # so old a picture of an object may be while it is in view
+_RECENT = 20  # frames that the speed is measured over
+
+
+@dataclasses.dataclass
+class _Object:
+    """What is shown of one object."""
+
+    label: str
+    object_id: int  # as announced
+    first_s: float
+    last_s: float
+    num_frames: int = 0
+    spans: collections.deque[tuple[float, float]] = dataclasses.field(
+        default_factory=lambda: collections.deque(maxlen=MOST_SPANS)
+    )
+    picture: bytes | None = None
+    pictured_s: float = -np.inf
+
+    @property
+    def name(self) -> str:
+        """As beside its detections."""
+        return f"{self.label} {self.object_id}"
+
+    @property
+    def color(self) -> str:
+        """As of its detections."""
+        return to_hex(identity_color(self.object_id))
+
+    def see(self, time_s: float) -> None:
+        """Takes note of a detection."""
+        self.last_s = time_s
+        self.num_frames += 1
+        if self.spans and time_s - self.spans[-1][1] <= _GAP_S:
+            self.spans[-1] = (self.spans[-1][0], time_s)
+        else:
+            self.spans.append((time_s, time_s))
+
+
+class LiveView:
+    """The newest frame and the objects so far, for the threads of a page.
+
+    Args:
+      title: Name of the run.
+      source: Where the frames come from, if it is live.
+      clock: Seconds, from any time on.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        source: LiveSource | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._title, self._source, self._clock = title, source, clock
+        self._changed, self._drawing = threading.Condition(), threading.Lock()
+        self._version, self._num_shown, self._is_over = 0, 0, False
+        self._frame: tuple[np.ndarray | None, Tracks] | None = None
+        self._objects: dict[int, _Object] = {}  # by their ids in memory
+        self._in_view: list[int] = []
+        self._arrived = self._now_s = 0.0
+        self._shown_at = collections.deque[float](maxlen=_RECENT)
+        self._drawn: tuple[int, bytes] | None = None
+
+    def show(
+        self, frame: Frame, tracks: Tracks, decided: Tracks | None, merges: Sequence[Any] = ()
+    ) -> None:
+        """Takes the newest frame.
+
+        Args:
+          frame: With its image, if there is one.
+          tracks: By announced ids.
+          decided: The same by ids of the memory.
+          merges: Objects that turned out to be others, beside those, by ids of the memory.
+        """
+        age_s = 0.0 if self._source is None else self._source.age_s(frame)
+        memory_ids = (tracks if decided is None else decided).object_id.tolist()
+        with self._changed:
+            now = self._clock()
+            for gone, kept in merges:
+                self._merge(int(gone), int(kept))
+            self._in_view = []
+            for row, (memory_id, object_id) in enumerate(
+                zip(memory_ids, tracks.object_id.tolist(), strict=True)
+            ):
+                if object_id != NO_ID:
+                    self._see(memory_id, object_id, tracks.labels[row], frame.time_s)
+            self._picture_one(frame, tracks, memory_ids)
+            self._forget_some()
+            self._frame = (frame.image, tracks)
+            self._arrived, self._now_s = now - age_s, frame.time_s
+            self._shown_at.append(now)
+            self._num_shown += 1
+            self._version += 1
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """Says that no more frames will come."""
+        with self._changed:
+            self._is_over = True
+            self._version += 1
+            self._changed.notify_all()
+
+    def wait(self, after: int, timeout_s: float) -> None:
+        """Returns when something newer than a version is there, or the time is over."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._version != after, timeout_s)
+
+    def state(self) -> dict[str, Any]:
+        """What the page writes, as `json` can."""
+        with self._changed:
+            tracks = None if self._frame is None else self._frame[1]
+            in_view = set(self._in_view)
+            absent = [o for key, o in self._objects.items() if key not in in_view]
+            absent.sort(key=lambda one: -one.last_s)
+            latest = sorted(self._objects.values(), key=lambda one: -one.last_s)[:MOST_ROWS]
+            keys = {id(one): key for key, one in self._objects.items()}
+            return {
+                "version": self._version,
+                "title": self._title,
+                "frames": self._num_shown,
+                **self._say_source(),
+                "age_ms": None if not self._is_live else 1000 * (self._clock() - self._arrived),
+                "fps": self._measure_speed(),
+                "num_objects": len(self._objects),
+                "in_view": [] if tracks is None else self._list_rows(tracks),
+                "remembered": [
+                    {
+                        "key": keys[id(one)] if one.picture is not None else None,
+                        "name": one.name,
+                        "color": one.color,
+                        "unseen_s": self._now_s - one.last_s,
+                        "frames": one.num_frames,
+                    }
+                    for one in absent[:MOST_LISTED]
+                ],
+                "timeline": {
+                    "from_s": max(0.0, self._now_s - WINDOW_S),
+                    "to_s": max(self._now_s, 1e-3),
+                    "rows": [
+                        {
+                            "name": one.name,
+                            "color": one.color,
+                            "spans": [s for s in one.spans if s[1] >= self._now_s - WINDOW_S],
+                        }
+                        for one in sorted(latest, key=lambda one: one.first_s)
+                    ],
+                },
+            }
+
+    def picture(self) -> bytes | None:
+        """The newest frame with its identities as JPEG; None before the first."""
+        with self._drawing:  # others wait for the same picture, the tracker does not
+            with self._changed:
+                version, frame = self._version, self._frame
+            if frame is None:
+                return None
+            if self._drawn is None or self._drawn[0] != version:
+                image = draw_overlay(*frame)
+                scale = min(1.0, _MOST_SIDE_PX / max(image.shape[:2]))
+                height, width = (max(1, round(scale * side)) for side in image.shape[:2])
+                self._drawn = version, encode_jpeg(fit_image(image, height, width), _QUALITY)
+            return self._drawn[1]
+
+    def picture_of(self, key: int) -> bytes | None:
+        """A view of an object as JPEG, by its id in memory."""
+        with self._changed:
+            one = self._objects.get(key)
+            return None if one is None else one.picture
+
+    @property
+    def _is_live(self) -> bool:
+        return self._source is not None and self._frame is not None and not self._is_over
+
+    def _say_source(self) -> dict[str, Any]:
+        if self._source is None:
+            state = "ended" if self._is_over else "recorded"
+            return {"source": state, "shown": self._title, "arrived": None, "missed": None}
+        status = self._source.status()
+        return {
+            "source": "ended" if self._is_over else status.state,
+            "shown": status.shown,
+            "silent_s": status.silent_s,
+            "arrived": status.num_arrived,
+            "missed": status.num_missed,
+        }
+
+    def _measure_speed(self) -> float | None:
+        if len(self._shown_at) < 2:
+            return None
+        return (len(self._shown_at) - 1) / max(1e-6, self._shown_at[-1] - self._shown_at[0])
+
+    def _list_rows(self, tracks: Tracks) -> list[dict[str, Any]]:
+        return [
+            {
+                "name": tracks.display_name(row),
+                "color": to_hex(detection_color(tracks, row)),
+                "outcome": Outcome(int(tracks.outcome[row])).name.lower().replace("_", " "),
+                "confidence": tracks.shown_confidence(row),
+            }
+            for row in range(len(tracks))
+        ]
+
+    def _see(self, memory_id: int, object_id: int, label: str, time_s: float) -> None:
+        if memory_id not in self._objects:
+            self._objects[memory_id] = _Object(label, object_id, time_s, time_s)
+        self._objects[memory_id].object_id = object_id
+        self._objects[memory_id].see(time_s)
+        self._in_view.append(memory_id)
+
+    def _merge(self, gone: int, kept: int) -> None:
+        former = self._objects.pop(gone, None)
+        if former is None:
+            return
+        one = self._objects.setdefault(kept, former)
+        if one is not former:
+            spans = sorted([*former.spans, *one.spans])
+            one.spans = collections.deque(spans, maxlen=MOST_SPANS)
+            one.first_s = min(one.first_s, former.first_s)
+            one.num_frames += former.num_frames
+
+    def _picture_one(self, frame: Frame, tracks: Tracks, memory_ids: Sequence[int]) -> None:
+        """Cuts out the object whose picture is the oldest: one per frame, so that it takes none."""
+        if frame.image is None or not self._in_view:
+            return
+        row, one = min(
+            (
+                (row, self._objects[key])
+                for row, key in enumerate(memory_ids)
+                if key in self._objects and tracks.object_id[row] != NO_ID
+            ),
+            key=lambda pair: pair[1].pictured_s,
+        )
+        if frame.time_s - one.pictured_s > _FRESH_S:
+            image = fit_image(frame.image, *tracks.frame_size)
+            one.picture = encode_jpeg(crop_detection(image, tracks, row), _QUALITY)
+            one.pictured_s = frame.time_s
+
+    def _forget_some(self) -> None:
+        while len(self._objects) > MOST_OBJECTS:
+            oldest = min(self._objects, key=lambda key: self._objects[key].last_s)
+            del self._objects[oldest]

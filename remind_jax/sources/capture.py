@@ -1,0 +1,276 @@
+"""What gives the pictures of a live source, one after the other: cameras and streams.
+
+Streams are read by FFmpeg (PyAV), which tells why one cannot be reached and ends a silent one;
+cameras at this machine by OpenCV, which knows those of every system.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import functools
+import os
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+import av
+import av.container
+import av.error
+import cv2
+import numpy as np
+
+from remind_jax.errors import SourceError
+from remind_jax.sources.address import Address, CameraAddress, StreamAddress
+from remind_jax.sources.picture_file import MOST_PIXELS, MOST_SIDE
+from remind_jax.sources.source import Content, UnreadableFrame
+from remind_jax.sources.video import CONTAINERS, to_rgb
+
+# What a stream may come in, beside what files do; nothing in it may name a local file.
+_FORMATS = f"{CONTAINERS},mpjpeg,rtsp,rtp,sdp,hls,mpegtsraw"
+_PROTOCOLS = "http,https,tcp,tls,rtsp,rtsps,rtp,srtp,udp,crypto"
+_MOST_DAMAGED = 300  # packets without a picture between two, until a stream counts as unreadable
+_SILENT = "sends no pictures"
+
+
+class Unreachable(SourceError):
+    """A live source cannot be opened now."""
+
+
+class Lost(Exception):
+    """A live source gives no more pictures; the text says why, without its subject."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Picture:
+    """A picture as it arrived, not yet in RGB: one that is passed over costs little."""
+
+    read: Callable[[], Content]  # raises UnreadableFrame
+    name: str | None = None  # of its file
+    number: int | None = None  # in its source; counted by arrival if left out
+
+
+class Capture(Protocol):
+    """An open live source, for one thread."""
+
+    def read(self) -> Picture | None:
+        """Waits for the next picture; None if the source has ended by itself.
+
+        Raises:
+          Lost: If none comes any more.
+        """
+        ...
+
+    def interrupt(self) -> None:
+        """Lets `read` come back soon where it can; called by another thread."""
+        ...
+
+    def close(self) -> None:
+        """Lets go of the source."""
+        ...
+
+
+def open_capture(address: Address, wait_s: float) -> Capture:
+    """Opens a camera or a stream.
+
+    Args:
+      address: Where it is.
+      wait_s: Seconds that opening, and then every picture, may take.
+
+    Raises:
+      Unreachable: If that fails; it may be tried again.
+    """
+    if isinstance(address, CameraAddress):
+        return _Camera(address)
+    return _Stream(address, wait_s)
+
+
+class _Stream:
+    """A stream by FFmpeg, which raises at the end of the time given."""
+
+    def __init__(self, address: StreamAddress, wait_s: float) -> None:
+        options = {
+            "format_whitelist": _FORMATS,
+            "protocol_whitelist": _PROTOCOLS,
+            "rtsp_transport": "tcp",  # what gets lost otherwise tears pictures apart
+            "max_pixels": str(MOST_PIXELS),
+            "analyzeduration": "1000000",  # microseconds that finding out about it may take
+            "fpsprobesize": "0",
+        }
+        self._ended: str | None = None
+        try:
+            self._container = av.open(address.url, options=options, timeout=(wait_s, wait_s))
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            # The address in the text of the error may hold a password.
+            raise Unreachable(_say_unreachable(address, error, wait_s)) from None
+        try:
+            self._pictures = self._decode(_video_of(self._container, address))
+        except SourceError:
+            self._container.close()
+            raise
+        self._wait_s = wait_s
+
+    def read(self) -> Picture | None:
+        """The next picture as it is decoded; see `Capture`."""
+        try:
+            frame = next(self._pictures, None)
+        except av.error.ExitError:
+            raise Lost(f"sent nothing for {self._wait_s:g} s") from None
+        except (av.error.FFmpegError, OSError) as error:
+            if isinstance(error, av.error.EOFError):
+                return None
+            raise Lost("broke off") from None
+        return None if frame is None else Picture(functools.partial(_content_of, frame))
+
+    def interrupt(self) -> None:
+        """Does nothing: FFmpeg comes back at the end of the time given."""
+
+    def close(self) -> None:
+        """Hangs up."""
+        with contextlib.suppress(av.error.FFmpegError, OSError):
+            self._container.close()
+
+    def _decode(self, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
+        stream.thread_type = "SLICE"  # threads by frames would hold back as many frames
+        num_damaged = 0
+        for packet in self._container.demux(stream):
+            try:
+                frames = packet.decode()
+            except av.error.EOFError:
+                return
+            except av.error.InvalidDataError:
+                frames = []
+            num_damaged = 0 if frames else num_damaged + 1
+            if num_damaged > _MOST_DAMAGED:
+                raise Lost("sends nothing that can be decoded")
+            yield from frames
+
+
+def _content_of(frame: av.VideoFrame) -> Content:
+    if frame.is_corrupt:
+        raise UnreadableFrame("the picture is damaged")
+    return Content(to_rgb(frame))
+
+
+def _video_of(container: av.container.InputContainer, address: StreamAddress) -> av.VideoStream:
+    if not container.streams.video:
+        raise Unreachable(f"'{address.shown}' {_SILENT}; give the address of a video stream")
+    stream = container.streams.video[0]
+    if container.duration is not None and container.duration > 0:
+        raise SourceError(
+            f"'{address.shown}' is a recording of {container.duration / av.time_base:.1f} s and no "
+            "live stream; download it, and give the file"
+        )
+    width, height = stream.width, stream.height
+    if width * height > MOST_PIXELS or max(width, height) > MOST_SIDE:
+        raise SourceError(
+            f"'{address.shown}' claims pictures of {width}x{height} pixels; at most {MOST_PIXELS} "
+            "are read"
+        )
+    return stream
+
+
+def _say_unreachable(address: StreamAddress, error: BaseException, wait_s: float) -> str:
+    """Why a stream cannot be opened, and what to do."""
+    reasons = (
+        (av.error.ConnectionRefusedError, "refuses the connection; is it on, and the port right?"),
+        (av.error.HTTPUnauthorizedError, "asks for a user and a password: //USER:PASSWORD@HOST"),
+        (av.error.HTTPForbiddenError, "forbids access; give a user who may see it"),
+        (av.error.HTTPNotFoundError, "does not exist on that host; is the path right?"),
+    )
+    shown = f"'{address.shown}'"
+    for kind, what in reasons:
+        if isinstance(error, kind):
+            return f"{shown} {what}"
+    timed_out = isinstance(error, av.error.ExitError | av.error.TimeoutError)
+    if timed_out:
+        return f"{shown} did not answer within {wait_s:g} s; is the host right, and reachable?"
+    if isinstance(error, av.error.InvalidDataError):
+        return f"{shown} {_SILENT} that can be read; give the address of a video stream"
+    try:
+        socket.getaddrinfo(address.host, address.port)
+    except OSError:
+        return f"the host '{address.host}' of {shown} is unknown; is it spelled right?"
+    if isinstance(error, av.error.OSError) and error.errno == 5:
+        return f"{shown} breaks off before it {_SILENT.replace('sends no', 'sends any')}"
+    why = getattr(error, "strerror", None) or type(error).__name__
+    return f"{shown} cannot be opened: {why}"
+
+
+class _Camera:
+    """A camera by OpenCV."""
+
+    def __init__(self, address: CameraAddress) -> None:
+        self._shown = address.shown
+        device = address.device
+        if isinstance(device, str):
+            _check_device(Path(device))
+        log: Any = cv2.utils.logging
+        before = log.getLogLevel()
+        log.setLogLevel(log.LOG_LEVEL_SILENT)  # what it says past Python is said below
+        try:
+            backend = cv2.CAP_V4L2 if sys.platform == "linux" else cv2.CAP_ANY
+            self._device: Any = cv2.VideoCapture(device, backend)  # pyright: ignore[reportCallIssue, reportArgumentType]
+        except cv2.error as error:
+            raise Unreachable(_say_no_camera(address)) from error
+        finally:
+            log.setLogLevel(before)
+        if not self._device.isOpened():
+            self._device.release()
+            raise Unreachable(_say_no_camera(address))
+        self._device.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest picture, where drivers can
+
+    def read(self) -> Picture | None:
+        """The next picture; see `Capture`."""
+        is_there, pixels = self._device.read()
+        if not is_there or pixels is None:
+            raise Lost("gave no picture")
+        return Picture(functools.partial(_content_of_bgr, pixels))
+
+    def interrupt(self) -> None:
+        """Does nothing: the driver comes back with the next picture."""
+
+    def close(self) -> None:
+        """Lets go of the camera."""
+        self._device.release()
+
+
+def _content_of_bgr(pixels: np.ndarray) -> Content:
+    code = cv2.COLOR_GRAY2RGB if pixels.ndim == 2 else cv2.COLOR_BGR2RGB
+    return Content(cv2.cvtColor(pixels, code))
+
+
+def _check_device(path: Path) -> None:
+    """Looks whether a device is there and may be read.
+
+    Raises:
+      Unreachable: If not.
+    """
+    if not path.exists():
+        raise Unreachable(f"there is no camera '{path}'; {_say_cameras()}")
+    if not os.access(path, os.R_OK):
+        raise Unreachable(
+            f"the camera '{path}' may not be read by this user; allow it, as by joining the group "
+            "'video'"
+        )
+
+
+def _say_no_camera(address: CameraAddress) -> str:
+    if isinstance(address.device, int) and sys.platform == "linux":
+        path = Path(f"/dev/video{address.device}")
+        if path.exists() and not os.access(path, os.R_OK):
+            return (
+                f"the camera '{path}' may not be read by this user; allow it, as by joining the "
+                "group 'video'"
+            )
+        if not path.exists():
+            return f"there is no camera {address.device}; {_say_cameras()}"
+    return f"camera '{address.shown}' cannot be opened; does another program use it?"
+
+
+def _say_cameras() -> str:
+    """Which cameras there are."""
+    found = sorted(str(path) for path in Path("/dev").glob("video*"))
+    return f"this machine has {', '.join(found)}" if found else "this machine has none"

@@ -1,0 +1,231 @@
+"""Sources that go on by themselves: cameras, streams and folders that grow.
+
+They are read in a thread of their own (`feed`). Whoever takes frames slower than they come gets the
+newest each time; those passed over are counted, and their numbers are missing among
+`Frame.source_index`. `Frame.time_s` is the time of arrival, from the first frame on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import datetime
+import math
+import time
+from collections.abc import Callable, Generator
+from numbers import Real
+from typing import Any
+
+from remind_jax.errors import OptionError
+from remind_jax.frame import Frame, SkippedFrame
+from remind_jax.sources.capture import Capture
+from remind_jax.sources.feed import Arrival, Feed, State
+from remind_jax.sources.sampling import Sampling
+from remind_jax.sources.source import (
+    Content,
+    Entry,
+    MaskProvider,
+    Report,
+    SampledSource,
+    UnreadableFrame,
+)
+
+RECONNECT_S = 30.0
+MOST_SECONDS = 1e9
+WAIT_S = 10.0  # that a connection or a picture may take
+PASSED_OVER = "a newer one was there when the tracker was ready"
+
+
+@dataclasses.dataclass(frozen=True)
+class LiveOptions:
+    """How a live source is read.
+
+    Raises:
+      OptionError: If a value is out of range.
+    """
+
+    follow: bool = False  # SOURCE is a folder that grows; its newest picture is taken
+    every_frame: bool = False  # with --follow: take all pictures, in order, however late it gets
+    duration: float | None = None  # end after so many seconds
+    reconnect: float = RECONNECT_S  # seconds that a lost source is waited for
+
+    def __post_init__(self) -> None:
+        if self.duration is not None:
+            _require_seconds("duration", self.duration, may_be_zero=False)
+        _require_seconds("reconnect", self.reconnect, may_be_zero=True)
+        if self.every_frame and not self.follow:
+            raise OptionError(
+                "'every_frame' is for a folder that grows; give 'follow' as well",
+                "every_frame",
+                "follow",
+            )
+
+    def refuse_for_recordings(self, shown: str) -> None:
+        """Refuses options that change nothing where a source does not go on by itself.
+
+        Raises:
+          OptionError: If one is given.
+        """
+        for field in dataclasses.fields(self):
+            if getattr(self, field.name) != field.default:
+                raise OptionError(
+                    f"'{field.name}' is for a camera, a stream or a folder that grows, and "
+                    f"'{shown}' is none; leave it out, or give 'follow' with a folder",
+                    field.name,
+                    "follow",
+                )
+
+
+def _require_seconds(name: str, value: Any, *, may_be_zero: bool) -> None:
+    """Makes sure that an option is a number of seconds.
+
+    Raises:
+      OptionError: If it is none.
+    """
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
+    seconds = float(value) if is_number else math.nan
+    if not (0 < seconds <= MOST_SECONDS or (may_be_zero and seconds == 0)):
+        shown = f"{seconds:g}" if is_number else repr(value)[:40]
+        allowed = "of 0 or more" if may_be_zero else "above 0"
+        raise OptionError(f"'{name}' is {shown}; give a number of seconds {allowed}", name)
+
+
+@dataclasses.dataclass(frozen=True)
+class SourceStatus:
+    """How a live source does now."""
+
+    state: State
+    shown: str  # what it is called
+    silent_s: float  # seconds since the last picture
+    num_arrived: int
+    num_missed: int  # passed over for newer ones
+
+
+class LiveReader:
+    """Pictures of a live source, as a `Reader`.
+
+    Args:
+      kind: "camera", "stream" or "folder".
+      name: Name of the sequence.
+      shown: What it is called in messages.
+      open_capture: Opens it; gets the seconds that opening and every picture may take.
+      options: How to read it.
+
+    Raises:
+      SourceError: If it cannot be opened.
+    """
+
+    entry_names: tuple[str, ...] | None = None
+    num_entries: int | None = None
+    fps: float | None = None
+
+    def __init__(
+        self,
+        kind: str,
+        name: str,
+        shown: str,
+        open_capture: Callable[[float], Capture],
+        options: LiveOptions,
+    ) -> None:
+        self.kind, self.name, self.shown = kind, name, shown
+        self._open_capture, self._options = open_capture, options
+        self.num_missed = 0
+        self.origin: float | None = None
+        self.before_first: Callable[[Content], None] | None = None
+        self.feed = self._start()
+        self._is_fresh = True
+
+    def __del__(self) -> None:
+        feed = getattr(self, "feed", None)
+        if feed is not None:
+            feed.stop()
+
+    def _start(self) -> Feed:
+        reconnect_s, is_folder = self._options.reconnect, self.kind == "folder"
+        half_s = reconnect_s / 2 if reconnect_s else WAIT_S
+        return Feed(
+            self._open_capture,
+            self.shown,
+            reconnect_s=reconnect_s,
+            wait_s=reconnect_s if is_folder else max(1.0, min(WAIT_S, half_s)),
+            ends_when_silent=is_folder,
+            keeps_all=self._options.every_frame,
+        )
+
+    def entries(self, report: Report) -> Generator[Entry, None, None]:
+        """Yields what arrives, the newest first; at the end the count of those passed over."""
+        if not self._is_fresh:
+            self.feed = self._start()
+        feed, self._is_fresh = self.feed, False
+        self.num_missed, self.origin = 0, None
+        first = last = -1
+        try:
+            self._get_ready(feed)
+            while (arrival := self._take(feed)) is not None:
+                if self.origin is None:
+                    self.origin = arrival.arrived
+                    first = arrival.number if arrival.picture.number is None else 0
+                    last = arrival.number - 1
+                self.num_missed += arrival.number - last - 1
+                last = arrival.number
+                name = arrival.picture.name or f"{last - first:06d}"
+                time_s = arrival.arrived - self.origin
+                yield Entry(last - first, time_s, name, arrival.picture.read)
+        finally:
+            feed.stop()
+            if self.num_missed:
+                report(SkippedFrame("frames that arrived", PASSED_OVER, self.num_missed))
+
+    def _get_ready(self, feed: Feed) -> None:
+        """Shows the first picture to `before_first`, before any counts; a newer one may follow."""
+        if self.before_first is None or (arrival := feed.take()) is None:
+            return
+        with contextlib.suppress(UnreadableFrame):
+            self.before_first(arrival.picture.read())
+        feed.put_back(arrival)
+
+    def _take(self, feed: Feed) -> Arrival | None:
+        duration = self._options.duration
+        if duration is None or self.origin is None:
+            return feed.take()
+        until = self.origin + duration
+        return feed.take(until) if time.monotonic() < until else None
+
+
+class LiveSource(SampledSource):
+    """A source that goes on by itself, until it ends, `stop` is called or its time is over."""
+
+    def __init__(
+        self, reader: LiveReader, masks: MaskProvider | None, sampling: Sampling, **options: Any
+    ) -> None:
+        super().__init__(reader, masks, sampling, **options)
+        self._live = reader
+        self._opened_at = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
+
+    def get_ready_by(self, before_first: Callable[[Content], None]) -> None:
+        """Sets what is shown a picture before the first one counts, as to compile for its size."""
+        self._live.before_first = before_first
+
+    def stop(self) -> None:
+        """Ends the iteration after the frame in work; may be called by another thread."""
+        self._live.feed.stop()
+
+    def take_news(self) -> list[str]:
+        """What happened since the last call, as a connection lost and found again."""
+        return self._live.feed.take_news()
+
+    def status(self) -> SourceStatus:
+        """How it does now."""
+        reader, feed = self._live, self._live.feed
+        return SourceStatus(
+            feed.state, reader.shown, feed.silent_s, feed.num_arrived, reader.num_missed
+        )
+
+    def age_s(self, frame: Frame) -> float:
+        """Seconds since a frame of this iteration arrived."""
+        origin = self._live.origin
+        return 0.0 if origin is None else time.monotonic() - origin - frame.time_s
+
+    def describe(self) -> dict[str, Any]:
+        """What it is, as JSON; it cannot be opened again, `opened_at` is its time 0 nearly."""
+        return {**super().describe(), "address": self._live.shown, "opened_at": self._opened_at}
