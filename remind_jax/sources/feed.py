@@ -106,7 +106,7 @@ class Feed:
                         raise self._error
                     return None
                 self._changed.wait(left_s)
-            return self._waiting.popleft()
+            return None if self._stopping.is_set() else self._waiting.popleft()
 
     def put_back(self, arrival: Arrival) -> None:
         """Gives back a picture that was only looked at; one that is newer takes its place."""

@@ -1,0 +1,222 @@
+"""Streams as sources: newest frames, counted gaps, connections lost and found again."""
+
+from __future__ import annotations
+
+import gc
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import remind_jax as rj
+from remind_jax.errors import OptionError, SourceError
+from remind_jax.sources import LiveSource
+from remind_jax.sources.live_source import PASSED_OVER, LiveOptions
+from tests.sources.cameras import Camera, number_in
+
+
+def open_live(*args, **options) -> LiveSource:
+    source = rj.open_source(*args, **options)
+    assert isinstance(source, LiveSource)
+    return source
+
+
+def numbers_of(frames: list[rj.Frame]) -> list[int]:
+    return [number_in(frame.image) for frame in frames if frame.image is not None]
+
+
+def test_a_slow_reader_gets_the_newest_frame_and_the_gaps_are_counted():
+    frames = []
+    with Camera(fps=50) as camera:
+        source = open_live(camera.url)
+        for frame in source:
+            frames.append(frame)
+            behind = camera.num_sent - 1 - number_in(frame.image)
+            assert behind <= 10, "a frame waited"  # one is on its way, more under load
+            time.sleep(0.2)
+            if len(frames) == 6:
+                source.stop()
+    numbers = numbers_of(frames)
+    gaps = np.diff(numbers)
+    assert gaps.min() >= 2
+    assert [frame.source_index for frame in frames] == [n - numbers[0] for n in numbers]
+    assert [frame.index for frame in frames] == list(range(6))
+    (passed_over,) = source.skipped
+    assert (passed_over.reason, passed_over.count) == (PASSED_OVER, (gaps - 1).sum())
+    assert source.status().num_missed == passed_over.count
+
+
+def test_a_fast_reader_gets_every_frame():
+    with Camera(fps=20) as camera:
+        source = open_live(camera.url, sampling={"max_frames": 8})
+        numbers = numbers_of(list(source))
+    assert numbers == list(range(numbers[0], numbers[0] + 8))
+    assert source.skipped == []
+
+
+def test_times_are_those_of_arrival():
+    with Camera(fps=20) as camera:
+        source = open_live(camera.url, sampling={"max_frames": 5})
+        began = time.monotonic()
+        frames = list(source)
+        took_s = time.monotonic() - began
+        assert 0 <= source.age_s(frames[-1]) < took_s
+    times = np.array([frame.time_s for frame in frames])
+    assert times[0] == 0
+    assert (np.diff(times) > 0).all()
+    assert 0.1 < times[-1] <= took_s
+
+
+def test_a_camera_that_goes_away_and_comes_back_goes_on():
+    frames, news = [], []
+    with Camera(fps=30) as camera:
+        source = open_live(camera.url, reconnect=60)
+        threads = [threading.Timer(0.4, camera.switch_off), threading.Timer(1.0, camera.switch_on)]
+        for thread in threads:
+            thread.start()
+        for frame in source:
+            frames.append(frame)
+            news += source.take_news()
+            if news and len(frames) > 15:
+                source.stop()
+        for thread in threads:
+            thread.join()
+    assert len(news) == 1
+    assert "came back" in news[0]
+    numbers = numbers_of(frames)
+    assert (np.diff(numbers) > 0).all()
+    assert np.diff([frame.time_s for frame in frames]).max() > 0.3
+
+
+def test_a_camera_that_stays_away_is_an_error_after_its_frames():
+    with Camera(fps=30) as camera:
+        source = open_live(camera.url, reconnect=0.5)
+        frames = iter(source)
+        next(frames)
+        camera.switch_off()
+        with pytest.raises(SourceError, match=r"did not come back within 0\.5 s; everything unt"):
+            list(frames)
+
+
+def test_with_reconnect_0_the_end_of_the_stream_is_the_end():
+    with Camera(fps=60, most=20) as camera:
+        frames = list(open_live(camera.url, reconnect=0))
+    assert 1 <= len(frames) <= 20
+
+
+def test_duration_ends_a_stream():
+    with Camera(fps=30) as camera:
+        source = open_live(camera.url, duration=0.5)
+        frames = list(source)
+    assert 0.2 < frames[-1].time_s <= 0.5
+
+
+def test_duration_ends_a_stream_that_is_silent():
+    with Camera(fps=30) as camera:
+        source = open_live(camera.url, duration=0.5)
+        frames = iter(source)
+        next(frames)
+        camera.is_stalled = True
+        began = time.monotonic()
+        list(frames)
+        assert time.monotonic() - began < 5
+
+
+def test_it_can_be_gone_through_again():
+    with Camera(fps=30) as camera:
+        source = open_live(camera.url, sampling={"max_frames": 2})
+        first, second = numbers_of(list(source)), numbers_of(list(source))
+    assert second[0] > first[-1]
+
+
+def test_nothing_counts_before_everything_is_ready():
+    seen = []
+
+    def get_ready(content):
+        seen.append(number_in(content.image))
+        time.sleep(0.3)
+
+    with Camera(fps=50) as camera:
+        source = open_live(camera.url, sampling={"max_frames": 1})
+        source.get_ready_by(get_ready)
+        (frame,) = source
+    assert number_in(frame.image) >= seen[0] + 5
+    assert (frame.source_index, frame.time_s) == (0, 0.0)
+    assert source.skipped == []
+
+
+def test_what_is_stored_of_it_holds_no_password():
+    with Camera(password="secret") as camera:
+        source = open_live(camera.url.replace("//", "//me:secret@") + "?key=secret")
+        described = source.describe()
+        shown = f"{json.dumps(described)} {source.name} {source.status()} {source.__dict__}"
+        source.stop()
+    assert described["kind"] == "stream"
+    assert described["address"] == f"http://***@127.0.0.1:{camera.port}/stream.mjpg?***"
+    assert described["reopen"] is None
+    assert "secret" not in shown
+
+
+def test_a_source_that_nobody_reads_is_let_go():
+    with Camera() as camera:
+        source = open_live(camera.url)
+        feed = source._live.feed
+        del source
+        gc.collect()
+        feed._thread.join(20)
+        assert not feed._thread.is_alive()
+
+
+def test_masks_cannot_belong_to_a_stream():
+    with Camera() as camera, pytest.raises(SourceError, match="live, so that no masks can belong"):
+        rj.open_source(camera.url, masks="masks/")
+
+
+def test_a_frame_of_another_size_is_left_out():
+    from tests.sources import cameras
+
+    def make(number: int) -> bytes:
+        whole = cameras.jpeg(number)
+        if number % 4:
+            return whole
+        import cv2
+
+        half = cv2.resize(cv2.imdecode(np.frombuffer(whole, np.uint8), 1), (128, 96))
+        return cv2.imencode(".jpg", half)[1].tobytes()
+
+    with Camera(fps=30, make=make) as camera:
+        source = open_live(camera.url, sampling={"max_frames": 9})
+        frames = list(source)
+    assert len({frame.size for frame in frames}) == 1
+    assert any("but the sequence is" in skipped.reason for skipped in source.skipped)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"duration": 0}, "'duration' is 0; give a number of seconds above 0"),
+        ({"duration": float("inf")}, "'duration' is inf; give a number of seconds above 0"),
+        ({"duration": "5"}, "'duration' is '5'; give a number of seconds above 0"),
+        ({"reconnect": -1}, "'reconnect' is -1; give a number of seconds of 0 or more"),
+        ({"reconnect": float("nan")}, "'reconnect' is nan; give a number of seconds of 0 or more"),
+        ({"reconnect": None}, "'reconnect' is None; give a number of seconds of 0 or more"),
+        ({"every_frame": True}, "'every_frame' is for a folder that grows; give 'follow' as well"),
+    ],
+)
+def test_options_out_of_range(options, told):
+    with pytest.raises(OptionError) as caught:
+        LiveOptions(**options)
+    assert str(caught.value) == told
+
+
+def test_options_for_live_sources_are_refused_for_others(tmp_path):
+    (tmp_path / "a.mp4").touch()
+    with pytest.raises(OptionError, match="'duration' is for a camera, a stream or a folder that"):
+        rj.open_source(tmp_path / "a.mp4", duration=1)
+    frames = np.zeros((2, 8, 8, 3), np.uint8)
+    with pytest.raises(OptionError, match=r"'reconnect' is for a camera, .* 'this source' is none"):
+        rj.open_source(frames, reconnect=1)
+    with pytest.raises(OptionError, match="'follow' is for a folder that grows"):
+        rj.open_source("http://127.0.0.1:1/x", follow=True)
