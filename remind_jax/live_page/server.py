@@ -120,7 +120,10 @@ def is_known_host(header: str | None, bound: str) -> bool:
       header: The header, None if there is none.
       bound: The host that the server was told to listen at.
     """
-    name = (urlsplit(f"//{header}").hostname or "") if header else ""
+    try:
+        name = (urlsplit(f"//{header}").hostname or "") if header else ""
+    except ValueError:
+        return False
     with contextlib.suppress(ValueError):
         ipaddress.ip_address(name)
         return True
@@ -188,17 +191,17 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Sec-Fetch-Site") == "cross-site":
             self._refuse(HTTPStatus.FORBIDDEN)
             return
-        parts = urlsplit(self.path)
-        if parts.path in _FILES:
-            name, kind = _FILES[parts.path]
+        path, _, query = self.path.partition("?")
+        if path in _FILES:
+            name, kind = _FILES[path]
             page = resources.files("remind_jax.live_page").joinpath(name)
             self._answer(page.read_bytes(), kind)
-        elif parts.path == "/state.json":
-            self._answer(self._state(parts.query), "application/json")
-        elif parts.path == "/frame.jpg":
+        elif path == "/state.json":
+            self._answer(self._state(query), "application/json")
+        elif path == "/frame.jpg":
             self._answer(self.server.view.picture(), "image/jpeg")
-        elif parts.path.startswith("/object/"):
-            key = parts.path.removeprefix("/object/").removesuffix(".jpg")
+        elif path.startswith("/object/"):
+            key = path.removeprefix("/object/").removesuffix(".jpg")
             is_number = key.isascii() and key.isdigit() and len(key) < 10
             self._answer(self.server.view.picture_of(int(key)) if is_number else None, "image/jpeg")
         else:

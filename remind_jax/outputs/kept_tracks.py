@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import tempfile
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,7 +29,8 @@ class KeptTracks:
         self._file = None
         if folder is not None:
             with writing(folder):
-                self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  (open as long as this is)
+                self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
+            weakref.finalize(self, self._file.close)
 
     def __len__(self) -> int:
         return self._num

@@ -1,0 +1,180 @@
+"""What the live page is told, frame by frame."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from remind_jax.frame import Frame
+from remind_jax.live_page import view as views
+from remind_jax.live_page.view import LiveView
+from remind_jax.tracks import Tracks
+from tests.outputs.fake_run import make_run
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture(scope="module")
+def run():
+    return make_run(60, size=(120, 160))
+
+
+def at(frame: Frame, tracks: Tracks, time_s: float) -> tuple[Frame, Tracks]:
+    return dataclasses.replace(frame, time_s=time_s), tracks
+
+
+def show(view: LiveView, run, *positions: int, step_s: float = 0.1) -> None:
+    frames, result = run
+    for position in positions:
+        frame, tracks = at(frames[position], result.tracks[position], step_s * position)
+        view.show(frame, tracks, tracks)
+
+
+def test_nothing_is_there_before_the_first_frame():
+    view = LiveView("room")
+    state = view.state()
+    assert (state["version"], state["frames"], state["in_view"]) == (0, 0, [])
+    assert view.picture() is None
+    json.dumps(state, allow_nan=False)
+
+
+def test_who_is_in_view_and_who_is_remembered(run):
+    view = LiveView("room", clock=Clock())
+    show(view, run, *range(30))
+    state, tracks = view.state(), run[1].tracks[29]
+    assert [row["name"] for row in state["in_view"]] == [
+        tracks.display_name(row) for row in range(len(tracks))
+    ]
+    firm = {tracks.display_name(row) for row in range(len(tracks)) if tracks.object_id[row] >= 0}
+    known = {f"{one.label} {one.object_id}" for one in run[1].objects() if one.first_frame <= 29}
+    remembered = {one["name"]: one for one in state["remembered"]}
+    assert set(remembered) == known - firm
+    gone = remembered["cup 1"]  # from frame 20 to 39
+    assert gone["unseen_s"] == pytest.approx(1.0)
+    assert state["num_objects"] == len(known)
+    json.dumps(state, allow_nan=False)
+
+
+def test_an_absence_leaves_a_gap_in_the_timeline(run):
+    view = LiveView("room", clock=Clock())
+    show(view, run, *range(60))
+    rows = {row["name"]: row["spans"] for row in view.state()["timeline"]["rows"]}
+    assert len(rows["cup 0"]) == 1
+    before, after = rows["cup 1"]
+    assert before == (pytest.approx(before[0]), pytest.approx(1.9))
+    assert after[0] >= 4.0
+
+
+def test_the_timeline_ends_now_and_drops_what_is_long_ago(run):
+    view = LiveView("room", clock=Clock())
+    show(view, run, 0, step_s=0)
+    frame, tracks = at(run[0][0], run[1].tracks[0], 1000.0)
+    view.show(frame, tracks, tracks)
+    timeline = view.state()["timeline"]
+    assert (timeline["from_s"], timeline["to_s"]) == (1000.0 - views.WINDOW_S, 1000.0)
+    assert all(span[1] == 1000.0 for row in timeline["rows"] for span in row["spans"])
+
+
+def test_objects_that_turn_out_to_be_one_are_one(run):
+    view = LiveView("room", clock=Clock())
+    show(view, run, *range(10))
+    tracks = run[1].tracks[10]
+    ids = [int(i) for i in tracks.object_id if i >= 0]
+    gone, kept = ids[1], ids[0]
+    merged = dataclasses.replace(
+        tracks, object_id=np.where(tracks.object_id == gone, kept, tracks.object_id)
+    )
+    view.show(run[0][10], merged, merged, [(gone, kept)])
+    names = [row["name"] for row in view.state()["timeline"]["rows"]]
+    assert len(names) == len(set(names))
+    assert not any(name.endswith(f" {gone}") for name in names)
+
+
+def test_memory_is_bounded(run, monkeypatch):
+    monkeypatch.setattr(views, "MOST_OBJECTS", 3)
+    view = LiveView("room", clock=Clock())
+    show(view, run, *range(60))
+    assert view.state()["num_objects"] == 3
+
+
+def test_the_picture_is_drawn_once_per_frame_and_only_if_asked_for(run, monkeypatch):
+    drawn = []
+    draw = views.draw_overlay
+
+    def count(*args):
+        drawn.append(1)
+        return draw(*args)
+
+    monkeypatch.setattr(views, "draw_overlay", count)
+    view = LiveView("room", clock=Clock())
+    show(view, run, *range(5))
+    assert drawn == []
+    first = view.picture()
+    assert first is not None
+    assert view.picture() is first
+    show(view, run, 5)
+    assert view.picture() != first
+    assert len(drawn) == 2
+    image = cv2.imdecode(np.frombuffer(first, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape[:2] == (120, 160)
+
+
+def test_large_frames_are_shown_smaller():
+    frames, result = make_run(1, size=(1504, 2608))
+    view = LiveView("room", clock=Clock())
+    view.show(frames[0], result.tracks[0], result.tracks[0])
+    image = cv2.imdecode(np.frombuffer(view.picture() or b"", np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert max(image.shape) == 1280
+
+
+def test_every_object_gets_a_picture_in_time(run):
+    view = LiveView("room", clock=Clock())
+    show(view, run, *range(10))
+    pictures = [view.picture_of(int(i)) for i in run[1].tracks[9].object_id if i >= 0]
+    assert len(pictures) > 1
+    assert all(pictures)
+    assert view.picture_of(999) is None
+
+
+def test_waiting_ends_with_news_or_with_time(run):
+    view = LiveView("room", clock=Clock())
+    threading.Timer(0.05, lambda: show(view, run, 0)).start()
+    view.wait(0, 20.0)
+    assert view.state()["version"] == 1
+    view.wait(1, 0.01)
+    view.end()
+    view.wait(1, 20.0)
+    assert view.state()["source"] == "ended"
+
+
+def test_nobody_waits_for_a_picture_while_it_is_drawn(run, monkeypatch):
+    """The tracker goes on while a thread of the page draws."""
+    drawing, go = threading.Event(), threading.Event()
+
+    def draw(image, tracks):
+        drawing.set()
+        assert go.wait(20)
+        return image
+
+    monkeypatch.setattr(views, "draw_overlay", draw)
+    view = LiveView("room", clock=Clock())
+    show(view, run, 0)
+    thread = threading.Thread(target=view.picture)
+    thread.start()
+    assert drawing.wait(20)
+    show(view, run, 1, 2)
+    assert view.state()["frames"] == 3
+    go.set()
+    thread.join()

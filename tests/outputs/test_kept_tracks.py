@@ -1,0 +1,49 @@
+"""Frames of a run that goes on for days are on disk, and come back as they were."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from remind_jax.outputs.kept_tracks import KeptTracks
+from remind_jax.tracks import Tracks
+from tests.outputs.fake_run import make_run
+
+
+def same(one: Tracks, other: Tracks) -> bool:
+    return all(
+        np.array_equal(value, getattr(other, name), equal_nan=value.dtype.kind == "f")
+        and value.dtype == getattr(other, name).dtype
+        if isinstance(value, np.ndarray)
+        else value == getattr(other, name)
+        for name, value in vars(one).items()
+    )
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_frames_come_back_while_more_are_added(on_disk, tmp_path):
+    frames = make_run(6)[1].tracks
+    kept = KeptTracks(tmp_path if on_disk else None)
+    for tracks in frames[:3]:
+        kept.append(tracks)
+    assert len(list(kept)) == 3
+    for tracks in frames[3:]:
+        kept.append(tracks)
+    assert len(kept) == 6
+    assert all(map(same, frames, kept))
+    assert list(tmp_path.iterdir()) == []  # the file has no name, so nothing is left
+
+
+def test_memory_does_not_grow_with_frames_on_disk(tmp_path):
+    tracks = make_run(1)[1].tracks[0]
+    kept = KeptTracks(tmp_path)
+    kept.append(tracks)
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    for _ in range(500):
+        kept.append(tracks)
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert after - before < 20_000  # 500 frames take a hundred times as much
