@@ -118,7 +118,8 @@ def summarize(result: rj.Result, memory: list[tuple[float, float]]) -> dict[str,
     """Ages in frames of the tracker's own time, frames passed over, and memory over time."""
     stages = [times for name, times in result.timings_ms.items() if name not in ("age", "wait")]
     own_ms = np.sum(stages, axis=0)
-    frames_old = np.array(result.timings_ms["age"]) / np.median(own_ms)
+    ages_ms = np.array(result.timings_ms["age"])
+    frames_old = ages_ms / np.median(own_ms)
     times, sizes = np.array(memory).T
     steady = times > 60
     fit = np.polyfit(times[steady] / 60, sizes[steady], 1) if steady.sum() > 2 else [np.nan]
@@ -127,9 +128,10 @@ def summarize(result: rj.Result, memory: list[tuple[float, float]]) -> dict[str,
         "passed_over": sum(skipped.count for skipped in result.skipped),
         "identities": len(result.objects()),
         "own_ms_median": float(np.median(own_ms)),
-        "age_ms": [float(np.percentile(result.timings_ms["age"], q)) for q in (50, 95, 100)],
+        "age_ms": [float(np.percentile(ages_ms, q)) for q in (50, 95, 100)],
         "age_in_own_frames": [float(np.percentile(frames_old, q)) for q in (50, 95, 100)],
-        "share_within_2_own_frames": float(np.mean(frames_old <= 2)),
+        "share_within_2_median_own_frames": float(np.mean(frames_old <= 2)),
+        "age_in_its_own_frame": [float(np.percentile(ages_ms / own_ms, q)) for q in (50, 95, 100)],
         "memory_mib": [
             [round(t), round(size, 1)] for t, size in memory[:: max(1, len(memory) // 20)]
         ],

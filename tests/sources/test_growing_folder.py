@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -71,7 +72,7 @@ def soon(act: Callable[[], object], after_s: float = 0.1) -> threading.Timer:
 def test_the_newest_picture_is_taken_with_its_mask(robot):
     robot.write(*range(5))
     source = follow(robot)
-    frames = iter(source)
+    frames: Any = iter(source)
     first = next(frames)
     assert (first.name, first.source_index) == ("0004.png", 4)
     robot.write(5, 6, 7, 8)
@@ -101,7 +102,7 @@ def test_every_picture_is_taken_in_order_where_that_is_wanted(robot):
 def test_a_picture_waits_for_its_mask(robot):
     robot.write(0)
     source = follow(robot)
-    frames = iter(source)
+    frames: Any = iter(source)
     next(frames)
     robot.write_image(1)
     written = []
@@ -119,7 +120,7 @@ def test_a_picture_waits_for_its_mask(robot):
 def test_a_picture_that_is_being_written_is_waited_for(robot):
     robot.write(0)
     source = follow(robot, with_masks=False)
-    frames = iter(source)
+    frames: Any = iter(source)
     next(frames)
     whole = robot.write_image(1)
     path = robot.images / "0002.png"
@@ -136,7 +137,7 @@ def test_a_picture_that_is_being_written_is_waited_for(robot):
 def test_a_folder_that_is_empty_yet(robot):
     source = follow(robot)
     soon(lambda: robot.write(0), 0.3)
-    frames = iter(source)
+    frames: Any = iter(source)
     assert next(frames).name == "0000.png"
     frames.close()
 
