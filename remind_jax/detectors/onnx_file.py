@@ -11,6 +11,7 @@ import ast
 import dataclasses
 import json
 import mmap
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -42,7 +43,9 @@ _FORMATS = {
     ".mnn": "an MNN model",
     ".param": "an ncnn model",
 }
-_RFDETR = 'in Python, RFDETRSegMedium(pretrain_weights="{file}").export()'
+# Names of RF-DETR's segmentation networks, by how their files are called: rf-detr-seg-nano.
+_RFDETR_NAME = re.compile(r"rf-?detr-?seg-?(nano|small|medium|xxlarge|xlarge|2xlarge|large)")
+_RFDETR_CLASSES = {"xlarge": "XLarge", "xxlarge": "2XLarge", "2xlarge": "2XLarge"}
 
 _MOST_CLASSES = 100_000
 _MOST_FIELDS = 1_000_000  # of one message
@@ -161,26 +164,35 @@ def refuse_other_formats(path: Path) -> None:
         raise WeightsError(f"detector '{str(path)[:200]}' cannot be read: {why}") from error
     if suffix in _FORMATS:
         raise WeightsError(
-            f"'{path}' is {_FORMATS[suffix]}, and a detector is read as ONNX; export it once, with "
-            f"Ultralytics: {_export_command(path)}" + _with_rfdetr(path)
+            f"'{path}' is {_FORMATS[suffix]}, and a detector is read as ONNX; export it once, "
+            f"{_export_commands(path)}"
         )
     if path.is_dir():
         raise WeightsError(f"detector '{path}' is a folder; give a .onnx file")
     if not path.is_file():
         raise WeightsError(
-            f"detector '{path}' does not exist; give a .onnx file, which Ultralytics makes of its "
-            f"networks: {_export_command(path)}"
+            f"detector '{path}' does not exist; give a .onnx file, which is exported once, "
+            f"{_export_commands(path)}"
         )
 
 
-def _export_command(path: Path) -> str:
-    """What is typed to make an ONNX file of a network that Ultralytics knows."""
-    return f"yolo export model={path.with_suffix('.pt').name} format=onnx"
-
-
-def _with_rfdetr(path: Path) -> str:
-    """RF-DETR ships its weights as .pth."""
-    return f"; RF-DETR: {_RFDETR.format(file=path.name)}" if path.suffix.lower() == ".pth" else ""
+def _export_commands(path: Path) -> str:
+    """What is typed to make an ONNX file of a network, by those who know it."""
+    found = _RFDETR_NAME.search(path.name.lower())
+    size = found[1] if found else "medium"
+    network = f"RFDETRSeg{_RFDETR_CLASSES.get(size, size.capitalize())}"
+    given = f'pretrain_weights="{path.name}"' if path.suffix.lower() in (".pt", ".pth") else ""
+    rfdetr = (
+        "with RF-DETR (Apache-2.0; pip install 'rfdetr[onnx]'), in Python: "
+        f"rfdetr.{network}({given}).export()"
+    )
+    yolo = (
+        "with Ultralytics (AGPL-3.0; pip install ultralytics): yolo export "
+        f"model={path.with_suffix('.pt').name} format=onnx"
+    )
+    if found:
+        return rfdetr
+    return f"{yolo}, or {rfdetr}" if path.suffix.lower() == ".pth" else yolo
 
 
 def image_input(file: OnnxFile, what: str) -> TensorSpec:

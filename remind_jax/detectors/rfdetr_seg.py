@@ -15,6 +15,10 @@ Assumed, from the package's own export and post-processing code (releases 1.3 to
   for nothing. Without names, 91 columns are taken for the COCO category numbers of the pretrained
   models (the last one is a real class there), and otherwise the last column is the "no object" of
   fine-tuned models and counts for nothing. `class_names` in the options settles it.
+
+Of an export of `RFDETRSegNano` by release 1.11.2 with random numbers, on one picture of 640x480,
+the 68 instances that both count under the same class have the package's score within 1e-6 and its
+mask with an IoU of at least 0.99998.
 """
 
 from __future__ import annotations

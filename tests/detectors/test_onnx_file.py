@@ -133,6 +133,23 @@ def test_weights_of_rf_detr_are_exported_otherwise():
         as_detector(Path("mine.pth"))
 
 
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("rfdetr-seg-nano", "rfdetr.RFDETRSegNano().export()"),
+        ("rfdetr-seg-2xlarge.onnx", "rfdetr.RFDETRSeg2XLarge().export()"),
+        ("rf-detr-seg-xxlarge.pt", 'RFDETRSeg2XLarge(pretrain_weights="rf-detr-seg-xxlarge.pt")'),
+        ("RF-DETR-Seg-XLarge.onnx", "rfdetr.RFDETRSegXLarge().export()"),
+    ],
+)
+def test_a_network_of_rf_detr_is_told_how_it_is_exported(tmp_path, name, call):
+    with pytest.raises(WeightsError) as caught:
+        as_detector(tmp_path / name)
+    assert call in str(caught.value)
+    assert "Apache-2.0" in str(caught.value)
+    assert "yolo" not in str(caught.value)
+
+
 def test_what_is_not_there_is_refused_with_how_to_make_it(tmp_path):
     with pytest.raises(WeightsError, match=r"does not exist; .* model=yolo11n-seg.pt format=onnx"):
         as_detector(tmp_path / "yolo11n-seg.onnx")
