@@ -23,18 +23,25 @@ from remind_jax.numerics.control_flow import branch, repeat
 from remind_jax.solvers.assignment_in_graph import double_precision
 
 _ROWS = 64  # of a block; the last one of a set is filled up with rows that do not count
-_BLOCKS_AT_ONCE = 16
+# Blocks that are read at once: a multiple of the fewest.
+_FEWEST_BLOCKS, _MOST_BLOCKS = 16, 64
 # Words kept in reserve for rejected draws; one is rejected with a probability of P / 2^32.
 _SPARE_WORDS = 4
 
 
 class _Members(NamedTuple):
-    """The members of all sets, in blocks; the blocks of a set follow each other."""
+    """The members of all sets, in blocks; the blocks of a set follow each other.
+
+    Masks rarely overlap, so that few of the blocks that there could be are in use. What has one
+    entry per row is therefore looked up for the blocks that are read, never for all of them.
+    """
 
     points: Float[Array, "P D"]
-    point: Int[Array, "L B"]  # in each row, by rising order within a set
-    valid: Bool[Array, "L B"]
+    norms: Float[Array, "P"]  # squared
+    listed: Int[Array, "N P"]  # members by rising order, P behind them
     owner: Int[Array, "L"]  # set of each block, N: not in use
+    first: Int[Array, "L"]  # place in `listed` of the first row of each block
+    rows: Int[Array, "L"]  # of each block that count, the first ones
     start: Int[Array, "N"]  # first block of each set
     num_blocks: Int[Array, ""]  # in use
     exists: Bool[Array, "N K"]  # clusters that the set has
@@ -45,8 +52,11 @@ class _Found(NamedTuple):
     """What one look at all members against the centers finds."""
 
     turn: Int[Array, ""]  # of the loop over blocks
-    nearest: Int[Array, "L B"]  # center
-    reached: Float[Array, "L B"]  # squared distance to it
+    labels: Int[Array, "L B"]  # nearest center; NO_SLOT while centers are placed
+    moved: Bool[Array, "N"]  # whether some member had another label before
+    farthest: Int[Array, "N"]  # the first point that is farthest from all centers
+    apart: Float[Array, "N"]  # its squared distance to the nearest one
+    inertia: Float[Array, "N"]  # summed squared distances
     number: Float[Array, "N K"]  # of members nearest to each center
     sums: Float[Array, "N K D"]
 
@@ -57,7 +67,7 @@ class _Restart(NamedTuple):
     turn: Int[Array, ""]
     centers: Float[Array, "N K D"]
     labels: Int[Array, "L B"]
-    reached: Float[Array, "L B"]
+    inertia: Float[Array, "N"]
     settled: Bool[Array, "N"]
     used: Int[Array, "N"]  # draws
 
@@ -97,13 +107,10 @@ def cluster_in_graph(
 
     def run(used, _):
         end = _run_restart(held, used, iterations)
-        return end.used, (end.labels, end.centers, end.reached)
+        return end.used, (end.labels, end.centers, end.inertia)
 
-    _, (labels, centers, reached) = lax.scan(run, jnp.zeros_like(count), length=restarts)
-    with double_precision():
-        of_blocks = jnp.sum(reached.astype(jnp.float64), axis=2)
-        inertia = jnp.sum(jnp.where(_owned(held)[None], of_blocks[:, None], 0.0), axis=2)
-        is_least = jnp.all(inertia[:, None] <= inertia[None], axis=1)
+    _, (labels, centers, inertia) = lax.scan(run, jnp.zeros_like(count), length=restarts)
+    is_least = jnp.all(inertia[:, None] <= inertia[None], axis=1)
     best = jnp.argmax(is_least, axis=0)  # the first among equals
     centers = jnp.take_along_axis(centers, best[None, :, None, None], axis=0)[0]
     row = jnp.cumsum(members, axis=1, dtype=jnp.int32) - 1 + _ROWS * held.start[:, None]
@@ -120,30 +127,32 @@ def _list_blocks(
 ) -> _Members:
     """Cuts the members of all sets into blocks."""
     num, size = members.shape
-    each = -(-size // _ROWS)
+    each, at_once = -(-size // _ROWS), _blocks_at_once(num)
     listed = jnp.sort(jnp.where(members, jnp.arange(size, dtype=jnp.int32)[None], size), axis=1)
     blocks = (count + _ROWS - 1) // _ROWS
-    set_index = jnp.arange(num)
-    upto = set_index[:, None] >= set_index[None]
-    end = jnp.sum(jnp.where(upto, blocks[None], 0), axis=1, dtype=jnp.int32)
-    most = -(-num * each // _BLOCKS_AT_ONCE) * _BLOCKS_AT_ONCE
-    index = jnp.arange(most, dtype=jnp.int32)
-    owner = jnp.sum(end[None] <= index[:, None], axis=1, dtype=jnp.int32)
+    end = _sum_up_to(blocks)
     start = end - blocks
+    index = jnp.arange(-(-num * each // at_once) * at_once, dtype=jnp.int32)
+    owner = jnp.sum(end[None] <= index[:, None], axis=1, dtype=jnp.int32)
     own = jnp.minimum(owner, num - 1)
-    rank = (index - start[own])[:, None] * _ROWS + jnp.arange(_ROWS, dtype=jnp.int32)[None]
-    point = listed[own[:, None], jnp.minimum(rank, size - 1)]
-    valid = (rank < count[own][:, None]) & (owner < num)[:, None]
+    first = (index - start[own]) * _ROWS
     return _Members(
         points=points,
-        point=jnp.minimum(point, size - 1),
-        valid=valid,
+        norms=_square(points),
+        listed=listed,
         owner=owner,
+        first=first,
+        rows=jnp.where(owner < num, count[own] - first, 0),
         start=start,
         num_blocks=end[-1],
         exists=exists,
         drawn=jnp.take_along_axis(listed, numbers, axis=1),
     )
+
+
+def _blocks_at_once(num: int) -> int:
+    """Blocks that are read at once: one of each set if there are not too many."""
+    return min(-(-num // _FEWEST_BLOCKS), _MOST_BLOCKS // _FEWEST_BLOCKS) * _FEWEST_BLOCKS
 
 
 def _run_restart(held: _Members, used: Int[Array, "N"], iterations: int) -> _Restart:
@@ -162,11 +171,9 @@ def _run_restart(held: _Members, used: Int[Array, "N"], iterations: int) -> _Res
         """Places the next center, or moves all of them."""
         placing = state.turn < clusters
         placed = held.exists & (index < state.turn)[None]
-        found = _measure(held, state.centers, placed, ~placing)
-        farthest, apart = _find_farthest(held, found.reached)
-        labels = jnp.where(placing, NO_SLOT, found.nearest)
-        stays = jnp.all((labels == state.labels) & ~placing | ~held.valid, axis=1)
-        settled = state.settled | jnp.all(stays[None] | ~_owned(held), axis=1)
+        found = _measure(held, state, placed, placing)
+        apart = found.apart > 0
+        settled = state.settled | ~(placing | found.moved)
 
         empty = held.exists & (found.number == 0) & ~settled[:, None]
         is_next = held.exists & (index == state.turn)[None]
@@ -174,15 +181,15 @@ def _run_restart(held: _Members, used: Int[Array, "N"], iterations: int) -> _Res
         earlier = index[None] < index[:, None]
         before = jnp.sum(draws[:, None] & earlier[None], axis=2, dtype=jnp.int32)
         drawn = _draw(held, used=state.used[:, None] + before)
-        point = jnp.where(is_next & apart[:, None], farthest[:, None], drawn)
+        point = jnp.where(is_next & apart[:, None], found.farthest[:, None], drawn)
         renewed = jnp.where(placing, is_next, empty)
         stay = placing | settled[:, None]
         centers = jnp.where(stay[..., None], state.centers, _means(found))
         return _Restart(
             turn=state.turn + 1,
             centers=jnp.where(renewed[..., None], held.points[point], centers),
-            labels=labels,
-            reached=found.reached,
+            labels=found.labels,
+            inertia=found.inertia,
             settled=settled,
             used=state.used + jnp.sum(draws, axis=1, dtype=jnp.int32),
         )
@@ -190,8 +197,8 @@ def _run_restart(held: _Members, used: Int[Array, "N"], iterations: int) -> _Res
     start = _Restart(
         turn=jnp.int32(1),
         centers=jnp.broadcast_to(first, (num, clusters, first.shape[-1])),
-        labels=jnp.full(held.point.shape, NO_SLOT, jnp.int32),
-        reached=jnp.zeros(held.point.shape, first.dtype),
+        labels=jnp.full((len(held.owner), _ROWS), NO_SLOT, jnp.int32),
+        inertia=_no_inertia(num),
         settled=~held.exists[:, 0],
         used=used + 1,
     )
@@ -199,57 +206,90 @@ def _run_restart(held: _Members, used: Int[Array, "N"], iterations: int) -> _Res
 
 
 def _measure(
-    held: _Members,
-    centers: Float[Array, "N K D"],
-    placed: Bool[Array, "N K"],
-    sums_up: Bool[Array, ""],
+    held: _Members, state: _Restart, placed: Bool[Array, "N K"], placing: Bool[Array, ""]
 ) -> _Found:
     """Looks at all members, a few blocks at a time."""
     num, clusters = placed.shape
-    norms, squares = _square(held.points), jnp.where(placed, _square(centers), jnp.inf)
-    index, clusters_index = (jnp.arange(size, dtype=jnp.int32) for size in (num, clusters))
+    at_once, last = _blocks_at_once(num), held.points.shape[0] - 1
+    squares = jnp.where(placed, _square(state.centers), jnp.inf)
+    place = jnp.arange(_ROWS, dtype=jnp.int32)[None]
+    cluster = jnp.arange(clusters, dtype=jnp.int32)[None, :, None]
 
     def look(found: _Found) -> _Found:
-        at = found.turn * _BLOCKS_AT_ONCE
-        owner, point, valid = (
-            lax.dynamic_slice_in_dim(leaf, at, _BLOCKS_AT_ONCE)
-            for leaf in (held.owner, held.point, held.valid)
+        at = found.turn * at_once
+        owner, first, counting, labels = (
+            lax.dynamic_slice_in_dim(leaf, at, at_once)
+            for leaf in (held.owner, held.first, held.rows, found.labels)
         )
-        own = jnp.minimum(owner, num - 1)
+        own, mine = jnp.minimum(owner, num - 1), _owned(owner, num)
+        valid = place < counting[:, None]
+        point = held.listed[own[:, None], jnp.minimum(first[:, None] + place, last)]
+        point = jnp.minimum(point, last)
         rows = held.points[point]
-        product = jnp.einsum("sbd,skd->sbk", rows, centers[own], precision="highest")
-        distance = norms[point][..., None] - 2.0 * product + squares[own][:, None]
-        nearest = jnp.argmin(distance, axis=2).astype(jnp.int32)
-        reached = jnp.where(valid, jnp.min(distance, axis=2), 0.0)
+        product = jnp.einsum("skd,sbd->skb", state.centers[own], rows, precision="highest")
+        distance = held.norms[point][:, None] - 2.0 * product + squares[own][..., None]
+        # The reduced axis is not the last one: several rows are compared by one instruction.
+        least = jnp.min(distance, axis=1)
+        nearest = jnp.min(jnp.where(distance <= least[:, None], cluster, clusters - 1), axis=1)
+        reached = jnp.where(valid, least, 0.0)
+
+        top = jnp.max(reached, axis=1)
+        top_point = jnp.min(jnp.where(reached == top[:, None], point, last), axis=1)
+        apart = jnp.max(jnp.where(mine, top[None], 0.0), axis=1)
+        is_top = mine & (top[None] == apart[:, None])
+        farthest = jnp.min(jnp.where(is_top, top_point[None], last), axis=1)
+        farther = apart > found.apart
+
+        relabeled = jnp.where(placing, NO_SLOT, nearest)
+        moves = jnp.any((relabeled != labels) & valid, axis=1)
 
         def add() -> tuple[Array, Array]:
-            inside = (nearest[:, None] == clusters_index[None, :, None]) & valid[:, None]
-            mine = (owner[None] == index[:, None]).astype(rows.dtype)
-            inside = inside.astype(rows.dtype)
+            inside = ((nearest[:, None] == cluster) & valid[:, None]).astype(rows.dtype)
+            share = mine.astype(rows.dtype)
             sums = jnp.einsum("skb,sbd->skd", inside, rows, precision="highest")
             return (
-                found.number + jnp.einsum("ns,sk->nk", mine, jnp.sum(inside, axis=2)),
-                found.sums + jnp.einsum("ns,skd->nkd", mine, sums, precision="highest"),
+                found.number + jnp.einsum("ns,sk->nk", share, jnp.sum(inside, axis=2)),
+                found.sums + jnp.einsum("ns,skd->nkd", share, sums, precision="highest"),
             )
 
-        number, sums = branch(sums_up, add, lambda: (found.number, found.sums))
+        number, sums = branch(~placing, add, lambda: (found.number, found.sums))
         return _Found(
             turn=found.turn + 1,
-            nearest=lax.dynamic_update_slice_in_dim(found.nearest, nearest, at, axis=0),
-            reached=lax.dynamic_update_slice_in_dim(found.reached, reached, at, axis=0),
+            labels=lax.dynamic_update_slice_in_dim(found.labels, relabeled, at, axis=0),
+            moved=found.moved | jnp.any(mine & moves[None], axis=1),
+            farthest=jnp.where(farther, farthest, found.farthest),
+            apart=jnp.where(farther, apart, found.apart),
+            inertia=_add_inertia(found.inertia, reached, mine),
             number=number,
             sums=sums,
         )
 
-    turns = (held.num_blocks + _BLOCKS_AT_ONCE - 1) // _BLOCKS_AT_ONCE
+    turns = (held.num_blocks + at_once - 1) // at_once
     nothing = _Found(
         turn=jnp.int32(0),
-        nearest=jnp.zeros(held.point.shape, jnp.int32),
-        reached=jnp.zeros(held.point.shape, centers.dtype),
-        number=jnp.zeros(placed.shape, centers.dtype),
-        sums=jnp.zeros_like(centers),
+        labels=state.labels,
+        moved=jnp.zeros(num, bool),
+        farthest=jnp.zeros(num, jnp.int32),
+        apart=jnp.zeros(num, state.centers.dtype),
+        inertia=_no_inertia(num),
+        number=jnp.zeros(placed.shape, state.centers.dtype),
+        sums=jnp.zeros_like(state.centers),
     )
     return repeat(lambda found: found.turn < turns, look, nothing)
+
+
+def _no_inertia(num: int) -> Float[Array, "N"]:
+    with double_precision():
+        return jnp.zeros(num, jnp.float64)
+
+
+def _add_inertia(
+    inertia: Float[Array, "N"], reached: Float[Array, "S B"], mine: Bool[Array, "N S"]
+) -> Float[Array, "N"]:
+    """Adds the squared distances in float64, so that the inertias of restarts can be compared."""
+    with double_precision():
+        of_blocks = jnp.sum(reached.astype(jnp.float64), axis=1)
+        return inertia + jnp.sum(jnp.where(mine, of_blocks[None], 0.0), axis=1)
 
 
 def _means(found: _Found) -> Float[Array, "N K D"]:
@@ -259,19 +299,16 @@ def _means(found: _Found) -> Float[Array, "N K D"]:
     return found.sums / lax.optimization_barrier(divisor)
 
 
-def _find_farthest(
-    held: _Members, reached: Float[Array, "L B"]
-) -> tuple[Int[Array, "N"], Bool[Array, "N"]]:
-    """The first member farthest from all centers, and whether it is apart from them."""
-    row = jnp.argmax(reached, axis=1)
-    top = jnp.max(reached, axis=1)
-    block = jnp.argmax(jnp.where(_owned(held), top[None], -jnp.inf), axis=1)
-    return held.point[block, row[block]], top[block] > 0
-
-
-def _owned(held: _Members) -> Bool[Array, "N L"]:
+def _owned(owner: Int[Array, "L"], num: int) -> Bool[Array, "N L"]:
     """Which blocks belong to each set."""
-    return held.owner[None] == jnp.arange(len(held.start), dtype=jnp.int32)[:, None]
+    return owner[None] == jnp.arange(num, dtype=jnp.int32)[:, None]
+
+
+def _sum_up_to(numbers: Int[Array, "N"]) -> Int[Array, "N"]:
+    """The sum of the numbers up to each one."""
+    index = jnp.arange(len(numbers))
+    upto = index[:, None] >= index[None]
+    return jnp.sum(jnp.where(upto, numbers[None], 0), axis=1, dtype=jnp.int32)
 
 
 def _draw(held: _Members, used: Int[Array, "N *K"]) -> Int[Array, "N *K"]:
