@@ -110,7 +110,7 @@ def expand_by_class(
     beam: Beam,
     classes: FrameClasses,
     step: Int[Array, ""],
-    total: Int[Array, ""],
+    scale: FrameScale,
     view: FrameView,
     links: Links,
     static: Static,
@@ -122,7 +122,7 @@ def expand_by_class(
       beam: What earlier classes led to.
       classes: The classes in view.
       step: Which of them to take up.
-      total: Detections of the frame.
+      scale: What the sets are measured against; all but the number of classes.
       view: Memory and detections.
       links: Ties between objects.
       static: Sizes of the search.
@@ -131,7 +131,7 @@ def expand_by_class(
     pool, places = classes.pool[step], classes.detections.shape[1]
     most = min(places, pool.shape[0] - 1)  # no more detections than objects are explained
     menu = write_menu(classes.pool_size[step], classes.num_detections[step], most, static, t)
-    scale = FrameScale(total, step + 1)
+    scale = dataclasses.replace(scale, num_classes=step + 1)
 
     def rate(rows: tuple[MemberSet, Array]) -> tuple[Array, Array, Array]:
         sets, rates = rows

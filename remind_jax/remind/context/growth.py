@@ -19,15 +19,17 @@ from remind_jax.remind.context.member_sets import (
     LinkCounts,
     MemberSet,
     extend_paths,
+    extend_tree,
     line_up,
     link_strengths,
-    weigh_tree,
+    reach_members,
+    tree_edges,
 )
 from remind_jax.remind.context.options import VARIANTS
 from remind_jax.remind.thresholds.context import Sets
 
 _extend = jax.vmap(extend_paths)
-_weigh = jax.vmap(weigh_tree)
+_reach = jax.vmap(reach_members)
 _strengths = jax.vmap(link_strengths, (0, 0, None), out_axes=1)
 
 
@@ -43,10 +45,13 @@ def members_by_choice(
 ) -> Bool[Array, "O W C 2"]:
     """Who is in a set after each choice."""
     places = ranked.shape[1]
-    named = ranked[:, None, :] == jnp.arange(members.shape[1])[:, None]
-    rank = jnp.where(jnp.any(named, axis=2), jnp.argmax(named, axis=2), places)
-    taken = jnp.pad(choice_mask(places), ((0, 0), (0, 0), (0, 1)))
-    return members.T[:, :, None, None] | jnp.moveaxis(taken, 2, 0)[rank.T]
+    place = jnp.arange(places)
+    named = ranked[None] == jnp.arange(members.shape[1])[:, None, None]
+    rank = jnp.min(jnp.where(named, place, places), axis=2)[:, :, None, None]
+    # As `choice_mask`, which would have to be looked up for every object.
+    count, variant = place[:, None], jnp.arange(VARIANTS)
+    taken = (rank < count - 1) | (rank == count - 1 + variant)
+    return members.T[:, :, None, None] | (taken & (count > 0))
 
 
 def grow_trees(
@@ -64,17 +69,18 @@ def grow_trees(
       links: Ties between objects.
     """
     strength = _strengths(ranked, jax.vmap(line_up)(sets, ranked), links)
-    table = jnp.broadcast_to(_weigh(sets.path), (ranked.shape[1], VARIANTS, ranked.shape[0]))
+    edges = jax.vmap(tree_edges)(sets.path)
+    table = jnp.broadcast_to(jnp.sum(edges, axis=1), (ranked.shape[1], VARIANTS, ranked.shape[0]))
 
-    def step(count: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        path, table = carry
-        entry = sets.size + count - 1
-        other = _weigh(_extend(path, strength[count], entry))
-        path = _extend(path, strength[count - 1], entry)
-        weight = jnp.stack([_weigh(path), other])
-        return path, jax.lax.dynamic_update_index_in_dim(table, weight, count, 0)
+    def step(count: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        path, edges, table = carry
+        both = jax.lax.dynamic_slice_in_dim(strength, count - 1, VARIANTS)
+        reach = jax.vmap(_reach, (None, 0))(path, both)
+        grown = extend_tree(edges[None], reach)
+        table = jax.lax.dynamic_update_index_in_dim(table, jnp.sum(grown, axis=2), count, 0)
+        return _extend(path, reach[0], sets.size + count - 1), grown[0], table
 
-    _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, table))
+    _, _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, edges, table))
     return jnp.moveaxis(table, 2, 0)
 
 
@@ -127,12 +133,11 @@ def join_chosen(
         slot = jax.vmap(line_up)(start, chosen)
         strength = _strengths(chosen, slot, links)
         entry = jnp.where(chosen != NO_SLOT, start.size[:, None] + jnp.arange(chosen.shape[1]), -1)
-        path = jax.lax.fori_loop(
-            0,
-            largest,
-            lambda place, path: _extend(path, strength[place], entry[:, place]),
-            start.path,
-        )
+
+        def enter(place: Array, path: Array) -> Array:
+            return _extend(path, _reach(path, strength[place]), entry[:, place])
+
+        path = jax.lax.fori_loop(0, largest, enter, start.path)
         named = chosen[:, :, None] == jnp.arange(start.members.shape[1])
         size = start.size + jnp.sum(chosen != NO_SLOT, axis=1, dtype=jnp.int32)
         return MemberSet(start.members | jnp.any(named, axis=1), slot, size, path)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
 from remind_jax.remind.context.evidence import FrameView, join_links
 from remind_jax.remind.context.frame_classes import group_by_class
-from remind_jax.remind.context.set_score import rate_coverage
+from remind_jax.remind.context.set_score import FrameScale, rate_sizes
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
 
@@ -66,24 +66,26 @@ def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
     classes = group_by_class(view, static, t)
     links = join_links(view, jnp.sum(classes.pool_size), static, t)
     total = jnp.sum(view.det_valid, dtype=jnp.int32)
+    num, slots = view.det_valid.shape[0], view.exists.shape[0]
+    scale = FrameScale(total, jnp.int32(0), rate_sizes(min(num, slots), total, t))
 
     def expand(step: Array, beam: Beam) -> Beam:
-        return expand_by_class(beam, classes, step, total, view, links, static, t)
+        return expand_by_class(beam, classes, step, scale, view, links, static, t)
 
-    num, slots = view.det_valid.shape[0], view.exists.shape[0]
     beam = jax.lax.fori_loop(0, classes.num, expand, empty_beam(num, slots, static))
-    return _best_of_beam(beam, total, classes.num > 0, static, t)
+    return _best_of_beam(beam, scale, classes.num > 0, static, t)
 
 
 def _best_of_beam(
-    beam: Beam, total: Int[Array, ""], searched: Bool[Array, ""], static: Static, t: Sets
+    beam: Beam, scale: FrameScale, searched: Bool[Array, ""], static: Static, t: Sets
 ) -> Hypotheses:
     """The best complete sets; no two rows agree in members and detections.
 
     Rule: method.md#kept-hypotheses.
     """
     score, size = beam.rating.score[beam.set_of], beam.sets.size[beam.set_of]
-    valid = beam.valid & searched & (score >= t.min_set_score) & ((total <= 1) | (size >= 2))
+    valid = beam.valid & searched & (score >= t.min_set_score)
+    valid = valid & ((scale.num_detections <= 1) | (size >= 2))
     count = min(static.num_hypotheses, static.beam_width)
     best, row = jax.lax.top_k(jnp.where(valid, score, -jnp.inf), count)
     kept = best >= 0.0
@@ -93,7 +95,7 @@ def _best_of_beam(
         score=jnp.where(kept, best, 0.0),
         members=beam.sets.members[which] & kept[:, None],
         detections=beam.detections[row] & kept[:, None],
-        coverage=pick(rate_coverage(beam.sets.size, total, t)),
+        coverage=pick(scale.by_size[0, beam.sets.size]),
         density=pick(beam.rating.density),
         size=pick(beam.sets.size),
         maturity=pick(beam.rating.maturity),

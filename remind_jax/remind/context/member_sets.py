@@ -1,10 +1,11 @@
 """Sets of objects that grow one member at a time (paper III-D; method.md#member-sets).
 
-The density of a set is the mean link of its maximum spanning tree. Instead of a tree, a set carries
-the strength of the best path between any two members, where a path is as strong as its weakest
-link. A new member updates all paths at once, and the tree weighs as much as the sum of the best
-path from each member to an earlier one. Functions on a `MemberSet` are written for one set; callers
-`vmap`. Letters: `M` most members of a set, `J` newcomers, `O` object slots, `B` sets.
+The density of a set is the mean link of its maximum spanning tree. Instead of a tree, a set
+carries the strength of the best path between any two members, where a path is as strong as its
+weakest link. A new member updates all paths at once, and the tree weighs as much as the sum of the
+best path from each member to an earlier one, in whatever order the members are counted. Functions
+on a `MemberSet` are written for one set; callers `vmap`. Letters: `M` most members of a set, `J`
+newcomers, `O` object slots, `B` sets.
 """
 
 from __future__ import annotations
@@ -89,27 +90,49 @@ def link_strengths(
     return jnp.where((newcomers != NO_SLOT)[:, None], strength, _NO_PATH)
 
 
+def reach_members(path: Float[Array, "M M"], link: Float[Array, "M"]) -> Float[Array, "M"]:
+    """Strength of the best path from a newcomer to each member.
+
+    Args:
+      path: Paths between the members.
+      link: Link of the newcomer to each of them; what it says of others does not count.
+    """
+    # The matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
+    return jnp.max(jnp.minimum(link[:, None], path), axis=0)
+
+
 def extend_paths(
-    path: Float[Array, "M M"], link: Float[Array, "M"], entry: Int[Array, ""]
+    path: Float[Array, "M M"], reach: Float[Array, "M"], entry: Int[Array, ""]
 ) -> Float[Array, "M M"]:
     """Paths once a newcomer has entered.
 
     Args:
       path: Paths between the members.
-      link: Link of the newcomer to each of them; what it says of others does not count.
+      reach: Best path from the newcomer to each of them, as `reach_members` gives it.
       entry: Position that the newcomer takes, or NO_SLOT.
     """
-    # The matrix is symmetric: the reduced axis comes first, so that the last one stays whole.
-    reach = jnp.max(jnp.minimum(link[:, None], path), axis=0)
-    reach = jnp.where(jnp.arange(link.shape[0]) == entry, _OWN, reach)
+    reach = jnp.where(jnp.arange(reach.shape[0]) == entry, _OWN, reach)
     return jnp.maximum(path, jnp.minimum(reach[:, None], reach))
 
 
-def weigh_tree(path: Float[Array, "M M"]) -> Float[Array, ""]:
-    """Summed links of the maximum spanning tree."""
+def tree_edges(path: Float[Array, "M M"]) -> Float[Array, "M"]:
+    """Best path from each member to an earlier one: the links of the maximum spanning tree."""
     position = jnp.arange(path.shape[0])
     earlier = position[:, None] < position
-    return jnp.sum(jnp.max(jnp.where(earlier, path, 0.0), axis=0))
+    return jnp.max(jnp.where(earlier, path, 0.0), axis=0)
+
+
+def extend_tree(edges: Float[Array, "*#B M"], reach: Float[Array, "*#B M"]) -> Float[Array, "*B M"]:
+    """Links of the tree once a newcomer has entered.
+
+    The newcomer counts as the first of all, so that it adds nothing of its own, and for the others
+    as one more that is earlier.
+
+    Args:
+      edges: Those of the members, as `tree_edges` or this function gives them.
+      reach: Best path from the newcomer to each of them, as `reach_members` gives it.
+    """
+    return jnp.maximum(edges, reach)
 
 
 def rate_cohesion(

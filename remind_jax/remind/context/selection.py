@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.ranks import count_before
+from remind_jax.numerics.ranks import count_before, rank_rising
 from remind_jax.remind.context.options import VARIANTS
 
 
@@ -32,7 +32,9 @@ def rank_choices(
 ) -> Int[Array, "S choices"]:
     """The choices of every set by falling support of their objects; those that exist first."""
     support = jnp.where(allowed, support[:, :, None, :], -jnp.inf)
-    return jnp.argsort(-support.reshape(support.shape[0], -1), axis=1, stable=True)
+    rank = rank_rising([-support.reshape(support.shape[0], -1)])
+    choice = jnp.arange(rank.shape[1], dtype=jnp.int32)
+    return jnp.sum(jnp.where(rank[:, None] == choice[:, None], choice, 0), axis=2, dtype=jnp.int32)
 
 
 def select_children(
@@ -105,6 +107,6 @@ def number_sets(
     same = (key[:, None] == key[None]) & child.valid[:, None] & child.valid[None]
     first = jnp.argmax(same, axis=1)
     leads = child.valid & (first == index)
-    number = jnp.cumsum(leads, dtype=jnp.int32) - 1
-    origin = jnp.argsort(~leads, stable=True)
-    return jnp.where(child.valid, number[first], 0), origin, jnp.sum(leads, dtype=jnp.int32)
+    number, num_sets = count_before(leads), jnp.sum(leads, dtype=jnp.int32)
+    origin = jnp.sum(jnp.where(leads & (number == index[:, None]), index, 0), axis=1)
+    return jnp.where(child.valid, number[first], 0), origin, num_sets

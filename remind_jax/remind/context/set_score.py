@@ -37,6 +37,7 @@ class FrameScale:
 
     num_detections: Int[Array, ""]  # all, those of unknown classes included
     num_classes: Int[Array, ""]  # classes that choices have been made for, at least 1
+    by_size: Float[Array, "4 S"]  # terms of sets of 0, 1, 2, ... members, of `rate_sizes`
 
 
 def empty_tally(scalar: jnp.dtype) -> Tally:
@@ -73,6 +74,26 @@ def tally_choices(tally: Tally, options: Options, menu: Menu) -> Tally:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, support.shape), grown)
 
 
+def rate_sizes(most: int, num_detections: Int[Array, ""], t: Sets) -> Float[Array, "4 S"]:
+    """What depends on the size of a set alone, for sets of 0 to `most` members.
+
+    Rows: coverage, the term of the size, and the factors of the weights of information and of
+    exclusivity. There are far fewer sizes than sets, and powers take long.
+    """
+    size = jnp.arange(most + 1, dtype=jnp.int32)
+    count = size.astype(t.size_scale.dtype)
+    once = jnp.maximum(count, 1.0)
+    excess = jnp.maximum(count - t.size_free.astype(count.dtype), 0.0)
+    return jnp.stack(
+        [
+            rate_coverage(size, num_detections, t),
+            1.0 - jnp.exp(divide(-excess, t.size_scale)),
+            _decline(once, "info", t),
+            _decline(once, "exclusivity", t),
+        ]
+    )
+
+
 def score_sets(
     size: Int[Array, "..."],
     cohesion: Cohesion,
@@ -91,24 +112,20 @@ def score_sets(
       scale: What the frame shows.
       t: Thresholds.
     """
-    count = size.astype(tally.info.dtype)
-    once = jnp.maximum(count, 1.0)
-    classes = jnp.maximum(scale.num_classes, 1).astype(count.dtype)
-    excess = jnp.maximum(count - t.size_free.astype(count.dtype), 0.0)
+    once = jnp.maximum(size.astype(tally.info.dtype), 1.0)
+    classes = jnp.maximum(scale.num_classes, 1).astype(once.dtype)
+    known = jnp.minimum(size, scale.by_size.shape[1] - 1)  # larger sets do not come about
+    coverage, size_term, of_info, of_exclusivity = scale.by_size[:, known]
     rated = tally.exclusive & t.exclusivity & (size >= t.exclusivity_min_size)
     rated = rated & (trust.maturity >= t.exclusivity_min_maturity)
     terms = (  # summed in this order, as in the original
-        (t.coverage_weight, rate_coverage(size, scale.num_detections, t), True),
-        (t.size_weight, 1.0 - jnp.exp(divide(-excess, t.size_scale)), True),
-        (t.info_weight * _decline(once, "info", t), tally.info, True),
+        (t.coverage_weight, coverage, True),
+        (t.size_weight, size_term, True),
+        (t.info_weight * of_info, tally.info, True),
         (t.density_weight, cohesion.density, size >= 2),
         (t.support_weight, tally.support_sum / jnp.maximum(tally.support_weight, 1.0), True),
         (t.stability_weight, divide(tally.stability_sum, classes), True),
-        (
-            t.exclusivity_weight * _decline(once, "exclusivity", t),
-            tally.exclusivity_sum / once,
-            rated,
-        ),
+        (t.exclusivity_weight * of_exclusivity, tally.exclusivity_sum / once, rated),
     )
     total, weights = jnp.zeros_like(tally.info), jnp.zeros_like(tally.info)
     for weight, value, present in terms:

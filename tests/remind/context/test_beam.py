@@ -9,6 +9,7 @@ import pytest
 from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
 from remind_jax.remind.context.evidence import join_links
 from remind_jax.remind.context.frame_classes import group_by_class
+from remind_jax.remind.context.set_score import FrameScale, rate_sizes
 from remind_jax.static import Static
 
 from .scenes import Scene, example, read_view, thresholds
@@ -23,7 +24,9 @@ def _prepare(scene, t, static):
     view = read_view(scene, t, static)
     classes = group_by_class(view, static, t.sets)
     links = join_links(view, np.int32(1), static, t.sets)
-    return classes, np.sum(view.det_valid, dtype=np.int32), view, links
+    total = np.sum(view.det_valid, dtype=np.int32)
+    scale = FrameScale(total, np.int32(0), rate_sizes(NUM, total, t.sets))
+    return classes, scale, view, links
 
 
 _expand = jax.jit(expand_by_class, static_argnames="static")
@@ -42,11 +45,11 @@ def small_example(**changed) -> Scene:
 def walk(scene: Scene) -> list[Beam]:
     """The beam after every class."""
     t = thresholds()
-    classes, total, view, links = _prepare(scene, t, static=STATIC)
+    classes, scale, view, links = _prepare(scene, t, static=STATIC)
     beams = [empty_beam(NUM, SLOTS, STATIC)]
     for step in range(int(classes.num)):
         beams.append(
-            _expand(beams[-1], classes, np.int32(step), total, view, links, static=STATIC, t=t.sets)
+            _expand(beams[-1], classes, np.int32(step), scale, view, links, static=STATIC, t=t.sets)
         )
     return jax.device_get(beams[1:])
 

@@ -18,11 +18,13 @@ from remind_jax.remind.context.member_sets import (
     LinkCounts,
     empty_set,
     extend_paths,
+    extend_tree,
     line_up,
     link_strengths,
     rate_cohesion,
     rate_trust,
-    weigh_tree,
+    reach_members,
+    tree_edges,
 )
 
 from .scenes import thresholds
@@ -49,10 +51,12 @@ def _weigh_in_order(strength, order):
     links = Links(maturity=strength[0], strength=strength, present=blank)
     start = empty_set(OBJECTS, OBJECTS, strength.dtype)
     slot = line_up(start, order)
-    path = start.path
+    path, edges = start.path, tree_edges(start.path)
     for entry, link in enumerate(link_strengths(order, slot, links)):
-        path = extend_paths(path, link, jnp.where(order[entry] == NO_SLOT, NO_SLOT, entry))
-    return slot, weigh_tree(path)
+        reach = reach_members(path, link)
+        edges = extend_tree(edges, reach)
+        path = extend_paths(path, reach, jnp.where(order[entry] == NO_SLOT, NO_SLOT, entry))
+    return slot, jnp.stack([jnp.sum(tree_edges(path)), jnp.sum(edges)])
 
 
 @quick

@@ -15,6 +15,7 @@ from remind_jax.remind.context.set_score import (
     Tally,
     empty_tally,
     rate_coverage,
+    rate_sizes,
     score_sets,
     tally_choices,
 )
@@ -26,6 +27,13 @@ pytestmark = pytest.mark.usefixtures("x64")
 ROUNDING = 1e-12  # float64, some tens of operations on numbers below 10
 assert_close = functools.partial(np.testing.assert_allclose, rtol=0, atol=ROUNDING)
 _coverage, _score = jax.jit(rate_coverage), jax.jit(score_sets)
+_rate_sizes = jax.jit(rate_sizes, static_argnums=0)
+LARGEST = 8  # set
+
+
+def scale_frame(num_detections: int, num_classes: int, t: Sets) -> FrameScale:
+    number = np.int32(num_detections)
+    return FrameScale(number, np.int32(num_classes), _rate_sizes(LARGEST, number, t))
 
 
 def clip(value: float) -> float:
@@ -88,14 +96,15 @@ def score_plainly(size, cohesion, trust, tally, scale, t: Sets) -> float:
 )  # fmt: skip
 def test_scores_are_weighted_means(changed):
     generator, num = np.random.default_rng(0), 200
-    size = generator.integers(0, 9, num).astype(np.int32)
+    size = generator.integers(0, LARGEST + 1, num).astype(np.int32)
     share = lambda: generator.random(num)  # noqa: E731
     cohesion = Cohesion(density=share(), connection=generator.choice([0.0, 0.5, 1.0], num))
     trust = Trust(generator.choice([0.1, 0.35, 0.9], num), share())
     weight = generator.integers(1, 6, num).astype(float)
     tally = Tally(share(), share() * weight, weight, 2 * share(), share() * size, share() < 0.5)
-    scale = FrameScale(np.int32(7), np.int32(2))
-    found = _score(size, cohesion, trust, tally, scale, thresholds(sets=changed).sets)
+    t = thresholds(sets=changed).sets
+    scale = scale_frame(7, 2, t)
+    found = _score(size, cohesion, trust, tally, scale, t)
     rules = dataclasses.replace(Sets(), **changed)
     for row in range(num):
         pick = functools.partial(jax.tree.map, lambda leaf, row=row: leaf[row].item())
@@ -128,8 +137,8 @@ def test_score_of_the_page():
     )
     cohesion = Cohesion(np.float64(6.5 / 8.5), np.float64(1))
     trust = Trust(np.float64(maturity), np.float64(maturity**0.85))
-    scale = FrameScale(np.int32(3), np.int32(3))
-    score = _score(np.int32(3), cohesion, trust, tally, scale, thresholds().sets)
+    t = thresholds().sets
+    score = _score(np.int32(3), cohesion, trust, tally, scale_frame(3, 3, t), t)
     np.testing.assert_allclose(score, 0.632158, atol=1e-6)
     assert _coverage(np.int32(3), np.int32(3), thresholds().sets) == 1
 
