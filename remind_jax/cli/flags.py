@@ -128,7 +128,7 @@ class LiveFlags(LiveOptions):
     # folder or lossless video (out.mkv) that gets the frames as seen, to repeat the run
     record: Path | None = None
     # show the run in a browser while it goes on; only to this machine unless HOST:PORT says
-    # otherwise
+    # otherwise; stands after SOURCE
     live: Annotated[PageAddress | None, arg(metavar="[HOST:PORT]")] = None
     no_browser: bool = False  # open no browser, only say where the page is
 

@@ -30,6 +30,7 @@ from remind_jax.errors import RemindError
 from remind_jax.printing.terminal import print_lines, printable
 
 if TYPE_CHECKING:
+    from remind_jax.config import Config
     from remind_jax.outputs.result import Result
     from remind_jax.sources import Source
 
@@ -118,8 +119,26 @@ class Run:
         stop = getattr(source, "stop", None)  # a live source may wait for long
         if stop is not None:
             display.on_stop = stop
+        try:
+            result = self._track(display, out, source, config)
+        except KeyboardInterrupt:
+            if display.signal is None:
+                raise
+            process.complain("stopped")  # before the first frame
+            return process.stopped_by(display.signal)
+        if not display.num_done and not self.quiet:
+            print_lines([f"the run in {out} is finished already; nothing was done"])
+        if self.json:
+            print(json.dumps(summary_facts(result, out), indent=1))
+        elif not self.quiet:
+            print_summary(result, out, source.notes)
+        was_stopped = stop is not None and display.signal is not None
+        is_fine = result.complete and not was_stopped
+        return process.FINE if is_fine else process.stopped_by(display.signal)
+
+    def _track(self, display: RunDisplay, out: Path, source: Source, config: Config) -> Result:
         page = self.live_source.live
-        result = track(
+        return track(
             display,
             out,
             source=source,
@@ -142,15 +161,6 @@ class Run:
             live=False if page is None else page.where,
             on_live=self._tell_page,
         )
-        if not display.num_done and not self.quiet:
-            print_lines([f"the run in {out} is finished already; nothing was done"])
-        if self.json:
-            print(json.dumps(summary_facts(result, out), indent=1))
-        elif not self.quiet:
-            print_summary(result, out, source.notes)
-        was_stopped = stop is not None and display.signal is not None
-        is_fine = result.complete and not was_stopped
-        return process.FINE if is_fine else process.stopped_by(display.signal)
 
     def _tell_page(self, address: str) -> None:
         """Says where the live page is, and opens it where there is a display."""

@@ -14,7 +14,13 @@ from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
 from remind_jax.detectors import DetectorOptions, as_detector
-from remind_jax.errors import ConfigError, OptionError, OutputError, nearest_names
+from remind_jax.errors import (
+    ConfigError,
+    OptionError,
+    OutputError,
+    SourceError,
+    nearest_names,
+)
 from remind_jax.files import as_path
 from remind_jax.live_page.server import LivePage, parse_where
 from remind_jax.live_page.view import LiveView
@@ -158,6 +164,8 @@ def run(
             f"folder, and go on from what is remembered with memory='{out}/{MEMORY_NAME}' (or "
             f"'{out}/{CHECKPOINT_NAME}/{MEMORY_NAME}' after a crash)"
         )
+    if isinstance(frames, LiveSource) and detector is None and not frames.brings_masks:
+        raise SourceError(f"'{frames.name}' brings no masks; give a detector")
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = max(0, 2 * after - delay) if after > 1 else 0

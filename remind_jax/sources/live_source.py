@@ -202,6 +202,11 @@ class LiveSource(SampledSource):
         self._live = reader
         self._opened_at = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
 
+    @property
+    def brings_masks(self) -> bool:
+        """Whether its frames come with detections."""
+        return self._masks is not None
+
     def get_ready_by(self, before_first: Callable[[Content], None]) -> None:
         """Sets what is shown a picture before the first one counts, as to compile for its size."""
         self._live.before_first = before_first

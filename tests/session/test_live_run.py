@@ -1,0 +1,227 @@
+"""Runs of live sources: how old what is shown is, connections lost, records, and what ends them."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import remind_jax as rj
+from remind_jax.errors import OutputError, SourceError
+from remind_jax.outputs.result import Result
+from remind_jax.session.progress import Progress
+from tests.cli import scenes
+from tests.sources import cameras
+from tests.sources.cameras import Camera
+
+STATIC = {name.partition(".")[2]: value for name, value in (s.split("=") for s in scenes.STATIC)}
+CONFIG = {"static": {name: int(value) for name, value in STATIC.items()}}
+OPTIONS = {"config": CONFIG, "announce_after": 1, "overlay": False, "progress": False}
+
+
+def run(camera: Camera, **options) -> Result:
+    return rj.run(camera.url, **{"detector": cameras.detect, **OPTIONS, **options})
+
+
+def own_ms(result: Result) -> np.ndarray:
+    """What the tracker spent on each frame, without waiting for it."""
+    stages = [times for name, times in result.timings_ms.items() if name not in ("age", "wait")]
+    return np.sum(stages, axis=0)
+
+
+def is_same(one: Result, other: Result) -> bool:
+    return len(one) == len(other) and all(
+        np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True)
+        for a, b in zip(one.tracks, other.tracks, strict=True)
+        for name in ("object_id", "outcome", "score", "confidence", "candidate_id", "boxes")
+    )
+
+
+def test_a_tracker_slower_than_the_stream_skips_and_never_lags():
+    def slow(image):
+        time.sleep(0.15)
+        return cameras.detect(image)
+
+    behind = []
+    with Camera(fps=30) as camera:
+
+        def follow(progress: Progress) -> None:
+            behind.append(camera.num_sent)
+
+        result = run(camera, detector=slow, sampling={"max_frames": 15}, progress=follow)
+    ages_ms = np.array(result.timings_ms["age"])
+    # A frame waits for the tracker at most until the next one comes.
+    assert np.median(ages_ms / own_ms(result)) <= 1.5
+    assert np.percentile(ages_ms / own_ms(result), 90) <= 2
+    numbers = [tracks.source_index for tracks in result.tracks]
+    gaps = np.diff(numbers) - 1
+    assert gaps.min() >= 1
+    assert result.summary()["skipped_frames"] == gaps.sum()
+    assert result.skipped[0].reason == "a newer one was there when the tracker was ready"
+    assert np.diff(behind).min() >= 2  # the camera went on meanwhile
+
+
+def test_identities_outlive_a_camera_that_drops_out(tmp_path):
+    seen = []
+    with Camera(fps=20) as camera:
+
+        def follow(progress: Progress) -> None:
+            seen.append(progress.num_done)
+            if len(seen) == 5:
+                camera.switch_off()
+                threading.Timer(0.6, camera.switch_on).start()
+
+        result = run(
+            camera,
+            sampling={"max_frames": 12},
+            reconnect=60,
+            progress=follow,
+            out=tmp_path / "out",
+        )
+    assert result.complete
+    assert {tuple(tracks.object_id) for tracks in result.tracks} == {(0, 1, 2)}
+    (event,) = [event for event in Result.load(tmp_path / "out").events if event.kind == "source"]
+    assert "was lost for" in event.message
+    assert event.message.endswith("and came back")
+    assert 0 < event.frame_index <= 6
+
+
+def test_a_camera_that_stays_away_leaves_a_whole_folder(tmp_path):
+    with Camera(fps=20) as camera:
+
+        def follow(progress: Progress) -> None:
+            if progress.num_done == 4:
+                camera.switch_off()
+
+        with pytest.raises(SourceError, match=r"did not come back within 0\.5 s"):
+            run(camera, reconnect=0.5, progress=follow, out=tmp_path / "out")
+    result = Result.load(tmp_path / "out")
+    assert not result.complete
+    assert len(result) >= 4
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert (tmp_path / "out" / "memory.safetensors").is_file()
+
+
+@pytest.mark.parametrize("name", ["seen", "seen.mkv"])
+def test_a_recorded_run_is_repeated_with_equal_identities(name, tmp_path):
+    with Camera(fps=30) as camera:
+        result = run(camera, sampling={"max_frames": 8}, record=tmp_path / name)
+    again = rj.run(tmp_path / name, detector=cameras.detect, **OPTIONS)
+    rows = "seen.jsonl" if name.endswith("mkv") else "seen/detections.jsonl"
+    by_masks = rj.run(tmp_path / name, masks=tmp_path / rows, **OPTIONS)
+    assert is_same(result, again)
+    assert is_same(result, by_masks)
+
+
+def test_ctrl_c_ends_a_live_run_well(tmp_path):
+    with Camera(fps=30) as camera:
+
+        def follow(progress: Progress) -> None:
+            if progress.num_done == 3:
+                raise KeyboardInterrupt
+
+        result = run(camera, progress=follow, out=tmp_path / "out")
+    assert result.complete
+    assert len(result) == 3
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"run.json", "detections.jsonl", "report.html", "memory.safetensors"} <= written
+    assert "checkpoint" not in written
+    assert result.skipped == Result.load(tmp_path / "out").skipped
+
+
+def test_a_live_run_is_not_gone_on_with(tmp_path):
+    with Camera() as camera, pytest.raises(OutputError, match="is live and cannot be gone back in"):
+        run(camera, out=tmp_path / "out", resume=True)
+
+
+def test_a_growing_folder_is_tracked_with_the_masks_that_come_along(tmp_path):
+    images, masks = scenes.write_scene(tmp_path / "robot", 2)
+    later = scenes.write_scene(tmp_path / "later", 6)
+
+    def add() -> None:
+        for number in range(2, 6):
+            time.sleep(0.1)
+            for new, folder in zip(later, (images, masks), strict=True):
+                name = f"{number:04d}.png"
+                (new / name).rename(folder / name)
+
+    threading.Timer(0.5, add).start()
+    result = rj.run(
+        images, masks=masks, follow=True, every_frame=True, reconnect=3, out=tmp_path / "out",
+        **OPTIONS,
+    )  # fmt: skip
+    assert [tracks.name for tracks in result.tracks] == [f"{n:04d}.png" for n in range(6)]
+    assert {tuple(tracks.object_id) for tracks in result.tracks} == {(0, 1, 2)}
+
+
+def test_no_password_is_stored_or_told(tmp_path, capfd):
+    with Camera(fps=30, password="pa55word") as camera:
+        result = rj.run(
+            camera.url.replace("//", "//user:pa55word@") + "?token=pa55word",
+            detector=cameras.detect,
+            out=tmp_path / "out",
+            record=tmp_path / "seen",
+            live="127.0.0.1:0",
+            **{**OPTIONS, "sampling": {"max_frames": 3}, "overlay": True},
+        )
+    assert "pa55word" not in f"{result} {result.info} {result.summary()} {capfd.readouterr()}"
+    for path in tmp_path.rglob("*"):
+        assert path.is_dir() or b"pa55word" not in path.read_bytes(), path
+    assert result.info.source is not None
+    assert result.info.source["address"].startswith("http://***@127.0.0.1:")
+
+
+def test_the_page_shows_the_run_while_it_goes_on():
+    states = []
+    with Camera(fps=30) as camera:
+        address = []
+
+        def follow(progress: Progress) -> None:
+            if progress.num_done in (2, 4):
+                with urllib.request.urlopen(f"{address[0]}state.json", timeout=20) as answer:
+                    states.append(json.load(answer))
+
+        run(
+            camera,
+            sampling={"max_frames": 4},
+            live="127.0.0.1:0",
+            on_live=address.append,
+            progress=follow,
+        )
+    assert [state["frames"] for state in states] == [2, 4]
+    assert states[0]["source"] == "connected"
+    assert states[0]["shown"] == camera.url
+    assert {one["name"] for one in states[1]["in_view"]} == {"cup 0", "cup 1", "book 2"}
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(address[0], timeout=5)
+
+
+def test_a_recorded_run_has_a_page_too(tmp_path, capsys):
+    images, masks = scenes.write_scene(tmp_path / "scene")
+    rj.run(images, masks=masks, live=True, **OPTIONS)
+    assert "live page: http://127.0.0.1:" in capsys.readouterr().err
+
+
+def test_what_a_live_run_keeps_in_memory_does_not_grow_with_its_frames(tmp_path):
+    """The loop and the writer keep frames on disk; only numbers stay, some bytes per frame."""
+    from remind_jax.outputs.kept_tracks import KeptTracks
+
+    kept: list[KeptTracks] = []
+    make = KeptTracks.__init__
+
+    def count(self: KeptTracks, folder: Path | None = None) -> None:
+        make(self, folder)
+        kept.append(self)
+
+    with pytest.MonkeyPatch.context() as patch, Camera(fps=30) as camera:
+        patch.setattr(KeptTracks, "__init__", count)
+        result = run(camera, sampling={"max_frames": 6}, out=tmp_path / "out")
+    used = [one for one in kept if len(one)]
+    assert [len(one) for one in used] == [6, 6]
+    assert all(one._file is not None and not one._frames for one in used)
+    assert len(Result.load(tmp_path / "out")) == len(result) == 6
