@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 import urllib.request
@@ -225,3 +226,16 @@ def test_what_a_live_run_keeps_in_memory_does_not_grow_with_its_frames(tmp_path)
     assert [len(one) for one in used] == [6, 6]
     assert all(one._file is not None and not one._frames for one in used)
     assert len(Result.load(tmp_path / "out")) == len(result) == 6
+
+
+def test_the_loop_of_the_documentation_works(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[2] / "docs" / "live.md").read_text(encoding="utf-8")
+    (loop,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    with Camera(fps=10) as camera:
+        loop = loop.replace("rtsp://10.0.0.5/main", camera.url).replace("3600", "1.5")
+        exec(compile(loop, "live.md", "exec"), {})
+    assert re.search(
+        r"^0\.00 s, \d+\.\d\d s old: lamp new\?$", capsys.readouterr().out, re.MULTILINE
+    )
+    assert (tmp_path / "memory.safetensors").is_file()
