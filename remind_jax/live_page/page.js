@@ -68,7 +68,8 @@ function remember(objects) {
     const key = `${one.key} ${one.name}`;
     const row = known.get(key) || entry(picture(one), one.name, "");
     known.set(key, row);
-    row.lastChild.textContent = `${duration(one.unseen_s)} ago, ${one.frames} frames`;
+    const seen = one.frames === 1 ? "1 frame" : `${one.frames} frames`;
+    row.lastChild.textContent = `${duration(one.unseen_s)} ago, ${seen}`;
     return row;
   });
   const kept = new Set(rows);

@@ -33,6 +33,7 @@ _GAP_S = 1.0  # shorter absences leave no gap in the timeline
 _MOST_SIDE_PX = 1280  # of the picture shown
 _QUALITY = 80
 _FRESH_S = 10.0  # so old a picture of an object may be while it is in view
+_MOST_CUT = 4  # pictures of objects per frame
 _RECENT = 20  # frames that the speed is measured over
 
 
@@ -119,7 +120,7 @@ class LiveView:
             ):
                 if object_id != NO_ID:
                     self._see(memory_id, object_id, tracks.labels[row], frame.time_s)
-            self._picture_one(frame, tracks, memory_ids)
+            self._picture_some(frame, tracks, memory_ids)
             self._forget_some()
             self._frame = (frame.image, tracks)
             self._arrived, self._now_s = now - age_s, frame.time_s
@@ -253,20 +254,19 @@ class LiveView:
             one.first_s = min(one.first_s, former.first_s)
             one.num_frames += former.num_frames
 
-    def _picture_one(self, frame: Frame, tracks: Tracks, memory_ids: Sequence[int]) -> None:
-        """Cuts out the object whose picture is the oldest: one per frame, so that it takes none."""
-        if frame.image is None or not self._in_view:
+    def _picture_some(self, frame: Frame, tracks: Tracks, memory_ids: Sequence[int]) -> None:
+        """Cuts out those whose pictures are the oldest; only a few, since the tracker waits."""
+        if frame.image is None:
             return
-        row, one = min(
-            (
-                (row, self._objects[key])
-                for row, key in enumerate(memory_ids)
-                if key in self._objects and tracks.object_id[row] != NO_ID
-            ),
-            key=lambda pair: pair[1].pictured_s,
-        )
-        if frame.time_s - one.pictured_s > _FRESH_S:
-            image = fit_image(frame.image, *tracks.frame_size)
+        due = [
+            (self._objects[key], row)
+            for row, key in enumerate(memory_ids)
+            if tracks.object_id[row] != NO_ID
+            and frame.time_s - self._objects[key].pictured_s > _FRESH_S
+        ]
+        due.sort(key=lambda pair: pair[0].pictured_s)
+        image = fit_image(frame.image, *tracks.frame_size)
+        for one, row in due[:_MOST_CUT]:
             one.picture = encode_jpeg(crop_detection(image, tracks, row), _QUALITY)
             one.pictured_s = frame.time_s
 

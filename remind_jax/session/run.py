@@ -138,7 +138,7 @@ def run(
       [[0], [0], [0]]
     """
     _check_options(source_options)
-    _check_resume(out, overwrite, resume)
+    _check_resume(out, overwrite, resume, record)
     _check_viewers(out, rerun, mcap)
     if live is not False:
         parse_where(live)
@@ -202,12 +202,14 @@ def _check_options(source_options: Mapping[str, Any]) -> None:
             raise ConfigError(f"run has no option '{name}'; {hint}")
 
 
-def _check_resume(out: Any, overwrite: bool, resume: bool) -> None:
+def _check_resume(out: Any, overwrite: bool, resume: bool, record: Any) -> None:
     """Refuses to go on with nothing, or with what is to be removed."""
     if resume and out is None:
         raise OptionError("'resume' goes on with the run in a folder; give out", "resume")
     if resume and overwrite:
         raise OptionError("'resume' and 'overwrite' exclude each other; give one", "resume")
+    if resume and record is not None:
+        raise OptionError("'record' would lack the frames before 'resume'; leave it out", "record")
 
 
 def _check_viewers(out: Any, rerun: Any, mcap: Any) -> None:

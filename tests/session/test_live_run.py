@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import remind_jax as rj
-from remind_jax.errors import OutputError, SourceError
+from remind_jax.errors import OptionError, OutputError, SourceError
 from remind_jax.outputs.result import Result
 from remind_jax.session.progress import Progress
 from tests.cli import scenes
@@ -138,6 +138,11 @@ def test_ctrl_c_ends_a_live_run_well(tmp_path):
 def test_a_live_run_is_not_gone_on_with(tmp_path):
     with Camera() as camera, pytest.raises(OutputError, match="is live and cannot be gone back in"):
         run(camera, out=tmp_path / "out", resume=True)
+
+
+def test_a_record_cannot_begin_in_the_middle(tmp_path):
+    with pytest.raises(OptionError, match="'record' would lack the frames before 'resume'"):
+        rj.run("rooms.mp4", out=tmp_path, resume=True, record=tmp_path / "seen")
 
 
 def test_a_growing_folder_is_tracked_with_the_masks_that_come_along(tmp_path):

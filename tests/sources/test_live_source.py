@@ -17,6 +17,7 @@ from remind_jax.sources import LiveSource
 from remind_jax.sources.live_source import PASSED_OVER, LiveOptions
 from tests.sources import cameras
 from tests.sources.cameras import Camera, number_in
+from tests.sources.rtsp_camera import RtspCamera
 
 
 def open_live(*args, **options) -> LiveSource:
@@ -218,3 +219,22 @@ def test_options_for_live_sources_are_refused_for_others(tmp_path):
         rj.open_source(frames, reconnect=1)
     with pytest.raises(OptionError, match="'follow' is for a folder that grows"):
         rj.open_source("http://127.0.0.1:1/x", follow=True)
+
+
+def test_an_rtsp_camera_drops_out_and_comes_back():
+    numbers, news = [], []
+    with RtspCamera() as camera:
+        source = open_live(camera.url, reconnect=60)
+        threads = [threading.Timer(0.7, camera.switch_off), threading.Timer(1.4, camera.switch_on)]
+        for thread in threads:
+            thread.start()
+        for frame in source:
+            numbers.append(number_in(frame.image))
+            news += source.take_news()
+            if news and len(numbers) > 15:
+                source.stop()
+        for thread in threads:
+            thread.join()
+    assert len(news) == 1
+    assert news[0].startswith(f"'{camera.url}' was lost for")
+    assert (np.diff(numbers) > 0).all()
