@@ -12,6 +12,7 @@ from remind_jax.settings.checks import check_fields
 from remind_jax.settings.record import setting
 
 MOST_OBJECTS = 32_768
+MOST_DETECTIONS = 8192
 GROWTH_STEP = 2  # capacities double when they overflow
 
 # Where the original keeps these settings.
@@ -45,7 +46,7 @@ class Static:
     """
 
     num_detections: int = setting(16, "detection slots of a frame; grows", "detections",
-        more=_CAPACITY, most=8192, why=_MORE)
+        more=_CAPACITY, most=MOST_DETECTIONS, why=_MORE)
     num_objects: int = setting(64, "object slots of the memory; grows", "objects",
         more=_CAPACITY, most=MOST_OBJECTS, why=_MORE)
     num_pending: int = setting(32, "slots of ambiguous and of provisional tracks each; grows",

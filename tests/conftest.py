@@ -77,6 +77,7 @@ def _look_ahead_only_when_asked(request, monkeypatch):
     """Capacities of tests are tight on purpose; the next ones are not worth compiling."""
     if "looks_ahead" not in request.fixturenames:
         monkeypatch.setattr(ahead.Forecast, "needed", lambda self, static: static)
+        monkeypatch.setattr(ahead, "SETTLED_S", float("inf"))
 
 
 @pytest.fixture

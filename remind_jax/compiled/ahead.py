@@ -16,6 +16,7 @@ PRESSED = 3 / 4  # share of a capacity from which on the next one is prepared
 HORIZON_S = 40.0  # how far ahead growth is foreseen; a compilation takes less
 WINDOW_S = 30.0  # over which the pace of growth is measured
 SHORTEST_S = 5.0  # what was met in less says nothing about a pace
+SETTLED_S = 20.0  # after which a stream is taken for one that goes on
 _SAMPLE_S = 0.25  # samples that are kept lie so far apart
 # Python lets another thread run after so long; at its usual 5 ms, a frame that gives way a hundred
 # times while a program is traced takes most of a second.
@@ -31,14 +32,22 @@ class Forecast:
 
     def __init__(self) -> None:
         self._past: collections.deque[tuple[float, Occupied]] = collections.deque()
+        self._begun_s: float | None = None
 
     def add(self, time_s: float, occupied: Occupied) -> None:
         """Takes note of the slots that were in use at a time, in seconds of any clock."""
+        if self._begun_s is None:
+            self._begun_s = time_s
         while len(self._past) > 1 and self._past[1][0] <= time_s - WINDOW_S:
             self._past.popleft()
         if len(self._past) > 1 and time_s - self._past[-2][0] < _SAMPLE_S:
             self._past.pop()
         self._past.append((time_s, occupied))
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the stream has gone on for a while."""
+        return self._begun_s is not None and self._past[-1][0] - self._begun_s >= SETTLED_S
 
     def needed(self, static: Static) -> Static:
         """`static` with the next capacity wherever the present one will not last."""

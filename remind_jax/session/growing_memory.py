@@ -13,7 +13,7 @@ from remind_jax.compiled.ahead import Forecast, Preparation
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
 from remind_jax.compiled.packing import Packed
 from remind_jax.decision import Decisions
-from remind_jax.errors import SourceError
+from remind_jax.errors import ConfigError, SourceError
 from remind_jax.masks.reduction import pad_masks
 from remind_jax.method import Method
 from remind_jax.observation import FrameFeats
@@ -42,13 +42,15 @@ class GrowingMemory:
       traced: Whether it keeps what decisions were made of.
       trace: What the decisions of the last frame were made of, on the host.
       has_grown: Whether it did so in the last frame.
+      keeps_reserve: Whether twice of all capacities is prepared as well, once it has been in use
+        for a while: for loops that must not wait when a frame suddenly shows much more.
     """
 
     def __init__(self, method: Method, static: Static, *, traced: bool) -> None:
         self.state: Any = None
         self.static = static
         self.trace: Any = None
-        self.has_grown = False
+        self.has_grown = self.keeps_reserve = False
         self.traced = traced
         self.frame_step = FrameStep(method, traced=traced)
         self.preparation = Preparation()
@@ -107,8 +109,12 @@ class GrowingMemory:
 
     def make_room(self, **needed: int) -> None:
         """Moves the memory into larger capacities; the programs are often ready by then."""
-        before, self.static = self.static, self.preparation.room_for(self.static.grow(**needed))
-        self.state = self._method.enlarge(self.state, self.static)
+        larger = self.static.grow(**needed)
+        if larger == self.static:
+            return
+        before, self.static = self.static, self.preparation.room_for(larger)
+        if self.state is not None:
+            self.state = self._method.enlarge(self.state, self.static)
         grown = [
             f"{getattr(self.static, name)} {what}"
             for what, name in _CAPACITIES.items()
@@ -159,7 +165,14 @@ class GrowingMemory:
                 "num_pending": num_pending,
             },
         )
-        static = self._forecast.needed(self.static)
+        try:
+            static = self._forecast.needed(self.static)
+            if static == self.static and self.keeps_reserve and self._forecast.is_settled:
+                static = self.static.grow(
+                    **{name: getattr(self.static, name) + 1 for name in _CAPACITIES.values()}
+                )
+        except ConfigError:
+            return  # there is nothing larger; the frame that needs it will tell
         if static != self.static:
             # The size of this frame is that of the next ones.
             self.preparation.start(

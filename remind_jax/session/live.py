@@ -43,7 +43,7 @@ from remind_jax.session.memory_file import (
 )
 from remind_jax.session.preparation import FramePreparer, Prepared
 from remind_jax.settings.ranges import check_option
-from remind_jax.static import MOST_OBJECTS, Static
+from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS, Static
 from remind_jax.tracks import Tracks
 
 _ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
@@ -178,12 +178,16 @@ class Tracker:
         self.decided = None
         self.announcements = self._announce_nothing()
 
-    def warm_up(self, frame_size: tuple[int, int], *, num_objects: int = 0) -> float:
+    def warm_up(
+        self, frame_size: tuple[int, int], *, num_objects: int = 0, num_detections: int = 0
+    ) -> float:
         """Compiles or loads all programs for frames of one size, so that not even the first waits.
 
         Args:
           frame_size: Height and width in pixels.
           num_objects: Prepares the larger capacities as well that so many objects will need.
+          num_detections: Makes room for so many detections in a frame at once: how many there are
+            cannot be foreseen.
 
         Returns:
           Seconds that it took.
@@ -194,6 +198,8 @@ class Tracker:
         start = time.perf_counter()
         frame_size = _as_size(frame_size)
         check_option("num_objects", num_objects, 0, MOST_OBJECTS)
+        check_option("num_detections", num_detections, 0, MOST_DETECTIONS)
+        self._memory.make_room(num_detections=num_detections)
         image = np.zeros((*frame_size, 3), np.uint8)
         nothing = Detections.empty(*frame_size)
         # With a preparer of its own: the next frame does not follow this one.
@@ -236,6 +242,7 @@ class Tracker:
 
             given = detections_from(detections, frame.size)
             frame = dataclasses.replace(frame, detections=given)
+        self._memory.keeps_reserve = True
         return self.advance(self.prepare(frame))
 
     def prepare(self, frame: Frame) -> Prepared:

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from remind_jax.compiled.ahead import SHORTEST_S, Forecast, Preparation, holds
+from remind_jax.compiled.ahead import SETTLED_S, SHORTEST_S, Forecast, Preparation, holds
 from remind_jax.static import Static
 
 STATIC = Static(num_detections=16, num_objects=64, num_pending=32)
@@ -51,6 +51,17 @@ def test_an_old_pace_is_forgotten():
     early = [(second / 2, second) for second in range(40)]
     late = [(20.0 + second, 40) for second in range(60)]
     assert forecast(*early, *late) == STATIC
+
+
+def test_a_stream_is_settled_after_a_while():
+    seen = Forecast()
+    assert not seen.is_settled
+    occupied = {"num_detections": 1, "num_objects": 1, "num_pending": 0}
+    for time_s in range(100, 100 + int(SETTLED_S)):
+        seen.add(float(time_s), occupied)
+        assert not seen.is_settled
+    seen.add(100 + SETTLED_S, occupied)
+    assert seen.is_settled
 
 
 def test_few_samples_are_kept_however_many_frames_there_are():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import collections
+import csv
 import dataclasses
 import json
 import os
@@ -21,6 +22,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from safetensors.numpy import load_file
 
@@ -98,6 +100,43 @@ def compare_sweeps(one: Path, other: Path) -> list[str]:
     return differing + ["rows.jsonl"] * (rows[0] != rows[1]) + ["names"] * (names[0] != names[1])
 
 
+def compare_benchmarks(one: Path, other: Path) -> list[str]:
+    """What differs between two folders of a benchmark, beside times and memory."""
+    differing = _differing(("tables/masks_scenes.csv",), one, other)
+    tables = [_scores_of(folder / "tables" / "masks.csv") for folder in (one, other)]
+    names = [_names_below(folder) for folder in (one, other)]
+    differing += ["masks.csv"] * (tables[0] != tables[1]) + ["names"] * (names[0] != names[1])
+    for path in sorted((one / "masks").rglob("*.json*")):
+        texts = [(folder / path.relative_to(one)).read_text() for folder in (one, other)]
+        if path.name == "record.json":
+            same = [_without_costs(json.loads(text)) for text in texts]
+        elif path.name == "detections.jsonl":
+            same = [text.splitlines()[1:] for text in texts]
+        else:
+            same = [_run_json((folder / path.relative_to(one)).parent) for folder in (one, other)]
+        if same[0] != same[1]:
+            differing.append(str(path.relative_to(one)))
+    return differing
+
+
+def _names_below(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def _scores_of(table: Path) -> list[dict[str, str]]:
+    """Rows of a table of scores without what they cost."""
+    with table.open(newline="") as file:
+        return [
+            {name: cell for name, cell in row.items() if "ms" not in name and "MiB" not in name}
+            for row in csv.DictReader(file)
+        ]
+
+
+def _without_costs(record: dict[str, Any]) -> dict[str, Any]:
+    costs = {"times_ms", "peak_rss_mib", "device_mib"}
+    return {name: value for name, value in record.items() if name not in costs}
+
+
 def _run_kind(*words: str) -> Kind:
     return Kind(("run", "SCENE", *words), "--out", "detections.jsonl", compare_runs, ("--resume",))
 
@@ -128,6 +167,17 @@ KINDS: dict[str, Kind] = {
         "--out",
         "rows.jsonl",
         compare_sweeps,
+    ),
+    # A kill counts against a run of a benchmark, and two make it a failure until somebody asks.
+    "benchmark": Kind(
+        (
+            *("benchmark", "SCENE", "--methods", "bank", "iou", "running-mean"),
+            *("--max-frames", "24"),
+        ),
+        "--out",
+        "masks/*/*/run.json",
+        compare_benchmarks,
+        ("--retry-failed",),
     ),
 }
 
@@ -195,6 +245,7 @@ class Course:
         programs = {
             "REMIND_PROGRAMS": str(self._folder / "programs"),
             "JAX_COMPILATION_CACHE_DIR": str(self._folder / "compiled"),
+            "XDG_CACHE_HOME": str(self._folder / "cache"),
         }
         return subprocess.Popen(
             [sys.executable, "-m", "tests.corpus.kills", CHILD, *words],

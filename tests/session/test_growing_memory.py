@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from remind_jax.compiled import ahead
 from remind_jax.compiled.ahead import Forecast
 from remind_jax.errors import SourceError
-from remind_jax.frame import Frame
+from remind_jax.frame import Detections, Frame
 from remind_jax.session import growing_memory
 from remind_jax.session.live import Tracker
 from tests.cli import scenes
@@ -51,6 +52,34 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
         np.testing.assert_array_equal(one.object_id, three.object_id)
         np.testing.assert_array_equal(two.object_id, three.object_id)
         np.testing.assert_array_equal(one.outcome, three.outcome)
+
+
+def test_a_live_loop_has_room_ready_for_a_sudden_crowd(looks_ahead, monkeypatch):
+    monkeypatch.setattr(ahead, "SETTLED_S", 0.0)
+    static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
+    tracker = Tracker({"tracker": "bank", "static": static})
+    image, labels = frames(1)[0]
+    tracker.update(image, labels)
+    tracker._memory.preparation.finish()
+    waited_s = tracker.compile_s
+    crowd = np.zeros((6, *labels.shape), bool)
+    for row, mask in enumerate(crowd):
+        mask[:, 40 * row : 40 * row + 32] = True
+    assert len(tracker.update(image, crowd)) == 6
+    assert tracker.has_grown
+    assert tracker.static.num_detections == 8
+    assert tracker.compile_s == waited_s
+
+
+def test_a_run_prepares_no_reserve(looks_ahead, monkeypatch):
+    monkeypatch.setattr(ahead, "SETTLED_S", 0.0)
+    static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
+    tracker = Tracker({"tracker": "bank", "static": static})
+    image, labels = frames(1)[0]
+    masks = np.array([labels == number for number in (1, 2, 3)])[:2]
+    frame = Frame(0, 0, 0.0, "0", image, Detections.create(masks))
+    tracker.advance(tracker.prepare(frame))
+    assert tracker._memory.preparation._wanted is None
 
 
 def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monkeypatch, tmp_path):

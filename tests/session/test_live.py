@@ -37,6 +37,16 @@ def test_after_a_warm_up_no_frame_waits():
     assert [len(tracks) for tracks in (tracker.update(*frames(1)[0]),)] == [3]
 
 
+def test_a_warm_up_makes_room_for_a_crowd():
+    tracker = Tracker(CONFIG)
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=5)
+    assert tracker.static.num_detections == 8
+    tracker.update(*frames(1)[0])
+    assert tracker.compile_s == 0.0
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_detections=3)
+    assert tracker.static.num_detections == 8
+
+
 def test_a_warm_up_changes_no_answer():
     plain, warm = Tracker(CONFIG), Tracker(CONFIG)
     warm.update(*frames(1)[0])

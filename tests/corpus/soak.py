@@ -1,0 +1,189 @@
+"""A robot's loop for hours, in minutes: does memory stay flat, and does no frame take too long?
+
+python -m tests.corpus.soak --frames 10000 --config default [--fps 20]
+
+Small frames of rooms that are met one after the other, and again and again later on; things in
+them come and go. Capacities grow several times in the first part. A frame took as long as its
+thread computed or waited for programs; what other processes of the machine take is told apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import gc
+import os
+import resource
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import remind_jax as rj
+
+HEIGHT_PX, WIDTH_PX = 128, 160
+TILE_PX = 36
+PLACES = ((10, 12), (10, 100), (76, 14), (80, 98))  # top, left of the things of a room
+NUM_ROOMS = 40
+NUM_CLASSES = 24
+VISIT = 20  # frames in a room
+CROWD = 24  # things in a frame now and then, more than there is room for at first
+MOST_TIMES = 10.0  # the median, of any frame after the warm-up
+MOST_KIB_PER_1000 = 256.0  # that memory may grow by in 1,000 frames after the first ones
+
+
+@dataclasses.dataclass(frozen=True)
+class Figures:
+    """What a soak found."""
+
+    num_frames: int
+    num_objects: int
+    median_ms: float  # of a frame after the warm-up
+    worst_ms: float
+    worst_frame: int
+    worst_wall_ms: float  # with what other processes took
+    num_wall_over: int  # frames over the bound by the clock on the wall
+    grown_at: tuple[int, ...]
+    rss_mib: tuple[float, float]  # after the first part, and at the end
+    kib_per_1000: float  # slope of resident memory after the first part
+
+    @property
+    def failures(self) -> list[str]:
+        """What is out of bounds."""
+        found = []
+        if self.worst_ms > MOST_TIMES * self.median_ms:
+            found.append(
+                f"frame {self.worst_frame} took {self.worst_ms:.1f} ms, the median is "
+                f"{self.median_ms:.2f} ms"
+            )
+        if self.kib_per_1000 > MOST_KIB_PER_1000:
+            found.append(f"memory grows by {self.kib_per_1000:.0f} KiB in 1,000 frames")
+        return found
+
+
+@functools.cache
+def _tile(thing: int) -> np.ndarray:
+    texture = np.random.default_rng(thing).integers(0, 255, (5, 5, 3), np.uint8)
+    return cv2.resize(texture, (TILE_PX, TILE_PX), interpolation=cv2.INTER_CUBIC)
+
+
+@functools.cache
+def _background(room: int) -> np.ndarray:
+    coarse = np.random.default_rng(100_000 + room).integers(60, 190, (4, 5, 3), np.uint8)
+    return cv2.resize(coarse, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_CUBIC)
+
+
+def picture(index: int, first: int) -> tuple[np.ndarray, rj.Detections]:
+    """Frame number `index`; all rooms were met once before frame `first`."""
+    visit, at = divmod(index, VISIT)
+    num_visits = max(1, first // VISIT)
+    rng = np.random.default_rng(visit)
+    is_tour = visit < num_visits
+    room = visit * NUM_ROOMS // num_visits if is_tour else int(rng.integers(NUM_ROOMS))
+    present = [place for place in range(len(PLACES)) if is_tour or rng.random() < 0.8]
+    image = _background(room).copy()
+    masks, labels = [], []
+    for place in present:
+        thing = len(PLACES) * room + place
+        top, left = PLACES[place][0] + at % 5, PLACES[place][1] + (at // 2) % 7
+        window = np.s_[top : top + TILE_PX, left : left + TILE_PX]
+        image[window] = _tile(thing)
+        mask = np.zeros((HEIGHT_PX, WIDTH_PX), bool)
+        mask[window] = True
+        masks.append(mask)
+        labels.append(f"class {thing % NUM_CLASSES}")
+    if visit % 16 == 12 and at == VISIT // 2:  # crumbs everywhere, for a frame
+        for number in range(CROWD - len(masks)):
+            mask = np.zeros((HEIGHT_PX, WIDTH_PX), bool)
+            row, column = divmod(number, 8)
+            mask[44 + 10 * row : 52 + 10 * row, 4 + 19 * column : 20 + 19 * column] = True
+            masks.append(mask)
+            labels.append("crumb")
+    planes = np.array(masks, bool).reshape(-1, HEIGHT_PX, WIDTH_PX)
+    noise = np.random.default_rng(index).integers(0, 6, image.shape, np.uint8)
+    return cv2.add(image, noise), rj.Detections.create(planes, labels)
+
+
+def soak(
+    num_frames: int, config: str, fps: float, *, first: int = 1000, warm_up: int = 100
+) -> Iterator[str | Figures]:
+    """Tracks so many frames; tells how far it is, and in the end what was found.
+
+    Args:
+      num_frames: Frames.
+      config: Name of a configuration.
+      fps: Frames of the camera in a second.
+      first: Frames in which memory may grow.
+      warm_up: Frames that may take longer.
+    """
+    tracker = rj.Tracker(config)
+    tracker.warm_up((HEIGHT_PX, WIDTH_PX), num_objects=4 * NUM_ROOMS, num_detections=CROWD)
+    spent_ms, wall_ms, grown_at = np.zeros(num_frames), np.zeros(num_frames), []
+    frames, rss = [], []
+    due = time.perf_counter()
+    for index in range(num_frames):
+        image, detections = picture(index, int(0.9 * first))
+        time.sleep(max(0.0, due - time.perf_counter()))
+        due = max(due, time.perf_counter() - 1.0) + 1 / fps
+        start, computed, waited = time.perf_counter(), _cpu_s(), tracker.compile_s
+        tracks = tracker.update(image, detections)
+        _ = [tracks.display_name(row) for row in range(len(tracks))]
+        wall_ms[index] = 1000 * (time.perf_counter() - start)
+        spent_ms[index] = 1000 * (_cpu_s() - computed + tracker.compile_s - waited)
+        if tracker.has_grown:
+            grown_at.append(index)
+        if index % 50 == 0:
+            frames.append(index)
+            rss.append(_rss_mib())
+        if index and index % 1000 == 0:
+            yield f"{index} frames, {tracker.num_objects} objects, {rss[-1]:.1f} MiB"
+    after = np.array(frames) >= first
+    slope = np.polyfit(np.array(frames)[after], np.array(rss)[after], 1)[0] if after.sum() > 2 else 0
+    median = float(np.median(spent_ms[warm_up:]))
+    worst = warm_up + int(np.argmax(spent_ms[warm_up:]))
+    wall_median = float(np.median(wall_ms[warm_up:]))
+    yield Figures(
+        num_frames=num_frames,
+        num_objects=tracker.num_objects,
+        median_ms=median,
+        worst_ms=float(spent_ms[worst]),
+        worst_frame=worst,
+        worst_wall_ms=float(wall_ms[warm_up:].max()),
+        num_wall_over=int(np.sum(wall_ms[warm_up:] > MOST_TIMES * wall_median)),
+        grown_at=tuple(grown_at),
+        rss_mib=(float(np.array(rss)[after][0]) if after.any() else rss[-1], rss[-1]),
+        kib_per_1000=float(slope) * 1024 * 1000,
+    )
+
+
+def _cpu_s() -> float:
+    """Seconds that this thread computed."""
+    return time.thread_time()
+
+
+def _rss_mib() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+def main() -> int:
+    """Exit status 1 if a figure is out of bounds."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=10_000)
+    parser.add_argument("--config", default="default")
+    parser.add_argument("--fps", type=float, default=20.0)
+    options = parser.parse_args()
+    for told in soak(options.frames, options.config, options.fps):
+        print(told, flush=True)
+        if isinstance(told, Figures):
+            failures = told.failures
+    print("\n".join(failures) or "all within bounds")
+    return int(bool(failures))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
