@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow test-matrix fuzz kills lint types bench figures notebooks docs dist clean
+.PHONY: help demo test test-slow test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -26,6 +26,9 @@ fuzz: $(VENV)/.dev  ## changed files of every format, for an hour (make fuzz SEC
 
 kills: $(VENV)/.dev  ## kill commands at random moments and have them go on (make kills KILLS=30)
 	$(BIN)/python -m tests.corpus.kills --kills $(or $(KILLS),100)
+
+soak: $(VENV)/.dev  ## a live loop of 10,000 frames (make soak FRAMES=2000 CONFIG=remind)
+	$(BIN)/python -m tests.corpus.soak --frames $(or $(FRAMES),10000) --config $(or $(CONFIG),default)
 
 lint: $(VENV)/.dev  ## style, and which room imports which
 	$(BIN)/ruff check .

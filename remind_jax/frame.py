@@ -67,6 +67,8 @@ class Detections:
             raise SourceError(
                 f"masks have shape {planes.shape}; give one [H, W] plane per detection, [N, H, W]"
             )
+        if planes.dtype.kind == "f":
+            require_whole(planes)
         num = len(planes)
         names = ("object",) * num if labels is None else _as_labels(labels)
         confidence = np.ones(num, np.float32) if scores is None else _as_scores(scores)
@@ -220,6 +222,20 @@ class SkippedFrame:
     name: str
     reason: str
     count: int = 1  # frames, where one cause took several
+
+
+def require_whole(masks: Float[np.ndarray, "..."]) -> None:
+    """Refuses masks of probabilities: where they end is for whoever made them to say.
+
+    Raises:
+      SourceError: If a value lies between whole numbers.
+    """
+    broken = masks[masks % 1 != 0]
+    if broken.size:
+        raise SourceError(
+            f"masks hold {broken.flat[0]:g}, as of probabilities; give booleans, for instance "
+            "masks > 0.5"
+        )
 
 
 def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:

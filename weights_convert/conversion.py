@@ -26,6 +26,7 @@ from remind_jax.backbone.vit_weights import (
     leaf_shapes,
 )
 from remind_jax.errors import OutputError, WeightsError
+from remind_jax.files import refuse_file
 from weights_convert.key_layouts import NamedTensors, name_tensors
 from weights_convert.leaf_recipes import Recipe, check_complete, make_leaf, recipes
 from weights_convert.stored_tensors import WeightSource, open_source
@@ -86,6 +87,7 @@ def convert(
     """
     if out is not None:
         _check_free(Path(out), overwrite)
+        refuse_file(Path(out), [source])
     opened = open_source(source)
     file = str(opened.path)
     named = name_tensors(opened.tensors, file)

@@ -20,7 +20,7 @@ from remind_jax.cli.flags import (
     refuse_flags,
 )
 from remind_jax.errors import ConfigError
-from remind_jax.files import locked
+from remind_jax.files import locked, refuse_folder
 
 if TYPE_CHECKING:
     from remind_jax.benchmark.contenders import Contender
@@ -84,6 +84,8 @@ class Benchmark:
             refuse_other_formats(self.detector)
         else:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
+        inputs = (self.root, self.detector, self.weights)
+        refuse_folder(self.out, inputs, is_ours=_is_ours(self.out), may_hold=True)
         scenes = self._find_scenes()
         setup = Setup(
             out=self.out,
@@ -191,3 +193,9 @@ class Benchmark:
     def _say(self, sentence: str) -> None:
         if not self.quiet:
             print(sentence, file=sys.stderr, flush=True)
+
+
+def _is_ours(out: Path) -> bool:
+    """Whether a folder is empty, or that of a benchmark."""
+    names = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    return not names or bool(names & {"tables", "masks", "detector"})

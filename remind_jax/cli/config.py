@@ -13,7 +13,7 @@ from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import ConfigError
-from remind_jax.files import writing
+from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
@@ -129,6 +129,7 @@ class ImportReference:
         if self.out is None:
             print(_as_yaml(tree))
         else:
+            refuse_file(self.out, [self.file])
             with writing(self.out):
                 self.out.write_text(_as_yaml(tree) + "\n", encoding="utf-8")
         return process.FINE

@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, RemindError
-from remind_jax.files import writing
+from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines, print_table
 
 if TYPE_CHECKING:
@@ -74,6 +74,8 @@ class Eval:
             raise OptionError(f"'resamples' is {self.resamples}; give 0 or more", "resamples")
         if self.num_frames is not None and self.num_frames < 1:
             raise OptionError(f"'num_frames' is {self.num_frames}; give 1 or more", "num_frames")
+        for path in (*self._table_files, *([] if self.json is None else [self.json])):
+            refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
         if self.protocol == "paper":
             return self._execute_paper()
         evaluations = self._evaluate()
@@ -168,6 +170,13 @@ class Eval:
             name=run.info.name,
         )
         return SetEvaluation(self.truth.name, (evaluation,))
+
+
+def _may_be_tracks(name: str) -> bool:
+    """Whether a file of this name in a folder may be one that is scored."""
+    from remind_jax.outputs.writer import FILE_NAMES
+
+    return name in FILE_NAMES or name.lower().endswith((".txt", ".png"))
 
 
 def print_evaluation(evaluation: SetEvaluation) -> None:

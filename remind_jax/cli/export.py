@@ -11,6 +11,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OutputError
+from remind_jax.files import refuse_file
 from remind_jax.printing.terminal import print_lines
 
 
@@ -40,6 +41,8 @@ class Export:
         out = self.out or self.run / FILE_NAMES[self.format]
         if out.exists() and not self.overwrite:
             raise OutputError(f"'{out}' exists; name another file, or allow --overwrite")
+        if out.name not in FILE_NAMES.values():
+            refuse_file(out, [self.run])
         result = Result.load(self.run)
         export(result, self.format, out)
         if not self.quiet:

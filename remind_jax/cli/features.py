@@ -13,6 +13,7 @@ from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import SourceError
+from remind_jax.files import refuse_folder
 from remind_jax.printing.terminal import print_lines
 
 
@@ -68,6 +69,7 @@ class Features:
         )
         options = load_config_with(self.config, self.changes).input
         folder, tally = self.cache or default_folder(), Tally()
+        refuse_folder(folder, [self.source], may_hold=True)
         backbone = cache_features(
             open_backbone(self.backbone, weights=self.weights, quiet=self.quiet), folder, tally
         )

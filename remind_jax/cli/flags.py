@@ -20,6 +20,7 @@ from tyro.constructors import (
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import OptionError
+from remind_jax.files import check_name
 from remind_jax.sources.live_source import LiveOptions
 from remind_jax.sources.sampling import Sampling
 
@@ -168,6 +169,8 @@ def _read_word(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     metavar, kind = _WORDS[info.type]
 
     def read(words: list[str]) -> Any:
+        if info.type is Path and (wrong := check_name(words[0])):
+            raise UsageError(f"the path {words[0][:40]!r} cannot be used: {wrong}")
         try:
             return info.type(words[0])
         except ValueError:

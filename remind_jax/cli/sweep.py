@@ -15,7 +15,7 @@ from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
 from remind_jax.errors import SweepError, nearest_names
-from remind_jax.files import writing
+from remind_jax.files import refuse_folder, writing
 from remind_jax.printing.terminal import print_lines, print_markdown
 from remind_jax.settings.ranges import check_option
 
@@ -94,7 +94,11 @@ class Sweep:
         plan = self._plan()
         out = self.out or DEFAULT_FOLDER / "sweep"
         from remind_jax.backbone.opening import obtain_named
+        from remind_jax.sweeps.records import FILE_NAME
 
+        inputs = (*self.sources, self.masks, self.settings, self.weights)
+        is_ours = not out.is_dir() or not any(out.iterdir()) or (out / FILE_NAME).exists()
+        refuse_folder(out, inputs, is_ours=is_ours, may_hold=True)
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
         display = SweepDisplay(is_shown=not self.quiet)
         with display:

@@ -12,6 +12,7 @@ from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.cli.summary import print_summary
 from remind_jax.errors import SourceError
+from remind_jax.files import refuse_file, refuse_folder
 
 if TYPE_CHECKING:
     from remind_jax.outputs.run_info import RunInfo
@@ -37,11 +38,14 @@ class View:
     def execute(self) -> int:
         """Draws everything and prints the summary; returns the exit code."""
         from remind_jax.outputs.result import Result
-        from remind_jax.outputs.writer import render_again
+        from remind_jax.outputs.writer import FILE_NAMES, render_again
 
         info = Result.load(self.run).info
         notes = []
         if self.source is not None:
+            refuse_folder(self.run, [self.source], may_hold=True)
+            for name in FILE_NAMES:
+                refuse_file(self.run / name, [self.source])
             frames = _open_moved(info, self.source)
         else:
             try:

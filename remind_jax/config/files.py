@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.errors import ConfigError, nearest_names
-from remind_jax.files import records
+from remind_jax.files import as_path, records
 from remind_jax.method import PAPER_METHOD
 
 _SUFFIXES = (".yaml", ".yml")
@@ -25,7 +25,7 @@ def find_file(name: str | Path) -> Path:
     Raises:
       ConfigError: If it is no path of a YAML file and no name of a shipped configuration.
     """
-    path = Path(name)
+    path = as_path(name, "the configuration", ConfigError)
     if path.suffix in _SUFFIXES:
         return path
     shipped = list_configs()

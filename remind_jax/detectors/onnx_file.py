@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from remind_jax.errors import WeightsError
+from remind_jax.files import as_path
 from remind_jax.frame import MOST_LABEL
 
 _MODEL_GRAPH, _MODEL_METADATA = 7, 14
@@ -83,7 +84,7 @@ class OnnxFile:
         Raises:
           WeightsError: If the file is missing, is no ONNX file or is cut short.
         """
-        path = Path(path)
+        path = as_path(path, "the model file", WeightsError)
         if not path.is_file():
             raise WeightsError(f"model file '{path}' does not exist; give the path of a .onnx file")
         try:

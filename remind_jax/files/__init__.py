@@ -1,8 +1,11 @@
 """Files: what enters is checked before it is used, what leaves is written whole or not at all."""
 
+from remind_jax.files.apart import refuse_file as refuse_file
+from remind_jax.files.apart import refuse_folder as refuse_folder
 from remind_jax.files.locking import LOCK_NAME as LOCK_NAME
 from remind_jax.files.locking import locked as locked
 from remind_jax.files.reading import as_path as as_path
+from remind_jax.files.reading import check_name as check_name
 from remind_jax.files.reading import check_regular as check_regular
 from remind_jax.files.reading import read_bytes as read_bytes
 from remind_jax.files.reading import read_text as read_text

@@ -11,6 +11,7 @@ from typing import Any
 from remind_jax.errors import RemindError
 
 MOST_BYTES = 512 << 20  # of a file that is read whole
+MOST_NAME_BYTES = 255  # of a file or folder, on nearly all disks
 _MARKS = {  # byte order marks, the longer ones first
     b"\xff\xfe\x00\x00": "UTF-32",
     b"\x00\x00\xfe\xff": "UTF-32",
@@ -25,9 +26,29 @@ def as_path(value: Any, what: str, refused: type[RemindError]) -> Path:
     Raises:
       RemindError: Of kind `refused`, if it is none.
     """
-    if isinstance(value, (str, os.PathLike)):
-        return Path(value)
-    raise refused(f"{what} is of type {type(value).__name__}; give a path")
+    if not isinstance(value, (str, os.PathLike)) or isinstance(os.fspath(value), bytes):
+        raise refused(f"{what} is of type {type(value).__name__}; give a path")
+    if wrong := check_name(value):
+        raise refused(f"{what} '{str(value)[:40]}' cannot be used: {wrong}")
+    return Path(value)
+
+
+def check_name(path: str | os.PathLike[str]) -> str:
+    """Why nothing can have this path, whatever the disk holds; empty if something can."""
+    text = os.fspath(path)
+    if not text:
+        return "it is empty; name a file or folder"
+    if "\0" in text:
+        return "it holds a NUL character; take it out"
+    longest = max(Path(text).parts, key=len, default="")
+    if len(os.fsencode(longest)) > MOST_NAME_BYTES:
+        return f"a name in it has over {MOST_NAME_BYTES} bytes; choose a shorter one"
+    try:
+        os.lstat(text)
+    except OSError as error:
+        if error.errno in (errno.ENAMETOOLONG, errno.ELOOP):
+            return f"{(error.strerror or '').lower()}; choose another one"
+    return ""
 
 
 def check_regular(path: str | Path) -> None:

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Annotated, Any, Generic, NoReturn, TypeVar
 
 import msgspec
-from msgspec import Meta
+from msgspec import Meta, inspect
 
 from remind_jax.errors import RemindError, SourceError, first_line
-from remind_jax.files import reading
+from remind_jax.files import json_keys, reading
+from remind_jax.files.json_keys import say_twice
 from remind_jax.files.wording import place_in_words, say_invalid
 
 MOST_LABEL = 200  # characters of a label
@@ -101,9 +102,13 @@ def decode_json(
             if data.count(mark) > most:
                 raise refused(f"{where} holds over {most} {what}, which are not read; split it")
     try:
-        return _decoder(record).decode(data)
+        decoded = _decoder(record).decode(data)
     except (msgspec.DecodeError, RecursionError) as error:
         _refuse(say_invalid(data, error, record), where, refused, error)
+    # What is decoded later is looked through then, so that a bad row spoils no other.
+    if said := say_twice(data, is_shallow=_holds_undecoded(record)):
+        raise refused(f"{where}{said}")
+    return decoded
 
 
 def decode_rows(
@@ -124,13 +129,20 @@ def decode_rows(
     Yields:
       Every entry, bad ones with their error.
     """
-    decode = _decoder(record).decode
+    decode, num_bytes = _decoder(record).decode, 0
     for number, raw in enumerate(raws, 1):
+        data = bytes(raw)
+        num_bytes += len(data)
         try:
-            yield Row(number, decode(raw))
+            decoded, said = decode(raw), ""
+            if num_bytes <= json_keys.MOST_BYTES:
+                said = say_twice(data, is_shallow=_holds_undecoded(record))
         except (msgspec.DecodeError, RecursionError) as error:
-            said = say_invalid(bytes(raw), error, record)
+            decoded, said = None, say_invalid(data, error, record)
+        if said:
             yield Row(number, None, refused(f"{where}, row {number}{said}"))
+        else:
+            yield Row(number, decoded)
 
 
 def read_json_lines(
@@ -155,16 +167,22 @@ def read_json_lines(
       RemindError: Of kind `refused`, if the file cannot be read, or a line or their number is
         beyond all measure.
     """
-    decode, where = _decoder(record).decode, f"'{path}'"
+    decode, where, num_bytes = _decoder(record).decode, f"'{path}'", 0
     for number, line in read_lines(path, refused=refused):
         if number <= skip:
             continue
+        num_bytes += len(line)
         try:
-            yield Row(number, decode(line))
+            decoded, said = decode(line), ""
+            if num_bytes <= json_keys.MOST_BYTES:
+                said = say_twice(line)
         except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
             wrong = reading.wrong_encoding(line)
-            said = f": {wrong}" if wrong else say_invalid(line, error, record)
+            decoded, said = None, f": {wrong}" if wrong else say_invalid(line, error, record)
+        if said:
             yield Row(number, None, refused(f"{where}, row {number}{said}"))
+        else:
+            yield Row(number, decoded)
 
 
 def read_lines(path: str | Path, *, refused: Family = SourceError) -> Iterator[tuple[int, bytes]]:
@@ -251,8 +269,18 @@ def _refuse(said: str, where: str, refused: Family, error: Exception) -> NoRetur
 
 
 @functools.cache
+def _holds_undecoded(record: Any) -> bool:
+    """Whether a type leaves parts of the text as they are, to be decoded one by one."""
+    return "RawType()" in repr(inspect.type_info(record))
+
+
+@functools.cache
 def _decoder(record: Any) -> msgspec.json.Decoder:
     return msgspec.json.Decoder(record)
+
+
+def _say_number(path: str) -> str:
+    return place_in_words(path, is_number=True)
 
 
 def _check_values(value: Any, where: str, refused: Family) -> None:
@@ -270,9 +298,9 @@ def _check_values(value: Any, where: str, refused: Family) -> None:
         elif isinstance(found, (list, tuple)):
             open_values += [(f"{place}[{i}]", depth + 1, part) for i, part in enumerate(found)]
         elif isinstance(found, float) and not math.isfinite(found):
-            raise refused(f"{where}{place_in_words(place)}: found {found}, give a finite number")
+            raise refused(f"{where}{_say_number(place)}: found {found}, give a finite number")
         elif isinstance(found, int) and abs(found) > MOST_INTEGER:
             raise refused(
-                f"{where}{place_in_words(place)}: found an integer of {len(hex(found)) * 4 - 8} "
+                f"{where}{_say_number(place)}: found an integer of {len(hex(found)) * 4 - 8} "
                 "bits, at most 64 are allowed; correct it"
             )

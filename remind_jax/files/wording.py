@@ -49,18 +49,30 @@ def say_invalid(content: Any, error: Exception, record: Any) -> str:
     return _say_invalid(content, str(error), record)
 
 
-def place_in_words(path: str) -> str:
-    """A path such as `$[16].a.b` in words: ", row 17, `a.b`"."""
+def place_in_words(path: str, *, is_number: bool = False) -> str:
+    """A path such as `$[16].a.b` in words: ", row 17, `a.b`".
+
+    Args:
+      path: As `msgspec` writes it.
+      is_number: Whether what stands there is one of many values of a row: `$.bbox[2]` then is
+        ", `bbox`, number 3".
+    """
     parts, names = [], ""
-    for name, index in _STEP.findall(path):
+    steps = _STEP.findall(path)
+    for place, (name, index) in enumerate(steps):
         if name:
             names += f".{name}" if names else name
-        elif index != "..." and not any(part.startswith("row ") for part in parts):
-            parts += [f"`{names}`"] if names else []
-            parts.append(f"row {int(index) + 1}")
-            names = ""
-        elif index != "...":
+            continue
+        if index == "...":
+            continue
+        is_within = is_number and place > 0 and not any(name for name, _ in steps[place:])
+        if not is_within and any(part.startswith("row ") for part in parts):
             names += f"[{index}]"
+            continue
+        word = "row" if not is_within else "part" if steps[place + 1 :] else "number"
+        parts += [f"`{_cut(names)}`"] if names else []
+        parts.append(f"{word} {int(index) + 1}")
+        names = ""
     parts += [f"`{_cut(names)}`"] if names else []
     return "".join(f", {part}" for part in parts)
 
@@ -102,7 +114,8 @@ def _say_invalid(content: Any, said: str, record: Any) -> str:
     path, said = (match[1], said[: match.start()]) if match else ("$", said)
     steps = _STEP.findall(path)
     kinds = _kinds_at(inspect.type_info(record), steps)
-    place = place_in_words(path)
+    holders = (inspect.StructType, inspect.DictType)
+    place = place_in_words(path, is_number=not any(isinstance(kind, holders) for kind in kinds))
     if missing := _MISSING.match(said):
         return f"{place}: `{missing[1]}` is missing; add it"
     if unknown := _UNKNOWN.match(said):

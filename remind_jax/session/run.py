@@ -31,6 +31,7 @@ from remind_jax.outputs.writer import (
     MEMORY_NAME,
     ViewerRecord,
     check_folder,
+    holds_run,
 )
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
@@ -40,6 +41,7 @@ from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress, follow_run
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import LiveSource, Sampling, Source, open_source
+from remind_jax.sources.opening import NO_MASKS
 
 _MOST_DELAY = 1_000_000  # frames
 
@@ -146,6 +148,7 @@ def run(
     if out is not None:
         out = as_path(out, "the output folder", OutputError)
         check_folder(out, overwrite, resume)
+    network, config_file = detector, config
     detector = as_detector(detector, detector_options)
     backbone = open_backbone(
         backbone, weights=weights, feature_cache=feature_cache, quiet=progress is False
@@ -166,6 +169,8 @@ def run(
         )
     if isinstance(frames, LiveSource) and detector is None and not frames.brings_masks:
         raise SourceError(f"'{frames.name}' brings no masks; give a detector")
+    if out is not None:
+        _keep_apart(out, frames, rerun, mcap, masks, metadata, weights, config_file, network)
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = max(0, 2 * after - delay) if after > 1 else 0
@@ -217,6 +222,24 @@ def _check_viewers(out: Any, rerun: Any, mcap: Any) -> None:
     for name, target in (("rerun", rerun), ("mcap", mcap)):
         if target is not None and out is None:
             raise OptionError(f"'{name}' records a run that is written to a folder; give out", name)
+
+
+def _keep_apart(out: Path, frames: Source, rerun: Any, mcap: Any, *others: Any) -> None:
+    """Refuses to write onto what is read."""
+    arguments = frames.describe().get("reopen") or {}
+    inputs = [arguments.get(name) for name in ("spec", "masks", "metadata")]
+    # Words that name something else, such as "default", are no paths.
+    inputs += [path for path in others if _is_there(path)]
+    inputs = [path for path in inputs if path != NO_MASKS]
+    is_ours = not out.is_dir() or not any(out.iterdir()) or holds_run(out)
+    files.refuse_folder(out, inputs, is_ours=is_ours)
+    for target in (rerun, mcap):
+        if target is not None and "://" not in str(target):
+            files.refuse_file(as_path(target, "the record", OutputError), inputs)
+
+
+def _is_there(path: Any) -> bool:
+    return isinstance(path, (str, Path)) and Path(path).exists()
 
 
 def _open_viewers(

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import Detections
+from remind_jax.frame import Detections, require_whole
 from remind_jax.sources.class_names import ANY_CLASS
 from remind_jax.sources.label_maps import fit_plane, instance_ids_in, require_room
 
@@ -182,6 +182,13 @@ def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarra
         raise SourceError(f"masks have shape {array.shape}; give [N, H, W]")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise SourceError("masks hold NaN or infinity; give booleans or finite numbers")
+    if array.dtype.kind == "f":
+        require_whole(array)
+        if array.ndim == 2 and array.max() > 1:
+            raise SourceError(
+                f"a mask [H, W] of {array.dtype} holds {array.max():g}; give an instance map of an "
+                "integer type, or a mask of 0 and 1"
+            )
     if array.dtype.kind == "i" and array.size and array.min() < 0:
         raise SourceError(f"masks hold {array.min()}; give booleans, or numbers of 0 or more")
     return _fit_masks(planes.astype(bool, copy=False), frame_size)

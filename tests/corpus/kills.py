@@ -201,8 +201,21 @@ class Course:
         (self._scene,) = self._scene.iterdir()
         self._undisturbed: dict[str, tuple[Path, float]] = {}
 
-    def try_kind(self, name: str, num_kills: int, rng: random.Random) -> Case:
-        """Kills a command so many times, lets it end, and compares what it made."""
+    def try_kind(
+        self,
+        name: str,
+        num_kills: int,
+        rng: random.Random,
+        number: signal.Signals = signal.SIGKILL,
+    ) -> Case:
+        """Kills a command so many times, lets it end, and compares what it made.
+
+        Args:
+          name: Of the kind.
+          num_kills: How often.
+          rng: What the moments follow from.
+          number: The signal; of another one than SIGKILL, the command has to end well.
+        """
         kind, case = KINDS[name], Case(name)
         expected, usual_s = self._expect(name)
         total = _count(expected, kind)
@@ -210,9 +223,10 @@ class Course:
         for _ in range(num_kills):
             child = self._start(kind, out)
             _wait(child, out, kind, total, usual_s, rng)
-            child.kill()
-            said = child.communicate()[1]
-            if child.returncode == -signal.SIGKILL:
+            child.send_signal(number)
+            said = child.communicate(timeout=LIMIT_S)[1]
+            # A signal may come before the command, when Python itself starts.
+            if child.returncode in (-number, 128 + number):
                 case.kills.append(_place(out, kind, total))
             elif child.returncode:
                 case.failures.append(f"exit code {child.returncode}: {said.strip()[-300:]}")

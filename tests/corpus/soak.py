@@ -12,8 +12,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-import gc
-import os
 import resource
 import sys
 import time
@@ -142,7 +140,9 @@ def soak(
         if index and index % 1000 == 0:
             yield f"{index} frames, {tracker.num_objects} objects, {rss[-1]:.1f} MiB"
     after = np.array(frames) >= first
-    slope = np.polyfit(np.array(frames)[after], np.array(rss)[after], 1)[0] if after.sum() > 2 else 0
+    slope = (
+        np.polyfit(np.array(frames)[after], np.array(rss)[after], 1)[0] if after.sum() > 2 else 0
+    )
     median = float(np.median(spent_ms[warm_up:]))
     worst = warm_up + int(np.argmax(spent_ms[warm_up:]))
     wall_median = float(np.median(wall_ms[warm_up:]))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import random
 import shutil
+import signal
+import time
 from pathlib import Path
 
 import pytest
 
-from tests.corpus.kills import Course, compare_runs
+from remind_jax.cli import process
+from tests.corpus.kills import KINDS, Course, _count, compare_runs
 
 NUM_KILLS = 3
 
@@ -19,7 +23,7 @@ def course(tmp_path_factory) -> Course:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["run", "features", "sweep"])
+@pytest.mark.parametrize("kind", ["run", "features", "sweep", "benchmark"])
 def test_killed_commands_go_on(course, kind):
     case = course.try_kind(kind, NUM_KILLS, random.Random(1))
     assert case.failures == []
@@ -29,6 +33,32 @@ def test_a_killed_run_goes_on(course):
     """The cheapest kind; three kills."""
     case = course.try_kind("run of the bank", NUM_KILLS, random.Random(2))
     assert case.failures == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["run", "features", "sweep", "benchmark"])
+def test_commands_that_are_asked_to_end_go_on(course, kind):
+    case = course.try_kind(kind, NUM_KILLS, random.Random(3), signal.SIGTERM)
+    assert case.failures == []
+
+
+def test_a_run_that_is_asked_to_end_ends_well(course):
+    """Half-way: what was done is finished, and is gone on with."""
+    kind, (expected, _) = KINDS["run of the bank"], course._expect("run of the bank")
+    out = course._folder / "asked"
+    child = course._start(kind, out)
+    while _count(out, kind) < 10 and child.poll() is None:
+        time.sleep(0.01)
+    child.send_signal(signal.SIGTERM)
+    said = child.communicate(timeout=120)[1]
+    assert (child.returncode, said) == (process.TERMINATED, "")
+    content = json.loads((out / "run.json").read_text())
+    assert not content["complete"]
+    assert (out / "report.html").exists()
+    assert (out / "checkpoint").exists()
+    child = course._start(kind, out)
+    assert (child.communicate(timeout=120)[1], child.returncode) == ("", 0)
+    assert compare_runs(expected, out) == []
 
 
 def test_a_difference_is_seen(course, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -10,6 +11,7 @@ import pytest
 from msgspec import Meta
 
 from remind_jax.errors import ConfigError, OutputError, SourceError
+from remind_jax.files import json_keys
 from remind_jax.files.records import (
     MOST_LABEL,
     MOST_YAML_BYTES,
@@ -193,3 +195,45 @@ def test_totals_are_compared_before_decoding(part, what):
     data = b"[" + part * 31_000_000 + b"1]"
     with pytest.raises(SourceError, match=f"'x' holds over {what}, which are not read; split it"):
         decode_json(data, list[Any], "'x'")
+
+
+class Boxed(msgspec.Struct):
+    bbox: list[float] = []
+    polygons: list[list[float]] = []
+
+
+TWICE = {
+    '{"a": 1, "b": {"c": [{"d": 1}, {"d": 2, "d": 3}]}}': '`b.c`, row 2: the key "d" stands twice',
+    '{"a": 1, "b": 2, "\\u0061": 2}': 'x\': the key "a" stands twice',
+    '{"a": "{:\\"", "a": "]"}': 'x\': the key "a" stands twice',
+}
+
+
+@pytest.mark.parametrize("text", TWICE)
+def test_a_key_that_stands_twice_is_refused_with_its_place(text):
+    with pytest.raises(SourceError, match=re.escape(TWICE[text])):
+        decode_json(text.encode(), dict[str, Any], "'x'")
+
+
+def test_keys_of_different_mappings_may_be_the_same():
+    text = b'{"a": {"a": 1}, "b": [{"a": 1}, {"a": 2}]}'
+    assert decode_json(text, dict[str, Any], "'x'")["b"] == [{"a": 1}, {"a": 2}]
+
+
+def test_a_row_with_a_key_twice_spoils_no_other():
+    raws = decode_json(b'[{"a": 1, "a": 2}, {"a": 3}]', list[msgspec.Raw], "'x'")
+    first, second = decode_rows(raws, dict[str, int], "'x'")
+    assert str(first.error) == "'x', row 1: the key \"a\" stands twice; remove one"
+    assert second.record == {"a": 3}
+
+
+def test_beyond_some_size_keys_are_not_looked_through(monkeypatch):
+    monkeypatch.setattr(json_keys, "MOST_BYTES", 10)
+    assert decode_json(b'{"a": 1, "a": 2}', dict[str, Any], "'x'") == {"a": 2}
+
+
+def test_one_of_many_numbers_is_no_row():
+    with pytest.raises(SourceError, match=r"`bbox`, number 2: found null"):
+        decode_json(b'{"bbox": [1, null]}', Boxed, "'x'")
+    with pytest.raises(SourceError, match=r"`polygons`, part 1, number 2: found null"):
+        decode_json(b'{"polygons": [[1, null]]}', Boxed, "'x'")

@@ -38,7 +38,7 @@ def test_info_names_what_is_missing():
     ("change", "said"),
     [
         ({"frame_size": [48]}, "`frame_size`: found a list of 1, allowed is a list of 2"),
-        ({"frame_size": [48, 0]}, r"`frame_size`, row 2: found 0, allowed is an integer from 1"),
+        ({"frame_size": [48, 0]}, r"`frame_size`, number 2: found 0, allowed is an integer from 1"),
         ({"fps": float("nan")}, "`fps`: found nan, give a finite number"),
         ({"fps": -1}, "`fps`: found -1, allowed is a finite number"),
         ({"config": {}}, "`config`: `tracker` is missing"),
@@ -55,7 +55,10 @@ def test_info_names_what_is_wrong(change, said):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"timings_ms": {"step": [1.0, "2"]}}, "`timings_ms`, row 2: expected `float`, got `str`"),
+        (
+            {"timings_ms": {"step": [1.0, "2"]}},
+            "`timings_ms`, number 2: expected `float`, got `str`",
+        ),
         ({"timings_ms": {"step": [float("nan")]}}, "`timings_ms`.* or delete the file to open"),
         ({"timings_ms": [1.0]}, "`timings_ms`: found a list of 1, allowed is a mapping"),
         ({"complete": 1}, "`complete`: found 1, allowed is true or false"),

@@ -134,7 +134,7 @@ def _change_line(path, number, change):
     [
         (lambda c: c.update(frame=0), "line 4 is of frame 0 after frame 1"),
         (lambda c: c.update(frame=10**9), "`frame`: found 1000000000, allowed is an integer"),
-        (lambda c: c.update(size=[0, 64]), "`size`, row 1: found 0, allowed"),
+        (lambda c: c.update(size=[0, 64]), "`size`, number 1: found 0, allowed"),
         (lambda c: c.update(size=[7, 9]), "the mask of detection 0 in frame 2 is damaged"),
         (lambda c: c.update(num_candidates=0), "'num_candidates' is 0, which does not fit"),
         (

@@ -1,0 +1,50 @@
+"""A share of `make soak`, and that it sees what it looks for."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.corpus.soak import CROWD, NUM_ROOMS, PLACES, Figures, picture, soak
+
+FINE = Figures(
+    num_frames=2000,
+    num_objects=160,
+    median_ms=5.0,
+    worst_ms=20.0,
+    worst_frame=300,
+    worst_wall_ms=200.0,
+    num_wall_over=1,
+    grown_at=(250,),
+    rss_mib=(500.0, 500.5),
+    kib_per_1000=200.0,
+)
+
+
+def test_stalls_and_growth_are_seen():
+    assert FINE.failures == []
+    stalled = dataclasses.replace(FINE, worst_ms=60.0)
+    assert stalled.failures == ["frame 300 took 60.0 ms, the median is 5.00 ms"]
+    growing = dataclasses.replace(FINE, kib_per_1000=2000.0)
+    assert growing.failures == ["memory grows by 2000 KiB in 1,000 frames"]
+
+
+def test_all_rooms_are_met_and_things_come_and_go():
+    seen = [picture(index, 800)[1] for index in range(0, 2000, 10)]
+    assert max(map(len, seen[:80])) == CROWD
+    assert {len(frame) for frame in seen[80:]} > {2, 3, 4}
+    images = {picture(index, 800)[0].tobytes() for index in range(0, 800, 20)}
+    assert len(images) == NUM_ROOMS
+    again = picture(37, 800)
+    assert np.array_equal(again[0], picture(37, 800)[0])
+    assert len(again[1]) == len(PLACES)
+
+
+@pytest.mark.slow
+def test_a_short_soak_stays_within_bounds():
+    *_, figures = soak(800, "bank", fps=1000.0, first=400)
+    assert isinstance(figures, Figures)
+    assert figures.grown_at
+    assert figures.failures == []
