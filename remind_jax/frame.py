@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from remind_jax.crops import Crops
 from remind_jax.errors import SourceError, first_line
 
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
@@ -32,7 +33,7 @@ class Detections:
     `instance_ids` are ground truth (or -1) and never reach the tracker.
     """
 
-    masks: Bool[np.ndarray, "N H W"]
+    masks: Bool[np.ndarray, "N H W"] | Crops  # crops where planes would take much memory
     labels: tuple[str, ...]
     scores: Float[np.ndarray, "N"]
     instance_ids: Int[np.ndarray, "N"]
@@ -62,13 +63,15 @@ class Detections:
           >>> seen.scores.tolist(), seen.instance_ids.tolist()
           ([1.0, 1.0], [-1, -1])
         """
-        planes = _as_array("masks", masks, "buif")
+        planes = masks if isinstance(masks, Crops) else _as_array("masks", masks, "buif")
         if planes.ndim != 3:
             raise SourceError(
                 f"masks have shape {planes.shape}; give one [H, W] plane per detection, [N, H, W]"
             )
-        if planes.dtype.kind == "f":
-            require_whole(planes)
+        if not isinstance(planes, Crops):
+            if planes.dtype.kind == "f":
+                require_whole(planes)
+            planes = planes.astype(bool, copy=False)
         num = len(planes)
         names = ("object",) * num if labels is None else _as_labels(labels)
         confidence = np.ones(num, np.float32) if scores is None else _as_scores(scores)
@@ -76,7 +79,7 @@ class Detections:
         for name, values in (("labels", names), ("scores", confidence), ("instance_ids", ids)):
             if len(values) != num:
                 raise SourceError(f"{len(values)} {name} were given for {num} masks")
-        return cls(planes.astype(bool, copy=False), names, confidence, ids)
+        return cls(planes, names, confidence, ids)
 
     @classmethod
     def empty(cls, height_px: int, width_px: int) -> Detections:

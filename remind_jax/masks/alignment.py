@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
+from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 
 
@@ -53,13 +54,40 @@ class Alignment:
         """The image at the tracker's size."""
         return self._crop(self._scale(image, cv2.INTER_AREA))
 
-    def align_masks(self, masks: Bool[np.ndarray, "N H W"]) -> Bool[np.ndarray, "N h w"]:
+    def align_masks(
+        self, masks: Bool[np.ndarray, "N H W"] | Crops
+    ) -> Bool[np.ndarray, "N h w"] | Crops:
         """The masks at the tracker's size, by nearest neighbor."""
+        if isinstance(masks, Crops):
+            return self._align_crops(masks)
         if masks.shape[1:] == self.scaled_size:
             return np.ascontiguousarray(self._crop(masks.transpose(1, 2, 0)).transpose(2, 0, 1))
         scaled = [self._scale(mask.view(np.uint8), cv2.INTER_NEAREST) for mask in masks]
         cropped = [self._crop(mask).astype(bool) for mask in scaled]
         return np.array(cropped, bool).reshape(len(masks), *self.size)
+
+    def _align_crops(self, masks: Crops) -> Crops:
+        """Where every row and column of the result comes from is the same for all masks."""
+        height, width = masks.size
+        places = np.arange(max(height, width), dtype=np.int32)
+        scale = self._scale_of
+        from_row = scale(places[:height, None], (self.scaled_size[0], 1))[:, 0]
+        from_column = scale(places[None, :width], (1, self.scaled_size[1]))[0]
+        from_row = from_row[self.top : self.top + self.size[0]]
+        from_column = from_column[self.left : self.left + self.size[1]]
+        corners, windows = [], []
+        for (left, top), window in zip(masks.corners, masks.windows, strict=True):
+            rows = slice(*np.searchsorted(from_row, [top, top + window.shape[0]]).tolist())
+            columns = slice(*np.searchsorted(from_column, [left, left + window.shape[1]]).tolist())
+            corners.append((columns.start, rows.start))
+            windows.append(window[np.ix_(from_row[rows] - top, from_column[columns] - left)])
+        return Crops(self.size, tuple(corners), tuple(windows))
+
+    @staticmethod
+    def _scale_of(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+        if places.shape == size:
+            return places
+        return np.asarray(cv2.resize(places, size[::-1], interpolation=cv2.INTER_NEAREST))
 
     def _scale(self, plane: np.ndarray, interpolation: int) -> np.ndarray:
         if plane.shape[:2] == self.scaled_size:

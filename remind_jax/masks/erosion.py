@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 from jaxtyping import Bool
 
+from remind_jax.crops import Crops
+
 
 def erode_masks(
-    masks: Bool[np.ndarray, "N H W"], radius_px: int, *, margin_px: int
-) -> Bool[np.ndarray, "N H W"]:
+    masks: Bool[np.ndarray, "N H W"] | Crops, radius_px: int, *, margin_px: int
+) -> Bool[np.ndarray, "N H W"] | Crops:
     """Erodes every mask once with a square of `2 * radius_px + 1` pixels.
 
     Args:
@@ -21,6 +23,9 @@ def erode_masks(
     """
     if radius_px <= 0:
         return masks
+    if isinstance(masks, Crops):
+        eroded = (erode_masks(mask[None], radius_px, margin_px=margin_px) for mask in masks)
+        return Crops.of_planes((np.asarray(one)[0] for one in eroded), masks.size)
     kernel = np.ones((2 * radius_px + 1,) * 2, np.uint8)
     eroded = np.zeros_like(masks)
     for mask, out in zip(masks, eroded, strict=True):

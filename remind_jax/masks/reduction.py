@@ -13,15 +13,16 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from remind_jax.crops import Crops
 from remind_jax.masks.erosion import erode_masks
-from remind_jax.masks.relations import find_row_ends, relate_masks
+from remind_jax.masks.relations import box_of, find_row_ends, region_of, relate_masks
 from remind_jax.observation import Masks
 
 SanitizeMode = Literal["convex_hull", "morphology", "none"]
 
 
 def reduce_masks(
-    masks: Bool[np.ndarray, "N H W"],
+    masks: Bool[np.ndarray, "N H W"] | Crops,
     class_ids: np.ndarray,
     scores: np.ndarray,
     *,
@@ -72,20 +73,20 @@ def reduce_masks(
     valid = np.zeros(num_slots, bool)
     margin = close_px + open_px if sanitize == "morphology" else 0
     ends: list[np.ndarray | None] = [None] * num
-    for slot, mask in enumerate(masks):
-        pixels = mask.view(np.uint8)
-        region = left, top, width, height = cv2.boundingRect(pixels)
+    for slot in range(num):
+        region = left, top, width, height = box_of(masks, slot)
         if not width:
             continue
         valid[slot] = True
         box[slot] = left, top, left + width, top + height
-        ends[slot] = find_row_ends(mask[top : top + height, left : left + width], left, top)
+        tight = region_of(masks, slot, slice(top, top + height), slice(left, left + width))
+        ends[slot] = find_row_ends(tight, left, top)
         rows, columns = _window(region, margin, patch_px, size)
         patches = np.s_[
             rows.start // patch_px : rows.stop // patch_px,
             columns.start // patch_px : columns.stop // patch_px,
         ]
-        inside = pixels[rows, columns]
+        inside = region_of(masks, slot, rows, columns).view(np.uint8)
         summed = cv2.integral(inside)
         area[slot] = num_pixels = int(summed[-1, -1])
         center[slot] = (
@@ -99,11 +100,10 @@ def reduce_masks(
             continue
         solid, solid_ends = inside, ends[slot]
         if keep_largest:
-            largest = _largest_piece(pixels)
-            solid = largest[rows, columns]
-            left, top, width, height = cv2.boundingRect(largest)
-            piece = largest[top : top + height, left : left + width].view(bool)
-            solid_ends = find_row_ends(piece, left, top)
+            solid = _largest_piece(inside)
+            left, top, width, height = cv2.boundingRect(solid)
+            piece = solid[top : top + height, left : left + width].view(bool)
+            solid_ends = find_row_ends(piece, left + columns.start, top + rows.start)
         if sanitize == "convex_hull":
             assert solid_ends is not None
             filled = np.zeros_like(inside, order="C")

@@ -12,15 +12,17 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Num
 
+from remind_jax.crops import Crops
 from remind_jax.observation import MaskRelations
 
 # Steps of OpenCV's distance transform in ten thousandths of a pixel: 0.955 and 1.3693 pixels.
 _STRAIGHT, _DIAGONAL, _UNITS = 9550, 13693, 10_000
+_ROWS_AT_ONCE = 256  # of the table of gaps, so that tables in between stay small
 _SAMPLED = 8  # of so many ends of rows, one bounds a gap
 
 
 def relate_masks(
-    masks: Bool[np.ndarray, "N H W"],
+    masks: Bool[np.ndarray, "N H W"] | Crops,
     boxes: Float[np.ndarray, "S 4"],
     areas: Num[np.ndarray, "S"],
     ends: Sequence[Int[np.ndarray, "_ 2"] | None],
@@ -50,31 +52,32 @@ def relate_masks(
     """
     num = len(masks)
     boxes, areas = np.asarray(boxes, np.float64)[:num], np.asarray(areas, np.float64)[:num]
-    box_gap_px = _gap_between_boxes(boxes)
     side = np.sqrt(areas)
-    scale_px = np.maximum(scale_min_px, 0.5 * (side[:, None] + side))
     present = areas > 0
-    close = present[:, None] & present & (box_gap_px <= exact_gap_max * scale_px)
+    slots = (num_slots, num_slots)
+    result = MaskRelations(np.zeros(slots), np.zeros(slots, bool), np.zeros(num_slots, bool))
+    gap_px, close = result.gap_px[:num, :num], result.exact[:num, :num]
+    for start in range(0, num, _ROWS_AT_ONCE):
+        rows = slice(start, min(start + _ROWS_AT_ONCE, num))
+        gap_px[rows] = _gap_between_boxes(boxes[rows], boxes)
+        scale_px = np.maximum(scale_min_px, 0.5 * (side[rows, None] + side))
+        close[rows] = present[rows, None] & present & (gap_px[rows] <= exact_gap_max * scale_px)
     np.fill_diagonal(close, False)
-
-    gap_px = np.where(np.eye(num, dtype=bool), 0.0, box_gap_px)
-    first, second = np.nonzero(np.triu(close))
+    np.fill_diagonal(gap_px, 0.0)
+    first, second = np.nonzero(close)
+    first, second = first[first < second], second[first < second]
     gaps = _measure_gaps(masks, boxes.astype(int), ends, first, second)
     gap_px[first, second] = gap_px[second, first] = gaps
 
     height, width = masks.shape[1:]
     left, top, right, bottom = boxes.T
     at_border = (left <= 0) | (top <= 0) | (right >= width) | (bottom >= height)
-    slots = (num_slots, num_slots)
-    result = MaskRelations(np.zeros(slots), np.zeros(slots, bool), np.zeros(num_slots, bool))
-    result.gap_px[:num, :num] = gap_px
-    result.exact[:num, :num] = close
     result.touches_border[:num] = present & at_border
     return result
 
 
 def _measure_gaps(
-    masks: np.ndarray,
+    masks: Bool[np.ndarray, "N H W"] | Crops,
     corners: np.ndarray,
     row_ends: Sequence[np.ndarray | None],
     first: np.ndarray,
@@ -88,7 +91,8 @@ def _measure_gaps(
         found = row_ends[index] if axis == 0 else column_ends.get(index)
         if found is None:
             left, top, right, bottom = corners[index].tolist()
-            inside = np.ascontiguousarray(masks[index, top:bottom, left:right].T)
+            tight = region_of(masks, index, slice(top, bottom), slice(left, right))
+            inside = np.ascontiguousarray(tight.T)
             found = column_ends[index] = find_row_ends(inside, top, left)
         return found
 
@@ -104,7 +108,7 @@ def _measure_gaps(
                 break
         else:
             gaps[pair] = _measure_entangled(
-                masks[one], masks[other], corners[[one, other]], ends_of(one, 0), ends_of(other, 0)
+                masks, (one, other), corners[[one, other]], ends_of(one, 0), ends_of(other, 0)
             )
     return gaps
 
@@ -123,15 +127,19 @@ def _least_distance(one: Int[np.ndarray, "n 2"], other: Int[np.ndarray, "m 2"]) 
 
 
 def _measure_entangled(
-    one: np.ndarray, other: np.ndarray, corners: np.ndarray, *ends: np.ndarray
+    masks: Bool[np.ndarray, "N H W"] | Crops,
+    pair: tuple[int, int],
+    corners: np.ndarray,
+    *ends: np.ndarray,
 ) -> float:
     """The gap of masks whose boxes overlap, by a distance transform of the pixels that matter.
 
     Some pixels of the two masks bound the gap from above; only pixels that close to the other box
     can be nearest.
     """
+    one, other = pair
     both = _intersect(*corners)
-    num_shared = np.count_nonzero(_crop(one, both) & _crop(other, both))
+    num_shared = np.count_nonzero(_mask_in(masks, one, both) & _mask_in(masks, other, both))
     if num_shared:
         return -math.sqrt(num_shared)
     reach = int(_least_distance(*(some[::_SAMPLED] for some in ends)) * _UNITS) // _STRAIGHT + 1
@@ -139,10 +147,11 @@ def _measure_entangled(
     source = _intersect(corners[0], corners[1] + grown)
     target = _intersect(corners[1], corners[0] + grown)
     region = np.concatenate([np.minimum(source, target)[:2], np.maximum(source, target)[2:]])
-    outside = 1 - _crop(one, region).view(np.uint8)
+    outside = 1 - _mask_in(masks, one, region).view(np.uint8)
     distance_px = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
     nearest = cv2.minMaxLoc(
-        _crop(distance_px, target - region[[0, 1, 0, 1]]), _crop(other, target).view(np.uint8)
+        _crop(distance_px, target - region[[0, 1, 0, 1]]),
+        _mask_in(masks, other, target).view(np.uint8),
     )
     return nearest[0]
 
@@ -178,15 +187,47 @@ def _intersect(one: np.ndarray, other: np.ndarray) -> Int[np.ndarray, "4"]:
     return np.concatenate([np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])])
 
 
+def box_of(masks: Bool[np.ndarray, "N H W"] | Crops, row: int) -> Sequence[int]:
+    """Left, top, width and height of the smallest box around a mask; no width if it is empty."""
+    if not isinstance(masks, Crops):
+        return cv2.boundingRect(masks[row].view(np.uint8))
+    window, corner = masks.windows[row], masks.corners[row]
+    if not window.size:
+        return 0, 0, 0, 0
+    left, top, width, height = cv2.boundingRect(np.ascontiguousarray(window).view(np.uint8))
+    return (left + corner[0], top + corner[1], width, height) if width else (0, 0, 0, 0)
+
+
+def region_of(
+    masks: Bool[np.ndarray, "N H W"] | Crops, row: int, rows: slice, columns: slice
+) -> Bool[np.ndarray, "_h _w"]:
+    """A part of a mask; both ends of rows and columns are given."""
+    if isinstance(masks, Crops):
+        return np.ascontiguousarray(masks.region(row, rows, columns))
+    return masks[row, rows, columns]
+
+
+def _mask_in(
+    masks: Bool[np.ndarray, "N H W"] | Crops, row: int, box: np.ndarray
+) -> Bool[np.ndarray, "_h _w"]:
+    left, top, right, bottom = box.tolist()
+    return region_of(masks, row, slice(top, bottom), slice(left, right))
+
+
 def _crop(image: np.ndarray, box: np.ndarray) -> np.ndarray:
     left, top, right, bottom = box.tolist()
     return image[top:bottom, left:right]
 
 
-def _gap_between_boxes(boxes: np.ndarray) -> Float[np.ndarray, "N N"]:
-    """Gap of every two boxes, negative where they overlap."""
-    low, high = boxes[:, :2], boxes[:, 2:]
-    apart = np.maximum(0.0, np.maximum(low[:, None] - high, low - high[:, None]))
-    common = np.maximum(0.0, np.minimum(high[:, None], high) - np.maximum(low[:, None], low))
-    gap = np.sqrt((apart**2).sum(axis=-1))
-    return np.where((apart > 0).any(axis=-1), gap, -np.sqrt(common.prod(axis=-1)))
+def _gap_between_boxes(
+    some: Float[np.ndarray, "M 4"], boxes: Float[np.ndarray, "N 4"]
+) -> Float[np.ndarray, "M N"]:
+    """Gap of each of some boxes to every box, negative where they overlap."""
+    apart, common = [], []
+    for axis in (0, 1):  # apart: a last axis of two takes several times as long
+        near, far = some[:, None, axis], some[:, None, axis + 2]
+        low, high = boxes[:, axis], boxes[:, axis + 2]
+        apart.append(np.maximum(0.0, np.maximum(near - high, low - far)))
+        common.append(np.maximum(0.0, np.minimum(far, high) - np.maximum(near, low)))
+    gap = np.sqrt(apart[0] ** 2 + apart[1] ** 2)
+    return np.where(gap > 0, gap, -np.sqrt(common[0] * common[1]))

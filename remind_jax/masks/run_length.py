@@ -14,6 +14,7 @@ import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool, Float, Int, Integer, UInt8
 
+from remind_jax.crops import Crops
 from remind_jax.frame import Rle
 
 # More characters to a number overflow 64 bits; no picture is that large.
@@ -21,12 +22,31 @@ _MAX_CHARACTERS = 8
 _CHUNK_CHARACTERS = 1 << 20  # of codes that are checked in one go: some hundred bytes for each
 
 
-def encode_masks(masks: Bool[np.ndarray, "N H W"]) -> tuple[Rle, ...]:
+def encode_masks(masks: Bool[np.ndarray, "N H W"] | Crops) -> tuple[Rle, ...]:
     """Run-length encodes pixel masks, one COCO RLE per mask."""
+    if isinstance(masks, Crops):
+        return tuple(
+            _encode_crop(corner, window, masks.size)
+            for corner, window in zip(masks.corners, masks.windows, strict=True)
+        )
     # A code goes column by column: transposed by OpenCV first, that takes a quarter of the time.
     planes = np.ascontiguousarray(masks).view(np.uint8)
     columns = (np.asarray(cv2.transpose(plane), np.uint8) for plane in planes)
     return tuple(coco.encode(plane.T) for plane in columns)
+
+
+def _encode_crop(
+    corner: tuple[int, int], window: Bool[np.ndarray, "_h _w"], frame_size: tuple[int, int]
+) -> Rle:
+    """The code of a mask of which only the part in a box is looked at."""
+    (left, top), (height, width) = corner, frame_size
+    # As columns of the picture, with a pixel of background before and behind.
+    columns = np.zeros((window.shape[1], height), bool)
+    columns[:, top : top + window.shape[0]] = window.T
+    edges = np.flatnonzero(np.diff(columns.ravel(), prepend=False, append=False)) + left * height
+    counts = np.diff(edges, prepend=0, append=height * width).tolist()
+    plain = {"size": [height, width], "counts": counts if counts[-1] else counts[:-1]}
+    return coco.frPyObjects(plain, height, width)
 
 
 def encode_label_map(labels: Integer[np.ndarray, "H W"]) -> dict[int, Rle]:

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from remind_jax.crops import Crops
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.frame import Detections, Frame, Rle
+from remind_jax.masks.relations import box_of
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.tracks import Tracks
 
@@ -26,10 +28,16 @@ class Outlines:
     areas: Int[np.ndarray, "N"]  # pixels
 
 
-def outline(masks: Bool[np.ndarray, "N H W"]) -> Outlines:
+def outline(masks: Bool[np.ndarray, "N H W"] | Crops) -> Outlines:
     """Encodes and measures pixel masks; the box of an empty one is zero."""
     import cv2
 
+    if isinstance(masks, Crops):
+        boxes = np.array([box_of(masks, row) for row in range(len(masks))], np.float32)
+        boxes = boxes.reshape(-1, 4)
+        boxes[:, 2:] += boxes[:, :2]
+        areas = np.array([np.count_nonzero(window) for window in masks.windows], np.int64)
+        return Outlines(encode_masks(masks), boxes, areas)
     pixels = masks.view(np.uint8)
     corners = [cv2.boundingRect(mask) for mask in pixels]
     boxes = np.array(corners, np.float32).reshape(-1, 4)

@@ -29,6 +29,7 @@ import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool
 
+from remind_jax.crops import MOST_PLANES_BYTES, Crops, cut_plane
 from remind_jax.errors import SourceError
 from remind_jax.files.records import Whole, check, decode_json
 from remind_jax.frame import Detections
@@ -48,7 +49,7 @@ from remind_jax.sources.coco_rows import (
 )
 from remind_jax.sources.detections import fill_boxes, name_classes
 from remind_jax.sources.file_tree import last_number
-from remind_jax.sources.label_maps import fit_plane, require_room, require_same_picture
+from remind_jax.sources.label_maps import fit_plane, require_bytes, require_same_picture
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame
 
 
@@ -104,8 +105,7 @@ class CocoMasks:
           SourceError: If none of their masks can be of this picture.
         """
         rows = self._rows.get(entry.source_index, [])
-        require_room(len(rows), frame_size, f"'{self._file}'")
-        masks = np.zeros((len(rows), *frame_size), bool)
+        cut, num_bytes = [], 0
         kept: list[int] = []
         unfit: SourceError | None = None
         for place, row in enumerate(rows):
@@ -115,15 +115,17 @@ class CocoMasks:
                 unfit = error
                 self._leave_out(entry.source_index, place, error)
                 continue
-            # Memory that is not written to is not taken.
-            lines = np.flatnonzero(plane.any(axis=1))
-            masks[len(kept), lines] = plane[lines]
+            cut.append(cut_plane(plane))
+            num_bytes += cut[-1][1].nbytes
+            require_bytes(num_bytes, len(rows), frame_size, f"'{self._file}'")
             kept.append(place)
         if unfit is not None and not kept:
             raise unfit
         chosen = [rows[place] for place in kept]
+        crops = Crops(frame_size, tuple(c for c, _ in cut), tuple(window for _, window in cut))
+        is_large = len(kept) * frame_size[0] * frame_size[1] > MOST_PLANES_BYTES
         return Detections.create(
-            masks[: len(kept)],
+            crops if is_large else np.asarray(crops),
             [self._name(row) for row in chosen],
             [row.score for row in chosen],
             [row.instance_id for row in chosen],

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
+from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, require_whole
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.label_maps import fit_plane, instance_ids_in, require_room
+from remind_jax.sources.label_maps import fit_plane, instance_ids_in, masks_of, require_room
 
 ClassNaming = Mapping[int, str] | Sequence[str]
 
@@ -158,8 +159,7 @@ def _from_array(
 ) -> Detections:
     if array.ndim == 2 and array.dtype.kind in "ui":
         ids = instance_ids_in(array)
-        require_room(len(ids), frame_size, "an instance map")
-        planes = _fit_masks(array == np.reshape(ids, (-1, 1, 1)), frame_size)
+        planes = _fit_masks(masks_of(array, ids), frame_size)
         labels = name_classes(ids, class_names) if class_names else [ANY_CLASS] * len(ids)
         return Detections.create(planes, labels, instance_ids=ids)
     return Detections.create(_as_planes(array, frame_size))
@@ -172,7 +172,7 @@ def _as_array(values: Any) -> np.ndarray:
         raise SourceError("masks of one frame differ in size; give all the frame's") from error
 
 
-def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"]:
+def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"] | Crops:
     if array.size == 0:
         return np.zeros((0, *frame_size), bool)
     if array.dtype.kind not in "buif":
@@ -195,9 +195,12 @@ def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarra
 
 
 def _fit_masks(
-    masks: Bool[np.ndarray, "N H W"], frame_size: tuple[int, int]
-) -> Bool[np.ndarray, "N h w"]:
+    masks: Bool[np.ndarray, "N H W"] | Crops, frame_size: tuple[int, int]
+) -> Bool[np.ndarray, "N h w"] | Crops:
     if masks.shape[1:] == frame_size:
         return masks
+    if isinstance(masks, Crops):
+        fitted = (fit_plane(mask, frame_size, "a mask").view(bool) for mask in masks)
+        return Crops.of_planes(fitted, frame_size)
     fitted = [fit_plane(mask, frame_size, "a mask") for mask in masks]
     return np.array(fitted, bool).reshape(-1, *frame_size)

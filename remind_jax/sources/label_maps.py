@@ -14,8 +14,10 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Integer, Shaped
+from jaxtyping import Bool, Integer, Shaped
+from scipy.ndimage import find_objects
 
+from remind_jax.crops import MOST_PLANES_BYTES, Crops
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
 from remind_jax.sources.annotation_png import read_label_map
@@ -143,16 +145,56 @@ def detections_in(
     """
     ids = instance_ids_in(labels) if ids is None else ids
     kept = [i for i in ids if classes[i] is not None]
-    require_room(len(kept), labels.shape, "its instance map")
-    masks = np.zeros((len(kept), *labels.shape), bool)
-    if len(kept) <= _FEW_INSTANCES:
-        for row, instance_id in enumerate(kept):
+    masks = masks_of(labels, kept)
+    return Detections.create(masks, [str(classes[i]) for i in kept], instance_ids=kept)
+
+
+def masks_of(
+    labels: Integer[np.ndarray, "H W"], ids: Sequence[int]
+) -> Bool[np.ndarray, "N H W"] | Crops:
+    """The mask of each of these instances, ascending; as crops where planes would take much memory.
+
+    Raises:
+      UnreadableFrame: If even these take more than is meant for a frame.
+    """
+    if len(ids) * labels.size > MOST_PLANES_BYTES:
+        return _crops_of(labels, ids)
+    masks = np.zeros((len(ids), *labels.shape), bool)
+    if len(ids) <= _FEW_INSTANCES:
+        for row, instance_id in enumerate(ids):
             np.equal(labels, instance_id, out=masks[row])
     else:  # time and memory go by the pixels, not by pixels times instances
-        pixels = np.flatnonzero(np.isin(labels, kept))
-        rows = np.searchsorted(kept, labels.ravel()[pixels])
-        masks.reshape(len(kept), -1)[rows, pixels] = True
-    return Detections.create(masks, [str(classes[i]) for i in kept], instance_ids=kept)
+        pixels = np.flatnonzero(np.isin(labels, ids))
+        rows = np.searchsorted(ids, labels.ravel()[pixels])
+        masks.reshape(len(ids), -1)[rows, pixels] = True
+    return masks
+
+
+def _crops_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Crops:
+    """As `masks_of`."""
+    place = np.searchsorted(ids, labels).clip(max=len(ids) - 1)
+    numbers = np.where(np.asarray(ids)[place] == labels, place + 1, 0).astype(np.int32)
+    boxes = find_objects(numbers, len(ids))
+    areas = [box[0].stop - box[0].start for box in boxes], [b[1].stop - b[1].start for b in boxes]
+    require_bytes(int(np.prod(areas, axis=0).sum()), len(ids), labels.shape, "its instance map")
+    windows = tuple(numbers[box] == number for number, box in enumerate(boxes, 1))
+    size = labels.shape[0], labels.shape[1]
+    return Crops(size, tuple((box[1].start, box[0].start) for box in boxes), windows)
+
+
+def require_bytes(num_bytes: int, num: int, frame_size: Sequence[int], name: str) -> None:
+    """As `require_room`, of masks whose bytes are known.
+
+    Raises:
+      UnreadableFrame: If they are more.
+    """
+    if num_bytes > MOST_MASK_BYTES:
+        height, width = frame_size
+        raise UnreadableFrame(
+            f"{name} has {num} instances of {width}x{height} pixels, which take "
+            f"{num_bytes >> 20} MiB; at most {MOST_MASK_BYTES >> 20} are meant for a "
+            "frame, give fewer or smaller ones"
+        )
 
 
 def require_room(num: int, frame_size: tuple[int, int], name: str) -> None:
@@ -161,13 +203,7 @@ def require_room(num: int, frame_size: tuple[int, int], name: str) -> None:
     Raises:
       UnreadableFrame: If it is more.
     """
-    height, width = frame_size
-    if num * height * width > MOST_MASK_BYTES:
-        raise UnreadableFrame(
-            f"{name} has {num} instances of {width}x{height} pixels, which take "
-            f"{num * height * width >> 20} MiB; at most {MOST_MASK_BYTES >> 20} are meant for a "
-            "frame, give fewer or smaller ones"
-        )
+    require_bytes(num * frame_size[0] * frame_size[1], num, frame_size, name)
 
 
 def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str) -> None:

@@ -65,7 +65,7 @@ def _look_at(source, **options) -> None:
     opened = rj.open_source(source, **options)
     for frame in itertools.islice(opened, NUM_FRAMES):
         if frame.detections is not None:
-            _ = frame.detections.masks.sum()
+            _ = np.asarray(frame.detections.masks).sum()
     if opened.skipped or opened.notes:
         raise Told([(frame.name, frame.reason) for frame in opened.skipped], opened.notes)
 

@@ -104,6 +104,7 @@ def test_numbers_of_a_video(tmp_path):
 
 
 @given(hnp.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 40))))
+@settings(deadline=None)
 def test_codes_of_pycocotools_are_read(mask):
     assert decode_segmentation(encode(mask), mask.shape).tolist() == mask.tolist()
 

@@ -1,0 +1,119 @@
+"""Pixel masks of one picture, each kept within a box: for the many small ones of a crowded frame.
+
+Whole planes of 5,000 masks take 1.5 GB at 640x480 pixels; crops take what the masks cover.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool
+
+MOST_PLANES_BYTES = 1 << 26  # masks that would take more are kept as crops
+
+
+@dataclasses.dataclass(frozen=True)
+class Crops:
+    """Booleans `[N, H, W]` as boxes; `numpy.asarray` makes planes of them."""
+
+    size: tuple[int, int]  # height and width of the picture in pixels
+    corners: tuple[tuple[int, int], ...]  # left and top of each box, in the picture
+    windows: tuple[Bool[np.ndarray, "_h _w"], ...]  # what is in each box; nothing is outside
+
+    @classmethod
+    def of_planes(cls, planes: Iterable[Bool[np.ndarray, "H W"]], size: tuple[int, int]) -> Crops:
+        """Cuts planes to the boxes around their masks, one after the other."""
+        cut = [cut_plane(plane) for plane in planes]
+        return cls(size, tuple(corner for corner, _ in cut), tuple(window for _, window in cut))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Masks, height, width."""
+        return len(self.windows), *self.size
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """That of the planes."""
+        return np.dtype(bool)
+
+    @property
+    def ndim(self) -> int:
+        """That of the planes."""
+        return 3
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the masks take."""
+        return sum(window.nbytes for window in self.windows)
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    def __iter__(self) -> Iterator[Bool[np.ndarray, "H W"]]:
+        return (self.plane(row) for row in range(len(self)))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        planes = np.zeros(self.shape, bool)
+        for plane, corner, window in zip(planes, self.corners, self.windows, strict=True):
+            _within(plane, corner, window)[...] = window
+        return planes if dtype is None else planes.astype(dtype)
+
+    def __getitem__(self, rows: Any) -> Any:
+        """One mask as a plane, or several as crops."""
+        if np.ndim(rows) == 0 and not isinstance(rows, slice):
+            return self.plane(int(rows))
+        chosen = np.arange(len(self))[rows].tolist()
+        corners = tuple(self.corners[row] for row in chosen)
+        return Crops(self.size, corners, tuple(self.windows[row] for row in chosen))
+
+    def plane(self, row: int) -> Bool[np.ndarray, "H W"]:
+        """One mask over the whole picture."""
+        plane = np.zeros(self.size, bool)
+        _within(plane, self.corners[row], self.windows[row])[...] = self.windows[row]
+        return plane
+
+    def region(self, row: int, rows: slice, columns: slice) -> Bool[np.ndarray, "_h _w"]:
+        """A part of a mask, which may reach beyond its box.
+
+        Args:
+          row: Of the mask.
+          rows: From and to which row of the picture; both ends are given.
+          columns: Likewise.
+        """
+        (left, top), window = self.corners[row], self.windows[row]
+        height, width = window.shape
+        first, last = max(top, rows.start), min(top + height, rows.stop)
+        start, stop = max(left, columns.start), min(left + width, columns.stop)
+        inside = window[
+            first - top : max(first, last) - top, start - left : max(start, stop) - left
+        ]
+        if inside.shape == (rows.stop - rows.start, columns.stop - columns.start):
+            return inside
+        part = np.zeros((rows.stop - rows.start, columns.stop - columns.start), bool)
+        if inside.size:
+            _within(part, (start - columns.start, first - rows.start), inside)[...] = inside
+        return part
+
+
+def cut_plane(
+    plane: Bool[np.ndarray, "H W"],
+) -> tuple[tuple[int, int], Bool[np.ndarray, "_h _w"]]:
+    """Left and top of the box around a mask, and a copy of what is in it."""
+    rows = np.flatnonzero(plane.any(axis=1))
+    if not len(rows):
+        return (0, 0), np.zeros((0, 0), bool)
+    band = plane[rows[0] : rows[-1] + 1]
+    columns = np.flatnonzero(band.any(axis=0))
+    corner = int(columns[0]), int(rows[0])
+    return corner, band[:, columns[0] : columns[-1] + 1].copy()
+
+
+def _within(
+    plane: Bool[np.ndarray, "H W"], corner: tuple[int, int], window: np.ndarray
+) -> Bool[np.ndarray, "_h _w"]:
+    """The part of a plane where a window lies."""
+    left, top = corner
+    return plane[top : top + window.shape[0], left : left + window.shape[1]]
