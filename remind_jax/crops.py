@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 MOST_PLANES_BYTES = 1 << 26  # masks that would take more are kept as crops
 
@@ -96,6 +96,13 @@ class Crops:
         if inside.size:
             _within(part, (start - columns.start, first - rows.start), inside)[...] = inside
         return part
+
+
+def count_pixels(masks: Bool[np.ndarray, "N H W"] | Crops) -> Int[np.ndarray, "N"]:
+    """Pixels of each mask."""
+    if isinstance(masks, Crops):
+        return np.array([np.count_nonzero(window) for window in masks.windows], np.int64)
+    return masks.sum(axis=(1, 2))
 
 
 def cut_plane(

@@ -16,6 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import UInt8
 
+from remind_jax.crops import count_pixels
 from remind_jax.detectors import rfdetr_seg, yolo_seg
 from remind_jax.detectors.onnx_file import OnnxFile, image_input, refuse_other_formats
 from remind_jax.detectors.onnx_session import OnnxSession
@@ -151,9 +152,9 @@ def refine_detections(
         if score >= options.confidence and options.admits(label)
     ]
     detections = detections.select(np.asarray(wanted, int))
-    before_px = detections.masks.sum(axis=(1, 2))
+    before_px = count_pixels(detections.masks)
     masks = erode_masks(detections.masks, options.erosion_px, margin_px=options.erosion_px)
-    after_px = masks.sum(axis=(1, 2)) if options.erosion_px else before_px
+    after_px = count_pixels(masks) if options.erosion_px else before_px
     keep = after_px >= options.min_mask_px
     empty = before_px == 0
     eroded = ~empty & (after_px == 0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.crops import Crops
+from remind_jax.crops import Crops, count_pixels
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.frame import Detections, Frame, Rle
 from remind_jax.masks.relations import box_of
@@ -36,8 +36,7 @@ def outline(masks: Bool[np.ndarray, "N H W"] | Crops) -> Outlines:
         boxes = np.array([box_of(masks, row) for row in range(len(masks))], np.float32)
         boxes = boxes.reshape(-1, 4)
         boxes[:, 2:] += boxes[:, :2]
-        areas = np.array([np.count_nonzero(window) for window in masks.windows], np.int64)
-        return Outlines(encode_masks(masks), boxes, areas)
+        return Outlines(encode_masks(masks), boxes, count_pixels(masks))
     pixels = masks.view(np.uint8)
     corners = [cv2.boundingRect(mask) for mask in pixels]
     boxes = np.array(corners, np.float32).reshape(-1, 4)

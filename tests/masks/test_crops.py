@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.crops import Crops
+from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.frame import Detections
 from remind_jax.masks.alignment import Alignment
 from remind_jax.masks.reduction import reduce_masks
@@ -132,3 +133,16 @@ def test_detections_of_crops_are_chosen_and_checked():
     assert chosen.labels == ("c", "f")
     assert np.array_equal(np.asarray(chosen.masks), masks[[2, 5]])
     assert dataclasses.replace(seen, labels=seen.labels).masks is seen.masks
+
+
+def test_a_detector_may_find_very_many(monkeypatch):
+    monkeypatch.setattr(label_maps, "MOST_PLANES_BYTES", 0)
+    labels = np.random.default_rng(0).integers(0, 9, (40, 50)).astype(np.uint8)
+    options = DetectorOptions(min_mask_px=200, erosion_px=0)
+    image = np.zeros((40, 50, 3), np.uint8)
+    detector = as_detector(lambda image: labels, options)
+    assert detector is not None
+    found = detector(image)
+    assert isinstance(found.masks, Crops)
+    expected = [i for i in range(1, 9) if np.sum(labels == i) >= 200]
+    assert found.instance_ids.tolist() == expected
