@@ -24,6 +24,7 @@ OUR_OWN = {
     "remind_jax/benchmark/running.py": "the memory of the process, in /proc",
     "remind_jax/benchmark/tours.py": "the digest of what it rendered itself",
     "remind_jax/compiled/programs.py": "the source of this package",
+    "remind_jax/live_page/server.py": "the page that it serves",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
     "remind_jax/outputs/labeling.py": "what it wrote just before",
     "remind_jax/session/checkpoint.py": "what it wrote just before",
