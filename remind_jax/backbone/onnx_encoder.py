@@ -11,6 +11,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,9 +19,9 @@ from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.preprocessing import MEAN, STD
 from remind_jax.backbone.registry import Backbone
-from remind_jax.detectors.onnx_file import OnnxFile, image_input
-from remind_jax.detectors.onnx_session import OnnxSession
-from remind_jax.errors import ConfigError, SourceError, WeightsError
+from remind_jax.detectors.onnx_file import image_input
+from remind_jax.detectors.onnx_session import OnnxSession, read_model
+from remind_jax.errors import ConfigError, WeightsError
 
 # Divisible by all common patches: 7, 8, 14, 16, 28 and 32 pixels.
 _PROBE = (224, 448)
@@ -75,11 +76,14 @@ def onnx_encoder(
 ) -> Backbone:
     """Makes a backbone from an encoder with one image input `[B, 3, H, W]`.
 
-    Unlike other backbones, this one cannot be traced.
+    Unlike other backbones, this one cannot be traced. An encoder of one input size gets frames of
+    other sizes scaled into it, at the top left, and its tokens are resampled to patches of the
+    frame (backbones.md#fixed-input).
 
     Args:
-      path: The `.onnx` file.
-      output: Which output holds the patches; the only one that may if left out.
+      path: The `.onnx` or `.ort` file; `FILE#OUTPUT` also says which output.
+      output: Which output holds the patches, or several of one grid with commas between, which are
+        put side by side; the only one that may if left out.
       mean: Subtracted from RGB after scaling to [0, 1]; of ImageNet if left out.
       std: What is divided by then.
       num_threads: Threads of onnxruntime; its own choice if left out.
@@ -88,64 +92,133 @@ def onnx_encoder(
       WeightsError: If the file is missing, damaged or no such encoder.
       ConfigError: If several outputs may be meant, or onnxruntime is not installed.
     """
-    file = OnnxFile.read(path)
+    path, output = _split_target(path, output)
+    file = read_model(path)
     height, width = image_input(file, "an image encoder").shape[2:]
     fixed_size = None if height is None or width is None else (height, width)
     session = OnnxSession(file, "onnxruntime", num_threads)
     shift, scale = np.array(mean, np.float32), np.array(std, np.float32)
 
-    def run(image: UInt8[np.ndarray, "H W 3"]) -> dict[str, np.ndarray]:
+    def run(image: UInt8[np.ndarray, "h w 3"]) -> dict[str, np.ndarray]:
         pixels = (image.astype(np.float32) * np.float32(1 / 255) - shift) / scale
+        if fixed_size is not None:
+            bars = [(0, whole - part) for whole, part in zip(fixed_size, image.shape, strict=False)]
+            pixels = np.pad(pixels, [*bars, (0, 0)])
         return session(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))
 
     size = fixed_size or _PROBE
-    patches = _find_patches(run(np.full((*size, 3), 127, np.uint8)), size, output, path)
+    chosen = _find_patches(run(np.full((*size, 3), 127, np.uint8)), size, output, path)
+    patch_px = chosen[0].patch_px
+
+    def see(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "Hp Wp D"]:
+        """The grid over the whole input of the network."""
+        grid = [side // patch_px for side in fixed_size or image.shape[:2]]
+        outputs = run(image)
+        parts = [patches.read(outputs[patches.name], *grid) for patches in chosen]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
     def apply(images: UInt8[np.ndarray, "B H W 3"]) -> Float[jax.Array, "B Hp Wp D"]:
-        height, width = images.shape[1:3]
-        if fixed_size not in (None, (height, width)):
-            raise SourceError(
-                f"encoder '{path}' takes images of {fixed_size[1]}x{fixed_size[0]} pixels only, "
-                f"the frame has {width}x{height}; export it with open height and width"
-            )
-        grid = height // patches.patch_px, width // patches.patch_px
-        outputs = [run(image)[patches.name] for image in np.asarray(images)]
-        return jnp.asarray(np.stack([patches.read(array, *grid) for array in outputs]))
+        images = np.asarray(images)
+        if fixed_size in (None, images.shape[1:3]):
+            return jnp.asarray(np.stack([see(image) for image in images]))
+        inside = _fit_inside(images.shape[1:3], fixed_size)
+        tokens = np.stack([see(_scaled(image, inside, patch_px)) for image in images])
+        return _to_frame(tokens, images.shape[1:3], inside, patch_px)
 
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
-    options = f"{patches.name}-{[*mean, *std]}"
+    options = f"{','.join(patches.name for patches in chosen)}-{[*mean, *std]}"
     return Backbone(
         name=f"onnx-{Path(path).stem}-{digest[:12]}",
-        patch_px=patches.patch_px,
-        dim=patches.dim,
+        patch_px=patch_px,
+        dim=sum(patches.dim for patches in chosen),
         apply=apply,
         fingerprint=f"{digest}-{options}",
     )
 
 
+def _split_target(path: str, output: str | None) -> tuple[str, str | None]:
+    """File and output of `FILE#OUTPUT`; a file whose name holds a hash stays whole."""
+    file, mark, named = path.rpartition("#")
+    if not mark or Path(path).exists():
+        return path, output
+    if output is not None:
+        raise ConfigError(f"'{path}' names an output, and output='{output}' another; give one")
+    return file, named
+
+
 def _find_patches(
     outputs: dict[str, np.ndarray], size: tuple[int, int], wanted: str | None, path: str
-) -> PatchOutput:
-    """The output that follows the image, patch by patch."""
+) -> list[PatchOutput]:
+    """The outputs that follow the image, patch by patch: those wanted, or the only one."""
     shapes = ", ".join(f"{name} {list(array.shape)}" for name, array in outputs.items())
-    if wanted is not None:
-        if wanted not in outputs:
-            raise ConfigError(f"'{path}' has no output '{wanted}'; its outputs are {shapes}")
-        outputs = {wanted: outputs[wanted]}
-    found = [
-        patches
-        for name, array in outputs.items()
-        if (patches := recognize(name, array.shape, size)) is not None
-    ]
-    if not found:
+    names = list(outputs) if wanted is None else wanted.split(",")
+    for name in names:
+        if name not in outputs:
+            raise ConfigError(f"'{path}' has no output '{name}'; its outputs are {shapes}")
+    seen = {name: recognize(name, outputs[name].shape, size) for name in names}
+    found = [patches for patches in seen.values() if patches is not None]
+    if not found or (wanted is not None and len(found) < len(seen)):
+        what = "no output of" if wanted is None else f"not every one of the outputs '{wanted}' of"
         raise WeightsError(
-            f"no output of '{path}' is a patch grid or token sequence for an image of "
+            f"{what} '{path}' is a patch grid or token sequence for an image of "
             f"{size[1]}x{size[0]} pixels; its outputs are {shapes}"
         )
-    if len(found) > 1:
-        names = ", ".join(repr(patches.name) for patches in found)
-        raise ConfigError(f"'{path}' has several outputs of patches ({names}); name one: output=")
-    return found[0]
+    listed = ", ".join(f"'{patches.name}' ({patches.patch_px} pixels)" for patches in found)
+    if wanted is None and len(found) > 1:
+        raise ConfigError(
+            f"'{path}' has several outputs of patches, {listed}; name one: 'onnx:{path}#"
+            f"{found[0].name}'"
+        )
+    if len({patches.patch_px for patches in found}) > 1:
+        raise ConfigError(
+            f"outputs of '{path}' have patches of several sizes, {listed}; name such of one size"
+        )
+    return found
+
+
+def _fit_inside(size: tuple[int, int], whole: tuple[int, int]) -> tuple[int, int]:
+    """The largest height and width of a frame's aspect that fit into the input."""
+    ratio = min(part / side for part, side in zip(whole, size, strict=True))
+    height, width = (max(1, round(side * ratio)) for side in size)
+    return min(height, whole[0]), min(width, whole[1])
+
+
+def _scaled(
+    image: UInt8[np.ndarray, "h w 3"], size: tuple[int, int], patch_px: int
+) -> UInt8[np.ndarray, "H W 3"]:
+    """An image of another size, its border repeated until the last patches are full."""
+    way = cv2.INTER_AREA if size[0] < image.shape[0] else cv2.INTER_LINEAR
+    below, beside = (-side % patch_px for side in size)
+    scaled = cv2.resize(image, size[::-1], interpolation=way)
+    return cv2.copyMakeBorder(scaled, 0, below, 0, beside, cv2.BORDER_REPLICATE)
+
+
+def _to_frame(
+    tokens: Float[np.ndarray, "B Gh Gw D"],
+    size: tuple[int, int],
+    inside: tuple[int, int],
+    patch_px: int,
+) -> Float[jax.Array, "B Hp Wp D"]:
+    """Features at the patches of a frame, of tokens that see it scaled (backbones.md#fixed-input).
+
+    Args:
+      tokens: Over the whole input; those beyond the frame are left out.
+      size: Height and width of the frame, multiples of the patch.
+      inside: Height and width that it has in the input.
+      patch_px: Side of a patch, of the frame and of the input.
+    """
+    rows, columns = (-(-side // patch_px) for side in inside)
+    factors = jnp.array([side / scaled for side, scaled in zip(size, inside, strict=True)])
+    batch, _, _, dim = tokens.shape
+    return jax.image.scale_and_translate(
+        jnp.asarray(tokens[:, :rows, :columns]),
+        (batch, size[0] // patch_px, size[1] // patch_px, dim),
+        (1, 2),
+        factors,
+        jnp.zeros(2),
+        method="linear",
+        antialias=True,
+    )
 
 
 def recognize(name: str, shape: tuple[int, ...], size: tuple[int, int]) -> PatchOutput | None:

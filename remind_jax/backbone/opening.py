@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from remind_jax.backbone.registry import Backbone, get_backbone
+from remind_jax.backbone.registry import Backbone, get_backbone, parts_of
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.errors import ConfigError
 
@@ -56,7 +56,10 @@ def obtain_named(
       WeightsError: If there are none and they cannot be fetched.
       OutputError: If they cannot be kept.
     """
-    if weights is None and isinstance(backbone, str) and backbone in VARIANTS:
-        from remind_jax.backbone.weights_download import obtain_weights
+    if weights is not None or not isinstance(backbone, str):
+        return
+    for name in parts_of(backbone):
+        if name in VARIANTS:
+            from remind_jax.backbone.weights_download import obtain_weights
 
-        obtain_weights(backbone, quiet=quiet)
+            obtain_weights(name, quiet=quiet)

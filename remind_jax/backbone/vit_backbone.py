@@ -15,9 +15,9 @@ from remind_jax.backbone.vit import Numerics, Tokens, arrange_params, encode
 from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, load_weights
-from remind_jax.backbone.weights_download import obtain_weights
+from remind_jax.backbone.weights_download import obtain_weights, was_fetched
 from remind_jax.compiled.programs import KeptFunction, known_options
-from remind_jax.errors import ConfigError
+from remind_jax.errors import ConfigError, WeightsError
 
 Precision = Literal["float32", "bfloat16"]
 
@@ -50,7 +50,14 @@ def vit(
       ConfigError: If an option is not one of those above.
     """
     _check_options(precision, attention)
-    return _make(load_weights(obtain_weights(name, weights), name), precision, attention)
+    path = obtain_weights(name, weights)
+    try:
+        loaded = load_weights(path, name)
+    except WeightsError as error:
+        if not was_fetched(name, path):
+            raise
+        raise WeightsError(f"{error}; or remove it, and it is fetched again") from error
+    return _make(loaded, precision, attention)
 
 
 def vit_from_file(

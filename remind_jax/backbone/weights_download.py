@@ -54,6 +54,11 @@ def fetch_weights(name: str, *, quiet: bool = False) -> Path:
     return out
 
 
+def was_fetched(name: str, path: Path) -> bool:
+    """Whether a converted file lies where fetched ones do, and can be had again."""
+    return name in PUBLISHED and path == default_folder() / f"{name}.safetensors"
+
+
 def place_of_original(name: str) -> Path:
     """Where the published file of a network is until it is converted."""
     return default_folder() / name / PUBLISHED[name].file

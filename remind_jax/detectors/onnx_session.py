@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from remind_jax.detectors.onnx_file import OnnxFile
+from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
 from remind_jax.errors import ConfigError, WeightsError, first_line
 
 _SILENT = 0  # OpenCV's log level
@@ -71,6 +71,36 @@ class OnnxSession:
         return {
             name: np.asarray(array, np.float32) for name, array in zip(names, arrays, strict=True)
         }
+
+
+def read_model(path: str | Path) -> OnnxFile:
+    """A model's signature, of an `.onnx` file or of one in onnxruntime's own format, `.ort`.
+
+    Raises:
+      WeightsError: If the file is missing, of no such kind or cut short.
+      ConfigError: If it is an `.ort` file and onnxruntime is not installed.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".ort" or not path.is_file():
+        return OnnxFile.read(path)
+    _choose_engine("onnxruntime")
+    session = _load_onnxruntime(path, 1)
+    inputs, outputs = (
+        tuple(TensorSpec(one.name, _sizes(one.shape), _element_type(one.type)) for one in told)
+        for told in (session.get_inputs(), session.get_outputs())
+    )
+    return OnnxFile(path, inputs, outputs, session.get_modelmeta().custom_metadata_map)
+
+
+def _sizes(shape: list[int | str | None]) -> tuple[int | None, ...]:
+    """Known sizes; onnxruntime gives those left open names."""
+    return tuple(n if isinstance(n, int) and n > 0 else None for n in shape)
+
+
+def _element_type(told: str) -> str:
+    """`tensor(float)` in the words of `TensorSpec`."""
+    inner = told.removeprefix("tensor(").removesuffix(")")
+    return {"float": "float32", "double": "float64"}.get(inner, inner)
 
 
 def _choose_engine(engine: str) -> str:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from remind_jax.backbone import get_backbone
 from remind_jax.backbone.onnx_encoder import PatchOutput, recognize
-from remind_jax.errors import ConfigError, SourceError, WeightsError
+from remind_jax.errors import ConfigError, WeightsError
 from tests.detectors.onnx_bytes import model, node, text, varint, write_fixed_answer
 
 pytest.importorskip("onnxruntime")
@@ -73,22 +73,90 @@ def test_other_statistics(tmp_path):
     assert half.fingerprint != get_backbone(f"onnx:{path}").fingerprint
 
 
-def test_of_several_outputs_one_has_to_be_named(tmp_path):
+def test_of_several_outputs_those_meant_have_to_be_named(tmp_path):
     path = write_encoder(tmp_path / "tiny.onnx", "both")
-    with pytest.raises(ConfigError, match=r"several outputs of patches \('tokens', 'grid'\)"):
+    several = r"several outputs of patches, 'tokens' \(16 pixels\), 'grid' .* 'onnx:.*#tokens'"
+    with pytest.raises(ConfigError, match=several):
         get_backbone(f"onnx:{path}")
-    named = get_backbone(f"onnx:{path}", output="tokens")
-    np.testing.assert_allclose(named.extract(IMAGES), expected(), rtol=0, atol=1e-3)
+    for named in (get_backbone(f"onnx:{path}", output="tokens"), get_backbone(f"onnx:{path}#grid")):
+        np.testing.assert_allclose(named.extract(IMAGES), expected(), rtol=0, atol=1e-3)
+    both = get_backbone(f"onnx:{path}#tokens,grid")
+    assert both.dim == 10
+    twice = np.concatenate([expected()] * 2, axis=-1)
+    np.testing.assert_allclose(both.extract(IMAGES), twice, rtol=0, atol=1e-3)
+    assert both.fingerprint != named.fingerprint
     with pytest.raises(ConfigError, match="has no output 'patches'; its outputs are pooled"):
         get_backbone(f"onnx:{path}", output="patches")
+    with pytest.raises(WeightsError, match="not every one of the outputs 'tokens,pooled'"):
+        get_backbone(f"onnx:{path}#tokens,pooled")
+    with pytest.raises(ConfigError, match="names an output, and output='grid' another"):
+        get_backbone(f"onnx:{path}#tokens", output="grid")
 
 
-def test_encoder_of_one_size_takes_only_that(tmp_path):
+def test_a_hash_may_be_part_of_a_name(tmp_path):
+    path = write_encoder(tmp_path / "tiny#2.onnx", "grid")
+    assert get_backbone(f"onnx:{path}").dim == 5
+
+
+def test_grids_of_several_sizes_are_not_put_side_by_side(tmp_path):
+    answers = {"fine": np.zeros((1, 3, 12, 20)), "coarse": np.zeros((1, 4, 6, 10))}
+    path = write_fixed_answer(tmp_path / "a.onnx", answers, (1, 3, 48, 80))
+    assert get_backbone(f"onnx:{path}#coarse").patch_px == 8
+    with pytest.raises(ConfigError, match=r"several sizes, 'fine' \(4 pixels\), 'coarse' \(8"):
+        get_backbone(f"onnx:{path}#fine,coarse")
+
+
+def test_a_frame_of_the_fixed_size_is_seen_as_it_is(tmp_path):
     path = write_encoder(tmp_path / "tiny.onnx", "grid", (1, 3, 48, 80))
     backbone = get_backbone(f"onnx:{path}")
     np.testing.assert_allclose(backbone.extract(IMAGES), expected(), rtol=0, atol=1e-3)
-    with pytest.raises(SourceError, match=r"takes images of 80x48 pixels only, .* has 64x48"):
-        backbone.extract(IMAGES[:, :, :64])
+
+
+@pytest.mark.parametrize("side", [64, 128, 256])
+@pytest.mark.parametrize("size", [(96, 128), (128, 96), (160, 160)])
+def test_frames_of_other_sizes_are_scaled_and_tokens_mapped_back(tmp_path, side, size):
+    """A frame of four even quarters: away from their borders, each has its color's features."""
+    path = write_encoder(tmp_path / "tiny.onnx", "grid", (1, 3, side, side))
+    backbone = get_backbone(f"onnx:{path}")
+    colors = RNG.integers(0, 256, (2, 2, 3), np.uint8)
+    halves = [np.repeat(np.arange(2), side // 2) for side in size]
+    frame = colors[halves[0][:, None], halves[1][None]]
+    found = np.asarray(backbone.extract(frame[None])[0])
+    assert found.shape == (size[0] // 16, size[1] // 16, 5)
+    even = np.broadcast_to(colors[:, :, None, None], (2, 2, 16, 16, 3))
+    features = np.einsum("abijc,dcij->abd", (even / 255 - MEAN) / STD, KERNEL)
+    corners = found[[[0, 0], [-1, -1]], [[0, -1], [0, -1]]]
+    # A quarter of the smallest input is one and a half tokens high.
+    reach = np.abs(features).max() * (0.4 if side == 64 else 0.02)
+    np.testing.assert_allclose(corners, features, rtol=0, atol=reach)
+
+
+@pytest.mark.parametrize("side", [64, 128, 256])
+@pytest.mark.parametrize("size", [(64, 128), (112, 160), (160, 48)])
+def test_bars_are_never_seen_as_a_piece_of_the_frame(tmp_path, size, side):
+    path = write_encoder(tmp_path / "tiny.onnx", "grid", (1, 3, side, side))
+    frame = np.broadcast_to(np.array([250, 5, 90], np.uint8), (*size, 3))
+    found = np.asarray(get_backbone(f"onnx:{path}").extract(frame[None])[0])
+    np.testing.assert_allclose(found, np.broadcast_to(found[0, 0], found.shape), atol=1e-4)
+
+
+@pytest.mark.parametrize("inputs", [OPEN, (1, 3, 48, 80)])
+def test_files_in_the_format_of_onnxruntime(tmp_path, inputs):
+    import onnxruntime
+
+    path = write_encoder(tmp_path / "tiny.onnx", "grid", inputs)
+    options = onnxruntime.SessionOptions()
+    options.optimized_model_filepath = str(tmp_path / "tiny.ort")
+    options.add_session_config_entry("session.save_model_format", "ORT")
+    onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    backbone = get_backbone(f"onnx:{tmp_path / 'tiny.ort'}")
+    assert (backbone.patch_px, backbone.dim) == (16, 5)
+    np.testing.assert_allclose(backbone.extract(IMAGES), expected(), rtol=0, atol=1e-3)
+    (tmp_path / "cut.ort").write_bytes((tmp_path / "tiny.ort").read_bytes()[:200])
+    with pytest.raises(WeightsError, match="onnxruntime cannot load"):
+        get_backbone(f"onnx:{tmp_path / 'cut.ort'}")
+    with pytest.raises(WeightsError, match="does not exist"):
+        get_backbone(f"onnx:{tmp_path / 'missing.ort'}")
 
 
 def test_network_without_patches(tmp_path):

@@ -73,6 +73,12 @@ class TestFetching:
         assert said["source_sha256"] == PUBLISHED[NAME].sha256
         assert said["licence"] == "Apache-2.0"
 
+    def test_a_converted_file_that_was_damaged_can_be_had_again(self, published):
+        path = obtain_weights(NAME)
+        path.write_bytes(path.read_bytes()[:-8])
+        with pytest.raises(WeightsError, match="or remove it, and it is fetched again"):
+            get_backbone(NAME)
+
     def test_given_weights_are_never_replaced(self, published, tmp_path):
         assert "no weights" in told(given=tmp_path / "mistyped.safetensors")
         assert published.hub.requests == []
