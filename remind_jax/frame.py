@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
+import operator
 import reprlib
 from collections.abc import Sequence
 from typing import Any
@@ -23,6 +24,7 @@ Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": byt
 NO_INSTANCE = -1
 MOST_LABEL = 200  # characters of a class name
 MOST_SIDE_PX = 1 << 16  # of a frame
+_MOST_PIXELS = 1 << 28  # of a frame
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,6 +151,49 @@ class Frame:
         if self.detections is not None:
             return self.detections.masks.shape[1], self.detections.masks.shape[2]
         raise SourceError(f"frame '{self.name}' has neither an image nor masks")
+
+
+def frame_of(picture: Any, index: int) -> Frame:
+    """A frame of a live stream, which is numbered but has no name and no clock.
+
+    Raises:
+      SourceError: If it is no RGB image, uint8 `[H, W, 3]`.
+    """
+    try:
+        image = np.asarray(picture)
+    except (ValueError, TypeError) as error:
+        raise SourceError(
+            f"the frame is no picture ({first_line(error)}); give RGB, uint8 [H, W, 3]"
+        ) from error
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise SourceError(
+            f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, uint8 [H, W, 3]"
+        )
+    return Frame(index, index, float(index), str(index), image)
+
+
+def check_size(frame_size: Any) -> tuple[int, int]:
+    """Height and width of a frame that memory has room for.
+
+    Raises:
+      SourceError: If it is no such size.
+    """
+    try:
+        height, width = (operator.index(side) for side in frame_size)
+    except (TypeError, ValueError) as error:
+        raise SourceError(
+            f"the frame size is {reprlib.repr(frame_size)}; give height and width in whole pixels"
+        ) from error
+    if not (0 < height <= MOST_SIDE_PX and 0 < width <= MOST_SIDE_PX):
+        raise SourceError(
+            f"frames of {width}x{height} pixels cannot be tracked; give sides from 1 to "
+            f"{MOST_SIDE_PX}"
+        )
+    if height * width > _MOST_PIXELS:
+        raise SourceError(
+            f"frames of {width}x{height} pixels are too large; at most {_MOST_PIXELS} pixels"
+        )
+    return height, width
 
 
 def check_frame(frame: Any) -> None:

@@ -104,6 +104,9 @@ class Method:
     # `push(frame, tracks, evidence) -> [(frame, tracks), ...]`, and `flush()`, which gives the
     # rest.
     delayed: Callable[[int], Any] | None = None
+    # On the host: `remove(state, empty, gone)` takes objects out of memory, with all that only they
+    # left behind: `gone` `[O]` says which, `empty` is the memory without any. Left out, it cannot.
+    remove: Callable[[Any, Any, np.ndarray], Any] | None = None
     # On the host: phrases about what is wrong with a memory that was read from a file,
     # `find_faults(state)`, beyond what holds for every method (`session.memory_checks`).
     find_faults: Callable[[Any], Iterable[str]] | None = None
@@ -133,6 +136,19 @@ class Method:
         if self.grow is not None:
             return self.grow(state, static)
         return extend(state, self.init(static))
+
+    def forget(self, state: Any, object_ids: Iterable[int], static: Static) -> Any:
+        """The memory without these objects, on the host; ids that it does not have are left out.
+
+        Raises:
+          ConfigError: If this method cannot do so.
+        """
+        if self.remove is None:
+            raise ConfigError(
+                f"tracker '{self.name}' cannot forget single objects; start without the memory"
+            )
+        gone = np.isin(np.asarray(state.objects.id), [one for one in object_ids if one >= 0])
+        return self.remove(state, self.init(static), gone)
 
     def count_occupied(self, state: Any) -> tuple[Any, Any]:
         """Slots of objects and of pending tracks that are in use."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import numbers
+from collections.abc import Mapping
 
 import numpy as np
 from hotcoco import mask as coco
@@ -46,6 +47,7 @@ class Tracks(Printable):
     detector_scores: Float[np.ndarray, "N"]
     instance_ids: Int[np.ndarray, "N"]  # ground truth where known, else -1
     rles: tuple[Rle, ...]
+    names: Mapping[int, str] = dataclasses.field(default_factory=dict)  # given by people, by id
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -83,7 +85,7 @@ class Tracks(Printable):
         return float(self.confidence[row]) if self.is_rated(row) else None
 
     def display_name(self, row: int) -> str:
-        """What to write beside a detection: `cup 3`, `cup 3 or 5?`, `cup new?`.
+        """What to write beside a detection: `my cup`, `cup 3`, `cup 3 or 5?`, `cup new?`.
 
         Raises:
           SourceError: If there is no such row.
@@ -94,8 +96,8 @@ class Tracks(Printable):
             )
         label, object_id = self.labels[row], int(self.object_id[row])
         if object_id != NO_ID:
-            return f"{label} {object_id}"
-        shown = [str(i) for i in self.candidate_id[row] if i != NO_ID]
+            return title_of(label, object_id, self.names)
+        shown = [self.names.get(int(i)) or str(i) for i in self.candidate_id[row] if i != NO_ID]
         if self.outcome[row] == Outcome.AMBIGUOUS and shown:
             return f"{label} {' or '.join(shown)}?"
         if self.outcome[row] == Outcome.PROVISIONAL_PARENT and shown:
@@ -121,3 +123,8 @@ class Tracks(Printable):
             ],
             is_text=(1, 2),
         )
+
+
+def title_of(label: str, object_id: int, names: Mapping[int, str]) -> str:
+    """What an object is called: the name that people gave it, else its class and id."""
+    return names.get(object_id) or f"{label} {object_id}"

@@ -20,6 +20,7 @@ from remind_jax.baselines.scene_memory import (
     conclude,
     empty_memory,
     find_faults,
+    remove_objects,
     same_class,
 )
 from remind_jax.method import Method
@@ -125,4 +126,4 @@ def _find_faults(state: SceneMemory) -> Iterator[str]:
     yield from not_unit("looks.vector", views.vector, kept)
 
 
-METHOD = Method("bank", BankThresholds, init, step, find_faults=_find_faults)
+METHOD = Method("bank", BankThresholds, init, step, remove=remove_objects, find_faults=_find_faults)

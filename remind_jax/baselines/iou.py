@@ -22,6 +22,7 @@ from remind_jax.baselines.scene_memory import (
     conclude,
     empty_memory,
     find_faults,
+    remove_objects,
     same_class,
 )
 from remind_jax.method import Method
@@ -90,4 +91,4 @@ def _forget(state: SceneMemory, thresholds: IouThresholds) -> SceneMemory:
     return dataclasses.replace(state, objects=kept)
 
 
-METHOD = Method("iou", IouThresholds, init, step, find_faults=find_faults)
+METHOD = Method("iou", IouThresholds, init, step, remove=remove_objects, find_faults=find_faults)

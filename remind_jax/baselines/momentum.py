@@ -24,6 +24,7 @@ from remind_jax.baselines.scene_memory import (
     conclude,
     empty_memory,
     find_faults,
+    remove_objects,
     same_class,
 )
 from remind_jax.method import Method
@@ -146,4 +147,6 @@ def _take_in_turn(
     return jax.lax.fori_loop(0, len(score), take, start)[0]
 
 
-METHOD = Method("momentum", MomentumThresholds, init, step, find_faults=find_faults)
+METHOD = Method(
+    "momentum", MomentumThresholds, init, step, remove=remove_objects, find_faults=find_faults
+)

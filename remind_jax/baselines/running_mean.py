@@ -20,6 +20,7 @@ from remind_jax.baselines.scene_memory import (
     conclude,
     empty_memory,
     find_faults,
+    remove_objects,
     same_class,
 )
 from remind_jax.method import Method
@@ -90,4 +91,11 @@ def _find_faults(state: SceneMemory) -> Iterator[str]:
     yield from outside("looks.count", state.looks.count, 0)
 
 
-METHOD = Method("running-mean", RunningMeanThresholds, init, step, find_faults=_find_faults)
+METHOD = Method(
+    "running-mean",
+    RunningMeanThresholds,
+    init,
+    step,
+    remove=remove_objects,
+    find_faults=_find_faults,
+)

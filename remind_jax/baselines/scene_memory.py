@@ -89,6 +89,22 @@ def find_faults(memory: SceneMemory) -> Iterator[str]:
     yield from outside("objects.last_seen", objects.last_seen, NEVER, max(now, NEVER), used)
 
 
+def remove_objects(
+    memory: SceneMemory, empty: SceneMemory, gone: Bool[np.ndarray, "O"]
+) -> SceneMemory:
+    """The memory without some objects: their rows are those of `empty` (host)."""
+
+    def clear(leaf: Array, none: Array) -> np.ndarray:
+        rows = gone.reshape(-1, *[1] * (leaf.ndim - 1))
+        return np.where(rows, np.asarray(none), np.asarray(leaf))
+
+    return dataclasses.replace(
+        memory,
+        objects=jax.tree.map(clear, memory.objects, empty.objects),
+        looks=jax.tree.map(clear, memory.looks, empty.looks),
+    )
+
+
 def same_class(memory: SceneMemory, masks: Masks) -> Bool[Array, "N O"]:
     """Detections and objects of one class."""
     objects = memory.objects

@@ -22,6 +22,7 @@ from remind_jax.cli.explain import Explain
 from remind_jax.cli.export import Export
 from remind_jax.cli.features import Features
 from remind_jax.cli.flags import KINDS, UsageError, spell_flag
+from remind_jax.cli.memory import Memory
 from remind_jax.cli.run import Run
 from remind_jax.cli.sweep import Sweep
 from remind_jax.cli.view import View
@@ -58,6 +59,7 @@ VERBS: dict[str, type[Verb]] = {
     "run": Run,
     "demo": Demo,
     "view": View,
+    "memory": Memory,
     "explain": Explain,
     "export": Export,
     "eval": Eval,

@@ -15,6 +15,7 @@ from remind_jax.printing.words import plural
 if TYPE_CHECKING:
     from remind_jax.outputs.result import Result
 
+_MAX_NAMED = 20  # known objects that are named
 _MAX_EXAMPLES = 3  # skipped frames and events that are spelled out
 
 
@@ -53,11 +54,25 @@ def summary_lines(result: Result, out: Path) -> list[str]:
     place = "output in" if result.complete else "stopped; what was done is in"
     return [
         found,
+        *_say_known(result),
         *_say_times(facts),
         *_say_skipped(result),
         *_say_events(result),
         f"{place} {out}, open {out / 'report.html'}",
     ]
+
+
+def _say_known(result: Result) -> list[str]:
+    """Which objects of the memory were met again."""
+    known, not_met = result.info.known_objects, result.not_met()
+    if not known:
+        return []
+    line = f"{len(known) - len(not_met)} of {plural(len(known), 'known object')} met again"
+    if not not_met:
+        return [line]
+    shown = [one.title for one in not_met[:_MAX_NAMED]]
+    more = f" and {len(not_met) - _MAX_NAMED} more" if len(not_met) > _MAX_NAMED else ""
+    return [f"{line}; not met: {', '.join(shown)}{more}"]
 
 
 def _say_times(facts: dict[str, Any]) -> list[str]:

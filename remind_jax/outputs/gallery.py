@@ -53,6 +53,7 @@ class Sighting:
 
     object_id: int
     label: str
+    name: str  # given by people; empty without one
     position: int  # of the first frame of the visit in the run, 0, 1, 2, ...
     frame_index: int  # number of that frame
     absent_frames: int  # before the visit; 0 at first sight
@@ -112,6 +113,7 @@ class SightingCollector:
                 Sighting(
                     object_id=object_id,
                     label=tracks.labels[row],
+                    name=tracks.names.get(object_id, ""),
                     position=self._position,
                     frame_index=tracks.frame_index,
                     absent_frames=absent,
@@ -233,10 +235,10 @@ def _flow(num_crops: Sequence[int]) -> tuple[list[tuple[int, int]], int]:
 
 def _draw_identity(canvas: np.ndarray, group: list[Sighting], left: int, top: int) -> None:
     """Name on a bar of its color, then each crop with its frame number."""
-    object_id, label = group[0].object_id, group[0].label
+    object_id, label, given = group[0].object_id, group[0].label, group[0].name
     width = len(group) * (CROP_PX + _GAP_PX) - _GAP_PX
     canvas[top + 25 : top + 28, left : left + width] = identity_color(object_id)
-    name = shorten(label, 16, width, tail=f" {object_id}")
+    name = shorten(given or label, 16, width, tail="" if given else f" {object_id}")
     put_text(canvas, name, left, top + 17, 16, _INK)
     for column, sighting in enumerate(group):
         x, y = left + column * (CROP_PX + _GAP_PX), top + _NAME_PX

@@ -22,7 +22,7 @@ from remind_jax.masks.run_length import decode_mask, mask_box
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.tables import firm_rows, masks_without_overlap
 from remind_jax.printing.terminal import printable
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 
 LabelingFormat = Literal["cvat", "mots-png", "label-studio"]
 FORMATS: tuple[str, ...] = get_args(LabelingFormat)
@@ -140,7 +140,7 @@ def to_label_studio(result: Result) -> bytes:
                 "from_name": "box",
                 "to_name": "video",
                 "origin": "prediction",
-                "meta": {"text": [f"{label} {object_id}"]},
+                "meta": {"text": [printable(title_of(label, object_id, result.info.object_names))]},
                 "value": {
                     "framesCount": count,
                     "duration": float(result.tracks[-1].time_s) + 1 / fps,

@@ -8,12 +8,12 @@ from __future__ import annotations
 import collections
 import dataclasses
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 
 # Shorter gaps are flicker of detector or decision, not an absence worth a mark.
 MIN_ABSENCE_FRAMES = 5
@@ -29,6 +29,7 @@ class Presence:
 
     object_id: int
     label: str
+    title: str  # its name, else class and id
     seen: tuple[Span, ...]  # frames with a firm detection
     candidate: tuple[Span, ...]  # frames in which an undecided detection may be this one
     absences: tuple[Span, ...]  # gaps that are long enough
@@ -50,6 +51,7 @@ class ObjectHistory:
 
     object_id: int
     label: str
+    title: str  # its name, else class and id
     first_frame: int
     last_frame: int
     num_frames: int  # frames with a firm detection
@@ -69,11 +71,13 @@ def find_presences(
     seen: dict[int, list[int]] = collections.defaultdict(list)
     candidate: dict[int, list[int]] = collections.defaultdict(list)
     labels: dict[int, str] = {}
+    names: Mapping[int, str] = {}
     for position, tracks in enumerate(run):
         for object_id, label in zip(tracks.object_id.tolist(), tracks.labels, strict=True):
             if object_id != NO_ID:
                 seen[object_id].append(position)
                 labels.setdefault(object_id, label)
+        names = tracks.names
         undecided = np.isin(tracks.outcome, UNDECIDED)
         for object_id in np.unique(tracks.candidate_id[undecided]).tolist():
             candidate[object_id].append(position)
@@ -83,7 +87,8 @@ def find_presences(
         gaps = [(one[1] + 1, other[0] - 1) for one, other in itertools.pairwise(spans)]
         absences = tuple(gap for gap in gaps if gap[1] - gap[0] + 1 >= min_absence_frames)
         doubts = join_positions(candidate[object_id])
-        found.append(Presence(object_id, label, spans, doubts, absences))
+        title = title_of(label, object_id, names)
+        found.append(Presence(object_id, label, title, spans, doubts, absences))
     return found
 
 
@@ -94,6 +99,7 @@ def find_histories(run: Sequence[Tracks], min_absence_frames: int) -> tuple[Obje
         ObjectHistory(
             object_id=one.object_id,
             label=one.label,
+            title=one.title,
             first_frame=number[one.seen[0][0]],
             last_frame=number[one.seen[-1][1]],
             num_frames=one.num_frames,

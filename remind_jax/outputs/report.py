@@ -96,7 +96,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
             {
                 "id": row.object_id,
                 "label": row.label,
-                "name": f"{row.label} {row.object_id}",
+                "name": row.title,
                 "color": to_hex(identity_color(row.object_id)),
                 "seen": row.seen,
                 "candidate": row.candidate,
@@ -188,6 +188,7 @@ def read_sightings(path: Path) -> list[Sighting]:
             Sighting(
                 object_id=who["id"],
                 label=who["label"],
+                name="" if who["name"] == f"{who['label']} {who['id']}" else who["name"],
                 position=crop["position"],
                 frame_index=run["frames"][crop["position"]]["frame"],
                 absent_frames=crop["absent_frames"],

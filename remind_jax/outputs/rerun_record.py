@@ -28,7 +28,7 @@ from remind_jax.outputs.drawing import encode_jpeg, identity_color
 from remind_jax.outputs.overlay import detection_color
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.printing.terminal import printable
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 
 LIVE_PREFIX = "rerun+"  # of the addresses of viewers: rerun+http://127.0.0.1:9876/proxy
 
@@ -118,15 +118,14 @@ class RerunRecord(contextlib.AbstractContextManager):
         rerun, number = self._rerun, int(tracks.object_id[row])
         label = printable(tracks.labels[row])
         where = f"memory/{rerun.escape_entity_path_part(label)}/{number}"
+        title = printable(title_of(tracks.labels[row], number, tracks.names))
         before = self._last_seen.get(number)
         self._last_seen[number] = tracks.frame_index
         if before is None:
-            self._log(where, rerun.TextDocument(f"{label} {number}"))
-            self._log("events", rerun.TextLog(f"{label} {number} is met first"))
+            self._log(where, rerun.TextDocument(title))
+            self._log("events", rerun.TextLog(f"{title} is met first"))
         elif (absent := tracks.frame_index - before - 1) >= MIN_ABSENCE_FRAMES:
-            self._log(
-                "events", rerun.TextLog(f"{label} {number} is seen again after {absent} frames")
-            )
+            self._log("events", rerun.TextLog(f"{title} is seen again after {absent} frames"))
         if (confidence := tracks.shown_confidence(row)) is not None:
             self._log(f"{where}/confidence", rerun.Scalars(confidence))
         area = float(tracks.areas[row])

@@ -30,7 +30,7 @@ from remind_jax.outputs.presence import (
     ObjectHistory,
     find_histories,
 )
-from remind_jax.outputs.run_info import Event, RunInfo
+from remind_jax.outputs.run_info import Event, KnownObject, RunInfo
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 
@@ -69,7 +69,7 @@ class Result(Printable):
             ("identity", "first frame", "last frame", "frames seen", "returns"),
             [
                 (
-                    f"{seen.label} {seen.object_id}",
+                    seen.title,
                     str(seen.first_frame),
                     str(seen.last_frame),
                     str(seen.num_frames),
@@ -89,6 +89,11 @@ class Result(Printable):
         """Every identity by rising id, with the absences of at least `min_absence_frames`."""
         return find_histories(self.tracks, min_absence_frames)
 
+    def not_met(self) -> tuple[KnownObject, ...]:
+        """The objects that the memory knew before the run and that were not met in it."""
+        met = {int(one) for tracks in self.tracks for one in tracks.object_id}
+        return tuple(one for one in self.info.known_objects if one.object_id not in met)
+
     def summary(self) -> dict[str, Any]:
         """Counts, shares of the outcomes and times, as `json` can write them."""
         outcomes = Counter(int(code) for tracks in self.tracks for code in tracks.outcome)
@@ -103,6 +108,8 @@ class Result(Printable):
             "detections": num_detections,
             "identities": len(objects),
             "returns": sum(len(history.returns) for history in objects),
+            "known_objects": len(self.info.known_objects),
+            "met_again": len(self.info.known_objects) - len(self.not_met()),
             "repeated_identities": sum(_count_repeated(tracks) for tracks in self.tracks),
             "outcome_shares": shares,
             "undecided_share": sum(outcomes[code] for code in UNDECIDED) / max(num_detections, 1),
@@ -240,6 +247,8 @@ class Result(Printable):
         run_dir = as_path(run_dir, "the folder of a run", OutputError)
         content, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
         info = RunInfo.from_json(content, f"'{run_dir / store.DETECTIONS_NAME}', line 1")
+        if names := info.object_names:
+            tracks = tuple(dataclasses.replace(frame, names=names) for frame in tracks)
         trace = open_archive(run_dir, info.tracker)
         path = run_dir / store.RUN_NAME
         run = store.read_run_json(path)

@@ -12,12 +12,27 @@ from remind_jax.errors import OutputError
 from remind_jax.files.records import Label, check
 from remind_jax.outputs.run_records import InfoRecord
 from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.tracks import title_of
 
 
 class _ConfigRecord(msgspec.Struct):
     """What every configuration names."""
 
     tracker: Label
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownObject:
+    """An object that the memory knew before the run."""
+
+    object_id: int
+    label: str  # class
+    name: str  # given by people; empty without one
+
+    @property
+    def title(self) -> str:
+        """Its name, else class and id."""
+        return title_of(self.label, self.object_id, {self.object_id: self.name})
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -35,12 +50,14 @@ class RunInfo(Printable):
     device: str
     started_at: str  # ISO 8601
     detector: dict[str, Any] | None = None  # what found the detections; None for given masks
+    known_objects: tuple[KnownObject, ...] = ()  # of the memory that the run went on from
 
     def to_json(self) -> dict[str, Any]:
         """The same as a dictionary that `json` can write."""
         return dataclasses.asdict(self) | {
             "frame_size": list(self.frame_size),
             "class_names": list(self.class_names),
+            "known_objects": [dataclasses.asdict(one) for one in self.known_objects],
         }
 
     @classmethod
@@ -54,7 +71,13 @@ class RunInfo(Printable):
         """
         record = check(content, InfoRecord, where, refused=OutputError)
         check(record.config, _ConfigRecord, f"{where}, `config`", refused=OutputError)
-        return cls(**msgspec.structs.asdict(record))
+        known = tuple(KnownObject(**msgspec.structs.asdict(one)) for one in record.known_objects)
+        return cls(**{**msgspec.structs.asdict(record), "known_objects": known})
+
+    @property
+    def object_names(self) -> dict[int, str]:
+        """Names that people gave to objects, by id."""
+        return {one.object_id: one.name for one in self.known_objects if one.name}
 
     @property
     def tracker(self) -> str:

@@ -83,6 +83,14 @@ class StartRow(msgspec.Struct, frozen=True):
     info: msgspec.Raw = msgspec.Raw(b"{}")
 
 
+class KnownRecord(msgspec.Struct, frozen=True):
+    """See `KnownObject`."""
+
+    object_id: Small
+    label: Label
+    name: Label
+
+
 class InfoRecord(msgspec.Struct, frozen=True):
     """The description of a run; see `RunInfo`."""
 
@@ -97,6 +105,7 @@ class InfoRecord(msgspec.Struct, frozen=True):
     device: Text
     started_at: Label
     detector: dict[str, Any] | None = None
+    known_objects: Annotated[list[KnownRecord], Meta(max_length=1_000_000)] = []
 
 
 class SkippedRecord(msgspec.Struct, frozen=True):

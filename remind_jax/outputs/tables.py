@@ -46,6 +46,7 @@ _CSV: dict[str, Callable[[Tracks, int], Any]] = {
     "bottom": lambda tracks, row: round(float(tracks.boxes[row, 3]), 2),
     "area": lambda tracks, row: int(tracks.areas[row]),
     "detector_score": lambda tracks, row: _round(float(tracks.detector_scores[row])),
+    "object_name": lambda tracks, row: tracks.names.get(int(tracks.object_id[row])),
 }
 CSV_COLUMNS = tuple(_CSV)
 

@@ -97,7 +97,7 @@ def draw_timeline(result: Result) -> UInt8[np.ndarray, "H W 3"]:
     """The picture of a run; RGB, 1180 pixels of time beside the names."""
     timeline = build_timeline(result)
     row_px = 26 if len(timeline.rows) <= 24 else 20
-    names = ["provisional", *(f"{row.label} {row.object_id}" for row in timeline.rows)]
+    names = ["provisional", *(row.title for row in timeline.rows)]
     widest_px = max(text_width(name, row_px - 8) for name in names)
     axes = _Axes(min(widest_px, _MAX_NAME_PX) + 18, row_px, timeline.num_frames)
     num_rows = len(timeline.rows) + 2
@@ -170,7 +170,10 @@ def _put_tick(canvas: np.ndarray, text: str, x: int, baseline: int) -> None:
 
 
 def _draw_row(canvas: np.ndarray, axes: _Axes, number: int, row: Presence) -> None:
-    name = shorten(row.label, axes.row_px - 8, axes.names_px - 14, tail=f" {row.object_id}")
+    tail = f" {row.object_id}"
+    kept = tail if row.title.endswith(tail) else ""
+    title = row.title.removesuffix(kept)
+    name = shorten(title, axes.row_px - 8, axes.names_px - 14, tail=kept)
     _draw_name(canvas, axes, number, name, _INK)
     color = identity_color(row.object_id)
     middle = axes.top(number) + axes.row_px // 2

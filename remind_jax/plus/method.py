@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.method import Method, StepHalves
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.faults import find_faults
+from remind_jax.plus.forgetting import remove_objects
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
@@ -74,6 +75,7 @@ METHOD = Method(
     observe=observe_motion,
     merges=find_merges,
     delayed=DelayedAnswers,
+    remove=remove_objects,
     find_faults=find_faults,
     step_traced=step_traced,
     explainer_name="remind_jax.explanation.plus.explainer:PlusExplainer",

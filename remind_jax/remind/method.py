@@ -7,12 +7,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool
 
 from remind_jax.method import PAPER_METHOD, Method, StepHalves
 from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.remind.faults import find_faults
 from remind_jax.remind.perception.description import describe
-from remind_jax.remind.state import TrackerState, count_occupied, grow, init
+from remind_jax.remind.state import TrackerState, count_occupied, grow, init, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Trace
 from remind_jax.remind.tracker import step, step_described, step_described_traced, step_traced
@@ -55,6 +57,11 @@ def decide_described_traced(
     )
 
 
+def remove(state: TrackerState, empty: TrackerState, gone: Bool[np.ndarray, "O"]) -> TrackerState:
+    """The memory without some objects, and without their looks (host)."""
+    return jax.jit(remove_objects)(state, jnp.asarray(gone))
+
+
 def gap_options(thresholds: Thresholds) -> dict[str, float]:
     """How exactly gaps between masks are measured."""
     relations = thresholds.relations
@@ -74,6 +81,7 @@ METHOD = Method(
     step_traced,
     wants_attention=lambda static: "attention" in static.part_channels,
     gap_options=gap_options,
+    remove=remove,
     find_faults=find_faults,
     static_fields=tuple(field.name for field in dataclasses.fields(Static)),
     explainer_name="remind_jax.explanation.remind.explainer:RemindExplainer",

@@ -89,6 +89,12 @@ class Announcements:
                 return NO_ID
             object_id = self.became[object_id]
 
+    def memory_ids(self, announced_id: int) -> tuple[int, ...]:
+        """The ids that memory may have an announced object under."""
+        if announced_id < self.known_below:
+            return (announced_id,)
+        return tuple(one for one, number in self.ids.items() if number == announced_id)
+
     def waits(self, object_id: int) -> bool:
         """Whether it is an object that was not announced."""
         return object_id >= self.known_below and object_id not in self.ids

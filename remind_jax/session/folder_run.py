@@ -18,7 +18,7 @@ from remind_jax.detectors import Detector
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.outputs import store
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import RunInfo
+from remind_jax.outputs.run_info import KnownObject, RunInfo
 from remind_jax.outputs.writer import MEMORY_NAME, RunWriter, ViewerRecord
 from remind_jax.session.checkpoint import Checkpoints, check_same, make_header
 from remind_jax.session.frame_loop import FrameLoop
@@ -160,6 +160,9 @@ def describe_run(
         device=jax.devices()[0].device_kind,
         started_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         detector=None if detector is None else detector.describe(),
+        known_objects=tuple(
+            KnownObject(one.object_id, one.label, one.name) for one in tracker.objects()
+        ),
     )
 
 

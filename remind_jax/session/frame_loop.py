@@ -31,7 +31,6 @@ from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import Event, RunInfo
 from remind_jax.outputs.writer import RunWriter
 from remind_jax.printing.words import plural
-from remind_jax.session.announcement import as_announced
 from remind_jax.session.checkpoint import Checkpoints
 from remind_jax.session.journal import Journal, Step, check_frame, checksum_of
 from remind_jax.session.live import Tracker
@@ -213,7 +212,7 @@ class FrameLoop:
         if archive is not None and not announced.is_identity:
             archive = archive.renumbered(announced.number)
         return Result(
-            tracks=tuple(as_announced(announced, decided) for decided in self._decided),
+            tracks=tuple(self._tracker.answer(decided) for decided in self._decided),
             info=info,
             timings_ms={stage: times.tolist() for stage, times in self._timings.items()},
             first_frame_ms=self._first_frame_ms,
@@ -317,7 +316,7 @@ class FrameLoop:
         while len(self._waiting) > num_waiting:
             frame, decided = self._waiting.popleft()
             if writer is not None:
-                writer.add(frame, as_announced(self._tracker.announcements, decided))
+                writer.add(frame, self._tracker.answer(decided))
             self._decided.append(decided)
             self._last_index = decided.frame_index
 

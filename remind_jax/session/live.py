@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import operator
-import reprlib
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,17 +21,19 @@ from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, load_config
 from remind_jax.decision import NO_ID, Decisions
-from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
+from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.files import as_path
-from remind_jax.frame import MOST_SIDE_PX, Detections, Frame, check_frame
+from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
 from remind_jax.observation import FrameFeats, PatchAttention
 from remind_jax.outputs.run_info import Event
 from remind_jax.session.announcement import Announcements, announce, as_announced, choose_after
 from remind_jax.session.answers import Outlines, read_tracks
+from remind_jax.session.forgetting import forget_object
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.memory_file import (
     SavedMemory,
+    announced_ids,
     check_backbone,
     check_tracker,
     chosen_switches,
@@ -41,13 +41,13 @@ from remind_jax.session.memory_file import (
     save_memory,
     static_of,
 )
+from remind_jax.session.object_records import ObjectRecords, RememberedObject
 from remind_jax.session.preparation import FramePreparer, Prepared
 from remind_jax.settings.ranges import check_option
 from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS, Static
 from remind_jax.tracks import Tracks
 
 _ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
-_MOST_PIXELS = 1 << 28  # of a frame
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
 
 
@@ -130,6 +130,8 @@ class Tracker:
         self._features_given = False
         self._has_profile = False
         self.announcements = self._announce_nothing()
+        self.records = ObjectRecords()
+        self._is_new_session = False
         self.decided: Tracks | None = None  # the last frame, by ids of the memory
         self.merges: list[tuple[int, int]] = []  # objects that turned out to be others in it
         self.events: list[Event] = []  # of the last frame
@@ -140,6 +142,52 @@ class Tracker:
     def num_objects(self) -> int:
         """Objects in memory."""
         return 0 if self.state is None else int(np.sum(np.asarray(self.state.objects.id) >= 0))
+
+    def objects(self) -> tuple[RememberedObject, ...]:
+        """What is known of each object in memory that got an id, by rising id."""
+        return self.records.objects(self._remembered_ids())
+
+    def rename(self, object_id: int, name: str) -> None:
+        """Gives an object a name, which answers and outputs show from now on; "" takes it back.
+
+        Raises:
+          SourceError: If there is no such object, the name is no short line of text, or another
+            object has it.
+        """
+        with self._alone("advance"):
+            self.records.rename(object_id, name)
+
+    def merge(self, object_id: int, *others: int) -> None:
+        """Declares others to be this object: from now on, all of them are answered by its id.
+
+        Each keeps what is remembered of it, so that `split` can take it back.
+
+        Raises:
+          SourceError: If there is no such object, or one is named twice.
+        """
+        with self._alone("advance"):
+            self.records.merge(object_id, others)
+
+    def split(self, object_id: int) -> tuple[int, ...]:
+        """Takes back what `merge` made one with this object; gives the ids of the others.
+
+        Raises:
+          SourceError: If there is no such object, or nothing was merged into it.
+        """
+        with self._alone("advance"):
+            return self.records.split(object_id)
+
+    def forget(self, object_id: int) -> None:
+        """Removes an object with all that was merged into it, its looks and its pictures.
+
+        When it is seen again it is new, and has another id.
+
+        Raises:
+          SourceError: If there is no such object.
+        """
+        with self._alone("advance"):
+            self.records.check_known(object_id)
+            self._memory.state = forget_object(self._saved(), object_id).state
 
     @property
     def state(self) -> Any:
@@ -177,6 +225,7 @@ class Tracker:
         self._preparer = FramePreparer(self.method, self.backbone.patch_px)
         self.decided = None
         self.announcements = self._announce_nothing()
+        self.records, self._is_new_session = ObjectRecords(), False
 
     def warm_up(
         self, frame_size: tuple[int, int], *, num_objects: int = 0, num_detections: int = 0
@@ -196,7 +245,7 @@ class Tracker:
           SourceError: If frames of this size are too small.
         """
         start = time.perf_counter()
-        frame_size = _as_size(frame_size)
+        frame_size = check_size(frame_size)
         check_option("num_objects", num_objects, 0, MOST_OBJECTS)
         check_option("num_detections", num_detections, 0, MOST_DETECTIONS)
         self._memory.make_room(num_detections=num_detections)
@@ -223,19 +272,7 @@ class Tracker:
           SourceError: If the frame is smaller than a patch, or masks and frame do not agree.
         """
         if not isinstance(frame, Frame):
-            index = 0 if self.state is None else int(self.state.frame)
-            try:
-                image = np.asarray(frame)
-            except (ValueError, TypeError) as error:
-                raise SourceError(
-                    f"the frame is no picture ({first_line(error)}); give RGB, uint8 [H, W, 3]"
-                ) from error
-            if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-                raise SourceError(
-                    f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, "
-                    "uint8 [H, W, 3]"
-                )
-            frame = Frame(index, index, float(index), str(index), image)
+            frame = frame_of(frame, 0 if self.state is None else int(self.state.frame))
         check_frame(frame)
         if detections is not None:
             from remind_jax.sources.detections import detections_from
@@ -288,7 +325,7 @@ class Tracker:
         decisions, outlines = self._memory.step(
             FrameFeats(patches, size, attention), prepared, self.config.thresholds
         )
-        tracks = self._announce(self._read(prepared, outlines, decisions))
+        tracks = self._announce(self._read(prepared, outlines, decisions), prepared.frame.image)
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
         self.stage_ms = {
@@ -315,11 +352,15 @@ class Tracker:
         """
         self.decided, self.merges = decided, list(merges)
         self.announcements = announce(self.announcements, decided, self.announce_after, merges)
-        return as_announced(self.announcements, decided)
+        return self.answer(decided)
+
+    def answer(self, decided: Tracks) -> Tracks:
+        """The answers about a frame that was decided, by what is announced, named and merged."""
+        return self.records.answer(as_announced(self.announcements, decided))
 
     def go_on(self, attention_slots: int) -> None:
         """After `load`: as if the frames that the memory has seen had been seen here."""
-        self.attention_slots = attention_slots
+        self.attention_slots, self._is_new_session = attention_slots, False
         if not self._features_given:
             self._follow_profile()
 
@@ -337,12 +378,7 @@ class Tracker:
         path = as_path(path, "the memory file", OutputError)
         if self.state is None:
             raise SourceError("there is no memory to save before the first frame")
-        name = FEATURES_GIVEN if self._features_given else self.backbone.name
-        announced = None if self.announcements.is_identity else self.announcements
-        saved = SavedMemory(
-            self.state, self.static, self.class_names, name, self.method.name, announced
-        )
-        save_memory(path, saved, durably=durably)
+        save_memory(path, self._saved(), durably=durably)
 
     def checkpoint(self, path: str | Path) -> None:
         """As `save`, and returns only when the file is on the disk: for loops that may be cut off.
@@ -383,6 +419,7 @@ class Tracker:
             self.announcements = Announcements.all_below(int(memory.state.next_id))
         else:
             self.announcements = Announcements()
+        self.records, self._is_new_session = memory.records, True
 
     def __reduce__(self) -> Any:
         """Refuses to be pickled or copied."""
@@ -453,34 +490,36 @@ class Tracker:
             return Announcements()
         return Announcements.none(self.static.first_object_id)
 
-    def _announce(self, decided: Tracks) -> Tracks:
+    def _announce(self, decided: Tracks, image: np.ndarray | None) -> Tracks:
         """The answers by what is announced, this frame included; notes objects that became one."""
         merges = [] if self.method.merges is None else self.method.merges(self.state)
         before = self.announcements
+        if self._is_new_session:
+            self.records.next_session()
+            self._is_new_session = False
         tracks = self.repeat(decided, merges)
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
+                self.records.found_to_be(old, new)
                 message = f"object {old} turned out to be object {new}"
                 self.events.append(Event(decided.frame_index, "merged", message))
+        pictured = image if self.config.input.keep_pictures else None
+        self.records.note(as_announced(self.announcements, decided), pictured)
         return tracks
 
+    def _saved(self) -> SavedMemory:
+        """The memory as it is now."""
+        return SavedMemory(
+            state=self.state,
+            static=self.static,
+            class_names=self.class_names,
+            backbone=FEATURES_GIVEN if self._features_given else self.backbone.name,
+            tracker=self.method.name,
+            announced=None if self.announcements.is_identity else self.announcements,
+            records=self.records,
+        )
 
-def _as_size(frame_size: Any) -> tuple[int, int]:
-    """Height and width of a frame that memory has room for."""
-    try:
-        height, width = (operator.index(side) for side in frame_size)
-    except (TypeError, ValueError) as error:
-        raise SourceError(
-            f"the frame size is {reprlib.repr(frame_size)}; give height and width in whole pixels"
-        ) from error
-    if not (0 < height <= MOST_SIDE_PX and 0 < width <= MOST_SIDE_PX):
-        raise SourceError(
-            f"frames of {width}x{height} pixels cannot be tracked; give sides from 1 to "
-            f"{MOST_SIDE_PX}"
-        )
-    if height * width > _MOST_PIXELS:
-        raise SourceError(
-            f"frames of {width}x{height} pixels are too large; at most {_MOST_PIXELS} pixels"
-        )
-    return height, width
+    def _remembered_ids(self) -> set[int]:
+        """Announced ids of the objects that memory has."""
+        return set() if self.state is None else announced_ids(self.state, self.announcements)

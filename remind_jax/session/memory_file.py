@@ -19,20 +19,24 @@ from safetensors.numpy import load_file, save_file
 from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.keys import how_to_choose
-from remind_jax.errors import ConfigError, OutputError, RemindError, first_line
+from remind_jax.decision import NO_ID
+from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
 from remind_jax.files.records import Small, Whole, decode_json
 from remind_jax.files.tensors import TensorEntry, read_safetensors_header
 from remind_jax.method import PAPER_METHOD, get_method, named_leaves
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.memory_checks import find_fault
+from remind_jax.session.object_pictures import MOST_FILE_BYTES
+from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start
 _PUBLISHED = Static()
 _SETTINGS = {field.name for field in dataclasses.fields(Static)}
+_PICTURES = "pictures"  # of all objects, one after another
 _RESTORE = "restore the file, or start without it"
 # As safetensors call the types of arrays.
 _TYPES = {"bool": "BOOL", "int32": "I32", "int64": "I64", "float32": "F32", "float64": "F64"}
@@ -57,6 +61,17 @@ class SavedMemory:
     backbone: str
     tracker: str = PAPER_METHOD  # name of the method
     announced: Announcements | None = None  # None: all objects, under their own ids
+    records: ObjectRecords = dataclasses.field(default_factory=ObjectRecords)
+
+    def object_ids(self) -> set[int]:
+        """The ids of its objects, as announced."""
+        return announced_ids(self.state, self.announced or Announcements())
+
+
+def announced_ids(state: Any, announced: Announcements) -> set[int]:
+    """The announced ids of the objects of a memory."""
+    ids = np.asarray(state.objects.id)
+    return {announced.id_of(int(one)) for one in ids[ids != NO_ID]}
 
 
 def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> None:
@@ -72,6 +87,7 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
     """
     path = Path(path)
     leaves = {name: np.asarray(leaf) for name, leaf in named_leaves(memory.state)}
+    records, leaves[_PICTURES] = memory.records.to_file(memory.object_ids())
     header = {
         "format": _FORMAT,
         "schema": str(SCHEMA_VERSION),
@@ -79,6 +95,7 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
         "class_names": json.dumps(memory.class_names),
         "backbone": memory.backbone,
         "tracker": memory.tracker,
+        "records": json.dumps(records),
     }
     if memory.announced is not None:
         header["announced"] = json.dumps(memory.announced.to_json())
@@ -111,7 +128,7 @@ def load_memory(path: str | Path) -> SavedMemory:
             f"'{path}' has memory schema {metadata.get('schema')!r}; this version reads schema "
             f"{SCHEMA_VERSION}"
         )
-    static, names, announced = _read_description(metadata, path)
+    static, names, announced, filed = _read_description(metadata, path)
     method = get_method(metadata["tracker"])
     expected = _shape(method.name, static)
     _check_tensors(header.tensors, expected, path)
@@ -127,8 +144,13 @@ def load_memory(path: str | Path) -> SavedMemory:
     fault = find_fault(state, method, names, announced, static.first_object_id)
     if fault is not None:
         raise OutputError(f"'{path}' is damaged: {fault}; {_RESTORE}")
+    try:
+        records = ObjectRecords.from_file(filed, tensors[_PICTURES])
+    except SourceError as error:
+        raise OutputError(f"'{path}' is damaged: {error}; {_RESTORE}") from error
     state = jax.tree.map(jax.numpy.asarray, state)
-    return SavedMemory(state, static, names, metadata["backbone"], method.name, announced)
+    backbone = metadata["backbone"]
+    return SavedMemory(state, static, names, backbone, method.name, announced, records)
 
 
 def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
@@ -208,8 +230,16 @@ def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path
                 f"'{path}' is damaged, or of another version: '{name}' is {found}; expected: "
                 f"{_TYPES[str(leaf.dtype)]} of shape {list(leaf.shape)}"
             )
+    pictures = tensors.get(_PICTURES)
+    if pictures is None or pictures.dtype != "U8" or len(pictures.shape) != 1:
+        raise OutputError(f"'{path}' is damaged, or of another version: it lacks '{_PICTURES}'")
+    if pictures.shape[0] > MOST_FILE_BYTES:
+        raise OutputError(
+            f"'{path}' is damaged: it holds {pictures.shape[0]} bytes of pictures; at most "
+            f"{MOST_FILE_BYTES} are kept"
+        )
     for name in tensors:
-        if name not in leaves:
+        if name not in leaves and name != _PICTURES:
             raise OutputError(
                 f"'{path}' is damaged, or of another version: it holds '{name[:100]}', which no "
                 "memory of this tracker has"
@@ -230,14 +260,14 @@ def _checksum(metadata: Mapping[str, str], tensors: Mapping[str, np.ndarray]) ->
 
 def _read_description(
     metadata: Mapping[str, str], path: Path
-) -> tuple[Static, tuple[str, ...], Announcements | None]:
-    """Static, class names of the memory, and what was announced.
+) -> tuple[Static, tuple[str, ...], Announcements | None, FiledRecords]:
+    """Static, class names of the memory, what was announced, and records of its objects.
 
     Raises:
       OutputError: If one is missing or damaged.
     """
     where = f"'{path}', header"
-    for name in ("static", "class_names", "backbone", "tracker"):
+    for name in ("static", "class_names", "backbone", "tracker", "records"):
         if name not in metadata:
             raise OutputError(f"'{path}' is damaged: its header lacks '{name}'; {_RESTORE}")
 
@@ -264,4 +294,4 @@ def _read_description(
             f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "
             "environment variable JAX_ENABLE_X64=1"
         )
-    return static, names, announced
+    return static, names, announced, read("records", FiledRecords)

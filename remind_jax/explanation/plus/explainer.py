@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import cast
 
 import jax
@@ -17,7 +18,7 @@ from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanati
 from remind_jax.explanation.plus.reasons import give_reasons
 from remind_jax.plus.state import PARTS, Stage, Verdicts
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 
 
 @jax.tree_util.register_dataclass
@@ -46,7 +47,7 @@ class PlusExplainer(Explainer[PlusRecord]):
         v, label = record.verdicts, tracks.labels[row]
         stage = Stage(int(v.stage[row]))
         is_open = stage in (Stage.OPEN, Stage.FRESH)
-        candidates = _candidates(v, row, label)
+        candidates = _candidates(v, row, label, tracks.names)
         known = sum(candidate.probability for candidate in candidates)
         explanation = PlusExplanation(
             frame=tracks.frame_index,
@@ -77,7 +78,9 @@ class PlusExplainer(Explainer[PlusRecord]):
         return dataclasses.replace(explanation, why=why)
 
 
-def _candidates(v: Verdicts, row: int, label: str) -> tuple[PlusCandidate, ...]:
+def _candidates(
+    v: Verdicts, row: int, label: str, names: Mapping[int, str]
+) -> tuple[PlusCandidate, ...]:
     found = []
     for place in np.argsort(-v.option_belief[row], kind="stable"):
         object_id = int(v.option_id[row, place])
@@ -87,7 +90,7 @@ def _candidates(v: Verdicts, row: int, label: str) -> tuple[PlusCandidate, ...]:
         found.append(
             PlusCandidate(
                 object_id=object_id,
-                name=f"{label} {object_id}",
+                name=title_of(label, object_id, names),
                 log_odds=float(v.option_odds[row, place]),
                 probability=float(v.option_belief[row, place]),
                 parts=dict(zip(PARTS, v.option_parts[row, place].tolist(), strict=True)),

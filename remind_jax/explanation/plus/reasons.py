@@ -155,4 +155,6 @@ def _explain_revision(e: PlusExplanation) -> Iterator[str]:
 
 def _answer(e: PlusExplanation) -> str:
     is_new = e.answer_id == e.tracklet_id and e.outcome == Outcome.NEW
-    return f"{'a new object, ' if is_new else ''}{e.label} {e.answer_id}"
+    named = (one.name for one in e.candidates if one.object_id == e.answer_id)
+    name = next(named, f"{e.label} {e.answer_id}")
+    return f"{'a new object, ' if is_new else ''}{name}"

@@ -14,6 +14,7 @@ from remind_jax.config import Config
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import ContextTrace, DetectionTrace, SetTrace
+from remind_jax.tracks import title_of
 
 
 @jax.tree_util.register_dataclass
@@ -54,6 +55,7 @@ class Case:
     row: int  # detection
     label: str  # its class
     labels: Mapping[int, str]  # of known objects
+    names: Mapping[int, str]  # given to objects by people
     config: Config
 
     @property
@@ -116,8 +118,8 @@ class Case:
         return self.record.candidate_places
 
     def name(self, object_id: int) -> str:
-        """`mug 4`."""
-        return f"{self.labels.get(object_id, self.label)} {object_id}"
+        """`mug 4`, or the name that people gave it."""
+        return title_of(self.labels.get(object_id, self.label), object_id, self.names)
 
     def holder(self, object_id: int, field: str = "guarded_id") -> int | None:
         """Another detection that had an object at a stage, None if no other did.

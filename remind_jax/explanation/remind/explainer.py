@@ -82,7 +82,8 @@ class RemindExplainer(Explainer[FrameRecord]):
         return FrameRecord(decided, known, sets, trace.context)
 
     def _explain(self, record: FrameRecord, tracks: Tracks, row: int) -> RemindExplanation:
-        case = Case(record, row, tracks.labels[row], self._archive.labels, self._config)
+        labels = self._archive.labels
+        case = Case(record, row, tracks.labels[row], labels, tracks.names, self._config)
         since = self._pending.get((tracks.frame_index, row))
         is_rated, found = tracks.is_rated(row), case.decision
         return RemindExplanation(
@@ -125,7 +126,7 @@ class RemindExplainer(Explainer[FrameRecord]):
 
 def _name(case: Case) -> str:
     """As `Tracks.display_name`, but with the objects that are really in question."""
-    options = [str(i) for i, _ in case.options()]
+    options = [case.names.get(i) or str(i) for i, _ in case.options()]
     if case.outcome in (Outcome.MATCH, Outcome.NEW):
         return case.name(case.decision("object_id"))
     if options and case.outcome in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):

@@ -1,0 +1,166 @@
+"""`remind memory`: who is remembered; names, and what people know better."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import process
+from remind_jax.cli.flags import UsageError, quiet_defaults
+from remind_jax.errors import OutputError
+from remind_jax.printing.terminal import print_lines, print_table
+from remind_jax.printing.words import plural
+
+if TYPE_CHECKING:
+    from remind_jax.session.memory_file import SavedMemory
+    from remind_jax.session.object_records import RememberedObject
+
+# What can be changed, by its words.
+_CHANGES = {
+    "rename": 'rename ID NAME ("" takes a name back)',
+    "merge": "merge ID ID ... (the others get the id of the first)",
+    "split": "split ID (takes back what was merged into it)",
+    "forget": "forget ID ... (with their looks and pictures)",
+}
+
+
+@quiet_defaults
+@dataclasses.dataclass(frozen=True)
+class Memory:
+    """List the objects that a memory file knows, name them, and correct who is who.
+
+    Changes are `rename ID NAME`, `merge ID ID ...`, `split ID` and `forget ID ...`; the file is
+    replaced at once, or left alone and written to --out.
+
+    Examples:
+      remind memory runs/rooms
+      remind memory runs/rooms/memory.safetensors rename 3 "my mug"
+      remind memory kitchen.safetensors merge 3 17 -o corrected.safetensors
+      remind memory runs/rooms --html objects.html
+    """
+
+    file: Annotated[Positional[Path], arg(metavar="FILE")]  # memory file, or the folder of a run
+    # rename ID NAME, merge ID ID ..., split ID, or forget ID ...
+    change: Annotated[Positional[tuple[str, ...]], arg(metavar="[CHANGE ...]")] = ()
+    # where the changed memory is written; FILE itself if left out
+    out: Annotated[Path | None, arg(aliases=["-o"])] = None
+    html: Path | None = None  # write a page with the pictures of all objects
+    overwrite: bool = False  # replace existing files other than FILE
+    json: bool = False  # print the objects as JSON
+    quiet: bool = False  # say nothing but errors
+
+    def execute(self) -> int:
+        """Reads, changes, writes and lists; returns the exit code."""
+        change = _parse(self.change)
+        if self.out is not None and change is None:
+            raise UsageError("--out is for a changed memory; say what to change, or leave it out")
+        for path in (self.out, self.html):
+            if path is not None and path.exists() and not self.overwrite:
+                raise OutputError(f"'{path}' exists; name another file, or allow --overwrite")
+        from remind_jax import files
+        from remind_jax.outputs.writer import MEMORY_NAME
+        from remind_jax.session.memory_file import load_memory, save_memory
+        from remind_jax.session.memory_page import render_memory
+
+        path = self.file / MEMORY_NAME if self.file.is_dir() else self.file
+        memory = load_memory(path)
+        said = []
+        if change is not None:
+            memory, line = _apply(memory, *change)
+            said = [line]
+            save_memory(self.out or path, memory)
+        objects = memory.records.objects(memory.object_ids())
+        about = (
+            f"{plural(len(objects), 'object')} in {plural(memory.records.session, 'session')}, "
+            f"tracker {memory.tracker}, {memory.backbone}"
+        )
+        if self.html is not None:
+            page = render_memory(objects, path.parent.name or path.stem, about)
+            files.replace_file(self.html, page.encode("utf-8"))
+        if self.json:
+            print(json.dumps([_facts(one) for one in objects], ensure_ascii=False, indent=1))
+        elif not self.quiet:
+            print_lines([*said, f"{path}: {about}"])
+            if change is None and objects:
+                _print_objects(objects)
+        return process.FINE
+
+
+def _parse(words: Sequence[str]) -> tuple[str, list[int], str] | None:
+    """The kind of change, ids and name; None if nothing is to be changed."""
+    if not words:
+        return None
+    kind, *rest = words
+    if kind not in _CHANGES:
+        raise UsageError(f"a memory cannot be changed by '{kind}'; give {_list_changes()}")
+    named = kind == "rename"
+    ids, name = (rest[:1], rest[1:]) if named else (rest, [])
+    counts = {"rename": len(rest) == 2, "merge": len(rest) > 1, "split": len(rest) == 1}
+    if not counts.get(kind, len(rest) > 0) or not all(word.isdecimal() for word in ids):
+        raise UsageError(f"'{' '.join(words)}' is no change of a memory; give {_CHANGES[kind]}")
+    return kind, [int(word) for word in ids], "".join(name)
+
+
+def _list_changes() -> str:
+    *others, last = _CHANGES.values()
+    return f"{', '.join(others)}, or {last}"
+
+
+def _apply(
+    memory: SavedMemory, kind: str, ids: Sequence[int], name: str
+) -> tuple[SavedMemory, str]:
+    """The changed memory, and a line about it."""
+    records, first = memory.records, ids[0]
+    if kind == "rename":
+        records.rename(first, name)
+        return memory, f"object {first} " + (f"is called '{name}'" if name else "has no name")
+    if kind == "merge":
+        records.merge(first, ids[1:])
+        return memory, f"{', '.join(map(str, ids[1:]))} merged into object {first}"
+    if kind == "split":
+        apart = records.split(first)
+        return memory, f"{', '.join(map(str, apart))} split off object {first}"
+    from remind_jax.session.forgetting import forget_object
+
+    for object_id in dict.fromkeys(ids):
+        memory = forget_object(memory, object_id)
+    return memory, f"{plural(len(set(ids)), 'object')} forgotten"
+
+
+def _facts(known: RememberedObject) -> dict[str, Any]:
+    return {
+        "id": known.object_id,
+        "label": known.label,
+        "name": known.name,
+        "frames": known.num_frames,
+        "first": dataclasses.asdict(known.first),
+        "last": dataclasses.asdict(known.last),
+        "merged": list(known.merged),
+        "pictures": len(known.pictures),
+    }
+
+
+def _print_objects(objects: Sequence[RememberedObject]) -> None:
+    rows: list[tuple[str, ...]] = [
+        ("id", "class", "name", "frames seen", "first seen", "last seen", "merged", "pictures")
+    ]
+    for known in objects:
+        sights = (f"session {at.session}, frame {at.frame}" for at in (known.first, known.last))
+        merged = ", ".join(map(str, known.merged))
+        rows.append(
+            (
+                str(known.object_id),
+                known.label,
+                known.name,
+                str(known.num_frames),
+                *sights,
+                merged,
+                str(len(known.pictures)),
+            )
+        )
+    print_table(rows, is_text=(1, 2, 4, 5, 6))

@@ -1,0 +1,45 @@
+"""Taking objects out of the memory of REMIND plus (host)."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+from jaxtyping import Bool
+
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.plus.state import PlusState
+
+
+def remove_objects(state: PlusState, empty: PlusState, gone: Bool[np.ndarray, "O"]) -> PlusState:
+    """The memory without some objects: their rows, relations and tracklets are those of `empty`.
+
+    What was learned about all objects together stays; nothing of it shows a single one.
+
+    Args:
+      state: The memory.
+      empty: A memory without objects, of the same capacities.
+      gone: Slots of the objects.
+    """
+
+    def clear(where: Bool[np.ndarray, "rows"], leaves: object, blank: object) -> object:
+        def clear_leaf(leaf: jax.Array, none: jax.Array) -> np.ndarray:
+            rows = where.reshape(-1, *[1] * (leaf.ndim - 1))
+            return np.where(rows, np.asarray(none), np.asarray(leaf))
+
+        return jax.tree.map(clear_leaf, leaves, blank)
+
+    def clear_pairs(leaf: jax.Array, none: jax.Array) -> np.ndarray:
+        either = gone[:, None] | gone[None]
+        either = either.reshape(*either.shape, *[1] * (leaf.ndim - 2))
+        return np.where(either, np.asarray(none), np.asarray(leaf))
+
+    slot = np.asarray(state.tracklets.slot)
+    held = (slot != NO_SLOT) & gone[np.maximum(slot, 0)]
+    return dataclasses.replace(
+        state,
+        objects=clear(gone, state.objects, empty.objects),
+        pairs=jax.tree.map(clear_pairs, state.pairs, empty.pairs),
+        tracklets=clear(held, state.tracklets, empty.tracklets),
+    )

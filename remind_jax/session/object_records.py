@@ -1,0 +1,424 @@
+"""What people are told of the objects in memory, and what they said of them: names, and who is one.
+
+A session is the time from an empty or a loaded memory on; they are counted from 1. Objects that
+people declared to be one share an id, but each keeps its own evidence, so that they can be split
+again. Ids are those of the answers, as announced.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from jaxtyping import UInt8
+from msgspec import Meta
+
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.errors import SourceError, on_one_line
+from remind_jax.files.records import Count, Label, Positive, Small
+from remind_jax.frame import MOST_LABEL
+from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
+from remind_jax.outputs.tables import firm_rows
+from remind_jax.session.object_pictures import (
+    MOST_FILE_BYTES,
+    MOST_PICTURES,
+    Picture,
+    Pictures,
+    best_of,
+    fit_into,
+)
+from remind_jax.tracks import Tracks, title_of
+
+_JPEG_START = b"\xff\xd8\xff"
+
+
+@dataclasses.dataclass(frozen=True, order=True)
+class Sight:
+    """When an object was seen."""
+
+    session: int  # from 1
+    frame: int  # number of the frame in that session
+
+
+@dataclasses.dataclass(frozen=True)
+class RememberedObject:
+    """An object in memory, as people are told of it."""
+
+    object_id: int
+    label: str  # class at first sight
+    name: str  # given by people; empty without one
+    num_frames: int  # in which its identity was firm
+    first: Sight
+    last: Sight
+    merged: tuple[int, ...] = ()  # objects that people declared to be this one
+    pictures: tuple[bytes, ...] = ()  # JPEG, best first
+
+    @property
+    def title(self) -> str:
+        """Its name, else class and id."""
+        return title_of(self.label, self.object_id, {self.object_id: self.name})
+
+
+@dataclasses.dataclass(frozen=True)
+class _Record:
+    """One object by itself."""
+
+    label: str
+    num_frames: int
+    first: Sight
+    last: Sight
+    pictures: Pictures
+
+    def joined(self, other: _Record) -> _Record:
+        """The two as one."""
+        earlier = best_of((*self.pictures.best, *other.pictures.best))
+        return _Record(
+            label=self.label,
+            num_frames=self.num_frames + other.num_frames,
+            first=min(self.first, other.first),
+            last=max(self.last, other.last),
+            pictures=Pictures(earlier),
+        )
+
+
+class _Row(msgspec.Struct, frozen=True):
+    """A record in a file."""
+
+    id: Count
+    label: Label
+    frames: Positive
+    first: tuple[Positive, Small]
+    last: tuple[Positive, Small]
+    pictures: Annotated[
+        list[tuple[Annotated[float, Meta(ge=0.0, le=1e9)], Positive]],
+        Meta(max_length=MOST_PICTURES),
+    ]  # quality and bytes of each
+
+
+class FiledRecords(msgspec.Struct, frozen=True):
+    """What `ObjectRecords.to_json` makes."""
+
+    session: Positive
+    objects: Annotated[list[_Row], Meta(max_length=1_000_000)]
+    names: Annotated[list[tuple[Count, Label]], Meta(max_length=1_000_000)]
+    merged: Annotated[list[tuple[Count, Count]], Meta(max_length=1_000_000)]  # gone, kept
+
+
+class ObjectRecords:
+    """A record of each object that was answered.
+
+    Attributes:
+      session: The number of this one.
+      names: Given by people, by id; replaced as a whole, never changed.
+      merged_into: What people declared to be another object, and which.
+    """
+
+    def __init__(self) -> None:
+        """Starts without objects, in the first session."""
+        self.session = 1
+        self.names: Mapping[int, str] = {}
+        self.merged_into: Mapping[int, int] = {}
+        self._records: dict[int, _Record] = {}
+
+    def note(self, tracks: Tracks, image: UInt8[np.ndarray, "H W 3"] | None) -> None:
+        """Takes the answers about a frame, as announced.
+
+        Args:
+          tracks: Before `answer`.
+          image: RGB; None if there is none to take pictures from.
+        """
+        now = Sight(self.session, tracks.frame_index)
+        for row in firm_rows(tracks).tolist():
+            object_id = int(tracks.object_id[row])
+            record = self._records.get(object_id)
+            if record is None:
+                record = _Record(tracks.labels[row], 0, now, now, Pictures())
+            pictures = record.pictures
+            away = now.frame - record.last.frame - 1
+            if record.last.session != now.session or away >= MIN_ABSENCE_FRAMES:
+                pictures = pictures.next_visit()
+            if image is not None:
+                pictures = pictures.look(image, tracks, row)
+            self._records[object_id] = dataclasses.replace(
+                record,
+                num_frames=record.num_frames + 1,
+                first=min(record.first, now),
+                last=max(record.last, now),
+                pictures=pictures,
+            )
+
+    def found_to_be(self, gone: int, kept: int) -> None:
+        """Takes an object that the tracker found to be another one; this cannot be split again."""
+        record = self._records.pop(gone, None)
+        if record is not None:
+            known = self._records.get(kept)
+            self._records[kept] = record if known is None else known.joined(record)
+        merged = {one: self.merged_into[one] for one in self.merged_into if one != gone}
+        if merged.get(kept) == gone:
+            del merged[kept]
+        kept = merged.get(kept, kept)
+        self.merged_into = {
+            one: kept if target == gone else target for one, target in merged.items()
+        }
+        if gone in self.names:
+            names = dict(self.names)
+            name = names.pop(gone)
+            names.setdefault(kept, name)
+            self.names = names
+
+    def answer(self, tracks: Tracks) -> Tracks:
+        """The answers by names and by what was declared to be one; no id is given twice for it."""
+        if self.merged_into:
+            tracks = _as_merged(tracks, self.merged_into)
+        return dataclasses.replace(tracks, names=self.names) if self.names else tracks
+
+    def objects(self, ids: Collection[int] | None = None) -> tuple[RememberedObject, ...]:
+        """What is known of each object, by rising id.
+
+        Args:
+          ids: Of objects that memory still has; all if left out.
+        """
+        return tuple(
+            self._tell(object_id)
+            for object_id in sorted(self._records)
+            if object_id not in self.merged_into
+            and (ids is None or any(one in ids for one in self.members(object_id)))
+        )
+
+    def members(self, object_id: int) -> tuple[int, ...]:
+        """An object and those that were merged into it."""
+        others = (gone for gone, kept in self.merged_into.items() if kept == object_id)
+        return (object_id, *sorted(others))
+
+    def check_known(self, object_id: Any) -> int:
+        """The id of an object that there is.
+
+        Raises:
+          SourceError: If there is none.
+        """
+        is_number = isinstance(object_id, (int, np.integer)) and not isinstance(object_id, bool)
+        if is_number and int(object_id) in self.merged_into:
+            raise SourceError(
+                f"object {object_id} was merged into object {self.merged_into[int(object_id)]}; "
+                "give that one, or split it first"
+            )
+        if not is_number or int(object_id) not in self._records:
+            known = [str(one) for one in sorted(set(self._records) - set(self.merged_into))]
+            shown = ", ".join(known[:20]) + (", ..." if len(known) > 20 else "")
+            raise SourceError(f"there is no object {object_id!r}; known: {shown or 'none'}")
+        return int(object_id)
+
+    def rename(self, object_id: int, name: str) -> None:
+        """Calls an object by a name; by class and id again if it is empty.
+
+        Raises:
+          SourceError: If there is no such object, the name is no short line of text, or another
+            object has it.
+        """
+        object_id = self.check_known(object_id)
+        if not isinstance(name, str) or len(name) > MOST_LABEL or on_one_line(name) != name:
+            raise SourceError(
+                f"an object cannot be called {str(name)[:40]!r}; give one line of at most "
+                f"{MOST_LABEL} characters"
+            )
+        name = name.strip()
+        names = {one: given for one, given in self.names.items() if one != object_id}
+        for one, given in names.items():
+            if name and given == name:
+                raise SourceError(
+                    f"object {one} is called '{name}' already; give another name, or merge the two"
+                )
+        self.names = names | ({object_id: name} if name else {})
+
+    def merge(self, kept: int, gone: Iterable[int]) -> None:
+        """Declares objects to be one, which has the id of the first.
+
+        Raises:
+          SourceError: If one of them is not there, or named twice.
+        """
+        kept = self.check_known(kept)
+        ids = [self.check_known(one) for one in gone]
+        if not ids or len({kept, *ids}) <= len(ids):
+            raise SourceError(
+                f"object {kept} cannot be merged with {', '.join(map(str, ids)) or 'nothing'}; "
+                "give two or more different objects"
+            )
+        moved = {one for object_id in ids for one in self.members(object_id)}
+        self.merged_into = {**self.merged_into, **dict.fromkeys(moved, kept)}
+        names = dict(self.names)
+        given = [names.pop(one) for one in ids if one in names]
+        if given:
+            names.setdefault(kept, given[0])
+        self.names = names
+
+    def split(self, object_id: int) -> tuple[int, ...]:
+        """Takes back all `merge`s into an object; gives the ids of those that are apart again.
+
+        Raises:
+          SourceError: If there is no such object, or nothing was merged into it by people.
+        """
+        object_id = self.check_known(object_id)
+        apart = self.members(object_id)[1:]
+        if not apart:
+            raise SourceError(
+                f"nothing was merged into object {object_id}, so that nothing can be split off: "
+                "what the tracker took for one object from the start has no evidence of its own"
+            )
+        merged = self.merged_into
+        self.merged_into = {one: merged[one] for one in merged if one not in apart}
+        return apart
+
+    def drop(self, object_id: int) -> tuple[int, ...]:
+        """Removes the record of an object; gives the ids of all that it was merged from.
+
+        Raises:
+          SourceError: If there is no such object.
+        """
+        object_id = self.check_known(object_id)
+        members = self.members(object_id)
+        for one in members:
+            self._records.pop(one, None)
+        self.names = {one: name for one, name in self.names.items() if one != object_id}
+        merged = self.merged_into
+        self.merged_into = {one: merged[one] for one in merged if one not in members}
+        return members
+
+    def next_session(self) -> None:
+        """Before the first frame of another session."""
+        self.session += 1
+
+    def to_file(self, ids: Collection[int]) -> tuple[dict[str, Any], UInt8[np.ndarray, "B"]]:
+        """What a memory file keeps, as `json` can write it, and the bytes of all pictures.
+
+        Args:
+          ids: Of objects that memory still has.
+        """
+        kept = {one: self._records[one] for one in sorted(self._records) if one in ids}
+        recent = sorted(kept, key=lambda one: (kept[one].last, one), reverse=True)
+        fitting = dict(
+            zip(
+                recent,
+                fit_into(MOST_FILE_BYTES, [kept[one].pictures.best for one in recent]),
+                strict=True,
+            )
+        )
+        rows = [
+            {
+                "id": one,
+                "label": record.label,
+                "frames": record.num_frames,
+                "first": dataclasses.astuple(record.first),
+                "last": dataclasses.astuple(record.last),
+                "pictures": [(picture.quality, len(picture.jpeg)) for picture in fitting[one]],
+            }
+            for one, record in kept.items()
+        ]
+        merged = {
+            gone: target
+            for gone, target in self.merged_into.items()
+            if gone in kept and target in kept
+        }
+        content = {
+            "session": self.session,
+            "objects": rows,
+            "names": [[one, name] for one, name in self.names.items() if one in kept],
+            "merged": [list(pair) for pair in merged.items()],
+        }
+        data = b"".join(picture.jpeg for one in kept for picture in fitting[one])
+        return content, np.frombuffer(data, np.uint8)
+
+    @classmethod
+    def from_file(cls, filed: FiledRecords, data: UInt8[np.ndarray, "B"]) -> ObjectRecords:
+        """Reads back what `to_file` made.
+
+        Raises:
+          SourceError: If its parts contradict each other; a phrase says how.
+        """
+        records, pictures, start = cls(), data.tobytes(), 0
+        records.session = filed.session
+        for row in filed.objects:
+            views = []
+            for quality, length in row.pictures:
+                jpeg = pictures[start : start + length]
+                if len(jpeg) != length or not jpeg.startswith(_JPEG_START):
+                    raise SourceError(f"a picture of object {row.id} is no JPEG")
+                views.append(Picture(quality, jpeg))
+                start += length
+            if row.id in records._records:
+                raise SourceError(f"object {row.id} has two records")
+            first, last = Sight(*row.first), Sight(*row.last)
+            if not first <= last or last.session > filed.session:
+                raise SourceError(f"object {row.id} was first seen after it was last seen")
+            records._records[row.id] = _Record(
+                row.label, row.frames, first, last, Pictures(best_of(views))
+            )
+        if start != len(pictures):
+            raise SourceError(f"{len(pictures) - start} bytes of pictures belong to no object")
+        records._take_in(filed.names, filed.merged)
+        return records
+
+    def _take_in(self, names: Sequence[tuple[int, str]], merged: Sequence[tuple[int, int]]) -> None:
+        """Names and merges of a file, one by one as if people said so now."""
+        try:
+            for gone, kept in merged:
+                self.merge(kept, [gone])
+            for object_id, name in names:
+                self.rename(object_id, name)
+        except SourceError as error:
+            raise SourceError(f"its names and merges do not fit: {error}") from error
+
+    def _tell(self, object_id: int) -> RememberedObject:
+        members = self.members(object_id)
+        record = self._records[object_id]
+        for one in members[1:]:
+            record = record.joined(self._records[one])
+        return RememberedObject(
+            object_id=object_id,
+            label=record.label,
+            name=self.names.get(object_id, ""),
+            num_frames=record.num_frames,
+            first=record.first,
+            last=record.last,
+            merged=members[1:],
+            pictures=tuple(picture.jpeg for picture in record.pictures.best),
+        )
+
+
+def _as_merged(tracks: Tracks, merged_into: Mapping[int, int]) -> Tracks:
+    """The answers with merged objects under one id.
+
+    Where two of them are in one frame, the better match has the id, the other is undecided.
+    """
+    given = tracks.object_id
+    object_id = np.array([merged_into.get(int(one), int(one)) for one in given], given.dtype)
+    outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
+    candidate_id = np.full_like(tracks.candidate_id, NO_ID)
+    candidate_score = np.zeros_like(tracks.candidate_score)
+    for row in range(len(tracks)):
+        named = [merged_into.get(int(one), int(one)) for one in tracks.candidate_id[row]]
+        columns = [c for c, one in enumerate(named) if one != NO_ID and one not in named[:c]]
+        candidate_id[row, : len(columns)] = [named[c] for c in columns]
+        candidate_score[row, : len(columns)] = tracks.candidate_score[row, columns]
+        if outcome[row] == Outcome.AMBIGUOUS and len(columns) == 1:
+            outcome[row] = Outcome.PROVISIONAL_PARENT
+    for shared in {int(one) for one in object_id if one != NO_ID}:
+        rows = np.flatnonzero(object_id == shared)
+        best = rows[np.argmax(tracks.score[rows])]
+        lost = rows[given[rows] != given[best]]
+        object_id[lost] = NO_ID
+        outcome[lost], reason[lost] = Outcome.AMBIGUOUS, Reason.KNOWN_BUT_HELD_BY_BETTER_MATCH
+        if candidate_id.shape[1]:
+            candidate_id[lost, 0], candidate_id[lost, 1:] = shared, NO_ID
+            candidate_score[lost, 0] = tracks.score[lost]
+            candidate_score[lost, 1:] = 0.0
+    return dataclasses.replace(
+        tracks,
+        object_id=object_id,
+        outcome=outcome,
+        reason=reason,
+        candidate_id=candidate_id,
+        candidate_score=candidate_score,
+    )
