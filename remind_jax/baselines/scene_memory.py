@@ -90,9 +90,10 @@ def find_faults(memory: SceneMemory) -> Iterator[str]:
 
 
 def remove_objects(
-    memory: SceneMemory, empty: SceneMemory, gone: Bool[np.ndarray, "O"]
+    memory: SceneMemory, empty: SceneMemory, ids: Int[np.ndarray, "ids"]
 ) -> SceneMemory:
     """The memory without some objects: their rows are those of `empty` (host)."""
+    gone = np.isin(np.asarray(memory.objects.id), ids)
 
     def clear(leaf: Array, none: Array) -> np.ndarray:
         rows = gone.reshape(-1, *[1] * (leaf.ndim - 1))

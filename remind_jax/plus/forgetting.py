@@ -6,13 +6,19 @@ import dataclasses
 
 import jax
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
-from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.plus.state import PlusState
 
 
-def remove_objects(state: PlusState, empty: PlusState, gone: Bool[np.ndarray, "O"]) -> PlusState:
+def coming_ids(state: PlusState) -> Int[np.ndarray, "open"]:
+    """What the tracklets that are not decided would be called as new objects."""
+    ids = np.asarray(state.tracklets.id)[np.asarray(state.tracklets.is_open)]
+    return ids[ids != NO_ID]
+
+
+def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids"]) -> PlusState:
     """The memory without some objects: their rows, relations and tracklets are those of `empty`.
 
     What was learned about all objects together stays; nothing of it shows a single one.
@@ -20,8 +26,9 @@ def remove_objects(state: PlusState, empty: PlusState, gone: Bool[np.ndarray, "O
     Args:
       state: The memory.
       empty: A memory without objects, of the same capacities.
-      gone: Slots of the objects.
+      ids: Of the objects, those of undecided tracklets among them.
     """
+    gone = np.isin(np.asarray(state.objects.id), ids)
 
     def clear(where: Bool[np.ndarray, "rows"], leaves: object, blank: object) -> object:
         def clear_leaf(leaf: jax.Array, none: jax.Array) -> np.ndarray:
@@ -37,6 +44,7 @@ def remove_objects(state: PlusState, empty: PlusState, gone: Bool[np.ndarray, "O
 
     slot = np.asarray(state.tracklets.slot)
     held = (slot != NO_SLOT) & gone[np.maximum(slot, 0)]
+    held |= np.asarray(state.tracklets.is_open) & np.isin(np.asarray(state.tracklets.id), ids)
     return dataclasses.replace(
         state,
         objects=clear(gone, state.objects, empty.objects),

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.method import Method, StepHalves
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.faults import find_faults
-from remind_jax.plus.forgetting import remove_objects
+from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
@@ -76,6 +76,7 @@ METHOD = Method(
     merges=find_merges,
     delayed=DelayedAnswers,
     remove=remove_objects,
+    coming_ids=coming_ids,
     find_faults=find_faults,
     step_traced=step_traced,
     explainer_name="remind_jax.explanation.plus.explainer:PlusExplainer",

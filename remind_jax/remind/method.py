@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Int
 
 from remind_jax.method import PAPER_METHOD, Method, StepHalves
 from remind_jax.observation import Descriptors, FrameFeats, Masks
@@ -57,9 +57,9 @@ def decide_described_traced(
     )
 
 
-def remove(state: TrackerState, empty: TrackerState, gone: Bool[np.ndarray, "O"]) -> TrackerState:
+def remove(state: TrackerState, empty: TrackerState, ids: Int[np.ndarray, "ids"]) -> TrackerState:
     """The memory without some objects, and without their looks (host)."""
-    return jax.jit(remove_objects)(state, jnp.asarray(gone))
+    return jax.jit(remove_objects)(state, jnp.isin(state.objects.id, ids))
 
 
 def gap_options(thresholds: Thresholds) -> dict[str, float]:

@@ -33,7 +33,6 @@ from remind_jax.session.forgetting import forget_object
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.memory_file import (
     SavedMemory,
-    announced_ids,
     check_backbone,
     check_tracker,
     chosen_switches,
@@ -145,7 +144,7 @@ class Tracker:
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object in memory that got an id, by rising id."""
-        return self.records.objects(self._remembered_ids())
+        return () if self.state is None else self.records.objects(self._saved().object_ids())
 
     def rename(self, object_id: int, name: str) -> None:
         """Gives an object a name, which answers and outputs show from now on; "" takes it back.
@@ -519,7 +518,3 @@ class Tracker:
             announced=None if self.announcements.is_identity else self.announcements,
             records=self.records,
         )
-
-    def _remembered_ids(self) -> set[int]:
-        """Announced ids of the objects that memory has."""
-        return set() if self.state is None else announced_ids(self.state, self.announcements)

@@ -19,7 +19,6 @@ from safetensors.numpy import load_file, save_file
 from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.keys import how_to_choose
-from remind_jax.decision import NO_ID
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
 from remind_jax.files.records import Small, Whole, decode_json
 from remind_jax.files.tensors import TensorEntry, read_safetensors_header
@@ -65,13 +64,8 @@ class SavedMemory:
 
     def object_ids(self) -> set[int]:
         """The ids of its objects, as announced."""
-        return announced_ids(self.state, self.announced or Announcements())
-
-
-def announced_ids(state: Any, announced: Announcements) -> set[int]:
-    """The announced ids of the objects of a memory."""
-    ids = np.asarray(state.objects.id)
-    return {announced.id_of(int(one)) for one in ids[ids != NO_ID]}
+        announced = self.announced or Announcements()
+        return {announced.id_of(one) for one in get_method(self.tracker).known_ids(self.state)}
 
 
 def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> None:

@@ -1,0 +1,294 @@
+"""Records of objects: what is noted, said by people, written and read back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+from remind_jax.decision import NO_ID, Outcome
+from remind_jax.errors import OutputError, RemindError, SourceError
+from remind_jax.files.records import decode_json
+from remind_jax.method import list_methods
+from remind_jax.session.live import Tracker
+from remind_jax.session.memory_file import load_memory
+from remind_jax.session.object_pictures import Picture, Pictures, best_of, fit_into
+from remind_jax.session.object_records import FiledRecords, ObjectRecords, Sight
+from remind_jax.tracks import Tracks
+from tests.cli import scenes
+from tests.outputs import fake_run
+from tests.session.test_memory_file import rewrite
+
+FRAMES = 12
+
+
+def seen(number: int, ids: list[int]) -> Tracks:
+    """Answers about a frame with these objects in it."""
+    masks = np.zeros((len(ids), 48, 64), bool)
+    for place in range(len(ids)):
+        masks[place, 10:30, 5 + 20 * place : 20 + 20 * place] = True
+    return fake_run.make_tracks(number, masks, [{"object_id": one, "label": "cup"} for one in ids])
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A memory of three objects."""
+    tracker = Tracker()
+    for index in range(FRAMES):
+        tracker.update(*scenes.picture(index))
+    path = tmp_path_factory.mktemp("memory") / "memory.safetensors"
+    tracker.save(path)
+    return path
+
+
+@pytest.fixture
+def tracker(saved) -> Tracker:
+    tracker = Tracker()
+    tracker.load(saved)
+    return tracker
+
+
+def look(tracker: Tracker):
+    return tracker.update(*scenes.picture(FRAMES))
+
+
+def test_objects_are_listed(tracker):
+    objects = tracker.objects()
+    assert [one.object_id for one in objects] == [0, 1, 2]
+    assert [one.title for one in objects] == ["object 0", "object 1", "object 2"]
+    assert {one.num_frames for one in objects} == {FRAMES}
+    assert {(one.first, one.last) for one in objects} == {(Sight(1, 0), Sight(1, FRAMES - 1))}
+    for one in objects:
+        assert 1 <= len(one.pictures) <= 3
+        assert all(jpeg.startswith(b"\xff\xd8\xff") for jpeg in one.pictures)
+
+
+def test_a_loaded_memory_begins_a_session_with_its_next_frame(tracker):
+    assert tracker.objects()[0].last == Sight(1, FRAMES - 1)
+    look(tracker)
+    assert tracker.objects()[0].last == Sight(2, FRAMES)
+    assert tracker.objects()[0].num_frames == FRAMES + 1
+
+
+def test_names_are_shown_and_kept(tracker, tmp_path):
+    tracker.rename(1, " my mug ")
+    assert look(tracker).display_name(1) == "my mug"
+    tracker.save(tmp_path / "named")
+    other = Tracker()
+    other.load(tmp_path / "named")
+    tracks = look(other)
+    assert [tracks.display_name(row) for row in range(3)] == ["object 0", "my mug", "object 2"]
+    other.rename(1, "")
+    assert look(other).display_name(1) == "object 1"
+    assert tracks.display_name(1) == "my mug"  # an answer that was given stays
+
+
+@pytest.mark.parametrize("name", ["a\nb", "\x1b[31m", "x" * 201, 3, None])
+def test_names_that_are_no_short_line_are_refused(tracker, name):
+    with pytest.raises(SourceError, match="cannot be called"):
+        tracker.rename(0, name)
+
+
+def test_two_objects_of_one_name_are_refused(tracker):
+    tracker.rename(0, "mug")
+    with pytest.raises(SourceError, match="object 0 is called 'mug' already"):
+        tracker.rename(1, "mug")
+    tracker.rename(0, "mug")  # itself is no other
+
+
+@pytest.mark.parametrize("object_id", [7, -1, "0", 0.5, True, None])
+def test_objects_that_there_are_not(tracker, object_id):
+    for call in (
+        lambda: tracker.rename(object_id, "mug"),
+        lambda: tracker.merge(object_id, 1),
+        lambda: tracker.merge(1, object_id),
+        lambda: tracker.split(object_id),
+        lambda: tracker.forget(object_id),
+    ):
+        with pytest.raises(SourceError, match=r"there is no object .*; known: 0, 1, 2"):
+            call()
+
+
+def test_merged_objects_have_one_id_until_they_are_split(tracker):
+    tracker.rename(2, "spoon")
+    tracker.merge(0, 2)
+    tracks = look(tracker)
+    assert sorted(tracks.object_id.tolist()) == [NO_ID, 0, 1]  # both are in view
+    (lost,) = np.flatnonzero(tracks.object_id == NO_ID)
+    assert tracks.outcome[lost] == Outcome.AMBIGUOUS
+    assert tracks.candidate_id[lost, 0] == 0
+    known = tracker.objects()
+    assert [(one.object_id, one.name, one.merged) for one in known] == [
+        (0, "spoon", (2,)),
+        (1, "", ()),
+    ]
+    assert known[0].num_frames == 2 * FRAMES + 2
+    with pytest.raises(SourceError, match="object 2 was merged into object 0"):
+        tracker.rename(2, "fork")
+    assert tracker.split(0) == (2,)
+    assert look(tracker).object_id.tolist() == [0, 1, 2]
+    with pytest.raises(SourceError, match="nothing was merged into object 0"):
+        tracker.split(0)
+
+
+@pytest.mark.parametrize("ids", [(0,), (0, 0), (0, 1, 1)])
+def test_merges_that_are_none(tracker, ids):
+    with pytest.raises(SourceError, match="cannot be merged"):
+        tracker.merge(*ids)
+
+
+def test_merges_are_kept_in_files(tracker, tmp_path):
+    tracker.merge(1, 0, 2)
+    tracker.save(tmp_path / "merged")
+    other = Tracker()
+    other.load(tmp_path / "merged")
+    assert [(one.object_id, one.merged) for one in other.objects()] == [(1, (0, 2))]
+    assert other.split(1) == (0, 2)
+    assert [one.num_frames for one in other.objects()] == [FRAMES] * 3
+
+
+@pytest.mark.parametrize("method", list_methods())
+def test_what_is_forgotten_is_new_when_seen_again(method):
+    tracker = Tracker(tracker=method)
+    for index in range(FRAMES):
+        before = tracker.update(*scenes.picture(index))
+    known = before.object_id.tolist()
+    assert len(set(known)) == 3
+    tracker.forget(known[1])
+    assert [one.object_id for one in tracker.objects()] == [known[0], known[2]]
+    assert known[1] not in np.asarray(tracker.state.objects.id)
+    for index in range(FRAMES, FRAMES + 3):
+        after = tracker.update(*scenes.picture(index)).object_id.tolist()
+    assert (after[0], after[2]) == (known[0], known[2])
+    assert after[1] not in known
+
+
+def test_nothing_of_the_looks_of_a_forgotten_object_is_left(tracker):
+    objects = tracker.state.objects
+    slot = int(np.flatnonzero(np.asarray(objects.id) == 1)[0])
+    assert np.any(np.asarray(objects.bank)[slot])
+    tracker.forget(1)
+    assert not np.any(np.asarray(tracker.state.objects.bank)[slot])
+    assert 1 not in {one.object_id for one in tracker.objects()}
+
+
+def test_merged_objects_are_forgotten_together(tracker):
+    tracker.merge(0, 2)
+    tracker.forget(0)
+    assert [one.object_id for one in tracker.objects()] == [1]
+    assert set(np.asarray(tracker.state.objects.id)) == {NO_ID, 1}
+
+
+def test_pictures_can_be_left_out():
+    tracker = Tracker({"input": {"keep_pictures": False}})
+    tracker.update(*scenes.picture(0))
+    assert [one.pictures for one in tracker.objects()] == [()] * 3
+
+
+def test_what_the_tracker_found_to_be_one_is_one_record():
+    records = ObjectRecords()
+    for number, ids in enumerate([[0], [0, 1], [1, 2]]):
+        records.note(seen(number, ids), None)
+    records.rename(1, "mug")
+    records.merge(1, [2])
+    records.found_to_be(1, 0)
+    (known,) = records.objects()
+    assert (known.object_id, known.name, known.num_frames, known.merged) == (0, "mug", 5, (2,))
+    assert (known.first, known.last) == (Sight(1, 0), Sight(1, 2))
+
+
+def test_what_people_and_tracker_found_alike_stays_one():
+    records = ObjectRecords()
+    records.note(seen(0, [0, 1]), None)
+    records.merge(1, [0])
+    records.found_to_be(1, 0)
+    assert [(one.object_id, one.merged) for one in records.objects()] == [(0, ())]
+
+
+def test_records_are_read_back(tracker):
+    tracker.rename(0, "mug")
+    tracker.merge(1, 2)
+    content, data = tracker.records.to_file({0, 1, 2})
+    filed = decode_json(json.dumps(content).encode(), FiledRecords, "here")
+    again = ObjectRecords.from_file(filed, data)
+    assert again.objects() == tracker.records.objects()
+    assert again.to_file({0, 1, 2})[0] == content
+
+
+def test_records_of_what_memory_lost_are_not_written(tracker):
+    tracker.rename(2, "spoon")
+    content, _ = tracker.records.to_file({0, 1})
+    assert [row["id"] for row in content["objects"]] == [0, 1]
+    assert content["names"] == []
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c["objects"].append(c["objects"][0] | {"pictures": []}), "has two records"),
+        (lambda c: c["objects"][0].update(last=[9, 0]), "first seen after it was last seen"),
+        (lambda c: c["objects"][0].update(first=[1, 99]), "first seen after it was last seen"),
+        (lambda c: c["objects"][0].update(pictures=[]), "pictures"),
+        (lambda c: c["objects"][2]["pictures"].append([1.0, 9]), "no JPEG|pictures"),
+        (lambda c: c.update(names=[[9, "mug"]]), "there is no object 9"),
+        (lambda c: c.update(names=[[0, "a\nb"]]), "cannot be called"),
+        (lambda c: c.update(merged=[[0, 0]]), "cannot be merged"),
+        (lambda c: c.update(merged=[[0, 1], [1, 2], [2, 0]]), "was merged into"),
+        (lambda c: c.update(session=0), "records"),
+        (lambda c: c.pop("objects"), "records"),
+        (lambda c: c["objects"][0].update(label="x" * 201), "records"),
+    ],
+)
+def test_damaged_records_are_refused(tracker, tmp_path, change, said):
+    path = tmp_path / "memory.safetensors"
+    tracker.save(path)
+    length = int.from_bytes(path.read_bytes()[:8], "little")
+    header = json.loads(path.read_bytes()[8 : 8 + length])["__metadata__"]
+    content = json.loads(header["records"])
+    change(content)
+    with pytest.raises(OutputError, match=said):
+        load_memory(rewrite(path, header={"records": json.dumps(content)}))
+
+
+def test_pictures_that_are_missing_are_refused(tracker, tmp_path):
+    tracker.save(tmp_path / "memory.safetensors")
+    with pytest.raises(OutputError, match="it lacks 'pictures'"):
+        load_memory(rewrite(tmp_path / "memory.safetensors", drop="pictures"))
+
+
+def test_the_best_pictures_fit_first():
+    views = [Picture(float(quality), bytes(10)) for quality in (1, 5, 3, 4)]
+    assert [one.quality for one in best_of(views)] == [5.0, 4.0, 3.0]
+    kept = fit_into(35, [best_of(views), best_of(views[:2]), ()])
+    assert [[one.quality for one in own] for own in kept] == [[5.0, 4.0], [5.0], []]
+
+
+def test_a_view_is_judged_less_and_less_often(monkeypatch):
+    judged = []
+    monkeypatch.setattr(
+        "remind_jax.session.object_pictures.view_quality",
+        lambda image, tracks, row: judged.append(tracks.frame_index) or 1.0,
+    )
+    image, pictures = np.zeros((48, 64, 3), np.uint8), Pictures()
+    for number in range(40):
+        pictures = pictures.look(image, seen(number, [0]), 0)
+    assert judged == [0, 1, 3, 7, 15, 31]
+    pictures = pictures.next_visit().look(image, seen(50, [0]), 0)
+    assert judged[-1] == 50
+    assert len(pictures.best) == 2
+
+
+def test_names_by_two_threads_are_refused(tracker):
+    with tracker._alone("advance"), pytest.raises(RemindError, match="two threads at once"):
+        tracker.rename(0, "mug")
+
+
+def test_titles():
+    tracker = Tracker()
+    tracker.update(*scenes.picture(0))
+    known = dataclasses.replace(tracker.objects()[0], name="my mug")
+    assert known.title == "my mug"
+    assert re.fullmatch(r"object \d", dataclasses.replace(known, name="").title)
