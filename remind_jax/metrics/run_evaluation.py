@@ -95,7 +95,7 @@ def evaluate_tracks(
     """
     check_undecided(undecided)
     frames = list(tracks)
-    paired, area_share = _pair_with_instances(frames, name)
+    paired, area_share = pair_with_instances(frames, name)
     return evaluate_pair(
         paired,
         frames,
@@ -185,10 +185,14 @@ def check_undecided(undecided: str) -> None:
         raise RemindError(f"undecided is '{undecided}'; {hint}")
 
 
-def _pair_with_instances(
+def pair_with_instances(
     tracks: Sequence[Tracks], name: str
 ) -> tuple[PairedScene, Float[np.ndarray, "N"]]:
     """Numbered detections and the instances that they are, and which share of the frame these are.
+
+    Args:
+      tracks: The frames of a run whose detections carry their true instance, in order.
+      name: Shown in messages.
 
     Raises:
       SourceError: If there are no instances, or frames are not in order.

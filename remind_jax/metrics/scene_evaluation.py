@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from jaxtyping import Float
 
 from remind_jax.metrics.evaluation import (
     Evaluation,
@@ -29,10 +32,11 @@ from remind_jax.metrics.formats.text import (
     share_of_frame,
 )
 from remind_jax.metrics.intervals import Intervals
-from remind_jax.metrics.pairing import pair_scene
+from remind_jax.metrics.pairing import PairedScene, pair_scene
 from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair
 from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
 from remind_jax.printing.small_table import SmallTable
+from remind_jax.tracks import Tracks
 
 _LEAST_MATCHED = 0.05  # of the detections of the side that has fewer
 
@@ -157,41 +161,64 @@ def evaluate(
     )
 
 
+@dataclasses.dataclass(frozen=True)
+class ReadPair:
+    """A scene as read from both sides."""
+
+    paired: PairedScene
+    tracks: Sequence[Tracks] | None  # of a run, whose detections are numbered in `paired`
+    area_share: (
+        Float[np.ndarray, "N"] | None
+    )  # of the frame, of each row of truth, where it is read
+    notes: tuple[str, ...]
+    has_classes: bool  # classes may be scored apart
+
+
+def read_pair(stream: SceneStream, scene: str, predicted: str, options: SceneOptions) -> ReadPair:
+    """Reads a scene of both sides and pairs it.
+
+    Raises:
+      SourceError: If it cannot be read or paired.
+    """
+    truth, predictions = stream.truth, stream.predictions
+    rows = truth.read[scene]()
+    if predictions.format == "run":
+        tracks = read_tracks(predictions.files[predicted])
+        paired = pair_scene(rows, number_detections(tracks, rows.name))
+        return ReadPair(paired, tracks, None, (), True)
+    if truth.format not in TEXT_FORMATS or truth.format != predictions.format:
+        return ReadPair(pair_scene(rows, predictions.read[predicted]()), None, None, (), True)
+    texts = fit_texts(
+        rows,
+        predictions.read[predicted](),
+        num_frames=options.num_frames,
+        class_id=options.class_id,
+    )
+    paired = pair_scene(*texts)
+    area_share, notes = None, ()
+    if truth.format == "mot":
+        frame_size = read_frame_size(truth.files[scene])
+        if frame_size is None:
+            notes = (SIZE_UNKNOWN,)
+        else:
+            area_share = share_of_frame(paired.truth.boxes, frame_size)
+    return ReadPair(paired, None, area_share, notes, False)
+
+
 def _score_scene(
     stream: SceneStream, scene: str, predicted: str, options: SceneOptions
 ) -> tuple[Evaluation, list[str]]:
     """Scores one scene; also notes about it."""
-    truth, predictions = stream.truth, stream.predictions
-    rows, tracks, area_share, notes = truth.read[scene](), None, None, []
-    if predictions.format == "run":
-        tracks = read_tracks(predictions.files[predicted])
-        paired = pair_scene(rows, number_detections(tracks, rows.name))
-    elif truth.format in TEXT_FORMATS and truth.format == predictions.format:
-        texts = fit_texts(
-            rows,
-            predictions.read[predicted](),
-            num_frames=options.num_frames,
-            class_id=options.class_id,
-        )
-        paired = pair_scene(*texts)
-        options = dataclasses.replace(options, by_class=False)
-        if truth.format == "mot":
-            frame_size = read_frame_size(truth.files[scene])
-            if frame_size is None:
-                notes.append(SIZE_UNKNOWN)
-            else:
-                area_share = share_of_frame(paired.truth.boxes, frame_size)
-    else:
-        paired = pair_scene(rows, predictions.read[predicted]())
+    read = read_pair(stream, scene, predicted, options)
     evaluation, left_out = evaluate_pair(
-        paired,
-        tracks,
+        read.paired,
+        read.tracks,
         undecided=options.undecided,
-        by_class=options.by_class,
+        by_class=options.by_class and read.has_classes,
         by_object=options.by_object,
-        area_share=area_share,
+        area_share=read.area_share,
     )
-    return dataclasses.replace(evaluation, name=scene), [*left_out, *notes]
+    return dataclasses.replace(evaluation, name=scene), [*left_out, *read.notes]
 
 
 def _doubt_truth(evaluation: Evaluation) -> list[str]:

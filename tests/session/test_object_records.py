@@ -231,7 +231,7 @@ def test_records_of_what_memory_lost_are_not_written(tracker):
         (lambda c: c["objects"].append(c["objects"][0] | {"pictures": []}), "has two records"),
         (lambda c: c["objects"][0].update(last=[9, 0]), "first seen after it was last seen"),
         (lambda c: c["objects"][0].update(first=[1, 99]), "first seen after it was last seen"),
-        (lambda c: c["objects"][0].update(pictures=[]), "pictures"),
+        (lambda c: c["objects"][0].update(pictures=[]), "is no JPEG"),
         (lambda c: c["objects"][2]["pictures"].append([1.0, 9]), "no JPEG|pictures"),
         (lambda c: c.update(names=[[9, "mug"]]), "there is no object 9"),
         (lambda c: c.update(names=[[0, "a\nb"]]), "cannot be called"),

@@ -17,7 +17,7 @@ import numpy as np
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import SourceError
 from remind_jax.session.live import Tracker
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 from remind_ros.detections import read_detections
 from remind_ros.images import read_instance_map, read_picture
 
@@ -63,8 +63,6 @@ class Identification:
         self.num_skipped = 0  # images, because the tracker was busy
         self._make = make
         self._class_names = dict(class_names or {})
-        self._names: dict[int, str] = {}  # given by people, by object
-        self._answered: set[int] = set()  # ids
 
     def identify(self, image: Any, instance_map: Any = None, boxes: Any = None) -> Identified:
         """Takes the next image.
@@ -84,7 +82,6 @@ class Identification:
         seen = read_detections(size, numbers, boxes, self._class_names)
         tracks = self.tracker.update(picture, seen)
         step_ms = 1000 * (time.perf_counter() - start)
-        self._answered.update(tracks.object_id[tracks.is_firm].tolist())
         rows = range(len(tracks))
         detections = self._make(
             "vision_msgs/msg/Detection2DArray",
@@ -122,14 +119,14 @@ class Identification:
     def rename(self, object_id: str, name: str) -> str:
         """Calls an object by a name from now on; by its class and number again if it is empty.
 
+        The name is part of the memory, and of its file.
+
         Raises:
-          SourceError: If there is no object with this id.
+          SourceError: If there is no object with this id, or it cannot have this name.
         """
-        if not object_id.isdecimal() or int(object_id) not in self._known_ids():
+        if not object_id.isdecimal():
             raise SourceError(f"there is no object '{object_id}'; give the id of a detection")
-        self._names.pop(int(object_id), None)
-        if name:
-            self._names[int(object_id)] = name
+        self.tracker.rename(int(object_id), name)
         return (
             f"object {object_id} is called '{name}'" if name else f"object {object_id} has no name"
         )
@@ -138,15 +135,7 @@ class Identification:
         """Forgets everything; says how much it was."""
         num = self.tracker.num_objects
         self.tracker.reset()
-        self._names.clear()
-        self._answered.clear()
         return f"{num} objects were forgotten"
-
-    def _known_ids(self) -> set[int]:
-        """Ids of objects in memory, and of those that were answered and are being learned."""
-        state = self.tracker.state
-        ids = set() if state is None else set(np.asarray(state.objects.id).tolist())
-        return (ids | self._answered) - {NO_ID}
 
     def _detection(self, tracks: Tracks, row: int, header: Any) -> Any:
         """A detection with its identity.
@@ -159,7 +148,10 @@ class Identification:
         confidence = float(tracks.shown_confidence(row) or 0.0)
         hypotheses = [(label, confidence)]
         if object_id == NO_ID:
-            hypotheses += [(f"{label} {other}", score) for other, score in _candidates(tracks, row)]
+            hypotheses += [
+                (title_of(label, other, tracks.names), score)
+                for other, score in _candidates(tracks, row)
+            ]
         return self._make(
             "vision_msgs/msg/Detection2D",
             header=header,
@@ -175,7 +167,7 @@ class Identification:
             "remind_ros_interfaces/msg/Identity",
             state=_STATES.get(Outcome(int(tracks.outcome[row])), LEFT_OUT),
             id="" if object_id == NO_ID else str(object_id),
-            name=self._names.get(object_id) or tracks.display_name(row),
+            name=tracks.display_name(row),
             label=tracks.labels[row],
             confidence=float(tracks.shown_confidence(row) or 0.0),
             candidate_ids=[str(other) for other, _ in candidates],
