@@ -1,11 +1,11 @@
 """Several recordings of one place with one memory: does an identity hold from visit to visit?
 
-Ids mean the same in all visits, of the truth and of the tracker. An object *returns* in a visit if
-an earlier one saw it. It is *recognized* if it is called by its id from the earlier visits more often
-than by any other, *at once* if its first sight of the visit already is. A *false recognition* is an
-object, returning or new, that is mostly called by an id that belongs to another object of the
-earlier visits. Which id belongs to whom: the one-to-one reference (evaluation.md#recovery) over all
-earlier visits. Rule: evaluation.md#visits.
+Ids mean the same in all visits, of the truth and of the tracker. An object *returns* in a visit
+if an earlier one saw it. It is *recognized* if it is called by its id from the earlier visits
+more often than by any other, *at once* if its first sight of the visit already is. A *false
+recognition* is an object, returning or new, that is mostly called by an id that belongs to
+another object of the earlier visits. Which id belongs to whom: the one-to-one reference
+(evaluation.md#recovery) over all earlier visits. Rule: evaluation.md#visits.
 """
 
 from __future__ import annotations
@@ -138,9 +138,8 @@ def _count_visit(answers: Answers, start: int) -> VisitCounts:
         recognized += known != NO_LABEL and called == known
         at_once += known != NO_LABEL and int(now.label[rows[0]]) == known
         false += called in owner and owner[called] != one
-    return VisitCounts(
-        *(np.float64(n) for n in (len(now.objects), returning, recognized, at_once, false))
-    )
+    counts = (len(now.objects), returning, recognized, at_once, false)
+    return VisitCounts(*(np.array(count, float) for count in counts))
 
 
 def _most_frequent(label: Int[np.ndarray, "N"]) -> int:

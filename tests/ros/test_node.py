@@ -10,7 +10,7 @@ import pytest
 
 from tests.ros import messages
 
-WAIT_S = 30
+WAIT_S = 300  # the first image waits for a compilation
 
 
 class StandInNode:
