@@ -34,8 +34,11 @@ _CHANGES = {
 class Memory:
     """List the objects that a memory file knows, name them, and correct who is who.
 
-    Changes are `rename ID NAME`, `merge ID ID ...`, `split ID` and `forget ID ...`; the file is
-    replaced at once, or left alone and written to --out.
+    Changes of FILE, or of a copy of it (--out):
+      rename ID NAME     show this name; "" takes it back
+      merge ID ID ...    the others get the id of the first
+      split ID           take back what was merged into it
+      forget ID ...      remove objects with their looks and pictures
 
     Examples:
       remind memory runs/rooms
