@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg
 
+from remind_jax import files
 from remind_jax.cli import process
 from remind_jax.cli.flags import UsageError, quiet_defaults
 from remind_jax.errors import OutputError
@@ -49,7 +50,9 @@ class Memory:
 
     file: Annotated[Positional[Path], arg(metavar="FILE")]  # memory file, or the folder of a run
     # rename ID NAME, merge ID ID ..., split ID, or forget ID ...
-    change: Annotated[Positional[tuple[str, ...]], arg(metavar="[CHANGE ...]")] = ()
+    change: Annotated[
+        Positional[tuple[str, ...]], arg(metavar="[rename|merge|split|forget ID ...]")
+    ] = ()
     # where the changed memory is written; FILE itself if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
     html: Path | None = None  # write a page with the pictures of all objects
@@ -62,15 +65,19 @@ class Memory:
         change = _parse(self.change)
         if self.out is not None and change is None:
             raise UsageError("--out is for a changed memory; say what to change, or leave it out")
-        for path in (self.out, self.html):
-            if path is not None and path.exists() and not self.overwrite:
-                raise OutputError(f"'{path}' exists; name another file, or allow --overwrite")
-        from remind_jax import files
         from remind_jax.outputs.writer import MEMORY_NAME
+
+        path = self.file / MEMORY_NAME if self.file.is_dir() else self.file
+        for written in (self.out, self.html):
+            if written is not None:
+                files.refuse_file(written, [path])
+                if written.exists() and not self.overwrite:
+                    raise OutputError(
+                        f"'{written}' exists; name another file, or allow --overwrite"
+                    )
         from remind_jax.session.memory_file import load_memory, save_memory
         from remind_jax.session.memory_page import render_memory
 
-        path = self.file / MEMORY_NAME if self.file.is_dir() else self.file
         memory = load_memory(path)
         said = []
         if change is not None:
