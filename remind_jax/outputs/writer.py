@@ -284,10 +284,15 @@ def _draw_overlay_again(
 
 
 def _images(result: Result, source: Iterable[Frame]) -> Iterable[np.ndarray | None]:
-    """The images of the frames of the run, matched by their number in the source."""
+    """The images of the frames of the run, matched by their number in the source.
+
+    Of a live run there is only what was recorded, which is the frames that it took and no others.
+    """
     frames = iter(source)
+    is_live = "opened_at" in (result.info.source or {})
     for tracks in result.tracks:
-        frame = next((f for f in frames if f.source_index == tracks.source_index), None)
+        fits = (f for f in frames if is_live or f.source_index == tracks.source_index)
+        frame = next(fits, None)
         if frame is None:
             raise OutputError(
                 f"the source has no frame {tracks.source_index} ('{tracks.name}'), which the run "

@@ -15,6 +15,7 @@ import pytest
 import remind_jax as rj
 from remind_jax.errors import OptionError, OutputError, SourceError
 from remind_jax.outputs.result import Result
+from remind_jax.outputs.writer import render_again
 from remind_jax.session.progress import Progress
 from tests.cli import scenes
 from tests.sources import cameras
@@ -138,6 +139,19 @@ def test_ctrl_c_ends_a_live_run_well(tmp_path):
 def test_a_live_run_is_not_gone_on_with(tmp_path):
     with Camera() as camera, pytest.raises(OutputError, match="is live and cannot be gone back in"):
         run(camera, out=tmp_path / "out", resume=True)
+
+
+def test_what_was_recorded_is_drawn_again(tmp_path):
+    with Camera(fps=60) as camera:
+        result = run(
+            camera, sampling={"max_frames": 4}, out=tmp_path / "out", record=tmp_path / "r"
+        )
+    assert result.tracks[-1].source_index > 3  # frames were passed over
+    (tmp_path / "out" / "gallery.png").unlink()
+    again = render_again(tmp_path / "out", rj.open_source(tmp_path / "r"))
+    assert is_same(result, again)
+    assert (tmp_path / "out" / "gallery.png").is_file()
+    assert (tmp_path / "out" / "overlay.mp4").is_file()
 
 
 def test_a_record_cannot_begin_in_the_middle(tmp_path):
