@@ -45,7 +45,7 @@ class Eval:
       remind eval DAVIS_ROOT runs/rooms --protocol paper
       remind eval DAVIS_ROOT runs/ours runs/theirs --table comparison.html
       remind eval VISITS runs/visits --visits     several visits, one memory
-      remind eval runs/visits --visits            of runs made with ground-truth masks
+      remind eval runs/visits --visits            the same, of runs with the truth
     """
 
     truth: Annotated[Positional[Path], arg(metavar="GT")]  # ground truth
