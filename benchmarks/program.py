@@ -29,7 +29,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rows import show_rows
-from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
+from remind_jax.compiled.frame_step import options_of
 from remind_jax.compiled.programs import known_options
 from remind_jax.masks.reduction import pad_masks, reduce_masks
 from remind_jax.method import Method, get_method
@@ -102,9 +102,9 @@ def halves_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[...,
     yield "decide", decide_frame, (method.init(STATIC), seen, thresholds)
 
 
-def measure(name: str, function: Callable[..., Any], arguments: tuple) -> Measured:
-    """Traces, lowers, compiles and runs a program."""
-    options = known_options(tuple(ONE_FRAME_OPTIONS.get(jax.default_backend(), {}).items()))
+def measure(name: str, method: Method, function: Callable[..., Any], arguments: tuple) -> Measured:
+    """Traces, lowers, compiles and runs a program of a method."""
+    options = known_options(tuple(options_of(method).items()))
     start = time.process_time()
     traced = jax.jit(function, compiler_options=options).trace(*arguments)
     lowered = traced.lower()
@@ -204,9 +204,10 @@ def _time_runs(compiled: Any, arguments: tuple, repeats: int = 20) -> float:
 def measure_all(names: list[str], traced: bool, num_places: int) -> Iterator[dict[str, Any]]:
     """A row per program, and, if wanted, rows that say where its instructions come from."""
     for name in names:
-        for half, function, arguments in halves_of(get_method(name), traced):
+        method = get_method(name)
+        for half, function, arguments in halves_of(method, traced):
             shown = f"{name}, {half}{', traced' if traced and half == 'decide' else ''}"
-            measured = measure(shown, function, arguments)
+            measured = measure(shown, method, function, arguments)
             yield measured.row
             for counter in (measured.modules, measured.lines):
                 for place, number in counter.most_common(num_places):

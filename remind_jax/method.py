@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
@@ -114,6 +114,8 @@ class Method:
     find_faults: Callable[[Any], Iterable[str]] | None = None
     # The same step in two halves; left out, the method cannot be swept.
     halves: StepHalves | None = None
+    # Options of the compiler for the step of one frame, by backend, beside those of all methods.
+    compiler_options: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
 
     @property
     def explainer(self) -> Any:

@@ -21,8 +21,9 @@ SIZES = {
 @pytest.mark.skipif(jax.__version__ != MEASURED_WITH, reason="counts depend on the compiler")
 @pytest.mark.parametrize("name", SIZES)
 def test_programs_grow_no_larger(name, optimized):
-    for half, function, arguments in halves_of(get_method(name), traced=False):
-        row = measure(half, function, arguments).row
+    method = get_method(name)
+    for half, function, arguments in halves_of(method, traced=False):
+        row = measure(half, method, function, arguments).row
         for count, before in SIZES[name][half].items():
             assert row[count] <= (1 + SLACK) * before, (half, count)
             # A program that became smaller is good news that belongs here.

@@ -142,7 +142,7 @@ class FrameStep:
                 lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
                 shapes,
                 (identify(halves.describe), own, structure),
-                options=_options(),
+                options=tuple(options_of(self._method).items()),
                 is_kept=self._is_kept(halves.describe, static),
             )
         )
@@ -190,7 +190,7 @@ class FrameStep:
                 (*state_shapes, *shapes_of(given_leaves)),
                 (identify(function), static, given_structure),
                 num_donated=len(state_shapes),
-                options=_options(),
+                options=tuple(options_of(self._method).items()),
                 # The structure of a trace is not kept.
                 is_kept=self._is_kept(function, static) and not self._is_traced,
             )
@@ -234,5 +234,7 @@ def _read_out(method: Method, state: Any) -> Readout:
     return Readout(state.decisions, state.overflow, jax.tree.map(jnp.int32, occupied))
 
 
-def _options() -> tuple[tuple[str, Any], ...]:
-    return tuple(ONE_FRAME_OPTIONS.get(jax.default_backend(), {}).items())
+def options_of(method: Method) -> dict[str, Any]:
+    """Options of the compiler for one frame of a method."""
+    backend = jax.default_backend()
+    return {**ONE_FRAME_OPTIONS.get(backend, {}), **method.compiler_options.get(backend, {})}

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pytest
 
-from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
+from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, options_of
 from remind_jax.compiled.programs import (
     KeptFunction,
     Recipe,
@@ -19,6 +19,7 @@ from remind_jax.compiled.programs import (
     shapes_of,
     waited_s,
 )
+from remind_jax.method import get_method
 from remind_jax.remind.tracker import step
 
 from .counting import PAIR, Counted, files, run
@@ -75,6 +76,13 @@ def test_options_that_the_compiler_does_not_know_are_left_out():
     lost = ("xla_cpu_no_such_option", True)
     assert known_options((*options, lost)) == dict(options)
     assert known_options((lost,)) is None
+
+
+def test_options_of_a_method_are_known_and_go_beside_those_of_all():
+    shared, own = options_of(get_method("plus")), options_of(get_method("remind"))
+    assert shared == ONE_FRAME_OPTIONS[jax.default_backend()]
+    assert shared.items() < own.items()
+    assert known_options(tuple(own.items())) == own
 
 
 def test_a_kept_function_is_itself_under_jit(folder):
