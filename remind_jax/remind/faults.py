@@ -63,7 +63,7 @@ def _of_graphs(state: TrackerState, now: int) -> Iterator[str]:
     yield from outside("cooccurrence.count", company.count, 0)
     yield from outside("cooccurrence.weight", company.weight, 0)
     yield from outside("cooccurrence.edge_time", company.edge_time, NEVER, max(now, NEVER))
-    yield from outside("distances.pending.contact", distances.pending.contact, 0, len(Contact) - 1)
+    yield from outside("distances.pending.kind", distances.pending.kind, 0, 2 * len(Contact) - 1)
     yield from outside("distances.pending.count", distances.pending.count, 0)
     yield from outside("distances.edges.contact_count", distances.edges.contact_count, 0)
     yield from outside("distances.edges.gap_count", distances.edges.gap_count, 0)

@@ -32,6 +32,7 @@ from remind_jax.remind.memory.prototypes import (
     Edit,
     change,
     closest_pair,
+    columns,
     count,
     count_quality,
     entry,
@@ -107,9 +108,12 @@ class Channel:
 
 def side_by_side(*channels: Channel) -> Channel:
     """The channels of a kind as arrays."""
-    return jax.tree.map(
-        lambda *values: jnp.array(values), *channels, is_leaf=lambda node: isinstance(node, tuple)
-    )
+
+    def join(*values: Any) -> Array:
+        pairs = (columns(*value) if isinstance(value, tuple) else value for value in values)
+        return jnp.moveaxis(columns(*pairs), -1, 0)
+
+    return jax.tree.map(join, *channels, is_leaf=lambda node: isinstance(node, tuple))
 
 
 def observe_whole(
@@ -206,9 +210,9 @@ def _observe(
     no_room = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape[1:], leaf.dtype), edit)
     freed = branch(jnp.any(full), find_room, lambda: no_room)
     both = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), freed)
-    of_object = jax.vmap(change, (0, 0, None, 0))
-    over_detections = jax.vmap(of_object, (1, 1, 0, 1), 1)
-    apply = jax.vmap(over_detections, (1, 1, 0, 1), 1)
+    # In the order of the axes, so that no bank is turned around.
+    of_channels = jax.vmap(jax.vmap(change))
+    apply = jax.vmap(of_channels, (0, 0, None, 0))
     return apply(banks, _choose(full, both, edit), arrival, adds), used
 
 
@@ -248,7 +252,7 @@ def _meet(
         redirect = c.one_to_one & used[at[WORK]] & (banks.size[WORK] > 1)
         redirect = redirect & jnp.isfinite(jnp.max(free))
         other = jnp.argmax(free).astype(jnp.int32)
-        at = jnp.stack([jnp.where(redirect, other, at[WORK]), at[STABLE]])
+        at = columns(jnp.where(redirect, other, at[WORK]), at[STABLE])
     old = jax.vmap(entry)(banks, at)
     cosine = jnp.take_along_axis(cosines, at[:, None], axis=1)[:, 0]
     close = present & (cosine >= c.refresh.duplicate)
@@ -281,16 +285,16 @@ def _meet(
         arrival = _choose(founds, new_entry(vector, quality, now), moved)
         leaves = proven
     edit = Edit(
-        at=jnp.stack([at[WORK], jnp.where(in_stable, at[STABLE], twin)]),
+        at=columns(at[WORK], jnp.where(in_stable, at[STABLE], twin)),
         value=jax.tree.map(
             lambda *leaves: jnp.stack(leaves), moved, _choose(in_stable, refreshed.stable, joined)
         ),
-        replaces=jnp.stack([again & ~leaves, in_stable | (proven & known)]),
+        replaces=columns(again & ~leaves, in_stable | (proven & known)),
         gone=at,
-        removes=jnp.stack([leaves, jnp.zeros_like(leaves)]),
+        removes=columns(leaves, jnp.zeros_like(leaves)),
     )
     used = used | (again & (jnp.arange(used.shape[0]) == at[WORK]))
-    return edit, arrival, jnp.stack([founds, proven & ~known]), used
+    return edit, arrival, columns(founds, proven & ~known), used
 
 
 def _feed_patches(
@@ -417,7 +421,7 @@ def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, 
     joined = Bank(
         embedding=to_unit(weights[0] * left.embedding + weights[1] * right.embedding),
         counts=count(left.hits + right.hits, seen, left.num_qualities + right.num_qualities),
-        qualities=jnp.stack([total, total], axis=-1),
+        qualities=columns(total, total),
         size=left.size,
     )
-    return dataclasses.replace(joined, qualities=jnp.stack([mean_quality(joined), total], axis=-1))
+    return dataclasses.replace(joined, qualities=columns(mean_quality(joined), total))

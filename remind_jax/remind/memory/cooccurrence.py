@@ -23,7 +23,6 @@ from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.set_order import copied_size, iteration_rank
-from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.thresholds.relations import Cooccurrence as Rules
 from remind_jax.static import Static
 
@@ -126,79 +125,77 @@ def update_cooccurrence(
       The graph, and which detections show an object that accepted an episode. Its context is
       then every other visible object.
     """
-    slots = graph.episodes.shape[0]
-    row = sightings.row
-    own = row[:, None] == jnp.arange(slots)
-    around = sightings.visible & ~own
-    allowed = jnp.any(own & sightings.allowed, axis=1) & t.enabled
-    old = jax.tree.map(lambda leaf: leaf[jnp.minimum(row, slots - 1)], graph)
-    decided, accepted = _decide_episodes(old, around, allowed, frame, t)
+    slots, row = graph.episodes.shape[0], sightings.row
+    around = sightings.visible & ~jnp.eye(slots, dtype=bool)
+    decided, accepted = _decide_episodes(graph, around, sightings.allowed & t.enabled, frame, t)
     order = _entry_order(decided, accepted[:, None] & around, sightings, ids)
-    updated = _count_neighbors(decided, around, accepted, order, frame, static, t)
-    return write_rows(graph, row, updated), accepted
+    counted = _count_neighbors(decided, around, accepted, order, frame, t)
+    updated = _trim(counted, sightings, static)
+    return updated, (row < slots) & accepted[jnp.minimum(row, slots - 1)]
 
 
 def _decide_episodes(
-    rows: CooccurrenceGraph,
-    around: Bool[Array, "N O"],
-    allowed: Bool[Array, "N"],
+    graph: CooccurrenceGraph,
+    around: Bool[Array, "O O"],
+    allowed: Bool[Array, "O"],
     frame: Int[Array, ""],
     t: Rules,
-) -> tuple[CooccurrenceGraph, Bool[Array, "N"]]:
-    """Episode logic of the visible objects; a forced episode keeps what is pending.
+) -> tuple[CooccurrenceGraph, Bool[Array, "O"]]:
+    """Episode logic of the allowed objects; a forced episode keeps what is pending.
 
     Rule: method.md#episodes.
     """
-    first = rows.episodes == 0
-    forced = (t.force_frames > 0) & ~first & (frame - rows.last_episode >= t.force_frames)
-    common = jnp.sum(around & rows.context, axis=1, dtype=rows.weight.dtype)
-    union = jnp.sum(around | rows.context, axis=1, dtype=rows.weight.dtype)
+    first = graph.episodes == 0
+    forced = (t.force_frames > 0) & ~first & (frame - graph.last_episode >= t.force_frames)
+    common = jnp.sum(around & graph.context, axis=1, dtype=graph.weight.dtype)
+    union = jnp.sum(around | graph.context, axis=1, dtype=graph.weight.dtype)
     overlap = jnp.where(union > 0, common / jnp.maximum(1.0, union), 1.0)
 
     open_ = allowed & ~forced & ~first
     same = open_ & (overlap >= t.same_context)
     other = open_ & ~same
-    again = (rows.pending_hits > 0) & jnp.all(around == rows.pending_context, axis=1)
-    hits = jnp.where(again, rows.pending_hits + 1, 1)
+    again = (graph.pending_hits > 0) & jnp.all(around == graph.pending_context, axis=1)
+    hits = jnp.where(again, graph.pending_hits + 1, 1)
     settled = other & (hits >= t.debounce_frames)
     accepted = (allowed & (forced | first)) | settled
-    rows = dataclasses.replace(
-        rows,
-        episodes=rows.episodes + accepted,
-        last_episode=jnp.where(accepted, frame, rows.last_episode),
-        context=jnp.where(accepted[:, None], around, rows.context),
-        pending_context=jnp.where(other[:, None], around, rows.pending_context),
-        pending_hits=jnp.where(same | settled, 0, jnp.where(other, hits, rows.pending_hits)),
+    graph = dataclasses.replace(
+        graph,
+        episodes=graph.episodes + accepted,
+        last_episode=jnp.where(accepted, frame, graph.last_episode),
+        context=jnp.where(accepted[:, None], around, graph.context),
+        pending_context=jnp.where(other[:, None], around, graph.pending_context),
+        pending_hits=jnp.where(same | settled, 0, jnp.where(other, hits, graph.pending_hits)),
     )
-    return rows, accepted
+    return graph, accepted
 
 
 def _entry_order(
-    rows: CooccurrenceGraph,
-    hit: Bool[Array, "N O"],
+    graph: CooccurrenceGraph,
+    hit: Bool[Array, "O O"],
     sightings: Sightings,
     ids: Int[Array, "O"],
-) -> Int[Array, "N O"]:
+) -> Int[Array, "O O"]:
     """Rises in the order in which the edges of an episode are made, that of a set.
 
     Rule: method.md#set-order.
     """
-    num, slots = hit.shape
+    num, slots = sightings.row.shape[0], hit.shape[0]
     others = jnp.sum(sightings.visible, dtype=jnp.int32) - 1
-    several = jnp.sum(hit & (rows.count == 0), axis=1) > 1
+    several = jnp.sum(hit & (graph.count == 0), axis=1) > 1
     largest = jnp.max(jnp.where(hit & several[:, None], ids, 0))
     by_id = jnp.broadcast_to(jnp.arange(slots, dtype=jnp.int32), hit.shape)
 
     def by_hash() -> Array:
-        at = sightings.place == jnp.arange(num)[:, None]
+        places = jnp.arange(num)
+        at = sightings.place == places[:, None]
         listed = jnp.where(jnp.any(at, axis=1), jnp.argmax(at, axis=1), slots)
-        own = sightings.place[jnp.minimum(sightings.row, slots - 1)][:, None]
-        among = jnp.arange(num - 1) + (jnp.arange(num - 1) >= own)
+        among = places[:-1] + (places[:-1] >= places[:, None])
         rank = jax.vmap(functools.partial(iteration_rank, copied=True), in_axes=(0, None))(
             ids.at[listed].get(mode="fill", fill_value=0)[among], others
         )
+        own = sightings.place[:, None]
         place = sightings.place - (sightings.place > own)
-        return jnp.take_along_axis(rank, jnp.clip(place, 0, num - 2), axis=1)
+        return rank[jnp.minimum(own, num - 1), jnp.clip(place, 0, num - 2)]
 
     if num < 2:
         return by_id
@@ -206,45 +203,45 @@ def _entry_order(
 
 
 def _count_neighbors(
-    rows: CooccurrenceGraph,
-    around: Bool[Array, "N O"],
-    accepted: Bool[Array, "N"],
-    order: Int[Array, "N O"],
+    graph: CooccurrenceGraph,
+    around: Bool[Array, "O O"],
+    accepted: Bool[Array, "O"],
+    order: Int[Array, "O O"],
     frame: Int[Array, ""],
-    static: Static,
     t: Rules,
 ) -> CooccurrenceGraph:
-    """Strengthens the edges to the neighbors of an episode.
-
-    Rules: method.md#episodes, method.md#neighbor-order.
-    """
-    slots = rows.count.shape[1]
-    hit, known = accepted[:, None] & around, rows.count > 0
-    weight = jnp.where(accepted[:, None], rows.weight * t.decay, rows.weight)
-    newest = jnp.max(jnp.where(known, rows.edge_order, NEVER), axis=1, keepdims=True)
-    rows = dataclasses.replace(
-        rows,
-        count=rows.count + hit,
-        weight=jnp.where(hit, jnp.where(known, weight, 0.0) + 1.0, weight),
-        edge_time=jnp.where(hit, frame, rows.edge_time),
-        edge_order=jnp.where(hit & ~known, newest + 1 + order, rows.edge_order),
-    )
-    most = static.max_neighbours
-    if not 0 < most < slots - 1:
-        return rows
-    full = jnp.sum(rows.count > 0, axis=1, keepdims=True) > most
-    return branch(jnp.any(full), lambda: _trim(rows, full, static), lambda: rows)
-
-
-def _trim(rows: CooccurrenceGraph, full: Bool[Array, "N 1"], static: Static) -> CooccurrenceGraph:
-    """Keeps the first edges of the neighbor order, which becomes the order of the edges."""
-    rank = rank_edges(rows, static)
-    dropped = full & (rank >= static.max_neighbours)
+    """Strengthens the edges to the neighbors of an episode (method.md#episodes)."""
+    hit, known = accepted[:, None] & around, graph.count > 0
+    weight = jnp.where(accepted[:, None], graph.weight * t.decay, graph.weight)
+    newest = jnp.max(jnp.where(known, graph.edge_order, NEVER), axis=1, keepdims=True)
     return dataclasses.replace(
-        rows,
-        count=jnp.where(dropped, 0, rows.count),
-        edge_order=jnp.where(full, rank, rows.edge_order),
+        graph,
+        count=graph.count + hit,
+        weight=jnp.where(hit, jnp.where(known, weight, 0.0) + 1.0, weight),
+        edge_time=jnp.where(hit, frame, graph.edge_time),
+        edge_order=jnp.where(hit & ~known, newest + 1 + order, graph.edge_order),
     )
+
+
+def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> CooccurrenceGraph:
+    """Keeps the first edges of the neighbor order, which becomes the order of the edges.
+
+    Only objects in view can have got too many (method.md#neighbor-order).
+    """
+    slots, num, most = graph.count.shape[0], sightings.row.shape[0], static.max_neighbours
+    if not 0 < most < slots - 1:
+        return graph
+    full = sightings.visible & (jnp.sum(graph.count > 0, axis=1) > most)
+
+    def trim() -> tuple[Array, Array]:
+        seen = jax.tree.map(lambda leaf: leaf[jnp.minimum(sightings.row, slots - 1)], graph)
+        rank = rank_edges(seen, static)[jnp.minimum(sightings.detection, num - 1)]
+        dropped = full[:, None] & (rank >= most)
+        order = jnp.where(full[:, None], rank, graph.edge_order)
+        return jnp.where(dropped, 0, graph.count), order
+
+    count, order = branch(jnp.any(full), trim, lambda: (graph.count, graph.edge_order))
+    return dataclasses.replace(graph, count=count, edge_order=order)
 
 
 def rank_edges(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:

@@ -30,14 +30,24 @@ PENDING_SLOTS = 3  # a forced episode comes before a fourth relation (method.md#
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PendingRelations:
-    """Relations since the last episode, the newest K of them, in no order."""
+    """Relations since the last episode, the newest K of them, in no order.
 
-    gap: Float[Array, "O O K"]  # float32, like all three
-    center_distance: Float[Array, "O O K"]
-    support: Float[Array, "O O K"]
-    contact: Int[Array, "O O K"]  # Contact
-    gap_valid: Bool[Array, "O O K"]
+    They are read and written together, so they are few arrays.
+    """
+
+    measures: Float[Array, "O O 3 K"]  # gap, center distance and support, float32
+    kind: Int[Array, "O O K"]  # Contact, `len(Contact)` higher where the gap is valid
     count: Int[Array, "O O"]  # relations seen since the last episode
+
+    @property
+    def contact(self) -> Int[Array, "..."]:
+        """Contact of each relation."""
+        return self.kind % len(Contact)
+
+    @property
+    def gap_valid(self) -> Bool[Array, "..."]:
+        """Relations whose gap counts."""
+        return self.kind >= len(Contact)
 
 
 @jax.tree_util.register_dataclass
@@ -76,15 +86,11 @@ def empty_distances(
     num_objects: int, scalar: jnp.dtype, pending_slots: int = PENDING_SLOTS
 ) -> DistanceGraph:
     """A graph without relations."""
-    square = (num_objects, num_objects)
-    pending, cube = (*square, pending_slots), (*square, num_objects)
+    square, cube = (num_objects,) * 2, (num_objects,) * 3
     return DistanceGraph(
         pending=PendingRelations(
-            gap=zeros(pending, np.float32),
-            center_distance=zeros(pending, np.float32),
-            support=zeros(pending, np.float32),
-            contact=zeros(pending, np.int32),
-            gap_valid=zeros(pending, bool),
+            measures=zeros((*square, 3, pending_slots), np.float32),
+            kind=zeros((*square, pending_slots), np.int32),
             count=zeros(square, np.int32),
         ),
         edges=Edges(
@@ -146,19 +152,18 @@ def _collect(
     few = jnp.sum(sightings.allowed) < 2
     seen = sightings.visible & relations.valid[:, column]
     seen &= ~allowed[:, None] | sightings.allowed | few
-    slots = pending.gap.shape[-1]
+    slots = pending.kind.shape[-1]
     at = (pending.count % slots)[..., None] == jnp.arange(slots)
     at &= seen[..., None]
-
-    def put(kept: Array, fresh: Array) -> Array:
-        return jnp.where(at, fresh[:, column, None].astype(kept.dtype), kept)
-
+    measures = jnp.stack([relations.gap, relations.center_distance, relations.support], axis=-1)
+    kind = relations.contact + len(Contact) * relations.gap_valid
     return PendingRelations(
-        gap=put(pending.gap, relations.gap),
-        center_distance=put(pending.center_distance, relations.center_distance),
-        support=put(pending.support, relations.support),
-        contact=put(pending.contact, relations.contact),
-        gap_valid=put(pending.gap_valid, relations.gap_valid),
+        measures=jnp.where(
+            at[:, :, None],
+            measures.astype(jnp.float32)[:, column, :, None],
+            pending.measures,
+        ),
+        kind=jnp.where(at, kind[:, column, None], pending.kind),
         count=pending.count + seen,
     )
 
@@ -180,7 +185,7 @@ def _condense(pending: PendingRelations) -> _Episode:
 
     Rule: method.md#distance-episodes.
     """
-    slots = pending.gap.shape[-1]
+    slots = pending.kind.shape[-1]
     live = jnp.arange(slots) < pending.count[..., None]
     size = jnp.clip(pending.count, 1, slots).astype(jnp.float32)
     kinds = jnp.arange(len(Contact))
@@ -188,13 +193,19 @@ def _condense(pending: PendingRelations) -> _Episode:
         (pending.contact[..., None, :] == kinds[:, None]) & live[..., None, :], -1, jnp.int32
     )
     has_gap = live & pending.gap_valid
+    gap, center_distance, support = (pending.measures[:, :, i] for i in range(3))
+    distance = jnp.where(pending.gap_valid, gap, center_distance)
+    medians = _median(
+        jnp.stack([gap, center_distance, distance], axis=-2),
+        jnp.stack([has_gap, live, live], axis=-2),
+    )
     return _Episode(
-        gap=_median(pending.gap, has_gap),
+        gap=medians[..., 0],
         has_gap=jnp.any(has_gap, axis=-1),
-        center_distance=_median(pending.center_distance, live),
-        support=jnp.sum(jnp.where(live, pending.support, 0.0), axis=-1) / size,
+        center_distance=medians[..., 1],
+        support=jnp.sum(jnp.where(live, support, 0.0), axis=-1) / size,
         contact=jnp.argmax(votes * len(Contact) + kinds, axis=-1).astype(jnp.int32),
-        distance=_median(jnp.where(pending.gap_valid, pending.gap, pending.center_distance), live),
+        distance=medians[..., 2],
     )
 
 

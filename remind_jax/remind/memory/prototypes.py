@@ -12,7 +12,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
@@ -72,7 +72,20 @@ def count(
     hits: Int[Array, "..."], last_seen: Int[Array, "..."], num_qualities: Int[Array, "..."] | int
 ) -> Int[Array, "... 3"]:
     """The `counts` of a bank."""
-    return jnp.stack(jnp.broadcast_arrays(hits, last_seen, num_qualities), axis=-1)
+    return columns(hits, last_seen, num_qualities)
+
+
+def columns(*values: Shaped[Array, "..."] | int) -> Shaped[Array, "... K"]:
+    """Values side by side along a last axis.
+
+    A choice by place becomes part of whatever reads it, where a concatenation is a kernel.
+    """
+    *others, chosen = jnp.broadcast_arrays(*values)
+    chosen = chosen[..., None]
+    place = jnp.arange(len(values))
+    for index, value in enumerate(others):
+        chosen = jnp.where(place == index, value[..., None], chosen)
+    return chosen
 
 
 def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype) -> Bank:
@@ -129,7 +142,7 @@ def entry(bank: Bank, index: Int[Array, ""]) -> Bank:
 def new_entry(vector: Float[Array, "D"], quality: Float[Array, ""], now: Int[Array, ""]) -> Bank:
     """The prototype that one observation founds."""
     one = jnp.int32(1)
-    return Bank(vector, count(one, now.astype(jnp.int32), one), jnp.stack([quality] * 2), one)
+    return Bank(vector, count(one, now.astype(jnp.int32), one), columns(quality, quality), one)
 
 
 @jax.tree_util.register_dataclass
@@ -176,7 +189,7 @@ def count_quality(value: Bank, quality: Float[Array, ""]) -> Bank:
     return dataclasses.replace(
         value,
         counts=count(value.hits, value.last_seen, num),
-        qualities=jnp.stack([recent, value.quality_sum + quality], axis=-1),
+        qualities=columns(recent, value.quality_sum + quality),
     )
 
 
