@@ -72,8 +72,8 @@ def gap_options(thresholds: Thresholds) -> dict[str, float]:
 
 
 # A sum over a long axis is one kernel together with what it adds up; otherwise it is three, or one
-# of a library, which nothing else joins. What is the same in all turns of a loop stays part of the
-# kernels that read it; moved out of the loop, it would be a kernel, and most of it is a few numbers.
+# of a library, which nothing else joins. What is the same in all turns of a loop stays part of what
+# reads it; moved out of the loop, it would be a kernel, and most of it is a few numbers.
 COMPILER_OPTIONS = {
     "cpu": {
         "xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion",
