@@ -15,6 +15,10 @@ SIZES = {
         "describe": {"equations": 226, "fusions": 28, "loops": 0},
         "decide": {"equations": 4453, "fusions": 375, "loops": 8},
     },
+    "remind": {
+        "describe": {"equations": 1296, "fusions": 130, "loops": 8},
+        "decide": {"equations": 16389, "fusions": 1078, "loops": 28},
+    },
 }
 
 
