@@ -226,8 +226,9 @@ def _measure(
         point = held.listed[own[:, None], jnp.minimum(first[:, None] + place, last)]
         point = jnp.minimum(point, last)
         rows = held.points[point]
-        product = jnp.einsum("skd,sbd->skb", state.centers[own], rows, precision="highest")
-        distance = held.norms[point][:, None] - 2.0 * product + squares[own][..., None]
+        product = jnp.einsum("sbd,skd->sbk", rows, state.centers[own], precision="highest")
+        distance = held.norms[point][..., None] - 2.0 * product + squares[own][:, None]
+        distance = jnp.swapaxes(distance, 1, 2)
         # The reduced axis is not the last one: several rows are compared by one instruction.
         least = jnp.min(distance, axis=1)
         nearest = jnp.min(jnp.where(distance <= least[:, None], cluster, clusters - 1), axis=1)

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.ranks import count_before, rank_rising
+from remind_jax.numerics.ranks import count_before
 from remind_jax.remind.context.options import VARIANTS
 
 
@@ -32,9 +32,7 @@ def rank_choices(
 ) -> Int[Array, "S choices"]:
     """The choices of every set by falling support of their objects; those that exist first."""
     support = jnp.where(allowed, support[:, :, None, :], -jnp.inf)
-    rank = rank_rising([-support.reshape(support.shape[0], -1)])
-    choice = jnp.arange(rank.shape[1], dtype=jnp.int32)
-    return jnp.sum(jnp.where(rank[:, None] == choice[:, None], choice, 0), axis=2, dtype=jnp.int32)
+    return jnp.argsort(-support.reshape(support.shape[0], -1), axis=1, stable=True)
 
 
 def select_children(
