@@ -15,7 +15,8 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
@@ -66,14 +67,19 @@ class ChannelScores:
 class Terms:
     """The scores of each pair by term, and how proven the object evidence is."""
 
-    value: Float[Array, "T N O"]
-    present: Bool[Array, "T N O"]
-    authority: Float[Array, "N O"]  # 1 where absent
+    value: Float[Array, "*V T N O"]
+    present: Bool[Array, "*V T N O"]
+    authority: Float[Array, "*V N O"]  # 1 where absent
 
 
-AUTO, WORK, STABLE = 0, 1, 2
-_AUTO_RULES: tuple[Rule, ...] = ("prefer_stable", "prefer_stable", "max", "max")
-_FORCED_RULES: tuple[Rule, ...] = ("work", "stable", "max")
+AUTO, WORK, STABLE, _NEUTRAL = 0, 1, 2, 3
+# Which bank counts: the rule of each term, for each of these ways to compare.
+_WAYS: tuple[tuple[Rule, ...], ...] = (
+    ("prefer_stable", "prefer_stable", "max", "max"),
+    ("work",) * 4,
+    ("stable",) * 4,
+    ("max",) * 4,
+)
 
 
 @jax.tree_util.register_dataclass
@@ -119,37 +125,39 @@ def compare(
     candidate = candidate & (descriptors.class_id[:, None] == objects.class_id[None])
     channels = compare_channels(state, descriptors, static, background, promote_hits)
 
-    everything = collapse(channels, _AUTO_RULES, static, t)
-    num_terms = len(everything.value)
-    pending_weights = term_weights(quality, everything.authority, t, num_terms)
-    pending = weighted_mean(everything.value, everything.present, pending_weights, t)[:, slots:]
-    auto = jax.tree.map(lambda leaf: leaf[..., :slots], everything)
-    of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], channels)
-    work, stable, neutral = (
-        collapse(of_objects, (rule,) * num_terms, static, t) for rule in _FORCED_RULES
-    )
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), auto, work, stable)
+    ways = collapse(channels, _WAYS, static, t)
+    columns = ways.authority.shape[-1]
+    of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], ways)
     # One bank for all candidates of a detection where all have it, stable first
     # (method.md#bank-source).
-    everywhere = jnp.all(stacked.present | ~candidate, axis=-1)
+    everywhere = jnp.all(of_objects.present[: STABLE + 1] | ~candidate, axis=-1)
     source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
-    pick = source[None, :, :, None]
+    taken = jnp.where(jnp.arange(columns) < slots, source[..., None], AUTO)
     terms = Terms(
-        value=jnp.take_along_axis(stacked.value, pick, axis=0)[0],
-        present=jnp.take_along_axis(stacked.present, pick, axis=0)[0],
-        authority=jnp.take_along_axis(stacked.authority, source[OBJECT][None, :, None], 0)[0],
+        value=_choose_way(ways.value, taken),
+        present=_choose_way(ways.present, taken),
+        authority=_choose_way(ways.authority, taken[OBJECT]),
     )
+    num_terms = len(terms.value)
     weights = term_weights(quality, terms.authority, t, num_terms)
+    counted = jnp.pad(candidate, ((0, 0), (0, columns - slots)), constant_values=True)
+    score = weighted_mean(terms.value, terms.present & counted, weights, t)
     return Comparison(
         candidate=candidate,
-        score=weighted_mean(terms.value, terms.present & candidate, weights, t),
+        score=score[:, :slots],
         source=source,
-        terms=terms,
-        auto=auto,
-        neutral=neutral,
+        terms=jax.tree.map(lambda leaf: leaf[..., :slots], terms),
+        auto=jax.tree.map(lambda leaf: leaf[AUTO], of_objects),
+        neutral=jax.tree.map(lambda leaf: leaf[_NEUTRAL], of_objects),
         neutral_weights=term_weights(quality, None, t, num_terms),
-        pending_score=pending,
+        pending_score=score[:, slots:],
     )
+
+
+def _choose_way(values: Shaped[Array, "V *B"], taken: Int[Array, "*B"]) -> Shaped[Array, "*B"]:
+    """The value of AUTO, WORK or STABLE, whichever is taken."""
+    forced = jnp.where(taken == STABLE, values[STABLE], values[WORK])
+    return jnp.where(taken == AUTO, values[AUTO], forced)
 
 
 def comparable_score(
@@ -249,11 +257,11 @@ def _best_parts(
     best = best.reshape(*best.shape[:-2], num, clusters, best.shape[-1])
     best = jnp.where(seen[..., None], jnp.maximum(best, 0.0), -1.0)
     ranked = _sort_falling([best[..., part, :] for part in range(clusters)])[:top]
-    best = jnp.stack(ranked, axis=-2)
-    counted = best >= 0.0
-    count = jnp.sum(counted, axis=-2)
+    total, count = jnp.zeros_like(best[..., 0, :]), jnp.int32(0)
+    for one in ranked:
+        total, count = total + jnp.where(one >= 0.0, one, 0.0), count + (one >= 0.0)
     present = (count > 0) & (bank.size > 0)[..., None, :]
-    mean = jnp.sum(jnp.where(counted, best, 0.0), axis=-2) / jnp.maximum(count, 1)
+    mean = total / jnp.maximum(count, 1)
     return Score(jnp.where(present, mean, 0.0), present)
 
 
@@ -299,55 +307,72 @@ def _sort_falling(values: list[Array]) -> list[Array]:
 
 
 def collapse(
-    channels: ChannelScores, rules: Sequence[Rule], static: Static, t: Similarity
+    channels: ChannelScores, ways: Sequence[Sequence[Rule]], static: Static, t: Similarity
 ) -> Terms:
-    """Reduces work and stable bank, then the channels, to the three terms.
+    """Reduces work and stable bank, then the channels, to the three terms, in several ways at once.
 
     Rule: method.md#visual-score.
+
+    Args:
+      channels: Every channel against both banks.
+      ways: For each way, the rule of each term: OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES.
+      static: Which channels count.
+      t: Shares of the rings.
+
+    Returns:
+      The terms, ways along the first axis.
     """
     c = channels
-    for_object, for_background, for_parts = rules[:NUM_TERMS]
-    score, takes_stable = _collapse_pair(c.object_work, c.object_stable, for_object)
+    of_term = list(zip(*ways, strict=True))
+    score, takes_stable = _collapse_pair(c.object_work, c.object_stable, of_term[OBJECT])
     authority = jnp.where(takes_stable, c.authority_stable, c.authority_work)
-    chosen = {"best": slice(None), "global": slice(0, 1), "trimmed": slice(1, 2)}
-    chosen = chosen[static.object_channel]
-    score, authority = jax.tree.map(lambda leaf: leaf[chosen], (score, authority))
-    winner = jnp.argmax(jnp.where(score.present, score.value, -jnp.inf), axis=0)
-    pick = lambda leaf: jnp.take_along_axis(leaf, winner[None], axis=0)[0]  # noqa: E731
-    obj = jax.tree.map(pick, score)
-    authority = jnp.where(obj.present, pick(authority), 1.0)
+    best = [
+        (Score(score.value[:, channel], score.present[:, channel]), authority[:, channel])
+        for channel, name in enumerate(("global", "trimmed"))
+        if static.object_channel in ("best", name)
+    ]
+    (obj, authority), *others = best
+    for other, its_authority in others:  # the first among equals
+        wins = other.present & (~obj.present | (other.value > obj.value))
+        obj = jax.tree.map(lambda new, old, wins=wins: jnp.where(wins, new, old), other, obj)
+        authority = jnp.where(wins, its_authority, authority)
+    authority = jnp.where(obj.present, authority, 1.0)
 
     back, _ = _collapse_pair(
         _combine_rings(c.rings_work, static, t),
         _combine_rings(c.rings_stable, static, t),
-        for_background,
+        of_term[BACKGROUND],
     )
-    parts, _ = _collapse_pair(c.parts_work, c.parts_stable, for_parts)
+    parts, _ = _collapse_pair(c.parts_work, c.parts_stable, of_term[PARTS])
     counted = jnp.array([static.part_channel in ("best", c) for c in static.part_channels])
     present = parts.present & counted[:, None, None]
-    parts = Score(jnp.max(jnp.where(present, parts.value, 0.0), axis=0), jnp.any(present, axis=0))
-    terms = [Score(obj.value, obj.present), back, parts]
+    parts = Score(jnp.max(jnp.where(present, parts.value, 0.0), axis=1), jnp.any(present, axis=1))
+    terms = [obj, back, parts]
     if c.prototypes_work is not None and c.prototypes_stable is not None:
         work, stable = _join_rings(c.prototypes_work, t), _join_rings(c.prototypes_stable, t)
-        terms.append(_collapse_pair(work, stable, rules[RING_PROTOTYPES])[0])
+        terms.append(_collapse_pair(work, stable, of_term[RING_PROTOTYPES])[0])
     return Terms(
-        value=jnp.stack([term.value for term in terms]),
-        present=jnp.stack([term.present for term in terms]),
+        value=jnp.stack([term.value for term in terms], axis=1),
+        present=jnp.stack([term.present for term in terms], axis=1),
         authority=authority,
     )
 
 
-def _collapse_pair(work: Score, stable: Score, rule: Rule) -> tuple[Score, Bool[Array, "..."]]:
-    """One score from the two banks, and whether it is the stable one."""
-    if rule == "work":
-        return work, jnp.zeros_like(work.present)
-    if rule == "stable":
-        return stable, jnp.ones_like(stable.present)
-    takes_stable = stable.present
-    if rule == "max":
-        takes_stable = stable.present & (~work.present | (stable.value >= work.value))
-    value = jnp.where(takes_stable, stable.value, work.value)
-    return Score(value, work.present | stable.present), takes_stable
+def _collapse_pair(
+    work: Score, stable: Score, rules: Sequence[Rule]
+) -> tuple[Score, Bool[Array, "..."]]:
+    """One score from the two banks for each rule, and whether it is the stable one."""
+    is_rule = {
+        rule: np.array([one == rule for one in rules]).reshape(-1, *[1] * work.present.ndim)
+        for rule in ("stable", "prefer_stable", "max")
+    }
+    is_better = ~work.present | (stable.value >= work.value)
+    asks = is_rule["prefer_stable"] | (is_rule["max"] & is_better[None])
+    takes_stable = is_rule["stable"] | (stable.present[None] & asks)
+    score = jax.tree.map(
+        lambda new, old: jnp.where(takes_stable, new[None], old[None]), stable, work
+    )
+    return score, takes_stable
 
 
 def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
@@ -405,7 +430,7 @@ def weighted_mean(
     nominal = jnp.stack(nominal[: len(value)])
     counted = present & (nominal > 0)[:, None, None]
     weights = jnp.where(counted, weights, 0.0)
-    silent = t.nominal_if_silent & (jnp.sum(weights, axis=0) <= _NO_WEIGHT)
+    silent = t.nominal_if_silent & (sum(weights) <= _NO_WEIGHT)
     weights = jnp.where(silent & counted, nominal[:, None, None], weights)
     total, weight = jnp.zeros(value.shape[1:], value.dtype), jnp.zeros(value.shape[1:], value.dtype)
     for term in [term for term in _SUMMED if term < len(value)]:

@@ -64,12 +64,15 @@ QUALITY = Quality(*(np.array([q]) for q in (0.5, 0.5, (0.4 + 0.5 + 2.5 / 3) / 3,
 def joint(channels: ChannelScores, t: Similarity) -> tuple[dict[str, Terms], dict[str, Any]]:
     """Terms and visual score under each policy."""
     rules: Any = {
-        "auto": similarity._AUTO_RULES,
-        "stable": ("stable",) * 3,
-        "work": ("work",) * 3,
-        "comparable": similarity._FORCED_RULES[2:] * 3,
+        "auto": similarity._WAYS[AUTO],
+        "stable": ("stable",) * 4,
+        "work": ("work",) * 4,
+        "comparable": similarity._WAYS[similarity._NEUTRAL],
     }
-    terms = {name: similarity.collapse(channels, rule, STATIC, t) for name, rule in rules.items()}
+    ways = similarity.collapse(channels, tuple(rules.values()), STATIC, t)
+    terms = {
+        name: jax.tree.map(lambda leaf, way=way: leaf[way], ways) for way, name in enumerate(rules)
+    }
     scores = {
         name: similarity.weighted_mean(
             found.value,
@@ -155,7 +158,8 @@ def test_a_chosen_ring_stands_alone(x64, channel, value):
 )
 def test_a_chosen_object_channel_stands_alone(x64, channel, value):
     static = dataclasses.replace(STATIC, object_channel=channel)
-    terms = similarity.collapse(ChannelScores(**EXAMPLE), similarity._AUTO_RULES, static, rules())
+    ways = similarity.collapse(ChannelScores(**EXAMPLE), similarity._WAYS, static, rules())
+    terms = jax.tree.map(lambda leaf: leaf[AUTO], ways)
     assert float(terms.value[OBJECT, 0, 0]) == pytest.approx(value)
 
 
@@ -191,7 +195,8 @@ def test_a_chosen_part_channel_stands_alone(x64, source, channel, value):
     static = dataclasses.replace(STATIC, part_source=source, part_channel=channel)
     parts = score(0.6, 0.9) if source == "both" else score(0.6)
     known = {**EXAMPLE, "parts_work": parts, "parts_stable": jax.tree.map(np.zeros_like, parts)}
-    terms = similarity.collapse(ChannelScores(**known), similarity._AUTO_RULES, static, rules())
+    ways = similarity.collapse(ChannelScores(**known), similarity._WAYS, static, rules())
+    terms = jax.tree.map(lambda leaf: leaf[AUTO], ways)
     assert bool(terms.present[PARTS, 0, 0]) == (value is not None)
     assert float(terms.value[PARTS, 0, 0]) == pytest.approx(value or 0.0)
 
