@@ -76,9 +76,9 @@ AUTO, WORK, STABLE, _NEUTRAL = 0, 1, 2, 3
 # Which bank counts: the rule of each term, for each of these ways to compare.
 _WAYS: tuple[tuple[Rule, ...], ...] = (
     ("prefer_stable", "prefer_stable", "max", "max"),
-    ("work",) * 4,
-    ("stable",) * 4,
-    ("max",) * 4,
+    ("work", "work", "work", "work"),
+    ("stable", "stable", "stable", "stable"),
+    ("max", "max", "max", "max"),
 )
 
 
@@ -368,7 +368,7 @@ def _collapse_pair(
     }
     is_better = ~work.present | (stable.value >= work.value)
     asks = is_rule["prefer_stable"] | (is_rule["max"] & is_better[None])
-    takes_stable = is_rule["stable"] | (stable.present[None] & asks)
+    takes_stable = jnp.logical_or(is_rule["stable"], stable.present[None] & asks)
     score = jax.tree.map(
         lambda new, old: jnp.where(takes_stable, new[None], old[None]), stable, work
     )
