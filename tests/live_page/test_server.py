@@ -161,7 +161,10 @@ def test_many_clients_are_bounded_and_served_again_later(page, monkeypatch):
         socket.create_connection(("127.0.0.1", port_of(page)), timeout=20)
         for _ in range(servers.MOST_CLIENTS)
     ]
-    time.sleep(0.3)
+    end = time.monotonic() + 20
+    while page._server._free._value:
+        assert time.monotonic() < end
+        time.sleep(0.01)
     with socket.create_connection(("127.0.0.1", port_of(page)), timeout=20) as one_more:
         assert one_more.recv(100).startswith(b"HTTP/1.0 503 ")
     for one in idle:

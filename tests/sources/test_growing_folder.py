@@ -78,12 +78,16 @@ def test_the_newest_picture_is_taken_with_its_mask(robot):
     robot.write(5, 6, 7, 8)
     time.sleep(0.5)
     second = next(frames)
-    assert (second.name, second.source_index) == ("0008.png", 8)
+    num_between = 0
+    while second.name != "0008.png":  # a busy machine has not seen all of them yet
+        num_between, second = num_between + 1, next(frames)
+    assert second.source_index == 8
     assert second.detections is not None
     assert second.detections.labels == tuple(CLASSES[i] for i in ids_at(8))
     assert (second.detections.masks == (shown_at(8)[1] == np.array([1, 2, 3])[:, None, None])).all()
     frames.close()
-    assert source.skipped[0].count == 3
+    assert num_between < 3
+    assert source.skipped[0].count == 3 - num_between
 
 
 def test_every_picture_is_taken_in_order_where_that_is_wanted(robot):
