@@ -80,6 +80,9 @@ class Method:
     # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
     # more will be needed; left out, objects are counted.
     occupied: Callable[[Any], tuple[Any, Any]] | None = None
+    # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
+    # capacities that take too much are refused. Left out, all are tried.
+    count_bytes: Callable[[Static], int] | None = None
     # As `step`, giving `(state, trace)`, the trace a pytree of arrays; left out, there is none.
     step_traced: Callable[..., tuple[Any, Any]] | None = None
     # "module:class" of the `explanation.explainer.Explainer` of these traces, imported when needed.

@@ -6,20 +6,23 @@ method_plus.md#joint-weighing.
 All open tracklets of a frame are weighed together by mean field: what one of them may be depends on
 what the others may be.
 
-Letters: `N` detections, `C` candidates, `O` object slots. Evidence is in log odds.
+Letters: `N` detections, `C` candidates, `O` object slots, `W` detections that one asks. Evidence is
+in log odds.
 """
 
 from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.plane import log_ratios, mean_sizes, squared_length
+from remind_jax.plus.plane import squared_length
+from remind_jax.plus.slots import look_up
 from remind_jax.plus.state import NO_RELATION, NUM_OWN_PARTS, PARTS, Objects, Pairs
+from remind_jax.plus.static import NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
 
 
@@ -53,16 +56,19 @@ def weigh_jointly(
     party = jnp.where(is_anchor[:, None], anchor[:, None], shortlist.slot)
     present = jnp.where(is_anchor[:, None], first, shortlist.valid)
 
-    o, p = shortlist.slot.reshape(-1)[:, None], party.reshape(-1)[None, :]
-    row = jnp.repeat(jnp.arange(num), width)
-    usable = shortlist.valid.reshape(-1)[:, None] & present.reshape(-1)[None, :]
-    usable &= (row[:, None] != row[None, :]) & (o != p)
-    geometry = _Geometry(sightings, width)
-    covisible = jnp.where(usable, _covisible_evidence(o, p, geometry, objects, pairs, t.layout), 0)
-    related = usable & (pairs.spread[o, p] < NO_RELATION)
-    layout = jnp.where(related, _layout_evidence(o, p, geometry, pairs, t.layout), 0)
+    others = _Others(sightings, jnp.any(present, axis=1))
+    o, p = shortlist.slot[:, :, None, None], others.of(party)[:, None]
+    usable = shortlist.valid[:, :, None, None] & others.of(present)[:, None]
+    usable &= others.is_other[:, None, :, None] & (o != p)
+    covisible = _covisible_evidence(o, p, others, objects, pairs, t.layout)
+    spread = look_up(pairs.spread, o, p)
+    related = usable & (spread < NO_RELATION)
+    layout = _layout_evidence(o, p, others, spread, pairs, t.layout)
     # Products with the weights of the parties: what they say, and how many they are.
-    asked = layout, covisible, related.astype(jnp.float32), usable.astype(jnp.float32)
+    asked = jnp.stack(
+        [jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable],
+        axis=1,
+    )
 
     base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
     # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
@@ -73,10 +79,7 @@ def weigh_jointly(
     moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
 
     def ask(weight: Float[Array, "N C"]) -> Float[Array, "3 N C"]:
-        lies, companions, num_related, num_usable = (
-            jnp.matmul(one, weight.reshape(-1), precision="highest").reshape(num, width)
-            for one in asked
-        )
+        lies, companions, num_related, num_usable = others.sum(asked, weight)
         lies = lies * _share(num_related, t.layout.partners)
         lies = t.layout.weight * jnp.clip(lies, -t.layout.best, t.layout.best)
         companions = companions * _share(num_usable, t.layout.covisible_partners)
@@ -108,59 +111,88 @@ def weigh_jointly(
     return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds, 0.0), parts
 
 
-class _Geometry:
-    """Pairwise geometry of detections, spread to hypotheses and parties."""
+class _Others:
+    """The detections that each one asks, `W`: all, or the nearest of them where many are in view.
 
-    def __init__(self, sightings: Sightings, width: int) -> None:
+    So a frame of many detections takes time and memory by their number, not by its square.
+    """
+
+    def __init__(self, sightings: Sightings, speaks: Bool[Array, "N"]) -> None:
+        """`speaks`: detections that have anything to say."""
         center, size, touches = sightings.center, sightings.size, sightings.touches
-        num = len(size)
+        row = jnp.arange(len(size))
+        self._near: Int[Array, "N W"] | None = None
+        if len(size) > NUM_WITNESSES:
+            apart = squared_length(center[None] - center[:, None])
+            askable = speaks[None] & (row[:, None] != row[None])
+            nearest = jnp.where(askable, -apart, -jnp.inf)
+            self._near = jax.lax.top_k(nearest, NUM_WITNESSES)[1]
+        self.is_other = row[:, None] != self.of(row)
+        self.offset = self.of(center) - center[:, None]
+        self.squared = squared_length(self.offset)
+        self.scale = jnp.sqrt(size)[:, None] * jnp.sqrt(self.of(size))
+        self.log_ratio = jnp.log(size)[:, None] - jnp.log(self.of(size))
+        self.border = touches[:, None] | self.of(touches)
 
-        def spread(values: Array) -> Array:
-            more = values.shape[2:]
-            apart = jnp.broadcast_to(values[:, None, :, None], (num, width, num, width, *more))
-            return apart.reshape(num * width, num * width, *more)
+    def of(self, values: Shaped[Array, "N *more"]) -> Shaped[Array, "#N W *more"]:
+        """Values of the detections that each one asks."""
+        return values[None] if self._near is None else values[self._near]
 
-        offset = center[None, :] - center[:, None]
-        self.scale = spread(mean_sizes(size, size))
-        self.offset = spread(offset)
-        self.log_ratio = spread(log_ratios(size, size))
-        self.border = spread(touches[:, None] | touches[None, :])
-        self.squared = spread(squared_length(offset))
+    def sum(
+        self, said: Float[Array, "N K C W C"], weight: Float[Array, "N C"]
+    ) -> Float[Array, "K N C"]:
+        """Sums of what all of them say, each by its weight."""
+        num, kinds, width = said.shape[:3]
+        if self._near is None:
+            flat = said.reshape(num * kinds * width, num * width)
+            summed = jnp.matmul(flat, weight.reshape(-1), precision="highest")
+        else:
+            flat = said.reshape(num, kinds * width, NUM_WITNESSES * width)
+            weights = self.of(weight).reshape(num, -1)
+            summed = jnp.einsum("nhp,np->nh", flat, weights, precision="highest")
+        return jnp.moveaxis(summed.reshape(num, kinds, width), 1, 0)
 
 
 def _layout_evidence(
-    o: Int[Array, "M 1"], p: Int[Array, "1 M"], geometry: _Geometry, pairs: Pairs, t: th.Layout
-) -> Float[Array, "M M"]:
+    o: Int[Array, "N C 1 1"],
+    p: Int[Array, "#N 1 W C"],
+    others: _Others,
+    spread: Float[Array, "N C W C"],
+    pairs: Pairs,
+    t: th.Layout,
+) -> Float[Array, "N C W C"]:
     """Does the one lie from the other as these objects do? In sizes, so from afar as well."""
-    relation, border = pairs.relation[o, p], geometry.border
-    error = relation_error(relation, pairs.spread[o, p], border, t)
-    off = geometry.offset / geometry.scale[..., None] - relation
-    squared = squared_length(off) * geometry.scale**2
-    variance = (error * geometry.scale) ** 2
+    relation = look_up(pairs.relation, o, p)
+    border, scale = others.border[:, None, :, None], others.scale[:, None, :, None]
+    error = relation_error(relation, spread, border, t)
+    off = (others.offset / others.scale[..., None])[:, None, :, None] - relation
+    squared = squared_length(off) * scale**2
+    variance = (error * scale) ** 2
     odds = mix(squared, variance, t.lost, t.least_doubt, jnp.float32(0), th.FRAME_AREA)
     odds = jnp.clip(odds, -t.pair_best, t.pair_best)
 
     ratio_error = jnp.where(border, t.ratio_error_border, t.ratio_error)
-    off_ratio = (geometry.log_ratio - pairs.log_ratio[o, p]) ** 2
+    log_ratio = look_up(pairs.log_ratio, o, p)
+    off_ratio = (others.log_ratio[:, None, :, None] - log_ratio) ** 2
     ratio_odds = -jnp.log(ratio_error) - off_ratio / (2 * ratio_error**2) + off_ratio / 2
     return odds + t.ratio_weight * jnp.clip(ratio_odds, -2.0, 1.0)
 
 
 def _covisible_evidence(
-    o: Int[Array, "M 1"],
-    p: Int[Array, "1 M"],
-    geometry: _Geometry,
+    o: Int[Array, "N C 1 1"],
+    p: Int[Array, "#N 1 W C"],
+    others: _Others,
     objects: Objects,
     pairs: Pairs,
     t: th.Layout,
-) -> Float[Array, "M M"]:
+) -> Float[Array, "N C W C"]:
     """Are these objects seen together more often than by chance?"""
-    together = pairs.covisible[o, p] + 0.5
+    together = look_up(pairs.covisible, o, p) + 0.5
     frames = jnp.minimum(objects.seen[o], objects.seen[p]) + 3.0
     odds = jnp.log(together / frames / t.covisible_typical)
     odds = jnp.clip(odds, -t.covisible_best, t.covisible_best)
     # The absence of a companion means little far away from it.
-    nearness = jnp.exp(-geometry.squared / (2 * t.near**2))
+    nearness = jnp.exp(-others.squared / (2 * t.near**2))[:, None, :, None]
     return jnp.where(odds < 0, odds * nearness, odds)
 
 

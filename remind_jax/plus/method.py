@@ -13,6 +13,7 @@ from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
+from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.plus.state import PlusState, Verdicts, init
@@ -72,6 +73,7 @@ METHOD = Method(
     init,
     step,
     occupied=count_occupied,
+    count_bytes=count_bytes,
     observe=observe_motion,
     merges=find_merges,
     delayed=DelayedAnswers,

@@ -49,20 +49,22 @@ def check_motion(
         motion, **imply_motion(tracklets, sightings, cosine, frame, t.motion)
     )
 
-    def follow(hypothesis: Motion) -> tuple[Motion, Links]:
-        carried = carry(tracklets, hypothesis)
-        return hypothesis, score_links(carried, sightings, cosine, frame, t.linking)
+    def follow(hypothesis: Motion) -> Links:
+        return score_links(carry(tracklets, hypothesis), sightings, cosine, frame, t.linking)
+
+    def support(hypothesis: Motion) -> Float[Array, ""]:
+        links = follow(hypothesis)
+        excess = jnp.where(links.possible, links.score - t.linking.least, 0.0)
+        return jnp.sum(jnp.max(excess, axis=1))
 
     believed = motion.score > t.motion.doubted_score
     num = jnp.sum(sightings.valid).astype(jnp.float32)
     margin = jnp.where(believed, t.motion.check_margin * num, 0.0)
     options = jax.tree.map(lambda *leaves: jnp.stack(leaves), motion, still, implied)
-    options = jax.vmap(follow, out_axes=0)(options)
-    links = options[1]
-    excess = jnp.where(links.possible, links.score - t.linking.least, 0.0)
-    support = jnp.sum(jnp.max(excess, axis=2), axis=1) + jnp.stack([margin, 0.0, 0.0])
-    best = jnp.where(t.motion.checked, jnp.argmax(support), 0)
-    return jax.tree.map(lambda leaf: leaf[best], options)
+    supports = jax.vmap(support)(options) + jnp.stack([margin, 0.0, 0.0])
+    best = jnp.where(t.motion.checked, jnp.argmax(supports), 0)
+    chosen = jax.tree.map(lambda leaf: leaf[best], options)
+    return chosen, follow(chosen)
 
 
 def imply_motion(

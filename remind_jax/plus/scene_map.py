@@ -11,7 +11,9 @@ Letters: `N` detections, `O` object slots. Lengths in frame units.
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
@@ -24,6 +26,7 @@ from remind_jax.plus.state import Objects, Pairs
 
 MAX_AGE = 1000  # frames; uncertainty grows no further
 LEAST_VARIANCE = 1e-4
+BLOCK = 64  # detections whose turns are noted before the next ones read what is left
 
 
 def belief(motion: Motion, t: th.Motion) -> Float[Array, ""]:
@@ -109,29 +112,105 @@ def correct_map(
     exists = objects.exists[:, None] & objects.exists[None, :]
     covariance = jnp.where(exists, covariance + added, 0.0)
 
-    # One detection after the other: the same result as all at once, and no matrix to invert.
-    def correct(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        position, covariance = carry
-        shared = covariance[place[k]]
-        gain = jnp.where(sure[k], shared / (shared[place[k]] + measured[k]), 0.0)
-        error = sightings.center[k] - position[place[k]]
-        return position + gain[:, None] * error, _bound(covariance - gain[:, None] * shared)
-
-    position, covariance = lax.fori_loop(
-        0, len(slot), correct, (objects.position, _bound(covariance))
-    )
+    noted = _take_turns(objects.position, covariance, place, sure, measured, sightings.center)
+    taken = jnp.matmul(noted.gain.T, noted.shared, precision="highest")
+    covariance = jnp.where(exists, _bound(covariance - taken, noted.own), 0.0)
     return (
-        dataclasses.replace(objects, position=position),
-        dataclasses.replace(pairs, covariance=jnp.where(exists, covariance, 0.0)),
+        dataclasses.replace(objects, position=noted.position),
+        dataclasses.replace(pairs, covariance=covariance),
     )
 
 
-def _bound(covariance: Float[Array, "O O"]) -> Float[Array, "O O"]:
-    """Keeps variances above zero and correlations within one, which rounding would break."""
+class _Turns(NamedTuple):
+    """What the detections so far corrected."""
+
+    position: Float[Array, "O 2"]
+    own: Float[Array, "O"]  # variances of the positions
+    gain: Float[Array, "N O"]  # how far each moved each position by its own error
+    shared: Float[Array, "N O"]  # covariance of its object with all at its turn
+
+
+def _take_turns(
+    position: Float[Array, "O 2"],
+    covariance: Float[Array, "O O"],
+    place: Int[Array, "N"],
+    sure: Bool[Array, "N"],
+    measured: Float[Array, "N"],
+    center: Float[Array, "N 2"],
+) -> _Turns:
+    """One detection after the other: the same as all at once, and no matrix to invert.
+
+    A turn reads one row of the covariance, so turns only note what they take from it. Of many
+    detections, one block after the other reads what those before have left of its rows.
+    """
+    num, num_o = len(place), len(position)
     own = jnp.maximum(diagonal(covariance), LEAST_VARIANCE)
-    error = jnp.sqrt(own)
-    limit = error[:, None] * error[None, :]
-    bounded = jnp.clip(covariance, -limit, limit)
+    if num <= BLOCK:
+        seen = place, sure, measured, center
+        return _take_block(position, own, covariance[place], seen)
+    blocks = -(-num // BLOCK)
+
+    def in_blocks(leaf: Array) -> Array:
+        padded = jnp.pad(leaf, ((0, blocks * BLOCK - num),) + ((0, 0),) * (leaf.ndim - 1))
+        return padded.reshape(blocks, BLOCK, *leaf.shape[1:])
+
+    seen = jax.tree.map(in_blocks, (place, sure, measured, center))
+
+    def take(b: Array, before: _Turns) -> _Turns:
+        of_block = jax.tree.map(lambda leaf: leaf[b], seen)
+        at = of_block[0]
+        taken = jnp.matmul(before.gain[:, at].T, before.shared, precision="highest")
+        now = _take_block(before.position, before.own, covariance[at] - taken, of_block)
+
+        def put(noted: Array, block: Array) -> Array:
+            return lax.dynamic_update_slice_in_dim(noted, block, b * BLOCK, 0)
+
+        return _Turns(
+            now.position, now.own, put(before.gain, now.gain), put(before.shared, now.shared)
+        )
+
+    nothing = jnp.zeros((blocks * BLOCK, num_o), covariance.dtype)
+    return lax.fori_loop(0, blocks, take, _Turns(position, own, nothing, nothing))
+
+
+def _take_block(
+    position: Float[Array, "O 2"],
+    own: Float[Array, "O"],
+    rows: Float[Array, "B O"],
+    seen: tuple[Int[Array, "B"], Bool[Array, "B"], Float[Array, "B"], Float[Array, "B 2"]],
+) -> _Turns:
+    """The turns of some detections, from the rows of the covariance before the first of them."""
+    place, sure, measured, center = seen
+    index = jnp.arange(len(own))
+
+    def correct(k: Array, turns: _Turns) -> _Turns:
+        at = place[k]
+        shared = rows[k] - jnp.matmul(turns.gain[:, at], turns.shared, precision="highest")
+        shared = jnp.where(index == at, turns.own, _clip(shared, turns.own, turns.own[at]))
+        gain = jnp.where(sure[k], shared / (turns.own[at] + measured[k]), 0.0)
+        error = center[k] - turns.position[at]
+        return _Turns(
+            turns.position + gain[:, None] * error,
+            jnp.maximum(turns.own - gain * shared, LEAST_VARIANCE),
+            lax.dynamic_update_index_in_dim(turns.gain, gain, k, 0),
+            lax.dynamic_update_index_in_dim(turns.shared, shared, k, 0),
+        )
+
+    nothing = jnp.zeros_like(rows)
+    return lax.fori_loop(0, len(place), correct, _Turns(position, own, nothing, nothing))
+
+
+def _clip(
+    covariance: Float[Array, "*any"], left: Float[Array, "*#any"], right: Float[Array, "*#any"]
+) -> Float[Array, "*any"]:
+    """Keeps correlations within one, which rounding would break; of two variances."""
+    limit = jnp.sqrt(left) * jnp.sqrt(right)
+    return jnp.clip(covariance, -limit, limit)
+
+
+def _bound(covariance: Float[Array, "O O"], own: Float[Array, "O"]) -> Float[Array, "O O"]:
+    """A covariance with these variances and correlations within one."""
+    bounded = _clip(covariance, own[:, None], own[None, :])
     return jnp.where(jnp.eye(len(own), dtype=bool), own[:, None], bounded)
 
 

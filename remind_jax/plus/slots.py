@@ -9,7 +9,7 @@ Letters: `M` rows (detections or tracklets), `O` object slots.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Int, Shaped
 
 NO_ROW = -1
 
@@ -25,3 +25,12 @@ def count_before(flags: Bool[Array, "M"]) -> Int[Array, "M"]:
     """How many flags are set in the rows before each."""
     index = jnp.arange(len(flags))
     return jnp.sum((index[None] < index[:, None]) & flags[None], axis=1, dtype=jnp.int32)
+
+
+def look_up(
+    table: Shaped[Array, "O O *more"], first: Int[Array, "*#any"], second: Int[Array, "*#any"]
+) -> Shaped[Array, "*all"]:
+    """Entries of a table of pairs by the slots of both, which broadcast; all must be slots."""
+    num = len(table)
+    flat = table.reshape(num * num, *table.shape[2:])
+    return flat.at[first * num + second].get(mode="promise_in_bounds", wrap_negative_indices=False)

@@ -19,6 +19,7 @@ from remind_jax.method import Method
 from remind_jax.observation import FrameFeats
 from remind_jax.printing.words import listing
 from remind_jax.session.answers import Outlines, outline
+from remind_jax.session.memory_budget import check_room
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import Static
 
@@ -66,11 +67,14 @@ class GrowingMemory:
     def prepare_programs(
         self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, num_objects: int
     ) -> None:
-        """Compiles or loads what such frames need, for up to `num_objects` objects at least."""
+        """Compiles or loads what such frames need, for up to `num_objects` objects at least.
+
+        Raises:
+          SourceError: If so many do not fit this machine.
+        """
         static = self._with_feature_dim(frame_feats.patches.shape[-1])
         while True:
-            frame_input = self._input(frame_feats, prepared, thresholds, static)
-            self.frame_step.prepare(frame_input, static)
+            self._prepare(frame_feats, prepared, thresholds, static)
             if static.num_objects >= num_objects:
                 return
             static = static.grow(num_objects=static.num_objects + 1)
@@ -81,10 +85,12 @@ class GrowingMemory:
         """Steps, growing capacities until the frame fits; outlines the masks meanwhile.
 
         Raises:
-          SourceError: If the features are not as wide as those of earlier frames.
+          SourceError: If the features are not as wide as those of earlier frames, or the frame
+            needs capacities that do not fit this machine.
         """
         static = self._with_feature_dim(frame_feats.patches.shape[-1])
         if self.state is None:
+            check_room(self._method, static)
             self.state, self.static = self._method.init(static), static
         before = self.static
         if (num := len(prepared.masks.valid)) > self.static.num_detections:
@@ -112,6 +118,7 @@ class GrowingMemory:
         larger = self.static.grow(**needed)
         if larger == self.static:
             return
+        check_room(self._method, larger)
         before, self.static = self.static, self.preparation.room_for(larger)
         if self.state is not None:
             self.state = self._method.enlarge(self.state, self.static)
@@ -132,6 +139,13 @@ class GrowingMemory:
         if self.static.feature_dim == dim:  # as in all frames but the first
             return self.static
         return dataclasses.replace(self.static, feature_dim=dim)
+
+    def _prepare(
+        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, static: Static
+    ) -> None:
+        check_room(self._method, static)
+        frame_input = self._input(frame_feats, prepared, thresholds, static)
+        self.frame_step.prepare(frame_input, static)
 
     def _input(
         self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, static: Static
@@ -177,7 +191,5 @@ class GrowingMemory:
             # The size of this frame is that of the next ones.
             self.preparation.start(
                 static,
-                lambda static: self.frame_step.prepare(
-                    self._input(frame_feats, prepared, thresholds, static), static
-                ),
+                lambda static: self._prepare(frame_feats, prepared, thresholds, static),
             )

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.plus import layout
 from remind_jax.plus.evidence import Shortlist
 from remind_jax.plus.layout import weigh_jointly
 from remind_jax.plus.state import NUM_OWN_PARTS, PARTS, init
@@ -73,3 +74,13 @@ def test_members_that_look_wrong_cannot_talk_each_other_into_being_known():
     new = PlusThresholds().decision.new
     assert np.all(weigh(looks=-3.0, witness=100.0) > new), "else there would be nothing to prevent"
     assert np.all(weigh(looks=-3.0, witness=0.5) < new)
+
+
+def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
+    everyone = weigh(looks=0.5, witness=0.5)
+    monkeypatch.setattr(layout, "NUM_WITNESSES", NUM - 1)
+    np.testing.assert_allclose(weigh(looks=0.5, witness=0.5), everyone, rtol=1e-5)
+    monkeypatch.setattr(layout, "NUM_WITNESSES", 1)
+    fewer = weigh(looks=0.5, witness=0.5)
+    assert np.all(fewer < everyone - 1), "one neighbor says less than four"
+    assert np.all(fewer > 0.5), "but it is heard"

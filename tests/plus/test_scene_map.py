@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from remind_jax.plus import scene_map
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.scene_map import correct_map, move_map
 from remind_jax.plus.state import init
@@ -94,3 +95,36 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
     assert np.all(own > 0)
     # Correlations are clipped at one; float32 division may round up by one part in 10 million.
     assert np.all(np.abs(covariance) <= np.sqrt(np.outer(own, own)) * (1 + 1e-6))
+
+
+def test_detections_in_blocks_correct_the_map_as_one_after_the_other(monkeypatch):
+    rng = np.random.default_rng(1)
+    num, slots = 9, STATIC.num_detections
+    root = rng.normal(size=(num, num))
+    objects, pairs = memory(rng.uniform(0, 5, (num, 2)), root @ root.T / num)
+    sightings = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), pan().sightings)
+    slot = jnp.asarray(rng.permutation(slots) % num, jnp.int32)
+    sure = (jnp.arange(slots) < num) & (jnp.arange(slots) != 1)
+    center = objects.position[slot] + jnp.asarray(rng.normal(0, 0.1, (slots, 2)), jnp.float32)
+    sightings = dataclasses.replace(sightings, center=center)
+
+    def correct():
+        return correct_map(objects, pairs, slot, sure, sure, sightings, T.place)
+
+    at_once = correct()
+    monkeypatch.setattr(scene_map, "BLOCK", 4)
+    assert slots > scene_map.BLOCK
+    assert slots % scene_map.BLOCK, "the last block shall not be full"
+    in_blocks = correct()
+    for one, other in zip(at_once, in_blocks, strict=True):
+        jax.tree.map(lambda x, y: np.testing.assert_allclose(x, y, atol=2e-5), one, other)
+    # The same as by the textbook, one detection after the other.
+    position, covariance = np.array(objects.position), np.array(pairs.covariance, np.float64)
+    measured = np.asarray(scene_map.center_variance(sightings.size, sightings.touches, T.place))
+    for row in np.flatnonzero(sure):
+        place = int(slot[row])
+        gain = covariance[place] / (covariance[place, place] + measured[row])
+        position = position + gain[:, None] * (np.asarray(center[row]) - position[place])
+        covariance = covariance - np.outer(gain, covariance[place])
+    np.testing.assert_allclose(in_blocks[0].position, position, atol=1e-4)
+    np.testing.assert_allclose(in_blocks[1].covariance, covariance, atol=1e-4)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.slots import NO_ROW, count_before, rows_of
+from remind_jax.plus.slots import NO_ROW, count_before, look_up, rows_of
 
 
 def test_slots_find_their_rows():
@@ -18,3 +18,9 @@ def test_slots_find_their_rows():
 def test_flags_are_counted_in_the_rows_before():
     flags = np.random.default_rng(0).random(40) < 0.5
     assert count_before(jnp.asarray(flags)).tolist() == (np.cumsum(flags) - flags).tolist()
+
+
+def test_pairs_are_looked_up_by_both_slots():
+    table = jnp.arange(18.0).reshape(3, 3, 2)
+    found = look_up(table, jnp.array([[0], [2]]), jnp.array([[1, 2]]))
+    assert found.tolist() == [[[2, 3], [4, 5]], [[14, 15], [16, 17]]]
