@@ -67,6 +67,8 @@ def find_scenes(root: str | Path, metadata: str | None = None) -> tuple[Scene, .
             f"'{root}' holds no scenes; recognized are JPEGImages/<sequence> (DAVIS), data/<scene> "
             "(ScanNet++) and folders of these"
         )
+    if metadata is not None and not any(scene.metadata for scene in scenes):
+        raise SourceError(f"no scene of '{root}' has a file '{metadata}'; name another one")
     names = [scene.name for scene in scenes]
     twice = [name for name in names if names.count(name) > 1]
     if twice:

@@ -14,6 +14,7 @@ from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, RemindError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines, print_table
+from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 FormatName = Literal[
     "mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "cvat", "mots-png", "run"
 ]
+
+
+_MOST_RESAMPLES = 1_000_000
 
 
 @quiet_defaults
@@ -76,8 +80,7 @@ class Eval:
         """Scores, prints and writes; returns the exit code."""
         from remind_jax.metrics.scene_comparison import table_of
 
-        if self.resamples < 0:
-            raise OptionError(f"'resamples' is {self.resamples}; give 0 or more", "resamples")
+        check_option("resamples", self.resamples, 0, _MOST_RESAMPLES)
         if self.num_frames is not None and self.num_frames < 1:
             raise OptionError(f"'num_frames' is {self.num_frames}; give 1 or more", "num_frames")
         for path in (*self._table_files, *([] if self.json is None else [self.json])):

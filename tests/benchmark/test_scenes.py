@@ -54,6 +54,8 @@ def test_another_metadata_file_where_there_is_one(dataset, tmp_path):
     assert frame.detections is not None
     assert set(frame.detections.labels) == {"object"}
     assert second.metadata is None
+    with pytest.raises(SourceError, match=r"no scene of .* has a file 'nope.json'"):
+        find_scenes(tmp_path / "copy", "nope.json")
 
 
 def test_scenes_by_name(dataset):

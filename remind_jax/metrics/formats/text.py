@@ -242,6 +242,12 @@ def _say_frames(first: int, num_frames: int) -> str:
 def _name_classes(boxes: TrackRows, class_id: int | None) -> TrackRows:
     """Boxes of one class or of all, classes named by their numbers if every box has one."""
     if class_id is not None:
+        present = sorted(set(boxes.text_class.tolist()) - {UNKNOWN_CLASS})
+        if present and class_id not in present:
+            raise SourceError(
+                f"{boxes.file} has no row of class {class_id}; it has "
+                f"{', '.join(map(str, present[:20]))}"
+            )
         boxes = boxes.select(boxes.text_class == class_id)
     numbers, place = np.unique(boxes.text_class, return_inverse=True)
     if UNKNOWN_CLASS in numbers:
@@ -319,6 +325,13 @@ def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
         raise SourceError(
             f"{path}, row {row + 1}: column {column + 3} is {table[row, column + 2]:g}; give a "
             f"finite number up to {_MOST_NUMBER:g}"
+        )
+    wrong = np.flatnonzero((table[:, 4:6] < 0).any(axis=1))
+    if len(wrong):
+        width, height = table[wrong[0], 4:6]
+        raise SourceError(
+            f"{path}, row {wrong[0] + 1}: a box is {width:g} x {height:g} pixels (width x height); "
+            "give sides of 0 or more"
         )
     whole = table[:, :2]
     wrong = np.argwhere((whole != np.round(whole)) | (np.abs(whole) > _MAX_WHOLE))

@@ -194,9 +194,12 @@ def test_other_json_is_refused(tmp_path: Path, content: Any, message: str):
     ("change", "message"),
     [
         ({"segmentations": [{"size": [4, 6]}]}, r"`segmentations\[0\]`: `counts` is missing"),
-        ({"segmentations": [{"size": [4, 10**6], "counts": ""}]}, r"size\[1\]`: found 1000000"),
+        (
+            {"segmentations": [{"size": [4, 10**6], "counts": ""}]},
+            "number 2: found 1000000",
+        ),
         ({"segmentations": [{"size": [4, 6], "counts": "\u00e9"}]}, "its code is no ASCII"),
-        ({"segmentations": [[[1e9, 1, 2, 2, 3, 3]]]}, r"\[0\]`: found 1000000000.0, allowed is"),
+        ({"segmentations": [[[1e9, 1, 2, 2, 3, 3]]]}, "number 1: found 1000000000.0, allowed is"),
         ({"bboxes": [[1, 2, 3]], "segmentations": None}, "a box has 3 numbers; give left, top"),
         ({"bboxes": [[1, 2, 3, 1e300]], "segmentations": None}, r"found 1e\+300, allowed is a fin"),
         ({"segmentations": [{"size": [4, 6], "counts": "zz"}]}, "do not add up to a mask of 4 x 6"),

@@ -18,6 +18,7 @@ from remind_jax.metrics.formats.rows import TrackRows
 from remind_jax.metrics.formats.text import (
     SIZE_UNKNOWN,
     FileFormat,
+    fit_texts,
     read_frame_size,
     read_text_rows,
     recognize_format,
@@ -255,3 +256,15 @@ def test_only_what_lies_in_the_frame_counts(tmp_path: Path):
     boxes = np.array([[-5.0, 0, 5, 4], [2, 1, 4, 3], [20, 0, 30, 4]])
     assert share_of_frame(boxes, (4, 10)).tolist() == [0.5, 0.1, 0.0]
     assert SIZE_BINS["huge"] == 0.1
+
+
+def test_boxes_turned_inside_out_and_classes_that_nothing_has_are_refused(tmp_path: Path):
+    path = tmp_path / "a.txt"
+    path.write_text("1,1,1,1,5,5,1,3,1\n2,1,1,1,-5,5,1,3,1\n")
+    with pytest.raises(SourceError, match=r"row 2: a box is -5 x 5 pixels"):
+        read_text_rows(path, "a", "mot", is_truth=True)
+    path.write_text("1,1,1,1,5,5,1,3,1\n")
+    rows = read_text_rows(path, "a", "mot", is_truth=True)
+    assert len(fit_texts(rows, rows, class_id=3)[0]) == 1
+    with pytest.raises(SourceError, match="has no row of class 99; it has 3"):
+        fit_texts(rows, rows, class_id=99)
