@@ -123,7 +123,7 @@ def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
     except OSError as error:
         why = error.strerror or first_line(error)
         raise SourceError(f"'{path}' cannot be read as a NumPy file: {why}") from error
-    except (ValueError, TypeError, EOFError, SyntaxError, RecursionError) as error:
+    except (ArithmeticError, ValueError, TypeError, EOFError, SyntaxError, RecursionError) as error:
         raise SourceError(
             f"'{path}' cannot be read as a NumPy file: it is damaged, or holds Python objects"
         ) from error

@@ -118,3 +118,13 @@ def test_masks_with_ids_need_labels(tmp_path):
     np.savez(tmp_path / "m.npz", masks=MAPS, ids=np.array([1, 2]))
     with pytest.raises(SourceError, match="as many 'labels' as 'ids'"):
         open_source(tmp_path / "v", masks=tmp_path / "m.npz")
+
+
+def test_a_header_of_impossible_sides_is_refused(tmp_path):
+    """Found by the fuzzer: the length of the memory map would be negative."""
+    np.save(tmp_path / "f.npy", np.zeros(200, "<f4"))
+    data = (tmp_path / "f.npy").read_bytes()
+    header = b"{'descr': '<U100000000', 'fortran_order': False, 'shape': (-1, 2), }"
+    (tmp_path / "f.npy").write_bytes(data[:10] + header.ljust(117) + b"\n" + data[128:])
+    with pytest.raises(SourceError, match="cannot be read as a NumPy file"):
+        open_source(tmp_path / "f.npy")
