@@ -4,7 +4,9 @@
 
 Features are given. Both sides start from described detections and end with identities; the single
 runs go through the same frames, one setting after the other, of which `--singles` are timed. The
-first call of each program compiles and is reported apart.
+first call of each program compiles and is reported apart. A sweep uses all cores and a single run
+one, so times are given by the clock and by the processor. Where REMIND_ORIGINAL names the work
+tree of the original, it steps through the sequence meanwhile, a few frames after every batch.
 """
 
 from __future__ import annotations
@@ -13,8 +15,10 @@ import argparse
 import dataclasses
 import functools
 import json
+import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -22,9 +26,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.step import DEFAULT_SEQUENCE, as_frame
+from benchmarks.step import DEFAULT_SEQUENCE, Peer, as_frame, read_settings
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, settle_types
+from remind_jax.compiled.programs import known_options
 from remind_jax.config import load_config
 from remind_jax.remind.state import init
 from remind_jax.remind.tracker import step_described
@@ -74,61 +79,80 @@ def main() -> None:
     described = describe_scene(scene, static, config)
     settings = complete(draw(SPACE, options.settings), config)
 
-    start = time.perf_counter()
+    start = time.process_time()
     batch, num_bytes, compile_s = options.batch, 0, 0.0
     if batch is None:
         budget = int(options.memory_gib * GIB)
         batch, num_bytes = plan_batch(described, config, static, len(settings), budget)
-    compile_s = time.perf_counter() - start
+    compile_s = time.process_time() - start
     _, static = run_batch(described, config, settings[:batch], static)
-    first_s = time.perf_counter() - start
+    first_s = time.process_time() - start
 
     step = jax.jit(
         lambda state, frame, t: settle_types(
             step_described(state, frame.descriptors, frame.masks, static=static, thresholds=t)
         ),
         donate_argnums=0,
-        compiler_options=ONE_FRAME_OPTIONS.get(jax.default_backend()),
+        compiler_options=known_options(
+            tuple(ONE_FRAME_OPTIONS.get(jax.default_backend(), {}).items())
+        ),
     )
     single_frames = [jax.tree.map(lambda x, i=i: x[i], described) for i in range(len(frames))]
 
-    def run_single(index: int) -> float:
+    def run_single(index: int) -> None:
         stacked = stack(config.thresholds, settings[index : index + 1], static.scalar)
         thresholds = jax.device_put(jax.tree.map(lambda leaf: leaf[0], stacked))
-        start, state = time.perf_counter(), settle_types(init(static))
+        state = settle_types(init(static))
         for frame in single_frames:
             state = step(state, frame, thresholds)
             jax.device_get(state.decisions.object_id)
-        return time.perf_counter() - start
 
     run_single(0)
+    overrides, classes = read_settings(root, name, "default")
+    peer = Peer(os.environ.get("REMIND_ORIGINAL"), root, name, overrides, classes)
+    peer_ms = [peer.step_ms()]
     run = functools.partial(run_batch, described, config)
-    single_s, batch_s = [], []
+    singles, batches = [], []
     groups = [settings[first : first + batch] for first in range(0, len(settings), batch)]
-    for turn, group in enumerate(g for g in groups if len(g) == batch):
-        start = time.perf_counter()
-        run(group, static)
-        batch_s.append(time.perf_counter() - start)
-        if turn < options.singles:  # alternating, on the same busy machine
-            single_s.append(run_single(turn))
-    rate = batch * len(frames) / float(np.median(batch_s))
-    single_rate = len(frames) / float(np.median(single_s))
+    groups = [group for group in groups if len(group) == batch]
+    share = (len(frames) - 1) // len(groups)
+    for turn, group in enumerate(groups):  # alternating, on the same busy machine
+        batches.append(timed(functools.partial(run, group, static)))
+        if turn < options.singles:
+            singles.append(timed(functools.partial(run_single, turn)))
+        peer_ms += [peer.step_ms() for _ in range(share)]
+    peer.close()
+    rate, cpu_rate = batch * len(frames) / np.median(batches, axis=0)
+    single_rate, single_cpu_rate = len(frames) / np.median(singles, axis=0)
+    theirs = [ms for ms in peer_ms[1:] if ms is not None]
     row = {
         "sequence": name,
         "settings": options.settings,
         "batch": batch,
         "program_mib": num_bytes / 2**20,
-        "compile_s": compile_s,  # 0 if the batch was given
-        "first_s": first_s,
-        "settings_x_frames_per_s": rate,
-        "single_frames_per_s": single_rate,
-        "ratio": rate / single_rate,
+        "compile_cpu_s": compile_s,  # 0 if the batch was given
+        "first_cpu_s": first_s,
+        "settings_x_frames_per_s": float(rate),
+        "settings_x_frames_per_cpu_s": float(cpu_rate),
+        "single_frames_per_s": float(single_rate),
+        "single_frames_per_cpu_s": float(single_cpu_rate),
+        "ratio": float(rate / single_rate),
+        "cpu_ratio": float(cpu_rate / single_cpu_rate),
+        "original_frames_per_s": 1e3 / float(np.median(theirs)) if theirs else None,
+        "ratio_to_original": float(rate * np.median(theirs)) / 1e3 if theirs else None,
         "device": jax.devices()[0].device_kind,
     }
     for key, value in row.items():
         print(f"{key:26}{value:.2f}" if isinstance(value, float) else f"{key:26}{value}")
     if options.json is not None:
         options.json.write_text(json.dumps(row, indent=1) + "\n")
+
+
+def timed(work: Callable[[], object]) -> tuple[float, float]:
+    """Seconds of the clock and of the processor that it takes."""
+    start, cpu = time.perf_counter(), time.process_time()
+    work()
+    return time.perf_counter() - start, time.process_time() - cpu
 
 
 if __name__ == "__main__":

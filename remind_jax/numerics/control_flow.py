@@ -15,7 +15,7 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
-from jaxtyping import Array, Bool, Shaped
+from jaxtyping import Array, Bool, Int, Shaped
 
 T = TypeVar("T")
 
@@ -45,6 +45,27 @@ def repeat(more: Callable[[T], Bool[Array, ""]], turn: Callable[[T], T], start: 
       start: The state before the first turn; `turn` keeps its structure, shapes and types.
     """
     return jax.lax.while_loop(lambda state: batch_max(more(state)), turn, start)
+
+
+def count_up(
+    stop: Int[Array, ""], turn: Callable[[Int[Array, ""], T], T], start: T, first: int = 0
+) -> T:
+    """Takes the turns that are numbered from `first` to `stop - 1`.
+
+    In a batch all members take the turns of the longest, and one that is done keeps what it has.
+    The number of the turn stays that of all, so that what it picks out is a slice and no gather.
+
+    Args:
+      stop: Number of turns.
+      turn: Takes the number of the turn and the state; keeps structure, shapes and types.
+      start: The state before the first turn.
+      first: Number of the first turn.
+    """
+
+    def take(number: Int[Array, ""], state: T) -> T:
+        return _choose_in_batch(number < stop, turn(number, state), state)
+
+    return jax.lax.fori_loop(first, batch_max(stop), take, start)
 
 
 @custom_vmap

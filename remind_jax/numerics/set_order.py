@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.numerics.control_flow import repeat
+from remind_jax.numerics.control_flow import count_up, repeat
 from remind_jax.numerics.ranks import rank_rising
 
 _SMALLEST = 8  # slots of the smallest table
@@ -83,7 +83,7 @@ def _fill_table(
 
     # Room for the run of the last slots.
     taken = jnp.zeros(room + _RUN, bool)
-    return jax.lax.fori_loop(0, count, add, (taken, room + rank))[1]
+    return count_up(count, add, (taken, room + rank))[1]
 
 
 def _free_slot(

@@ -1,8 +1,15 @@
-"""Runs one scene under many settings, as many at once as memory allows."""
+"""Runs one scene under many settings, as many at once as memory allows.
+
+On a CPU a batch is shared between its cores: each takes its lane of settings through the frames in
+a thread of its own. Kernels of a step are too small to be shared one by one.
+"""
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
@@ -24,10 +31,23 @@ from remind_jax.sweeps.scene_arrays import SceneFrames
 from remind_jax.sweeps.settings import Setting, stack
 
 FRAMES_AT_ONCE = 16  # frames per call of the compiled program; scenes of all lengths share it
-# On a CPU more settings side by side gain nothing: their memories leave the caches.
-_MOST = {"cpu": 32}
+# On a CPU more settings side by side in a lane gain nothing: their memories leave the caches.
+_MOST = {"cpu": 16}
 _COPIES = 3.0  # memories that the program holds per setting, before it is measured
 _LABELS_PER_SLOT = 2  # different ids at most, per object slot
+
+
+def count_lanes() -> int:
+    """Parts of a batch that run at the same time: the cores of one CPU, else one.
+
+    No more than OMP_NUM_THREADS says, by which Ray and cluster queues tell a process its share.
+    """
+    if jax.default_backend() != "cpu" or jax.local_device_count() > 1:
+        return 1
+    allowed = getattr(os, "sched_getaffinity", None)
+    cores = len(allowed(0)) if allowed else os.cpu_count() or 1
+    share = os.environ.get("OMP_NUM_THREADS", "")
+    return min(cores, int(share)) if share.isdecimal() and int(share) > 0 else cores
 
 
 def most_at_once(method: Method, static: Static, budget_bytes: int) -> int:
@@ -35,7 +55,8 @@ def most_at_once(method: Method, static: Static, budget_bytes: int) -> int:
     memory = jax.eval_shape(lambda: settle_types(method.init(static)))
     size = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(memory))
     room = max(1, int(budget_bytes // (_COPIES * size)))
-    return jax.local_device_count() * min(room, _MOST.get(jax.default_backend(), room))
+    most = count_lanes() * _MOST.get(jax.default_backend(), room)
+    return jax.local_device_count() * min(room, most)
 
 
 def plan_batch(
@@ -56,12 +77,19 @@ def plan_batch(
     batch = min(wanted, most_at_once(method, static, budget_bytes))
     part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, _num_frames(frames)))))
     while True:
-        shapes = stack(config.thresholds, [{}] * batch, static.scalar)
-        needed = compile_follow(method, static, batch, shapes, part).num_bytes
+        lanes = share_lanes(batch)
+        shapes = stack(config.thresholds, [{}] * max(lanes), static.scalar)
+        needed = len(lanes) * compile_follow(method, static, max(lanes), shapes, part).num_bytes
         if batch == devices or needed <= budget_bytes:
             return batch, needed
         fitting = int(batch * budget_bytes / needed) // devices * devices
         batch = max(devices, min(batch - devices, fitting))
+
+
+def share_lanes(num_settings: int) -> list[int]:
+    """Settings of each lane, the first ones being the longest."""
+    lanes = min(num_settings, count_lanes())
+    return [-(-(num_settings - lane) // lanes) for lane in range(lanes)]
 
 
 def pad_frames(frames: Any, length: int) -> Any:
@@ -96,28 +124,65 @@ def run_batch(
     """
     method, length = get_method(config.tracker), _num_frames(frames)
     padded = pad_frames(frames, -(-length // FRAMES_AT_ONCE) * FRAMES_AT_ONCE)
-    stacked = spread(stack(config.thresholds, settings, static.scalar))
+    sizes = share_lanes(len(settings))
+    lanes = []
+    for first, size in zip(np.cumsum([0, *sizes]), sizes, strict=False):
+        lane = [*settings[first : first + size], *settings[-1:] * (max(sizes) - size)]
+        lanes.append(spread(stack(config.thresholds, lane, static.scalar)))
     while True:
-        states, found = spread(empty_memories(method, static, len(settings))), []
-        lacking = (0, 0)
-        for part in _parts(padded):
-            program = compile_follow(method, static, len(settings), stacked, part)
-            states, answers = program.run(states, stacked, repeat(part))
-            found.append(jax.device_get(answers))
-            lacking = (
-                int(found[-1].needed_objects.max()),
-                int(found[-1].needed_pending.max()),
-            )
-            if any(lacking):
-                break
+        found, lacking = _follow_lanes(method, static, lanes, padded)
         if not any(lacking):
-            answers = jax.tree.map(lambda *parts: np.concatenate(parts)[:length], *found)
-            return answers, static
+            found = [
+                jax.tree.map(lambda leaf, size=size: leaf[:length, :size], lane)
+                for lane, size in zip(found, sizes, strict=True)
+            ]
+            return jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *found), static
         static = static.grow(num_objects=lacking[0], num_pending=lacking[1])
         if budget_bytes is not None:
             fitting = max(jax.local_device_count(), most_at_once(method, static, budget_bytes))
             if len(settings) > fitting:
                 return None, static
+
+
+def _follow_lanes(
+    method: Method, static: Static, lanes: Sequence[Any], frames: Any
+) -> tuple[list[Answers], tuple[int, int]]:
+    """The answers of every lane, or the slots that frames lack; then answers are of no use.
+
+    Args:
+      method: Of all.
+      static: Capacities.
+      lanes: Thresholds of as many settings each, stacked and on their devices.
+      frames: All frames, a multiple of `FRAMES_AT_ONCE`.
+    """
+    num = len(jax.tree.leaves(lanes[0])[0])
+    program = compile_follow(method, static, num, lanes[0], next(_parts(frames)))
+    stopped = threading.Event()
+
+    def follow(thresholds: Any) -> tuple[list[Answers], tuple[int, int]]:
+        states, found = spread(empty_memories(method, static, num)), []
+        for part in _parts(frames):
+            states, answers = program.run(states, thresholds, repeat(part))
+            found.append(jax.device_get(answers))
+            lacking = int(found[-1].needed_objects.max()), int(found[-1].needed_pending.max())
+            if any(lacking):
+                stopped.set()
+            if stopped.is_set():
+                return found, lacking
+        return found, (0, 0)
+
+    if len(lanes) == 1:
+        ran = [follow(lanes[0])]
+    else:
+        with ThreadPoolExecutor(len(lanes), "remind-jax sweeps") as pool:
+            try:
+                ran = list(pool.map(follow, lanes))
+            except BaseException:  # Ctrl-C also
+                stopped.set()
+                raise
+    found = [jax.tree.map(lambda *parts: np.concatenate(parts), *lane) for lane, _ in ran]
+    objects, pending = zip(*(lacking for _, lacking in ran), strict=True)
+    return found, (max(objects), max(pending))
 
 
 def _num_frames(frames: Any) -> int:

@@ -25,6 +25,7 @@ from remind_jax.compiled.programs import (
     get_program,
     identify,
     is_of_this_package,
+    known_options,
     shapes_of,
 )
 from remind_jax.decision import NO_ID, Outcome
@@ -33,6 +34,10 @@ from remind_jax.metrics.in_graph import GraphScores, score_labels
 from remind_jax.static import Static
 
 _AXIS = "settings"  # that devices share
+# Every core has settings of its own. The older emitters (`LIGHT_OPTIONS`) would compile in two
+# thirds of the time, but with two settings side by side LLVM finds no instruction for what they
+# write ("Cannot select"), which ends the process.
+_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
 
 
 @jax.tree_util.register_dataclass
@@ -185,7 +190,7 @@ def _compile(
     assert method.halves is not None
     states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
     run = functools.partial(follow, halves=method.halves, static=static)
-    options = COMPILER_OPTIONS.get(jax.default_backend(), {})
+    options = _OPTIONS.get(jax.default_backend(), {})
     if (where := _shardings()) is None:
         return _compile_kept(run, method.halves.decide, states, shapes, structure, options)
     settings, frame, answers = where
@@ -199,7 +204,7 @@ def _compile(
             check_vma=False,
         ),
         donate_argnums=0,
-        compiler_options=options,
+        compiler_options=known_options(tuple(options.items())),
         in_shardings=(settings, settings, frame),
         out_shardings=(settings, answers),
     )

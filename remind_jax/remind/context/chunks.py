@@ -9,11 +9,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from remind_jax.numerics.control_flow import batch_max
+
 _LENGTH = 16  # rows worked on at once
 
 
 def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -> Any:
-    """Applies a function of rows to the first ones, a few at a time; the others give zeros.
+    """Applies a function of rows to the first ones, a few at a time.
+
+    The others give zeros, or what the function makes of them.
 
     Args:
       function: Takes and gives pytrees with rows along the first axes; treats each row alone.
@@ -38,4 +42,5 @@ def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -
             function(part(start)),
         )
 
-    return jax.lax.fori_loop(0, (used + length - 1) // length, step, results)
+    # In a batch as many chunks as the fullest member needs, at the same rows of all.
+    return jax.lax.fori_loop(0, batch_max((used + length - 1) // length), step, results)

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.control_flow import batch_max, count_up
 from remind_jax.remind.context.chunks import by_chunks
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.context.member_sets import (
@@ -80,7 +81,7 @@ def grow_trees(
         table = jax.lax.dynamic_update_index_in_dim(table, jnp.sum(grown, axis=2), count, 0)
         return _extend(path, reach[0], sets.size + count - 1), grown[0], table
 
-    _, _, table = jax.lax.fori_loop(1, largest + 1, step, (sets.path, edges, table))
+    _, _, table = count_up(largest + 1, step, (sets.path, edges, table), first=1)
     return jnp.moveaxis(table, 2, 0)
 
 
@@ -137,7 +138,7 @@ def join_chosen(
         def enter(place: Array, path: Array) -> Array:
             return _extend(path, _reach(path, strength[place]), entry[:, place])
 
-        path = jax.lax.fori_loop(0, largest, enter, start.path)
+        path = jax.lax.fori_loop(0, batch_max(largest), enter, start.path)
         named = chosen[:, :, None] == jnp.arange(start.members.shape[1])
         size = start.size + jnp.sum(chosen != NO_SLOT, axis=1, dtype=jnp.int32)
         return MemberSet(start.members | jnp.any(named, axis=1), slot, size, path)

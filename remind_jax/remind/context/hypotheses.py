@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.control_flow import count_up
 from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
 from remind_jax.remind.context.evidence import FrameView, join_links
 from remind_jax.remind.context.frame_classes import group_by_class
@@ -72,7 +73,7 @@ def find_hypotheses(view: FrameView, static: Static, t: Sets) -> Hypotheses:
     def expand(step: Array, beam: Beam) -> Beam:
         return expand_by_class(beam, classes, step, scale, view, links, static, t)
 
-    beam = jax.lax.fori_loop(0, classes.num, expand, empty_beam(num, slots, static))
+    beam = count_up(classes.num, expand, empty_beam(num, slots, static))
     return _best_of_beam(beam, scale, classes.num > 0, static, t)
 
 

@@ -10,13 +10,15 @@ Letters: `N` detections, `R` rows.
 from __future__ import annotations
 
 import dataclasses
-from typing import TypeVar
+import functools
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
-from remind_jax.numerics.control_flow import repeat
+from remind_jax.numerics.control_flow import batch_max
 
 T = TypeVar("T")
 
@@ -66,16 +68,70 @@ def write_rows(memory: T, row: Int[Array, "N"], values: T, axis: int = 0) -> T:
     written = (row >= 0) & (row < num_rows)
     at = jnp.clip(row, 0, num_rows - 1)
     turns = jnp.max(jnp.where(written, jnp.arange(1, row.shape[0] + 1), 0), initial=0)
+    # In a batch, slices at the row of each member are a scatter, slow on a CPU.
+    write = custom_vmap(functools.partial(_write_in_turn, axis))
+    write.def_vmap(functools.partial(_write_batch, axis))
+    return write(turns, written, at, memory, values)
 
-    def write(carry: tuple[Array, T]) -> tuple[Array, T]:
-        turn, memory = carry
 
+def _write_in_turn(
+    axis: int,
+    turns: Int[Array, ""],
+    written: Bool[Array, "N"],
+    at: Int[Array, "N"],
+    memory: T,
+    values: T,
+) -> T:
+    """Rows of one memory, detection by detection."""
+
+    def write(turn: Int[Array, ""], memory: T) -> T:
         def put(leaf: Array, value: Array) -> Array:
             kept = jax.lax.dynamic_index_in_dim(leaf, at[turn], axis)
             new = jax.lax.dynamic_index_in_dim(value, turn, axis).astype(leaf.dtype)
             new = jnp.where(written[turn], new, kept)
             return jax.lax.dynamic_update_slice_in_dim(leaf, new, at[turn], axis)
 
-        return turn + 1, jax.tree.map(put, memory, values)
+        return jax.tree.map(put, memory, values)
 
-    return repeat(lambda carry: carry[0] < turns, write, (jnp.int32(0), memory))[1]
+    return jax.lax.fori_loop(0, batch_max(turns), write, memory)
+
+
+def _write_batch(
+    axis: int,
+    axis_size: int,
+    in_batched: Any,
+    turns: Int[Array, "..."],
+    written: Bool[Array, "... N"],
+    at: Int[Array, "... N"],
+    memory: T,
+    values: T,
+) -> tuple[T, Any]:
+    """The rows of all memories of a batch: on a CPU one after the other, in one loop."""
+    given = turns, written, at, memory, values
+    if jax.default_backend() != "cpu":
+        axes = jax.tree.map(lambda batched: 0 if batched else None, tuple(in_batched))
+        memory = jax.vmap(functools.partial(_write_in_turn, axis), axes)(*given)
+        return memory, jax.tree.map(lambda _: True, memory)
+
+    def spread(leaf: Array, batched: bool) -> Array:
+        return leaf if batched else jnp.broadcast_to(leaf, (axis_size, *leaf.shape))
+
+    turns, written, at, memory, values = jax.tree.map(spread, given, tuple(in_batched))
+
+    def write(number: Int[Array, ""], memory: T) -> T:
+        turn, member = number // axis_size, number % axis_size
+        row, is_written = at[member, turn], written[member, turn]
+
+        def put(leaf: Array, value: Array) -> Array:
+            def place(index: Array) -> list[Array | int]:
+                return [member, *[0] * axis, index, *[0] * (leaf.ndim - axis - 2)]
+
+            size = (1, *leaf.shape[1 : axis + 1], 1, *leaf.shape[axis + 2 :])
+            kept = jax.lax.dynamic_slice(leaf, place(row), size)
+            new = jax.lax.dynamic_slice(value, place(turn), size).astype(leaf.dtype)
+            return jax.lax.dynamic_update_slice(leaf, jnp.where(is_written, new, kept), place(row))
+
+        return jax.tree.map(put, memory, values)
+
+    memory = jax.lax.fori_loop(0, axis_size * jnp.max(turns), write, memory)
+    return memory, jax.tree.map(lambda _: True, memory)
