@@ -78,8 +78,9 @@ def plan_batch(
     part = next(_parts(pad_frames(frames, max(FRAMES_AT_ONCE, _num_frames(frames)))))
     while True:
         lanes = share_lanes(batch)
-        shapes = stack(config.thresholds, [{}] * max(lanes), static.scalar)
-        needed = len(lanes) * compile_follow(method, static, max(lanes), shapes, part).num_bytes
+        size = _program_size(lanes)
+        shapes = stack(config.thresholds, [{}] * size, static.scalar)
+        needed = len(lanes) * compile_follow(method, static, size, shapes, part).num_bytes
         if batch == devices or needed <= budget_bytes:
             return batch, needed
         fitting = int(batch * budget_bytes / needed) // devices * devices
@@ -90,6 +91,15 @@ def share_lanes(num_settings: int) -> list[int]:
     """Settings of each lane, the first ones being the longest."""
     lanes = min(num_settings, count_lanes())
     return [-(-(num_settings - lane) // lanes) for lane in range(lanes)]
+
+
+def _program_size(sizes: Sequence[int]) -> int:
+    """Settings that the program of every lane takes; the last one fills it up.
+
+    Of two or three settings side by side, the compiler makes vectors that LLVM has no instruction
+    for ("Cannot select"), which ends the process.
+    """
+    return max(sizes) if max(sizes) == 1 else max(4, *sizes)
 
 
 def pad_frames(frames: Any, length: int) -> Any:
@@ -127,7 +137,7 @@ def run_batch(
     sizes = share_lanes(len(settings))
     lanes = []
     for first, size in zip(np.cumsum([0, *sizes]), sizes, strict=False):
-        lane = [*settings[first : first + size], *settings[-1:] * (max(sizes) - size)]
+        lane = [*settings[first : first + size], *[settings[-1]] * (_program_size(sizes) - size)]
         lanes.append(spread(stack(config.thresholds, lane, static.scalar)))
     while True:
         found, lacking = _follow_lanes(method, static, lanes, padded)

@@ -16,9 +16,8 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from remind_jax.compiled.frame_step import settle_types
+from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, settle_types
 from remind_jax.compiled.programs import (
-    COMPILER_OPTIONS,
     Recipe,
     Shapes,
     count_bytes,
@@ -34,10 +33,6 @@ from remind_jax.metrics.in_graph import GraphScores, score_labels
 from remind_jax.static import Static
 
 _AXIS = "settings"  # that devices share
-# Every core has settings of its own. The older emitters (`LIGHT_OPTIONS`) would compile in two
-# thirds of the time, but with two settings side by side LLVM finds no instruction for what they
-# write ("Cannot select"), which ends the process.
-_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
 
 
 @jax.tree_util.register_dataclass
@@ -190,7 +185,8 @@ def _compile(
     assert method.halves is not None
     states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
     run = functools.partial(follow, halves=method.halves, static=static)
-    options = _OPTIONS.get(jax.default_backend(), {})
+    # Every core has settings of its own, and kernels are not shared between them.
+    options = ONE_FRAME_OPTIONS.get(jax.default_backend(), {})
     if (where := _shardings()) is None:
         return _compile_kept(run, method.halves.decide, states, shapes, structure, options)
     settings, frame, answers = where

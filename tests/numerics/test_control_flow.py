@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.numerics.control_flow import branch, repeat
+from remind_jax.numerics.control_flow import branch, count_up, repeat
 
 
 def _choose(pred, x, y):
@@ -84,3 +84,29 @@ def test_inside_a_scan():
         return jax.lax.scan(add, 0.0, jnp.arange(4.0))[0]
 
     np.testing.assert_array_equal(jax.vmap(run)(jnp.arange(3.0)), [run(x) for x in range(3)])
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.integers(0, 5), min_size=1, max_size=5))
+def test_numbered_turns_in_batches_equal_a_loop(stops):
+    def fill(stop):
+        write = lambda number, row: jax.lax.dynamic_update_slice(row, number[None], (number,))  # noqa: E731
+        return count_up(stop, write, jnp.full(6, -1, jnp.int32), first=1)
+
+    got = jax.jit(jax.vmap(fill))(jnp.array(stops, jnp.int32))
+    for stop, row in zip(stops, got, strict=True):
+        expected = np.where((np.arange(6) >= 1) & (np.arange(6) < stop), np.arange(6), -1)
+        np.testing.assert_array_equal(row, expected)
+        np.testing.assert_array_equal(fill(jnp.int32(stop)), expected)
+
+
+def test_the_number_of_a_turn_is_that_of_the_whole_batch():
+    def fill(stop):
+        write = lambda number, row: jax.lax.dynamic_update_slice(row, number[None], (number,))  # noqa: E731
+        return count_up(stop, write, jnp.zeros(6, jnp.int32))
+
+    traced = jax.make_jaxpr(jax.vmap(fill))(jnp.arange(4, dtype=jnp.int32))
+    (loop,) = (one for one in traced.eqns if one.primitive.name == "while")
+    shapes = [result.aval.shape for result in loop.outvars]
+    assert shapes.count((4, 6)) == 1
+    assert set(shapes) == {(), (4, 6)}

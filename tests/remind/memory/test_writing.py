@@ -47,3 +47,17 @@ def test_a_batch_is_written_as_its_members():
     batched = jax.vmap(lambda row: write_rows(memory, row, values))(rows)
     for row, found in zip(CHOICES, batched, strict=True):
         np.testing.assert_array_equal(found, written(memory, row, values))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_memories_of_a_batch_are_written_each_by_its_own_rows(axis):
+    rows = jnp.array(CHOICES)
+    shape = (len(CHOICES), 4, 3, 2)
+    memory = np.arange(np.prod(shape), dtype=np.float32).reshape(shape)
+    values = -np.arange(18.0, dtype=np.float32).reshape(3, 3, 2)
+    turn = lambda leaf: jnp.swapaxes(jnp.array(leaf), -3, -3 + axis)  # noqa: E731
+    write = jax.jit(jax.vmap(lambda one, row: write_rows(one, row, turn(values), axis)))
+    found = write(turn(memory), rows)
+    for row, one, got in zip(CHOICES, memory, found, strict=True):
+        np.testing.assert_array_equal(turn(got), written(one, row, values))
+    assert "scatter" not in write.lower(turn(memory), rows).as_text()
