@@ -53,7 +53,7 @@ def test_settings_keep_their_order_whatever_lane_they_are_in(monkeypatch, told, 
     assert after == static
     expected = 100 * np.arange(7) + np.arange(20)[:, None]
     np.testing.assert_array_equal(answers.object_id[..., 0], expected)
-    # Two or three settings side by side are filled up: LLVM cannot translate them.
+    # Two or three settings side by side are filled up: LLVM cannot translate two.
     assert set(told) <= {1, 4, 7}
 
 

@@ -14,8 +14,8 @@ RUN = """
 import sys
 import jax
 import numpy as np
-from remind_jax.sweep import sweep
-from tests.sweep.tiny_sweep import CONFIG, SCENES, SETTINGS
+from remind_jax.sweeps import sweep
+from tests.sweeps.tiny_sweep import CONFIG, SCENES, SETTINGS
 
 assert jax.device_count() == 8
 result = sweep(SCENES, SETTINGS, config=CONFIG, batch=3)
