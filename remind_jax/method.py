@@ -80,9 +80,6 @@ class Method:
     # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
     # more will be needed; left out, objects are counted.
     occupied: Callable[[Any], tuple[Any, Any]] | None = None
-    # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
-    # capacities that take too much are refused. Left out, all are tried.
-    count_bytes: Callable[[Static], int] | None = None
     # As `step`, giving `(state, trace)`, the trace a pytree of arrays; left out, there is none.
     step_traced: Callable[..., tuple[Any, Any]] | None = None
     # "module:class" of the `explanation.explainer.Explainer` of these traces, imported when needed.
@@ -117,6 +114,9 @@ class Method:
     find_faults: Callable[[Any], Iterable[str]] | None = None
     # The same step in two halves; left out, the method cannot be swept.
     halves: StepHalves | None = None
+    # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
+    # capacities that take too much are refused. Left out, all are tried.
+    count_bytes: Callable[[Static], int] | None = None
     # Options of the compiler for the step of one frame, by backend, beside those of all methods.
     compiler_options: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
 
