@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from remind_jax.crops import Crops
 from remind_jax.errors import SourceError, first_line
+from remind_jax.files.host_array import host_array
 
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
@@ -159,12 +160,7 @@ def frame_of(picture: Any, index: int) -> Frame:
     Raises:
       SourceError: If it is no RGB image, uint8 `[H, W, 3]`.
     """
-    try:
-        image = np.asarray(picture)
-    except (ValueError, TypeError) as error:
-        raise SourceError(
-            f"the frame is no picture ({first_line(error)}); give RGB, uint8 [H, W, 3]"
-        ) from error
+    image = host_array(picture, "pixels of the frame")
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise SourceError(
             f"the frame is {image.dtype} of shape {image.shape}; give an RGB image, uint8 [H, W, 3]"
@@ -288,12 +284,7 @@ def require_whole(masks: Float[np.ndarray, "..."]) -> None:
 
 def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:
     """An array of finite numbers of these kinds."""
-    try:
-        array = np.asarray(values)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise SourceError(
-            f"{name} of one frame differ in shape or kind ({first_line(error)}); give one array"
-        ) from error
+    array = host_array(values, name)
     if array.dtype.kind not in kinds and array.size:
         what = "numbers, non-zero inside" if name == "masks" else "numbers"
         raise SourceError(f"{name} are {array.dtype}; give {what}")

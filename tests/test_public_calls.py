@@ -13,10 +13,12 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.errors import RemindError
+from tests.sources.published import Tensor, sam_masks, ultralytics_results
 
 NAN = float("nan")
 HEIGHT_PX, WIDTH_PX = 64, 96
 IMAGE = np.random.default_rng(0).integers(0, 255, (HEIGHT_PX, WIDTH_PX, 3), np.uint8)
+SIZE = (HEIGHT_PX, WIDTH_PX)
 MASKS = np.zeros((2, HEIGHT_PX, WIDTH_PX), bool)
 MASKS[0, 10:40, 10:40] = MASKS[1, 10:40, 50:90] = True
 create = rj.Detections.create
@@ -71,6 +73,15 @@ CALLS = {
     "boxes NAN": given(IMAGE, {"boxes": [[0, 0, NAN, 1]]}),
     "boxes shape": given(IMAGE, {"boxes": [0, 1, 2]}),
     "class ids": given(IMAGE, {"masks": MASKS, "class_ids": ["a", "b"]}),
+    "boxes bare": given(IMAGE, np.zeros((2, 4))),
+    "boxes on a gpu": given(IMAGE, {"boxes": Tensor(np.zeros((2, 4)), "cuda:0")}),
+    "image on a gpu": given(Tensor(IMAGE, "cuda:0")),
+    "results of another picture": given(IMAGE, ultralytics_results((10, 20), [[0, 0, 4, 4]])),
+    "results of two pictures": given(IMAGE, [ultralytics_results(SIZE, [[0, 0, 4, 4]])] * 2),
+    "results planes": given(IMAGE, ultralytics_results(SIZE, [[0, 0, 4, 4]], np.zeros((4, 4)))),
+    "results counts": given(IMAGE, ultralytics_results(SIZE, [[0, 0, 4, 4]], MASKS)),
+    "sam text": given(IMAGE, sam_masks(MASKS, ["a", "b"])),
+    "sam none": given(IMAGE, [{"segmentation": None}]),
     "det no image": lambda: tracker().update(rj.Frame(0, 0, 0.0, "x")),
     "det none": lambda: tracker().update(IMAGE),
     "det int": given(IMAGE, 5),

@@ -168,7 +168,7 @@ def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector |
 
     Args:
       spec: Path of an `.onnx` file, a `Detector`, any callable from an RGB frame to instances
-        (`Detections`, supervision's detections, arrays), or None.
+        in any form of `remind_jax.sources.detections_from`, or None.
       options: Thresholds and class lists. Without them an ONNX model gets the defaults, and a
         callable's masks are taken as they are. A `Detector` keeps its own.
 

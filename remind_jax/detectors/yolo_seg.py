@@ -19,7 +19,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.special import logit
 
-from remind_jax.detectors.letterbox import Letterbox
 from remind_jax.detectors.onnx_file import (
     MOST_INPUT_PX,
     OnnxFile,
@@ -30,6 +29,7 @@ from remind_jax.detectors.onnx_file import (
 from remind_jax.detectors.options import DetectorOptions, find_wanted_classes
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.frame import Detections
+from remind_jax.masks.letterbox import Letterbox
 
 KNOWN_SHAPES = "YOLO-seg [1, 4+C+M, A] with [1, M, mh, mw] or [1, N, 6+M] with [1, M, mh, mw]"
 _MOST_SCORE = 1.05  # of quantized networks, which round

@@ -264,8 +264,9 @@ class Tracker:
 
         Args:
           frame: RGB image, uint8 `[H, W, 3]`, or a `Frame` (which may bring its own features).
-          detections: `Detections`, `supervision.Detections`, boolean masks `[N, H, W]`, an
-            instance map `[H, W]`; left out for a `Frame` that holds them.
+          detections: `Detections`, what YOLO, RF-DETR or SAM gave, masks `[N, H, W]`, boxes as a
+            mapping: any form of `remind_jax.sources.detections_from`; left out for a `Frame` that
+            holds them.
 
         Raises:
           SourceError: If the frame is smaller than a patch, or masks and frame do not agree.

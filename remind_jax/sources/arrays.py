@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Integer, UInt8
 
 from remind_jax import files
-from remind_jax.errors import SourceError, first_line
+from remind_jax.errors import SourceError
+from remind_jax.files.host_array import host_array
 from remind_jax.frame import Detections, Frame
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.detections import ClassNaming, detections_from
@@ -154,12 +155,7 @@ def _as_image(item: Any, index: int) -> UInt8[np.ndarray, "H W 3"]:
             return decode_image(files.read_bytes(item))
         except OSError as error:
             raise UnreadableFrame(f"'{item}' cannot be read: {error.strerror or error}") from error
-    try:
-        array = np.asarray(item)
-    except (ValueError, TypeError) as error:
-        raise SourceError(
-            f"item {index} is {type(item).__name__}, which makes no array ({first_line(error)})"
-        ) from error
+    array = host_array(item, f"pixels of item {index}")
     if 0 in array.shape:
         raise SourceError(f"item {index} has shape {array.shape}: there are no pixels")
     if array.dtype == np.uint8 and array.ndim == 2:

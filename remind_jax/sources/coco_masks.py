@@ -23,34 +23,29 @@ from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
-import cv2
 import msgspec
 import numpy as np
-from hotcoco import mask as coco
 from jaxtyping import Bool
 
 from remind_jax.crops import MOST_PLANES_BYTES, Crops, cut_plane
 from remind_jax.errors import SourceError
-from remind_jax.files.records import Whole, check, decode_json
+from remind_jax.files.records import Whole, decode_json
 from remind_jax.frame import Detections
 from remind_jax.sources.class_names import ANY_CLASS
 from remind_jax.sources.coco_rows import (
     Category,
-    Code,
     FoundRows,
     Name,
     Place,
     Position,
     Row,
-    Segmentation,
-    as_rle,
     name_categories,
-    say_bad_segmentation,
 )
 from remind_jax.sources.detections import fill_boxes, name_classes
 from remind_jax.sources.file_tree import last_number
-from remind_jax.sources.label_maps import fit_plane, require_bytes, require_same_picture
-from remind_jax.sources.source import Entry, Reader, UnreadableFrame
+from remind_jax.sources.label_maps import fit_plane, require_bytes
+from remind_jax.sources.segmentations import decode_sound
+from remind_jax.sources.source import Entry, Reader
 
 
 class CocoMasks:
@@ -133,7 +128,7 @@ class CocoMasks:
 
     def _decode(self, row: Row, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
         if row.segmentation:
-            plane = _decode_sound(row.segmentation, frame_size)
+            plane = decode_sound(row.segmentation, frame_size)
             return fit_plane(plane, frame_size, "a mask")
         assert row.bbox is not None
         left, top, width, height = row.bbox
@@ -177,39 +172,6 @@ class CocoMasks:
                 f"categories {', '.join(map(str, missing[:20]))} in '{self._file}' have no name; "
                 "add them to its 'categories' or give a file of categories as metadata"
             )
-
-
-def decode_segmentation(segmentation: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
-    """Decodes a COCO segmentation: compressed or plain run-length code, or polygons.
-
-    Raises:
-      UnreadableFrame: If it is malformed, or of another picture.
-    """
-    try:
-        checked = check(segmentation, Segmentation, "a segmentation")  # pyright: ignore[reportArgumentType]
-        why = say_bad_segmentation(checked)
-        if why:
-            raise SourceError(f"a segmentation: {why}")
-        return _decode_sound(checked, frame_size)
-    except SourceError as error:
-        raise UnreadableFrame(str(error)) from error
-
-
-def _decode_sound(
-    segmentation: Segmentation, frame_size: tuple[int, int]
-) -> Bool[np.ndarray, "H W"]:
-    """Pixels of a segmentation that was found to be sound, by its own size or the frame's."""
-    if isinstance(segmentation, Code):
-        require_same_picture(segmentation.size, frame_size, "a mask")
-        if isinstance(segmentation.counts, str):
-            rle = as_rle(segmentation)
-        else:
-            plain = {"size": list(segmentation.size), "counts": segmentation.counts}
-            rle = coco.frPyObjects(plain, *segmentation.size)
-    else:
-        rle = coco.merge(coco.frPyObjects(segmentation, *frame_size))
-    # By columns, as COCO stores them, and then by rows, where OpenCV is quick.
-    return np.asarray(cv2.transpose(coco.decode(rle).T), np.uint8).view(bool)
 
 
 def read_categories(data: bytes, file: str) -> dict[int, str]:

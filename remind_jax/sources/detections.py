@@ -11,11 +11,15 @@ from jaxtyping import Bool
 
 from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
+from remind_jax.files.host_array import host_array
 from remind_jax.frame import Detections, require_whole
 from remind_jax.sources.class_names import ANY_CLASS
 from remind_jax.sources.label_maps import fit_plane, instance_ids_in, masks_of, require_room
+from remind_jax.sources.published_forms import published_parts
 
 ClassNaming = Mapping[int, str] | Sequence[str]
+
+_PARTS = ("masks", "boxes", "labels", "class_ids", "class_names", "scores", "instance_ids")
 
 
 def detections_from(
@@ -23,35 +27,40 @@ def detections_from(
 ) -> Detections:
     """Turns what a detector or a file gave into `Detections` of a frame.
 
+    Arrays may be of any library that NumPy can read (`remind_jax.files.host_array`).
+
     Args:
       obj: One of
         - `Detections`, or None (nothing was detected);
-        - a `supervision.Detections` or the like: `xyxy`, `mask`, `confidence`, `class_id`,
-          `data["class_name"]`; boxes stand in for missing masks;
-        - a mapping with `masks` and/or `boxes` (left, top, right, bottom), and optionally
-          `labels`, `class_ids`, `scores`, `instance_ids`;
+        - `Results` of Ultralytics, `supervision.Detections` or automatic masks of SAM
+          (`remind_jax.sources.published_forms`), also one of them in a list;
+        - a mapping with `masks` and/or `boxes` (left, top, right, bottom in pixels), and optionally
+          `labels`, `class_ids`, `class_names`, `scores`, `instance_ids`;
         - masks `[N, H, W]`, or one mask `[H, W]` of booleans, non-zero inside;
         - an instance map `[H, W]` of whole numbers: 0 is nothing, the rest ascending.
+        Where there are boxes and no masks, the filled boxes stand in for them.
       frame_size: Height and width of the frame in pixels.
-      class_names: Name per class id; for an instance map, class per instance id.
+      class_names: Name per class id, where the detections bring none; for an instance map, class
+        per instance id.
 
     Raises:
-      SourceError: If the form is unknown, a class id has no name, or masks show another picture.
+      SourceError: If the form is unknown, a class id has no name, masks show another picture, or
+        an array lies where NumPy cannot read it.
     """
     if obj is None:
         return Detections.empty(*frame_size)
     if isinstance(obj, Detections):
         masks = _fit_masks(obj.masks, frame_size)
         return obj if masks is obj.masks else dataclasses.replace(obj, masks=masks)
-    if isinstance(obj, Mapping):
-        return _from_mapping(obj, frame_size, class_names)
-    if hasattr(obj, "xyxy") and hasattr(obj, "mask"):
-        return _from_mapping(_read_attributes(obj), frame_size, class_names)
-    if hasattr(obj, "__array__") or (isinstance(obj, Sequence) and not isinstance(obj, str)):
-        return _from_array(_as_array(obj), frame_size, class_names)
+    parts = obj if isinstance(obj, Mapping) else published_parts(obj, frame_size)
+    if parts is not None:
+        return _from_mapping(parts, frame_size, class_names)
+    is_listed = isinstance(obj, Sequence) and not isinstance(obj, str | bytes)
+    if is_listed or hasattr(obj, "__array__") or hasattr(obj, "__dlpack__"):
+        return _from_array(host_array(obj, "masks"), frame_size, class_names)
     raise SourceError(
         f"detections of type {type(obj).__name__} are not understood; give masks [N, H, W], an "
-        "instance map [H, W], a mapping with 'masks', or a supervision.Detections"
+        "instance map [H, W], a mapping with 'masks' or 'boxes', or what YOLO, RF-DETR or SAM give"
     )
 
 
@@ -65,7 +74,7 @@ def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H
     Raises:
       SourceError: If they are no boxes, or a coordinate is not finite.
     """
-    array = _as_array(boxes)
+    array = host_array(boxes, "boxes")
     if array.size and (array.ndim != 2 or array.shape[1] != 4 or array.dtype.kind not in "uif"):
         raise SourceError(
             f"boxes are {array.dtype} {array.shape}; give left, top, right, bottom, [N, 4]"
@@ -112,7 +121,7 @@ def name_classes(class_ids: Any, class_names: ClassNaming | None) -> tuple[str, 
 
 
 def _whole_numbers(values: Any) -> list[int]:
-    array = _as_array(values)
+    array = host_array(values, "class ids")
     if array.dtype.kind not in "uif" and array.size:
         raise SourceError(f"class ids are {array.dtype}; give whole numbers")
     if array.dtype.kind == "f" and not (np.isfinite(array) & (array % 1 == 0)).all():
@@ -120,36 +129,25 @@ def _whole_numbers(values: Any) -> list[int]:
     return [int(i) for i in array.ravel()]
 
 
-def _read_attributes(obj: Any) -> dict[str, Any]:
-    data = getattr(obj, "data", None)
-    data = data if isinstance(data, Mapping) else {}
-    return {
-        "boxes": obj.xyxy,
-        "masks": obj.mask,
-        "scores": getattr(obj, "confidence", None),
-        "class_ids": getattr(obj, "class_id", None),
-        "labels": data.get("class_name"),
-    }
-
-
 def _from_mapping(
     parts: Mapping[str, Any], frame_size: tuple[int, int], class_names: ClassNaming | None
 ) -> Detections:
-    allowed = ("masks", "boxes", "labels", "class_ids", "scores", "instance_ids")
-    unknown = sorted(str(key) for key in set(parts) - set(allowed))
+    unknown = sorted(str(key) for key in set(parts) - set(_PARTS))
     if unknown:
         raise SourceError(
-            f"detections have the unknown part '{unknown[0]}'; allowed: {', '.join(allowed)}"
+            f"detections have the unknown part '{unknown[0]}'; allowed: {', '.join(_PARTS)}"
         )
     masks, boxes, labels = parts.get("masks"), parts.get("boxes"), parts.get("labels")
     if masks is None and boxes is None:
         raise SourceError("detections have neither 'masks' nor 'boxes'; give one of them")
     if masks is None:
         planes = fill_boxes(boxes, frame_size)
+    elif isinstance(masks, Crops):
+        planes = _fit_masks(masks, frame_size)
     else:
-        planes = _as_planes(_as_array(masks), frame_size)
+        planes = _as_planes(host_array(masks, "masks"), frame_size)
     if labels is None and parts.get("class_ids") is not None:
-        labels = name_classes(parts["class_ids"], class_names)
+        labels = name_classes(parts["class_ids"], parts.get("class_names") or class_names)
     scores, ids = parts.get("scores"), parts.get("instance_ids")
     return Detections.create(planes, labels, scores, ids)
 
@@ -157,19 +155,16 @@ def _from_mapping(
 def _from_array(
     array: np.ndarray, frame_size: tuple[int, int], class_names: ClassNaming | None
 ) -> Detections:
+    if array.ndim == 2 and array.shape[1] == 4 != frame_size[1] and array.size:
+        raise SourceError(
+            f"detections are numbers {list(array.shape)}; boxes are given as {{'boxes': ...}}"
+        )
     if array.ndim == 2 and array.dtype.kind in "ui":
         ids = instance_ids_in(array)
         planes = _fit_masks(masks_of(array, ids), frame_size)
         labels = name_classes(ids, class_names) if class_names else [ANY_CLASS] * len(ids)
         return Detections.create(planes, labels, instance_ids=ids)
     return Detections.create(_as_planes(array, frame_size))
-
-
-def _as_array(values: Any) -> np.ndarray:
-    try:
-        return np.asarray(values)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise SourceError("masks of one frame differ in size; give all the frame's") from error
 
 
 def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"] | Crops:

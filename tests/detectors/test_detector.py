@@ -20,6 +20,7 @@ from remind_jax.detectors import (
 from remind_jax.detectors.detector import refine_detections
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
+from tests.sources.published import sam_masks, ultralytics_results
 
 from .onnx_bytes import model, write_echo, write_fixed_answer
 from .test_onnx_session import HAS_ONNXRUNTIME, engines
@@ -38,7 +39,7 @@ def test_a_yolo_file_becomes_a_detector(tmp_path, engine):
     found = detector(FRAME)
     assert found.labels == ("wall", "cup")
     # Boxes of 32 and 80 pixels in the frame, two pixels eroded from every side.
-    assert found.masks.sum(axis=(1, 2)).tolist() == [28**2, 76**2]
+    assert np.asarray(found.masks).sum(axis=(1, 2)).tolist() == [28**2, 76**2]
     assert detector.dropped.total() == 0
     described = json.loads(json.dumps(detector.describe()))
     assert described["kind"] == "yolo-seg"
@@ -143,7 +144,7 @@ def one_dot(image: np.ndarray) -> Detections:
 def test_a_callable_keeps_its_masks_unless_asked_otherwise():
     plain = as_detector(one_dot)
     assert plain is not None
-    assert plain(FRAME).masks.sum(axis=(1, 2)).tolist() == [1, 81]
+    assert np.asarray(plain(FRAME).masks).sum(axis=(1, 2)).tolist() == [1, 81]
     assert plain(FRAME).instance_ids.tolist() == [4, 5]
     assert plain.describe()["function"] == "one_dot"
     strict = as_detector(one_dot, DetectorOptions(confidence=0.0, ignored_classes=("wall",)))
@@ -151,6 +152,21 @@ def test_a_callable_keeps_its_masks_unless_asked_otherwise():
     assert len(strict(FRAME)) == 0
     assert strict.dropped["eroded"] == 1
     json.dumps(strict.describe())
+
+
+@pytest.mark.parametrize("as_answer", [lambda one: one, lambda one: [one]])
+def test_functions_may_answer_as_yolo_and_sam_do(as_answer):
+    image = np.zeros((32, 48, 3), np.uint8)
+    planes = np.zeros((1, 48, 48))
+    planes[0, 16:32, 4:20] = 1  # the frame lies 8 pixels below the top of the letterbox
+    yolo = CallableDetector(
+        lambda image: as_answer(ultralytics_results((32, 48), [[4, 8, 20, 24]], planes))
+    )
+    found = yolo(image)
+    assert (found.labels, int(np.asarray(found.masks).sum())) == (("cup",), 16 * 16)
+    assert found.masks[0, 8:24, 4:20].all()
+    sam = CallableDetector(lambda image: sam_masks(found.masks))
+    np.testing.assert_array_equal(sam(image).masks, found.masks)
 
 
 def test_a_callable_may_answer_in_any_known_form():
@@ -162,10 +178,10 @@ def test_a_callable_may_answer_in_any_known_form():
         as_detector(boxes_only, DetectorOptions(class_names=("cup", "chair"))),
     )
     assert plain is not None
-    assert plain(FRAME).masks.sum() == 60
+    assert np.asarray(plain(FRAME).masks).sum() == 60
     assert plain(FRAME).labels == ("1",)
     assert named is not None
-    assert named(FRAME).masks.sum() == 6 * 2
+    assert np.asarray(named(FRAME).masks).sum() == 6 * 2
     assert named(FRAME).labels == ("chair",)
     nothing = as_detector(lambda image: None)
     assert nothing is not None
@@ -175,10 +191,12 @@ def test_a_callable_may_answer_in_any_known_form():
 @pytest.mark.parametrize("layout", [(0, 1, 2), (1, 2, 0)])
 def test_masks_may_lie_in_memory_in_any_order(layout):
     detector = CallableDetector(
-        lambda image: one_dot(image).masks.transpose(layout).copy().transpose(np.argsort(layout)),
+        lambda image: (
+            np.asarray(one_dot(image).masks).transpose(layout).copy().transpose(np.argsort(layout))
+        ),
         DetectorOptions(),
     )
-    assert detector(FRAME).masks.sum(axis=(1, 2)).tolist() == [49]
+    assert np.asarray(detector(FRAME).masks).sum(axis=(1, 2)).tolist() == [49]
 
 
 def test_a_callable_with_masks_of_another_picture_is_refused():
@@ -316,7 +334,7 @@ def test_every_drop_is_counted_by_its_reason_and_the_order_stays():
     kept, drops = refine_detections(detections, options)
     assert kept.labels == ("cup", "chair")
     assert kept.scores.tolist() == [np.float32(0.5), np.float32(0.8)]
-    assert kept.masks.sum(axis=(1, 2)).tolist() == [9, 25]
+    assert np.asarray(kept.masks).sum(axis=(1, 2)).tolist() == [9, 25]
     assert drops == DropCounts(empty=1, eroded=1, small=1)
     assert (drops + drops).total() == 6
 

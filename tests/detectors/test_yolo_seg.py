@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.special import expit
 
 from remind_jax.detectors import DetectorOptions
-from remind_jax.detectors.letterbox import Letterbox
 from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
 from remind_jax.detectors.yolo_seg import (
     Candidates,
@@ -20,8 +19,8 @@ from remind_jax.detectors.yolo_seg import (
     suppress_duplicates,
 )
 from remind_jax.errors import ConfigError, WeightsError
-
-from .test_letterbox import to_input
+from remind_jax.masks.letterbox import Letterbox
+from tests.masks.test_letterbox import to_input
 
 
 def specs(*shapes) -> list[TensorSpec]:

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.detectors.letterbox import GRAY, Letterbox
+from remind_jax.masks.letterbox import GRAY, Letterbox
 
 
 def to_input(box: Letterbox, boxes: np.ndarray) -> np.ndarray:

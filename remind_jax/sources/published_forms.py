@@ -1,0 +1,180 @@
+"""What detectors and libraries give, known by its attributes, so that none of them is imported.
+
+Known are `Results` of Ultralytics (YOLO, SAM, RT-DETR and what else that package runs),
+`supervision.Detections` (RF-DETR gives these), and the lists of automatic masks of SAM and SAM 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from remind_jax.crops import MOST_PLANES_BYTES, Crops, cut_plane
+from remind_jax.errors import SourceError
+from remind_jax.files.host_array import host_array
+from remind_jax.frame import check_size
+from remind_jax.masks.letterbox import Letterbox
+from remind_jax.sources.label_maps import fit_plane, require_bytes
+from remind_jax.sources.segmentations import decode_segmentation
+from remind_jax.sources.source import say_size
+
+Parts = Mapping[str, Any]  # "masks" or "boxes", "labels" or "class_ids", "scores", "class_names"
+_Planes = Bool[np.ndarray, "N H W"] | Crops
+
+_MOST_COORDINATE_PX = 1e5
+
+
+def published_parts(obj: Any, frame_size: tuple[int, int]) -> Parts | None:
+    """The parts of detections in a published form; None if they are in no such form.
+
+    A list of one answer is that answer: models answer a list of pictures.
+
+    Args:
+      obj: What a detector gave for one frame.
+      frame_size: Height and width of the frame in pixels.
+
+    Raises:
+      SourceError: If it holds answers for several pictures, belongs to another picture, or neither
+        masks nor boxes.
+    """
+    items = obj if isinstance(obj, list | tuple) else ()
+    if items and all(isinstance(item, Mapping) and "segmentation" in item for item in items):
+        return _parts_of_sam(items, frame_size)
+    if items and _read_by(next(iter(items))) is not None:
+        if len(items) > 1:
+            raise SourceError(
+                f"the detector answered for {len(items)} pictures; give the answer for one frame"
+            )
+        obj = next(iter(items))
+    read = _read_by(obj)
+    return None if read is None else read(obj, frame_size)
+
+
+def _read_by(obj: Any) -> Callable[[Any, tuple[int, int]], Parts] | None:
+    """What reads an object of this form."""
+    if hasattr(obj, "xyxy") and hasattr(obj, "mask"):
+        return _parts_of_supervision
+    if all(hasattr(obj, name) for name in ("boxes", "masks", "names", "orig_shape")):
+        return _parts_of_ultralytics
+    return None
+
+
+def _parts_of_supervision(obj: Any, frame_size: tuple[int, int]) -> Parts:
+    del frame_size  # masks are the frame's
+    data = getattr(obj, "data", None)
+    data = data if isinstance(data, Mapping) else {}
+    return {
+        "boxes": obj.xyxy,
+        "masks": obj.mask,
+        "scores": getattr(obj, "confidence", None),
+        "class_ids": getattr(obj, "class_id", None),
+        "labels": data.get("class_name"),
+    }
+
+
+def _parts_of_ultralytics(obj: Any, frame_size: tuple[int, int]) -> Parts:
+    detected_in = check_size(obj.orig_shape)
+    if detected_in != frame_size:
+        raise SourceError(
+            f"the detector saw a picture of {say_size(detected_in)}, the frame is "
+            f"{say_size(frame_size)} (width x height); give both the same picture"
+        )
+    boxes, masks = obj.boxes, obj.masks
+    planes, outlines = getattr(masks, "data", None), getattr(masks, "xy", None)
+    if boxes is None and planes is None and outlines is None:
+        raise SourceError(
+            "the Results hold neither boxes nor masks; give those of a model that detects or "
+            "segments"
+        )
+    parts = {
+        "boxes": getattr(boxes, "xyxy", None),
+        "scores": getattr(boxes, "conf", None),
+        "class_ids": getattr(boxes, "cls", None),
+        "class_names": obj.names or None,
+    }
+    if planes is not None:  # outlines are made of these, without holes and small pieces
+        parts["masks"] = _out_of_letterbox(host_array(planes, "masks"), frame_size)
+    elif outlines is not None:
+        parts["masks"] = _fill_outlines(outlines, frame_size)
+    return parts
+
+
+def _out_of_letterbox(planes: np.ndarray, frame_size: tuple[int, int]) -> _Planes:
+    """Masks over a network's input, cut to the frame, brought to its size and cut at a half."""
+    if planes.ndim != 3 or planes.dtype.kind not in "buif":
+        raise SourceError(f"masks are {planes.dtype} {planes.shape}; give numbers [N, H, W]")
+    if 0 in planes.shape:
+        return np.zeros((0, *frame_size), bool)
+    box = Letterbox.fit(frame_size, (planes.shape[1], planes.shape[2]))
+
+    def plane(row: int) -> Bool[np.ndarray, "H W"]:
+        return box.plane_to_frame(planes[row].astype(np.float32)) > 0.5
+
+    return _gather(plane, len(planes), frame_size)
+
+
+def _fill_outlines(outlines: Sequence[Any], frame_size: tuple[int, int]) -> _Planes:
+    """Masks of outlines: columns and rows of pixels `[P, 2]`, which belong to the mask."""
+
+    def plane(row: int) -> Bool[np.ndarray, "H W"]:
+        corners = _check_outline(outlines[row], row)
+        filled = np.zeros(frame_size, np.uint8)
+        if len(corners):
+            cv2.fillPoly(filled, [np.rint(corners).astype(np.int32)], 1)
+        return filled.view(bool)
+
+    return _gather(plane, len(outlines), frame_size)
+
+
+def _check_outline(outline: Any, row: int) -> Float[np.ndarray, "P 2"]:
+    corners = host_array(outline, "outlines")
+    if corners.size == 0:
+        return np.zeros((0, 2))
+    is_sound = corners.ndim == 2 and corners.shape[1] == 2 and corners.dtype.kind in "uif"
+    if not is_sound or not (np.abs(corners) < _MOST_COORDINATE_PX).all():
+        raise SourceError(
+            f"outline {row} is {corners.dtype} {corners.shape}; give finite columns and rows of "
+            "pixels, [P, 2]"
+        )
+    return corners
+
+
+def _parts_of_sam(items: Sequence[Any], frame_size: tuple[int, int]) -> Parts:
+    def plane(row: int) -> Bool[np.ndarray, "H W"]:
+        found = items[row]["segmentation"]
+        if isinstance(found, Mapping):
+            counts = found.get("counts")
+            text = counts.decode("ascii", "replace") if isinstance(counts, bytes) else counts
+            found = decode_segmentation({**found, "counts": text}, frame_size)
+        array = host_array(found, "masks")
+        if array.ndim != 2 or array.dtype.kind not in "bui":
+            raise SourceError(f"mask {row} is {array.dtype} {array.shape}; give booleans [H, W]")
+        return fit_plane(array.astype(bool, copy=False), frame_size, f"mask {row}").view(bool)
+
+    parts: dict[str, Any] = {"masks": _gather(plane, len(items), frame_size)}
+    if all("predicted_iou" in item for item in items):
+        # The network estimates an overlap, at times beyond 1.
+        estimates = host_array([item["predicted_iou"] for item in items], "values of predicted_iou")
+        parts["scores"] = np.minimum(estimates, 1) if estimates.dtype.kind == "f" else estimates
+    return parts
+
+
+def _gather(
+    plane: Callable[[int], Bool[np.ndarray, "H W"]], num: int, frame_size: tuple[int, int]
+) -> _Planes:
+    """Masks made one after the other; kept as crops where planes would take much memory."""
+    if num * frame_size[0] * frame_size[1] <= MOST_PLANES_BYTES:
+        planes = np.zeros((num, *frame_size), bool)
+        for row in range(num):
+            planes[row] = plane(row)
+        return planes
+    cut, num_bytes = [], 0
+    for row in range(num):
+        cut.append(cut_plane(plane(row)))
+        num_bytes += cut[-1][1].nbytes
+        require_bytes(num_bytes, num, frame_size, "the detector's answer")
+    return Crops(frame_size, tuple(corner for corner, _ in cut), tuple(w for _, w in cut))

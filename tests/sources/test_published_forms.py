@@ -1,0 +1,219 @@
+import types
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from remind_jax.crops import Crops
+from remind_jax.errors import SourceError
+from remind_jax.masks.letterbox import Letterbox
+from remind_jax.sources import detections_from, published_forms
+from tests.sources import making
+from tests.sources.published import Tensor, sam_masks, ultralytics_results
+from tests.sources.test_coco_masks import encode
+
+SIZE = making.SIZE
+MASKS = np.stack([making.instance_map() == i for i in (1, 2)])
+BOXES = [[1.0, 2.0, 9.0, 12.0], [20.0, 4.0, 40.0, 30.0]]
+
+
+def letterboxed(masks: np.ndarray, input_size: tuple[int, int], dtype=np.uint8) -> np.ndarray:
+    """Masks as a network sees them, by the definition of its input."""
+    planes = np.zeros((len(masks), *input_size), dtype)
+    ratio = min(input_size[0] / masks.shape[1], input_size[1] / masks.shape[2])
+    height, width = round(masks.shape[1] * ratio), round(masks.shape[2] * ratio)
+    top = round((input_size[0] - height) / 2 - 0.1)
+    left = round((input_size[1] - width) / 2 - 0.1)
+    for plane, mask in zip(planes, masks, strict=True):
+        scaled = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
+        plane[top : top + height, left : left + width] = scaled
+    return planes
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32, bool])
+def test_planes_of_yolo_leave_the_letterbox(dtype):
+    planes = letterboxed(MASKS, (4 * SIZE[1], 4 * SIZE[1]), dtype)
+    answer = ultralytics_results(SIZE, BOXES, planes, classes=[1, 0])
+    found = detections_from(answer, SIZE)
+    np.testing.assert_array_equal(found.masks, MASKS)
+    assert found.labels == ("tv", "cup")
+    np.testing.assert_allclose(found.scores, [0.9, 0.5])
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    frame_size=st.tuples(st.integers(40, 300), st.integers(40, 300)),
+    input_size=st.tuples(st.integers(64, 320), st.integers(64, 320)),
+)
+def test_planes_of_any_input_lie_where_they_were(frame_size, input_size):
+    height, width = frame_size
+    mask = np.zeros((1, height, width), bool)
+    mask[:, height // 4 : height // 4 * 3, width // 4 : width // 4 * 3] = True
+    planes = letterboxed(mask, input_size)
+    found = detections_from(ultralytics_results(frame_size, [[0, 0, 1, 1]], planes), frame_size)
+    box = Letterbox.fit(frame_size, input_size)
+    # Both pictures have whole pixels: an edge is off by one of each at most.
+    off_px = 1 + np.divide(frame_size, box.scaled_size)
+    found_at, true_at = np.nonzero(np.asarray(found.masks)[0]), np.nonzero(mask[0])
+    for axis in (0, 1):
+        assert abs(found_at[axis].min() - true_at[axis].min()) <= off_px[axis]
+        assert abs(found_at[axis].max() - true_at[axis].max()) <= off_px[axis]
+
+
+def test_planes_of_the_frame_are_taken_as_they_are():
+    found = detections_from(ultralytics_results(SIZE, BOXES, MASKS.astype(np.float32)), SIZE)
+    np.testing.assert_array_equal(found.masks, MASKS)
+
+
+def test_outlines_are_filled():
+    outlines = []
+    for mask in MASKS:
+        found, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+        outlines.append(found[0].reshape(-1, 2).astype(np.float32))
+    found = detections_from(ultralytics_results(SIZE, BOXES, outlines=outlines), SIZE)
+    np.testing.assert_array_equal(found.masks, MASKS)
+    empty = ultralytics_results(SIZE, BOXES, outlines=[np.zeros((0, 2)), outlines[1]])
+    areas = np.asarray(detections_from(empty, SIZE).masks).sum(axis=(1, 2))
+    assert areas.tolist() == [0, MASKS[1].sum()]
+
+
+def test_outlines_must_be_finite():
+    wrong = ultralytics_results(SIZE, BOXES, outlines=[np.full((3, 2), np.nan), np.zeros((3, 2))])
+    with pytest.raises(SourceError, match=r"outline 0 is float64 .*give finite columns and rows"):
+        detections_from(wrong, SIZE)
+
+
+def test_boxes_of_a_yolo_that_segments_nothing():
+    found = detections_from(ultralytics_results(SIZE, BOXES, classes=[0, 1]), SIZE)
+    assert found.labels == ("cup", "tv")
+    rows, columns = np.nonzero(np.asarray(found.masks)[1])
+    assert (rows.min(), rows.max() + 1, columns.min(), columns.max() + 1) == (4, 30, 20, 40)
+
+
+def test_nothing_detected():
+    assert len(detections_from(ultralytics_results(SIZE, []), SIZE)) == 0
+    assert len(detections_from([ultralytics_results(SIZE, [], np.zeros((0, 8, 8)))], SIZE)) == 0
+    assert len(detections_from([], SIZE)) == 0
+
+
+def test_one_answer_may_come_in_a_list():
+    answer = ultralytics_results(SIZE, BOXES)
+    assert len(detections_from([answer], SIZE)) == 2
+    with pytest.raises(SourceError, match="answered for 2 pictures; give the answer for one frame"):
+        detections_from([answer, answer], SIZE)
+
+
+def test_results_of_another_picture_are_refused():
+    with pytest.raises(SourceError, match=r"saw a picture of 20x10, the frame is 48x32"):
+        detections_from(ultralytics_results((10, 20), BOXES), SIZE)
+
+
+def test_results_without_detections_are_refused():
+    classified = ultralytics_results(SIZE, [])
+    classified.boxes = None
+    with pytest.raises(SourceError, match="neither boxes nor masks"):
+        detections_from(classified, SIZE)
+
+
+def test_results_on_a_gpu_say_what_to_do():
+    there = ultralytics_results(SIZE, BOXES, MASKS, device="cuda:0")
+    with pytest.raises(SourceError, match=r"masks lie in .* 'cuda:0', .* \.cpu\(\)"):
+        detections_from(there, SIZE)
+    with pytest.raises(SourceError, match=r"boxes lie in .* 'cuda:0', .* \.cpu\(\)"):
+        detections_from(ultralytics_results(SIZE, BOXES, device="cuda:0"), SIZE)
+
+
+def test_names_of_the_answer_go_before_names_of_the_call():
+    answer = ultralytics_results(SIZE, BOXES, classes=[0, 1])
+    assert detections_from(answer, SIZE, ["a", "b"]).labels == ("cup", "tv")
+    answer.names = None
+    assert detections_from(answer, SIZE, ["a", "b"]).labels == ("a", "b")
+
+
+def test_automatic_masks_of_sam():
+    found = detections_from(sam_masks(MASKS, [0.75, 1.02]), SIZE)
+    np.testing.assert_array_equal(found.masks, MASKS)
+    assert found.labels == ("object", "object")
+    assert found.scores.tolist() == [0.75, 1.0]
+
+
+@pytest.mark.parametrize("as_counts", [str, str.encode])
+def test_automatic_masks_of_sam_as_run_lengths(as_counts):
+    answer = sam_masks(MASKS)
+    for item, mask in zip(answer, MASKS, strict=True):
+        code = encode(mask)
+        item["segmentation"] = {**code, "counts": as_counts(code["counts"])}
+        del item["predicted_iou"]
+    found = detections_from(answer, SIZE)
+    np.testing.assert_array_equal(found.masks, MASKS)
+    assert found.scores.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("segmentation", "sentence"),
+    [
+        (None, "mask 0 is object"),
+        (np.zeros(SIZE), "mask 0 is float64"),
+        (np.zeros((2, 2), bool), "mask 0 is 2x2, its frame is 48x32"),
+        ({"size": [4, 6]}, "counts"),
+        ({"size": [4, 6], "counts": b"\xff"}, "run-length code"),
+    ],
+)
+def test_masks_of_sam_that_are_none(segmentation, sentence):
+    answer = sam_masks(MASKS)
+    answer[0]["segmentation"] = segmentation
+    with pytest.raises(SourceError, match=sentence):
+        detections_from(answer, SIZE)
+
+
+def test_estimates_of_sam_must_be_numbers():
+    with pytest.raises(SourceError, match="scores"):
+        detections_from(sam_masks(MASKS, ["a", "b"]), SIZE)
+
+
+def test_many_large_masks_are_kept_as_crops(monkeypatch):
+    monkeypatch.setattr(published_forms, "MOST_PLANES_BYTES", MASKS.size - 1)
+    for answer in (ultralytics_results(SIZE, BOXES, MASKS), sam_masks(MASKS)):
+        found = detections_from(answer, SIZE)
+        assert isinstance(found.masks, Crops)
+        np.testing.assert_array_equal(np.asarray(found.masks), MASKS)
+
+
+def test_rf_detr_gives_class_names():
+    answer = types.SimpleNamespace(
+        xyxy=np.array(BOXES, np.float32),
+        mask=MASKS,
+        confidence=np.array([0.75, 0.5], np.float32),
+        class_id=np.array([47, 72]),
+        data={
+            "class_name": np.array(["cup", "tv"], dtype=object),
+            "source_shape": np.tile(np.array(SIZE), (2, 1)),
+        },
+    )
+    found = detections_from(answer, SIZE)
+    assert (found.labels, found.scores.tolist()) == (("cup", "tv"), [0.75, 0.5])
+
+
+def test_compact_masks_of_supervision():
+    sv = pytest.importorskip("supervision")
+    compact = sv.CompactMask.from_dense(MASKS, np.array(BOXES), image_shape=SIZE)
+    whole = sv.Detections(xyxy=np.array([[0, 0, 48, 32]] * 2, float), mask=MASKS)
+    np.testing.assert_array_equal(detections_from(whole, SIZE).masks, MASKS)
+    answer = sv.Detections(xyxy=np.array(BOXES), mask=compact)
+    np.testing.assert_array_equal(detections_from(answer, SIZE).masks, compact.to_dense())
+
+
+def test_arrays_of_other_libraries():
+    parts = {"boxes": Tensor(BOXES), "class_ids": Tensor([1, 0]), "scores": Tensor([0.5, 1.0])}
+    found = detections_from({**parts, "class_names": ["a", "b"]}, SIZE)
+    assert (found.labels, found.scores.tolist()) == (("b", "a"), [0.5, 1.0])
+    np.testing.assert_array_equal(detections_from(Tensor(MASKS), SIZE).masks, MASKS)
+    shared = detections_from(Tensor(MASKS), SIZE).masks
+    assert np.shares_memory(shared, MASKS)
+
+
+def test_bare_boxes_are_told_how_they_are_given():
+    with pytest.raises(SourceError, match=r"numbers \[2, 4\]; boxes are given as \{'boxes'"):
+        detections_from(np.array(BOXES), SIZE)
