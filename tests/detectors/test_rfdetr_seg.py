@@ -101,8 +101,8 @@ def test_masks_fill_the_frame_without_letterbox():
 def test_the_mask_threshold_is_a_probability():
     outputs = answer()
     outputs["masks"][:] = logit(0.7)
-    assert head_of(DetectorOptions(mask_threshold=0.69)).decode(outputs, (9, 9)).masks.all()
-    assert not head_of(DetectorOptions(mask_threshold=0.71)).decode(outputs, (9, 9)).masks.any()
+    assert np.all(head_of(DetectorOptions(mask_threshold=0.69)).decode(outputs, (9, 9)).masks)
+    assert not np.any(head_of(DetectorOptions(mask_threshold=0.71)).decode(outputs, (9, 9)).masks)
 
 
 def test_ninety_one_columns_are_coco_categories():

@@ -80,7 +80,7 @@ def decide_frame(
 
 def case_of(record: FrameRecord, row: int, config: Config | None = None) -> Case:
     known = {int(i): "mug" for i in record.detections.candidates.id.ravel()}
-    return Case(record, row, "mug", known, config or Config())
+    return Case(record, row, "mug", known, {}, config or Config())
 
 
 def chain(record: FrameRecord, row: int) -> list[str]:

@@ -52,7 +52,7 @@ def test_masks_are_scaled_by_nearest_neighbor_like_one_label_map():
     labels = np.random.default_rng(1).integers(0, 4, (75, 303)).astype(np.uint8)
     masks = np.stack([labels == label for label in range(4)])
     alignment = fit((75, 303), 8, max_width_px=101)
-    aligned = alignment.align_masks(masks)
+    aligned = np.asarray(alignment.align_masks(masks))
     scaled = cv2.resize(labels, (101, 25), interpolation=cv2.INTER_NEAREST)
     np.testing.assert_array_equal(aligned.argmax(axis=0), scaled[0:24, 2:98])
     assert aligned.dtype == bool
@@ -82,4 +82,4 @@ def test_no_masks(width):
 def test_aligned_masks_can_be_reduced():
     """Contiguous, as OpenCV needs them, also after a crop."""
     alignment = fit((43, 67), 8)
-    assert alignment.align_masks(np.ones((2, 43, 67), bool)).flags.c_contiguous
+    assert np.asarray(alignment.align_masks(np.ones((2, 43, 67), bool))).flags.c_contiguous

@@ -51,6 +51,7 @@ def test_settings_keep_their_order_whatever_lane_they_are_in(monkeypatch, told, 
     static = STATIC.grow(num_objects=65)
     answers, after = batches.run_batch(FRAMES, CONFIG, settings_of(7), static)
     assert after == static
+    assert answers is not None
     expected = 100 * np.arange(7) + np.arange(20)[:, None]
     np.testing.assert_array_equal(answers.object_id[..., 0], expected)
     # Two or three settings side by side are filled up: LLVM cannot translate two.
@@ -61,6 +62,7 @@ def test_settings_keep_their_order_whatever_lane_they_are_in(monkeypatch, told, 
 def test_all_lanes_start_again_with_the_capacity_that_one_lacked(monkeypatch, told, lanes):
     monkeypatch.setattr(batches, "count_lanes", lambda: lanes)
     answers, after = batches.run_batch(FRAMES, CONFIG, settings_of(7), STATIC)
+    assert answers is not None
     assert after.num_objects >= 65
     assert len(told) == 2
     np.testing.assert_array_equal(answers.needed_objects, np.zeros((20, 7)))

@@ -44,7 +44,7 @@ def test_frames_have_the_asked_form(small):
 
 def test_masks_are_disjoint_and_large_enough(small):
     for frame in small.frames:
-        masks = detections_of(frame).masks
+        masks = np.asarray(detections_of(frame).masks)
         assert masks.sum(0, dtype=int).max(initial=0) <= 1
         assert (masks.sum((1, 2)) >= SMALL.min_mask_px).all()
 
