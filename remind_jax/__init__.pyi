@@ -12,6 +12,7 @@ from .metrics import compare as compare
 from .metrics import evaluate as evaluate
 from .observation import FrameFeats as FrameFeats
 from .observation import Masks as Masks
+from .outputs.overlay import draw as draw
 from .outputs.result import Result as Result
 from .remind.state import TrackerState as TrackerState
 from .remind.thresholds import Thresholds as Thresholds

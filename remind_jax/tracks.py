@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import dataclasses
 import numbers
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
-from remind_jax.errors import SourceError
+from remind_jax.errors import OutputError, SourceError
 from remind_jax.frame import Rle
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import number
+
+if TYPE_CHECKING:
+    import supervision as sv
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -103,6 +107,54 @@ class Tracks(Printable):
         if self.outcome[row] == Outcome.PROVISIONAL_PARENT and shown:
             return f"{label} {shown[0]}?"
         return f"{label} new?"
+
+    def to_supervision(self, class_names: Sequence[str] | None = None) -> sv.Detections:
+        """The detections for the `supervision` library, in their order.
+
+        `tracker_id` is the identity, -1 while undecided; `confidence` is the detector's, the
+        tracker's own is in `data["identity_confidence"]`, NaN where it has none;
+        `data["class_name"]` are the classes and `data["display_name"]` what people read.
+
+        Args:
+          class_names: Names that `class_id` counts, the same for all frames, as
+            `Tracker.class_names`; left out, those of this frame in order of first sight.
+
+        Raises:
+          OutputError: If supervision is not installed, or a class has no place among the names.
+        """
+        try:
+            import supervision as sv
+        except ImportError as error:
+            raise OutputError(
+                "to_supervision needs the supervision library, which is not installed: "
+                'pip install "remind-jax[viz]"'
+            ) from error
+        if isinstance(class_names, str):
+            raise OutputError(f"class names are one text, {class_names!r}; give a list of names")
+        known = tuple(dict.fromkeys(self.labels if class_names is None else class_names))
+        numbers = {name: number for number, name in enumerate(known)}
+        if missing := sorted(set(self.labels) - set(numbers)):
+            raise OutputError(
+                f"class '{missing[0]}' is not among the {len(known)} class names; give all classes "
+                "of the run"
+            )
+        return sv.Detections(
+            xyxy=np.asarray(self.boxes, np.float32).reshape(-1, 4),
+            mask=self.masks,
+            confidence=np.asarray(self.detector_scores, np.float32),
+            class_id=np.array([numbers[label] for label in self.labels], int),
+            tracker_id=np.asarray(self.object_id, int),
+            data={
+                "class_name": np.array(self.labels, dtype=str),
+                "display_name": np.array(
+                    [self.display_name(row) for row in range(len(self))], dtype=str
+                ),
+                "outcome": np.array([Outcome(code).name.lower() for code in self.outcome], str),
+                "identity_confidence": np.array(
+                    [self.shown_confidence(row) for row in range(len(self))], np.float32
+                ),
+            },
+        )
 
     def _summarize(self) -> SmallTable:
         height, width = self.frame_size

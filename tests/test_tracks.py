@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from remind_jax.decision import Outcome
+from remind_jax.errors import OutputError
 from remind_jax.outputs import tables
+from remind_jax.sources import detections_from
 from tests.outputs.fake_run import make_tracks
 
 
@@ -40,3 +42,55 @@ def test_rows_of_the_table_leave_cells_empty():
     assert (match["score"], match["confidence"]) == (0.9, 0.8)
     same = dataclasses.replace(tracks, confidence=tracks.score)
     assert [row["score"] for row in tables.detection_rows(same)] == [None, None]
+
+
+def cups_and_tv():
+    masks = np.zeros((3, 20, 30), bool)
+    masks[0, 2:8, 3:9] = masks[1, 10:18, 4:12] = masks[2, 2:18, 14:28] = True
+    rows = [
+        {"object_id": 3, "label": "cup"},
+        {"object_id": -1, "outcome": Outcome.AMBIGUOUS, "candidates": [(3, 0.8), (5, 0.7)]},
+        {"object_id": 5, "label": "tv"},
+    ]
+    tracks = make_tracks(0, masks, rows)
+    return dataclasses.replace(tracks, labels=("cup", "cup", "tv"), names={5: "my tv"})
+
+
+def test_supervision_gets_a_frame():
+    pytest.importorskip("supervision")
+    tracks = cups_and_tv()
+    found = tracks.to_supervision(["bowl", "tv", "cup"])
+    assert found.class_id is not None
+    assert found.class_id.tolist() == [2, 2, 1]
+    assert found.tracker_id is not None
+    assert found.tracker_id.tolist() == [3, -1, 5]
+    assert list(found.data["class_name"]) == ["cup", "cup", "tv"]
+    assert list(found.data["display_name"]) == ["cup 3", "cup 3 or my tv?", "my tv"]
+    np.testing.assert_array_equal(found.xyxy, [[3, 2, 9, 8], [4, 10, 12, 18], [14, 2, 28, 18]])
+    np.testing.assert_array_equal(found.mask, tracks.masks)
+
+
+def test_what_supervision_got_can_be_tracked_again():
+    pytest.importorskip("supervision")
+    tracks = cups_and_tv()
+    again = detections_from(tracks.to_supervision(), tracks.frame_size)
+    assert again.labels == tracks.labels
+    np.testing.assert_array_equal(np.asarray(again.masks), tracks.masks)
+    np.testing.assert_array_equal(again.scores, tracks.detector_scores)
+
+
+def test_classes_of_one_frame_are_counted_as_they_come():
+    pytest.importorskip("supervision")
+    found = cups_and_tv().to_supervision()
+    assert found.class_id is not None
+    assert found.class_id.tolist() == [0, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("class_names", "sentence"),
+    [(["cup"], "class 'tv' is not among the 1 class names"), ("cup", "one text, 'cup'")],
+)
+def test_class_names_must_hold_all_classes(class_names, sentence):
+    pytest.importorskip("supervision")
+    with pytest.raises(OutputError, match=sentence):
+        cups_and_tv().to_supervision(class_names)

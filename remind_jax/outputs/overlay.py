@@ -1,9 +1,10 @@
-"""`overlay.mp4`: the video with every detection tinted in the color of its identity."""
+"""Pictures with every detection tinted in the color of its identity, and `overlay.mp4` of them."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,9 @@ from av.error import FFmpegError
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID, Outcome
+from remind_jax.errors import SourceError
 from remind_jax.files import writing
-from remind_jax.frame import Rle
+from remind_jax.frame import Rle, frame_of
 from remind_jax.masks.run_length import decode_mask, mask_box
 from remind_jax.outputs.drawing import (
     AMBIGUOUS,
@@ -30,6 +32,7 @@ from remind_jax.outputs.drawing import (
     put_text,
     text_width,
 )
+from remind_jax.outputs.trails import draw_trails
 from remind_jax.tracks import Tracks
 
 _TINT = 0.42
@@ -53,8 +56,41 @@ class _Rectangle:
         )
 
 
-def draw_overlay(image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> np.ndarray:
-    """The frame with masks, outlines and labels; RGB `[H, W, 3]`, gray where there is no image.
+def draw(image: Any, tracks: Tracks, trails: Iterable[Tracks] = ()) -> UInt8[np.ndarray, "H W 3"]:
+    """A picture of a frame with masks, outlines, names, and the ways that objects came.
+
+    Identities have their own color, the same in every frame and output; undecided detections are
+    white with their candidates.
+
+    Args:
+      image: The frame, RGB uint8 `[H, W, 3]`, which is not changed; None draws on gray.
+      tracks: The answers about it.
+      trails: Answers about earlier frames, in their order, whose centers are joined; the last ones
+        suffice, as in a `collections.deque(maxlen=30)`.
+
+    Raises:
+      SourceError: If the image is none or has another size than the frame, or tracks are none.
+    """
+    earlier = tuple(trails) if isinstance(trails, Iterable) else (trails,)
+    for one in (tracks, *earlier):
+        if not isinstance(one, Tracks):
+            raise SourceError(
+                f"tracks are of type {type(one).__name__}; give what 'Tracker.update' returned"
+            )
+    if image is not None:
+        image = frame_of(image, 0).image
+        if image.shape[:2] != tracks.frame_size:
+            raise SourceError(
+                f"the image is {image.shape[1]}x{image.shape[0]}, its tracks are of a frame of "
+                f"{tracks.frame_size[1]}x{tracks.frame_size[0]} (width x height); give the frame"
+            )
+    return draw_overlay(image, tracks, earlier)
+
+
+def draw_overlay(
+    image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks, trails: Sequence[Tracks] = ()
+) -> UInt8[np.ndarray, "H W 3"]:
+    """The frame with masks, outlines and labels; RGB, gray where there is no image.
 
     Identities have their own color, undecided detections are white with their candidates,
     discarded ones a thin gray outline.
@@ -69,6 +105,7 @@ def draw_overlay(image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks) -> np
     for row in largest_first:
         color, thin = detection_color(tracks, row), _is_discarded(tracks, row)
         _draw_mask(canvas, tracks.rles[row], color, thin)
+    draw_trails(canvas, tracks, trails)
     placed: list[_Rectangle] = []
     for row in largest_first[::-1]:
         if not _is_discarded(tracks, row):

@@ -142,40 +142,16 @@ class Result(Printable):
     def to_supervision(self, t: int) -> sv.Detections:
         """The detections of the `t`-th processed frame for the `supervision` library.
 
-        `tracker_id` is the identity, -1 while undecided; `confidence` is the detector's, the
-        tracker's own is in `data["identity_confidence"]`, NaN where it has none; `class_id`
-        counts `class_names`.
+        As `Tracks.to_supervision` has them; `class_id` counts `class_names`.
 
         Raises:
           OutputError: If supervision is not installed or the run has no such frame.
         """
-        try:
-            import supervision as sv
-        except ImportError as error:
-            raise OutputError(
-                "to_supervision needs the supervision library, which is not installed: "
-                'pip install "remind-jax[viz]"'
-            ) from error
         if not isinstance(t, (int, np.integer)) or not -len(self.tracks) <= int(t) < len(
             self.tracks
         ):
             raise OutputError(f"frame {t} was asked for, but the run has {len(self.tracks)} frames")
-        tracks = self.tracks[t]
-        numbers = {name: number for number, name in enumerate(self.class_names)}
-        return sv.Detections(
-            xyxy=np.asarray(tracks.boxes, np.float32).reshape(-1, 4),
-            mask=tracks.masks,
-            confidence=np.asarray(tracks.detector_scores, np.float32),
-            class_id=np.array([numbers[label] for label in tracks.labels], int),
-            tracker_id=np.asarray(tracks.object_id, int),
-            data={
-                "class_name": np.array(tracks.labels, dtype=str),
-                "outcome": np.array([Outcome(code).name.lower() for code in tracks.outcome], str),
-                "identity_confidence": np.array(
-                    [tracks.shown_confidence(row) for row in range(len(tracks))], np.float32
-                ),
-            },
-        )
+        return self.tracks[t].to_supervision(self.class_names)
 
     def explain(self, frame: int, detection: int) -> Explanation:
         """Why a detection became what it became; the run must have been made with `trace=True`.
