@@ -25,11 +25,11 @@ from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.files import as_path
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
-from remind_jax.observation import FrameFeats, PatchAttention
 from remind_jax.outputs.run_info import Event
 from remind_jax.session.announcement import Announcements, announce, as_announced, choose_after
 from remind_jax.session.answers import Outlines, read_tracks
 from remind_jax.session.forgetting import forget_object
+from remind_jax.session.frame_features import FrameFeatures
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.memory_file import (
     SavedMemory,
@@ -46,7 +46,6 @@ from remind_jax.settings.ranges import check_option
 from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS, Static
 from remind_jax.tracks import Tracks
 
-_ATTENTION_SLOTS = 256  # object patches whose attention is kept; doubles with the need
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
 
 
@@ -122,9 +121,8 @@ class Tracker:
             )
         self._preparer = FramePreparer(self.method, self.backbone.patch_px)
         self._memory = GrowingMemory(self.method, static, traced=trace)
-        self.attention_slots = _ATTENTION_SLOTS
-        if self._wants_attention():
-            self.backbone.check_attention()
+        self._features = FrameFeatures(self.method, self.backbone)
+        self._features.check(static)
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
         self._features_given = False
         self._has_profile = False
@@ -214,6 +212,11 @@ class Tracker:
         return self._memory.trace
 
     @property
+    def attention_slots(self) -> int:
+        """Object patches whose attention there is room for."""
+        return self._features.attention_slots
+
+    @property
     def class_names(self) -> tuple[str, ...]:
         """Classes met so far, by class id."""
         return tuple(self._preparer.class_ids)
@@ -254,8 +257,7 @@ class Tracker:
         preparer = FramePreparer(self.method, self.backbone.patch_px)
         prepared = preparer.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing), self.config)
         self._follow_profile()
-        patches, attention = self._extract(prepared)
-        frame_feats = FrameFeats(patches, np.array(frame_size, np.int32), attention)
+        frame_feats = self._features.describe(prepared, self.static)
         self._memory.prepare_programs(frame_feats, prepared, self.config.thresholds, num_objects)
         return time.perf_counter() - start
 
@@ -309,22 +311,14 @@ class Tracker:
 
     def _advance(self, prepared: Prepared) -> Tracks:
         start, waited_before = time.perf_counter(), waited_s()
-        attention = None
         if prepared.features is not None:
-            patches, self._features_given = prepared.features, True
+            self._features_given = True
         elif prepared.image is not None:
             self._follow_profile()
-            patches, attention = jax.block_until_ready(self._extract(prepared))
-        else:
-            raise SourceError(
-                f"frame '{prepared.frame.name}' has neither an image nor patch features"
-            )
+        frame_feats = self._features.describe(prepared, self.static)
         described = time.perf_counter()
-        size = np.array(prepared.frame.size, np.int32)
         self.events = []
-        decisions, outlines = self._memory.step(
-            FrameFeats(patches, size, attention), prepared, self.config.thresholds
-        )
+        decisions, outlines = self._memory.step(frame_feats, prepared, self.config.thresholds)
         tracks = self._announce(self._read(prepared, outlines, decisions), prepared.frame.image)
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
@@ -360,7 +354,7 @@ class Tracker:
 
     def go_on(self, attention_slots: int) -> None:
         """After `load`: as if the frames that the memory has seen had been seen here."""
-        self.attention_slots, self._is_new_session = attention_slots, False
+        self._features.attention_slots, self._is_new_session = attention_slots, False
         if not self._features_given:
             self._follow_profile()
 
@@ -447,26 +441,6 @@ class Tracker:
         if not self._has_profile:
             self.config = self.config.for_backbone(self.backbone.name)
             self._has_profile = True
-
-    def _extract(self, prepared: Prepared) -> tuple[jax.Array, PatchAttention | None]:
-        """Patch features of the frame, and attention between its objects' patches if wanted."""
-        assert prepared.image is not None
-        images = prepared.image[None]
-        if not self._wants_attention():
-            return self.backbone.extract(images)[0], None
-        patches = np.flatnonzero(np.any(prepared.masks.coverage > 0, axis=0))
-        while self.attention_slots < len(patches):
-            self.attention_slots *= 2
-        slots = np.full(self.attention_slots, -1, np.int32)
-        slots[: len(patches)] = patches
-        heads = self.static.attention_heads or None
-        features, paid = self.backbone.extract_with_attention(images, slots[None], heads)
-        return features[0], PatchAttention(slots, paid.row_sums[0], paid.block[0])
-
-    def _wants_attention(self) -> bool:
-        """Whether parts come from attention."""
-        wants = self.method.wants_attention
-        return wants is not None and wants(self.static)
 
     def _read(self, prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:
         """The answers about the frame, as decided; notes what was left out of it."""
