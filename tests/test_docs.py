@@ -12,12 +12,14 @@ import jax
 import numpy as np
 import pytest
 
+import remind_jax as rj
 from remind_jax import method as methods
 from remind_jax.backbone import registry
 from remind_jax.explanation.plus.explanation import PlusExplanation
 from remind_jax.explanation.remind.explanation import RemindExplanation
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats
+from tests.sources.published import sam_masks, ultralytics_results
 from tests.test_citations import addresses
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -62,6 +64,71 @@ def test_extension_points_that_need_no_compiled_remind_work(page):
     examples = [code for code in code_of("extension_points.md") if code not in inside]
     run(examples, page)
     assert page.result.complete
+
+
+def test_recipes_for_detectors_work_with_what_they_publish(page, monkeypatch):
+    pytest.importorskip("supervision")
+
+    def colorful(rgb):
+        return np.ptp(rgb.astype(int), axis=-1) > 50
+
+    class YOLO:
+        def __init__(self, weights):
+            assert weights.endswith("-seg.pt")
+
+        def __call__(self, bgr, verbose=True):
+            assert (bgr[colorful(bgr)] == (40, 40, 200)).all()  # as Ultralytics wants it
+            rows, columns = np.nonzero(colorful(bgr))
+            box = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
+            planes = np.zeros((1, 128, 128), np.float32)  # bars of 16 pixels above and below
+            planes[0, 16:112] = colorful(bgr)
+            return [ultralytics_results(bgr.shape[:2], [box], planes)]
+
+    class RFDETRSegNano:
+        def predict(self, rgb, threshold):
+            assert threshold == 0.5
+            return types.SimpleNamespace(
+                xyxy=np.zeros((1, 4), np.float32),
+                mask=colorful(rgb)[None],
+                confidence=np.array([0.9], np.float32),
+                class_id=np.array([47]),
+                data={"class_name": np.array(["cup"], dtype=object)},
+            )
+
+    class SamAutomaticMaskGenerator:
+        def __init__(self, model, min_mask_region_area):
+            assert model == "SAM"
+
+        def generate(self, rgb):
+            return sam_masks([colorful(rgb), ~colorful(rgb)], [1.01, 0.9])
+
+    stand_ins = {
+        "ultralytics": {"YOLO": YOLO},
+        "rfdetr": {"RFDETRSegNano": RFDETRSegNano},
+        "segment_anything": {
+            "SamAutomaticMaskGenerator": SamAutomaticMaskGenerator,
+            "sam_model_registry": {"vit_b": lambda checkpoint: "SAM"},
+        },
+    }
+    for name, content in stand_ins.items():
+        module = types.ModuleType(name)
+        module.__dict__.update(content)
+        monkeypatch.setitem(sys.modules, name, module)
+    names = {}
+    for section in ("YOLO", "RF-DETR", "SAM", "Boxes alone", "What comes back"):
+        run(code_of("detectors.md")[:1] + code_of("detectors.md", section), page)
+        names[section] = [page.tracks.display_name(row) for row in range(len(page.tracks))]
+    assert names == {
+        "YOLO": ["cup 0"],
+        "RF-DETR": ["cup 0"],
+        "SAM": ["object 0", "object 1"],
+        "Boxes alone": ["mug 0"],
+        "What comes back": ["mug 0"],
+    }
+    assert [frame.object_id.tolist() for frame in page.result.tracks] == [[0]] * 3
+    assert page.result.tracks[0].areas.tolist() == [32 * 32]
+    assert page.found.tracker_id.tolist() == [0]
+    assert (page.picture != rj.draw(page.image, page.tracks)).any()
 
 
 @pytest.mark.slow
