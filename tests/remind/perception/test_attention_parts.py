@@ -13,7 +13,7 @@ from remind_jax.backbone import get_backbone
 from remind_jax.config import load_config
 from remind_jax.errors import ConfigError
 from remind_jax.remind.tracker import init, step
-from remind_jax.session import live
+from remind_jax.session import frame_features
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.live import Tracker
 from tests.backbone.networks import converted_file
@@ -97,7 +97,7 @@ def test_the_step_gets_the_attention_between_object_patches(backbone, frame, rea
 def test_slots_double_with_the_objects(backbone, frame, reached, monkeypatch):
     eyes, asked = backbone
     image, masks = frame
-    monkeypatch.setattr(live, "_ATTENTION_SLOTS", 2)
+    monkeypatch.setattr(frame_features, "_FIRST_SLOTS", 2)
     tracker = Tracker(remind({**STATIC, "part_source": "attention"}), eyes)
     for shown in (masks, masks[1:]):
         with pytest.raises(Stopped):
