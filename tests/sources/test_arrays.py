@@ -80,7 +80,7 @@ def test_no_frames_is_one_sentence(nothing):
         list(open_source(nothing))
 
 
-@pytest.mark.parametrize("spec", [3, object()])
+@pytest.mark.parametrize("spec", [3.5, object()])
 def test_things_without_frames(spec):
     with pytest.raises(SourceError, match="is no source of frames"):
         open_source(spec)
