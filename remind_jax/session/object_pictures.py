@@ -46,6 +46,11 @@ class Pictures:
         now = () if self.now is None else (self.now,)
         return best_of((*self.earlier, *now))
 
+    def place_of_now(self, kept: Sequence[Picture]) -> int:
+        """Which of some pictures is that of the visit that lasts; -1 if none is."""
+        places = (place for place, picture in enumerate(kept) if picture is self.now)
+        return next(places, -1)
+
     def next_visit(self) -> Pictures:
         """Before the first frame of a visit."""
         return Pictures(self.best)

@@ -96,6 +96,7 @@ class _Row(msgspec.Struct, frozen=True):
         list[tuple[Annotated[float, Meta(ge=0.0, le=1e9)], Positive]],
         Meta(max_length=MOST_PICTURES),
     ]  # quality and bytes of each
+    visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MOST_PICTURES)]]  # its frames, its picture
 
 
 class FiledRecords(msgspec.Struct, frozen=True):
@@ -313,6 +314,7 @@ class ObjectRecords:
                 "first": dataclasses.astuple(record.first),
                 "last": dataclasses.astuple(record.last),
                 "pictures": [(picture.quality, len(picture.jpeg)) for picture in fitting[one]],
+                "visit": (record.pictures.num_frames, record.pictures.place_of_now(fitting[one])),
             }
             for one, record in kept.items()
         ]
@@ -352,9 +354,10 @@ class ObjectRecords:
             first, last = Sight(*row.first), Sight(*row.last)
             if not first <= last or last.session > filed.session:
                 raise SourceError(f"object {row.id} was first seen after it was last seen")
-            records._records[row.id] = _Record(
-                row.label, row.frames, first, last, Pictures(best_of(views))
-            )
+            num_frames, place = row.visit
+            now = views.pop(place) if 0 <= place < len(views) else None
+            known = Pictures(best_of(views), now, num_frames)
+            records._records[row.id] = _Record(row.label, row.frames, first, last, known)
         if start != len(pictures):
             raise SourceError(f"{len(pictures) - start} bytes of pictures belong to no object")
         records._take_in(filed.names, filed.merged)

@@ -41,7 +41,7 @@ def test_objects_are_listed(run, capsys):
     assert [one["id"] for one in objects] == [0, 1, 2]
     assert all(one["frames"] == 3 and one["pictures"] > 0 for one in objects)
     assert main(["memory", str(run[0])]) == process.FINE
-    said = capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
     assert "3 objects in 1 session, tracker bank, patch-statistics" in said
     assert "session 1, frame 2" in said
 

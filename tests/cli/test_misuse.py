@@ -58,7 +58,11 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
         (("view", "runs/room"), 1, "it does not exist; runs beside it: rooms"),
         (("view", "runs"), 1, "it has no 'detections.jsonl'; it holds the runs runs/rooms"),
         (("explain", "notes.txt", "--frame", "0"), 1, "it is a file"),
-        (("eval", "notes.txt", "notes.txt", "--resamples", "-3"), 2, "--resamples is -3; give 0"),
+        (
+            ("eval", "notes.txt", "notes.txt", "--resamples", "-3"),
+            2,
+            "--resamples is -3; give a whole number from 0",
+        ),
         (("eval", "notes.txt", "notes.txt", "--num-frames", "0"), 2, "--num-frames is 0; give 1"),
         (("benchmark", "scene", "--detector", "x.engine"), 1, "a TensorRT engine"),
         (("benchmark", "scene", "--iou", "0.4"), 2, "--iou is for a detector"),
