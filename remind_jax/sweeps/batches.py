@@ -96,8 +96,8 @@ def share_lanes(num_settings: int) -> list[int]:
 def _program_size(sizes: Sequence[int]) -> int:
     """Settings that the program of every lane takes; the last one fills it up.
 
-    Of two settings side by side on a CPU, the compiler makes vectors that LLVM has no instruction
-    for ("Cannot select"), which ends the process.
+    Two settings side by side on a CPU ended the process while they were compiled (once with "Cannot
+    select" of LLVM); four and more did not.
     """
     is_alone = jax.default_backend() == "cpu" and jax.local_device_count() == 1
     return max(4, *sizes) if is_alone and max(sizes) > 1 else max(sizes)
