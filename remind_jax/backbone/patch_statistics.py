@@ -34,9 +34,12 @@ from jaxtyping import Array, Float, UInt8
 
 from remind_jax.backbone.cell_histograms import (
     CELL_PX,
+    HOLD_OPTIONS,
     above_surround,
+    angle,
     cell_mean,
     halve,
+    hold,
     joint_histogram,
     shifts,
     smooth,
@@ -101,8 +104,9 @@ def patch_statistics(*, centering: float = 0.8) -> Backbone:
         raise ConfigError(f"centering is {centering}; it must lie in [0, 1]")
     describe = jax.vmap(functools.partial(describe_patches, centering=centering))
     dim = sum(len(histogram) for _, histogram in _typical_blocks())
-    options = tuple(LIGHT_OPTIONS.get(jax.default_backend(), {}).items())
-    apply = KeptFunction(DEFAULT_BACKBONE, describe, centering, options)
+    device = jax.default_backend()
+    options = {**LIGHT_OPTIONS.get(device, {}), **HOLD_OPTIONS.get(device, {})}
+    apply = KeptFunction(DEFAULT_BACKBONE, describe, centering, tuple(options.items()))
     return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply)
 
 
@@ -119,12 +123,12 @@ def describe_patches(image: UInt8[Array, "H W 3"], centering: float) -> Float[Ar
 
 def measure_cells(image: UInt8[Array, "H W 3"]) -> dict[str, Float[Array, "K Hp Wp"]]:
     """Histograms of the five quantities over each patch, each summing to one."""
-    color = halve(jnp.moveaxis(image, -1, 0).astype(jnp.float32))
-    gray = color.mean(0)
+    color = halve(image)
+    gray = hold(sum(color) / len(color))
     around = spread(window_mean(cell_mean(gray), 1))
-    red, green, blue = jnp.log(color + SENSOR_OFFSET + LOCAL_OFFSET * around)
-    chroma = jnp.stack([red - green, blue - (red + green) / 2])
-    luminance = jnp.log(gray + SENSOR_OFFSET)
+    red, green, blue = hold(jnp.log(color + SENSOR_OFFSET + LOCAL_OFFSET * around))
+    chroma = hold(jnp.stack([red - green, blue - (red + green) / 2]))
+    luminance = hold(jnp.log(gray + SENSOR_OFFSET))
     smoothed = smooth(jnp.stack([luminance, *chroma]), sigma_px=1.5, reach_px=4)
     chroma_above = above_surround(chroma, SURROUND_RADIUS)
     luminance_above = above_surround(luminance, SURROUND_RADIUS)
@@ -144,10 +148,10 @@ def measure_cells(image: UInt8[Array, "H W 3"]) -> dict[str, Float[Array, "K Hp 
 
 def _hue_saturation_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
     """Hue by saturation; the least saturated bin has no hue, for the hue of gray is noise."""
-    turns = jnp.arctan2(chroma[1], chroma[0]) / (2 * math.pi)
-    saturation = jnp.log1p(8 * jnp.hypot(chroma[0], chroma[1]))
-    shares = soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS)
-    colored = joint_histogram(soft_bins_periodic(turns, NUM_HUES), shares[1:])
+    turns = hold(angle(chroma[1], chroma[0]))
+    saturation = hold(jnp.log1p(8 * jnp.hypot(chroma[0], chroma[1])))
+    shares = hold(soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS))
+    colored = joint_histogram(hold(soft_bins_periodic(turns, NUM_HUES)), shares[1:])
     return jnp.concatenate([cell_mean(shares[:1]), colored])
 
 
@@ -158,8 +162,9 @@ def _texture_histogram(luminance: Float[Array, "H W"]) -> Float[Array, "K Hp Wp"
 
     there = [(down * NEIGHBOR_PX, right * NEIGHBOR_PX) for down, right in DIRECTIONS]
     opposite = [(-down, -right) for down, right in there]
-    difference = (shifts(luminance, there + opposite) - luminance) / (0.4 * contrast)
-    shares = soft_bins(jnp.tanh(difference), -1.0, 1.0, NUM_CONTRAST)
+    around = shifts(luminance, there + opposite)
+    sides = [hold(jnp.tanh((side - luminance) / (0.4 * contrast))) for side in around]
+    shares = soft_bins(hold(jnp.stack(sides)), -1.0, 1.0, NUM_CONTRAST)
     patterns = joint_histogram(shares[: len(there)], shares[len(there) :])
     return patterns.reshape(-1, *patterns.shape[2:]) / len(DIRECTIONS)
 
@@ -167,9 +172,10 @@ def _texture_histogram(luminance: Float[Array, "H W"]) -> Float[Array, "K Hp Wp"
 def _gradient_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
     """Logarithms of the length of the chroma gradient."""
     right, left, below, above = shifts(chroma, ((0, 1), (0, -1), (1, 0), (-1, 0)))
-    length = jnp.sqrt(((right - left) ** 2 + (below - above) ** 2).sum(0)) / 2
+    length = jnp.sqrt(sum((right - left) ** 2 + (below - above) ** 2)) / 2
     low, high = math.log(GRADIENT_MIN), math.log(GRADIENT_MAX)
-    return cell_mean(soft_bins(jnp.log(length + GRADIENT_MIN), low, high, NUM_GRADIENT))
+    logarithm = hold(jnp.log(length + GRADIENT_MIN))
+    return cell_mean(soft_bins(logarithm, low, high, NUM_GRADIENT))
 
 
 @functools.cache

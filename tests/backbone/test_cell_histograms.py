@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from remind_jax.backbone import cell_histograms as ch
 
 FLOAT32_SUM = 1e-5  # a few hundred float32 additions of values of order one
+COORDINATES = st.floats(-8, 8, width=32, allow_subnormal=False)
 
 
 def draw(*shape: int) -> jax.Array:
@@ -84,5 +85,27 @@ def test_spreading_undoes_the_mean_of_cells():
 
 
 def test_halving_averages_squares():
-    pixels = draw(3, 4, 6)
-    assert ch.halve(pixels)[1, 1, 2] == pytest.approx(float(pixels[1, 2:, 4:].mean()), abs=1e-6)
+    image = np.random.default_rng(0).integers(0, 256, (4, 6, 3), np.uint8)
+    squares = image.reshape(2, 2, 3, 2, 3).astype(np.float32).mean((1, 3))
+    np.testing.assert_array_equal(ch.halve(jnp.asarray(image)), np.moveaxis(squares, -1, 0))
+
+
+@settings(deadline=None, max_examples=100)
+@given(COORDINATES, COORDINATES)
+def test_angles_are_those_of_arctan2(y, x):
+    turns = float(ch.angle(jnp.float32(y), jnp.float32(x)))
+    expected = np.arctan2(y, x) / (2 * np.pi) if (y or x) else 0.0
+    # Half a turn and minus half a turn are one direction.
+    assert abs((turns - expected + 0.5) % 1.0 - 0.5) < 1e-7
+
+
+def test_what_is_held_is_a_value_of_its_own_in_the_program():
+    def twice(values):
+        logarithm = ch.hold(jnp.log(values))
+        return logarithm[:-1] + logarithm[1:]
+
+    options = ch.HOLD_OPTIONS.get(jax.default_backend())
+    values = jnp.arange(1.0, 9.0)
+    program = jax.jit(twice, compiler_options=options).lower(values).compile()
+    assert "opt-barrier" in (program.as_text() or "")
+    np.testing.assert_allclose(program(values), twice(values), atol=FLOAT32_SUM)
