@@ -5,14 +5,15 @@ They stand wherever JAX takes arrays; `jax.device_put` brings a tree of them to 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Array
 
 
-def full(shape: int | tuple[int, ...], value: float, dtype: Any) -> Array:
-    """An array of one value."""
+def full(shape: int | tuple[int, ...], value: float | Sequence[float], dtype: Any) -> Array:
+    """An array of one value, or of one along the last axis."""
     return cast(Array, np.full(shape, value, dtype))
 
 

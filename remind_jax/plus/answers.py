@@ -11,7 +11,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import (
     NUM_OPTIONS,
@@ -23,6 +23,7 @@ from remind_jax.decision import (
     no_decisions,
 )
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
@@ -141,7 +142,7 @@ def report(
     # The answer first, the rest by falling probability.
     is_answer = option_id == verdicts.answer_id[:, None]
     _, first = jax.lax.top_k(option_score + 2.0 * is_answer, NUM_OPTIONS)
-    shown = doubtful[:, None] & _pick(could_be, first)
+    shown = doubtful[:, None] & look_up_in_rows(could_be, first)
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
     ordered, ranked = jax.lax.top_k(belief, belief.shape[1])
     listed = _shown_candidates(verdicts, ordered, base, ranked, static.num_candidates)
@@ -164,8 +165,8 @@ def report(
         assigned_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         guarded_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
         is_anchor=seen & (here.slot != NO_SLOT),
-        option_id=jnp.where(shown, _pick(option_id, first), NO_ID),
-        option_score=jnp.where(shown, _pick(option_score, first), 0.0),
+        option_id=jnp.where(shown, look_up_in_rows(option_id, first), NO_ID),
+        option_score=jnp.where(shown, look_up_in_rows(option_score, first), 0.0),
         num_bad_patches=num_bad_patches,
         **listed,
     )
@@ -194,11 +195,6 @@ def _list_options(
     return ids, jnp.where(undecided[:, None], score, 0.0)
 
 
-def _pick(values: Shaped[Array, "N M"], index: Int[Array, "N K"]) -> Shaped[Array, "N K"]:
-    """Some of the values of each row."""
-    return jnp.take_along_axis(values, index, axis=1, mode="clip")
-
-
 def _shown_candidates(
     verdicts: Verdicts,
     ordered: Float[Array, "N C"],
@@ -220,9 +216,9 @@ def _shown_candidates(
         lacking = max(0, width - values.shape[1])
         return jnp.pad(values[:, :width], ((0, 0), (0, lacking)), constant_values=blank)
 
-    ids = _pick(verdicts.option_id, ranked)
+    ids = look_up_in_rows(verdicts.option_id, ranked)
     valid = ids != NO_ID
-    gained = _pick(verdicts.option_odds - base, ranked)
+    gained = look_up_in_rows(verdicts.option_odds - base, ranked)
     return {
         "candidate_id": show(ids, NO_ID),
         "candidate_score": show(ordered, 0.0),

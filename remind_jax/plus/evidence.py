@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import squared_length
@@ -183,7 +184,7 @@ def shortlist(
     valid = jnp.isfinite(value)
 
     def pick(values: Float[Array, "N O"]) -> Float[Array, "N C"]:
-        return jnp.take_along_axis(values, slot, axis=1, mode="clip")
+        return look_up_in_rows(values, slot)
 
     return Shortlist(
         slot=slot,

@@ -47,17 +47,20 @@ def create_objects(
     slot = jnp.where(born, lowest, tracklets.slot)
     row = rows_of(slot, born, num_o)
     is_new = row != NO_ROW
+    nothing = jnp.zeros_like(tracklets.id)
+    begun = Objects.columns_of(
+        id=tracklets.id,
+        class_id=tracklets.class_id,
+        seen=nothing,
+        last=tracklets.last,
+        ring_count=nothing,
+    )
     objects = dataclasses.replace(
         objects,
-        id=jnp.where(is_new, tracklets.id[row], objects.id),
-        class_id=jnp.where(is_new, tracklets.class_id[row], objects.class_id),
-        seen=jnp.where(is_new, 0, objects.seen),
-        last=jnp.where(is_new, tracklets.last[row], objects.last),
-        size=jnp.where(is_new, tracklets.size[row], objects.size),
+        wholes=jnp.where(is_new[:, None], begun["wholes"][row], objects.wholes),
+        place=jnp.where(is_new[:, None], tracklets.place[row, 4:], objects.place),
         bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
         ring=jnp.where(is_new[:, None], 0.0, objects.ring),
-        ring_count=jnp.where(is_new, 0, objects.ring_count),
-        position=jnp.where(is_new[:, None], tracklets.center[row], objects.position),
     )
     # Nothing is known between a free slot and the others, so there is nothing to clear.
     own = jnp.eye(num_o, dtype=bool) & is_new
@@ -86,10 +89,11 @@ def absorb(
     row = rows_of(into, absorbed, num_o)
     gains = row != NO_ROW
     giver = slot[row]
-    more = jnp.where(gains, objects.ring_count[giver], 0)
+    given = jnp.where(gains[:, None], objects.wholes[giver], 0)
+    more = given[:, Objects.ring_count.index]
     ring_count = objects.ring_count + more
     share = (more / jnp.maximum(ring_count, 1))[:, None]
-    given = jnp.where(gains[:, None], objects.ring[giver], objects.ring)
+    ring = jnp.where(gains[:, None], objects.ring[giver], objects.ring)
 
     def hand_over() -> Float[Array, "O O"]:
         # The diagonal counts sights of one object and is no pair.
@@ -98,13 +102,12 @@ def absorb(
         return pairs.covisible + added + added.T
 
     covisible = branch(jnp.any(absorbed), hand_over, lambda: pairs.covisible)
-    objects = dataclasses.replace(
-        objects,
+    objects = objects.replaced(
         id=jnp.where(gone, NO_ID, objects.id),
         class_id=jnp.where(gone, NO_ID, objects.class_id),
-        seen=objects.seen + jnp.where(gains, objects.seen[giver], 0),
+        seen=objects.seen + given[:, Objects.seen.index],
         bank_count=jnp.where(gone[:, None], 0, objects.bank_count),
-        ring=objects.ring + share * (given - objects.ring),
+        ring=objects.ring + share * (ring - objects.ring),
         ring_count=ring_count,
     )
     return objects, dataclasses.replace(pairs, covisible=covisible)
@@ -223,13 +226,13 @@ def learn_objects(
     ring_count = objects.ring_count + has_ring
     rate = has_ring / jnp.maximum(ring_count, 1)
     step = jnp.where(has_ring[:, None], sightings.ring[row] - objects.ring, 0.0)
-    return dataclasses.replace(
-        objects,
+    size = jnp.where(visible, size, objects.size)
+    return objects.replaced(
         seen=objects.seen + visible,
         last=jnp.where(visible, frame, objects.last),
-        size=jnp.where(visible, size, objects.size),
-        ring=objects.ring + rate[:, None] * step,
         ring_count=ring_count,
+        place=jnp.concatenate([objects.position, size[:, None]], axis=1),
+        ring=objects.ring + rate[:, None] * step,
     )
 
 

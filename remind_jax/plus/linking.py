@@ -35,8 +35,7 @@ from remind_jax.solvers.assignment_in_graph import assign_in_graph
 class Links:
     """What may go on with what, by a motion of the image."""
 
-    box: Float[Array, "T 4"]  # of the tracklets, where they should be now
-    center: Float[Array, "T 2"]
+    place: Float[Array, "T 7"]  # `place` of the tracklets, where they should be now
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
 
@@ -47,11 +46,10 @@ def carry(tracklets: Tracklets, motion: Motion) -> Tracklets:
     low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
     middle = turned((low + high) / 2, turn) + shift
     half = (high - low) / 2 * zoom_of(turn)
-    return dataclasses.replace(
-        tracklets,
-        box=jnp.concatenate([middle - half, middle + half], axis=1),
-        center=turned(tracklets.center, turn) + shift,
-    )
+    center = turned(tracklets.center, turn) + shift
+    size = tracklets.size[:, None]
+    place = jnp.concatenate([middle - half, middle + half, center, size], axis=1)
+    return dataclasses.replace(tracklets, place=place)
 
 
 def score_links(
@@ -85,7 +83,7 @@ def score_links(
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
-    return Links(tracklets.box, tracklets.center, score, possible & (score > t.least))
+    return Links(tracklets.place, score, possible & (score > t.least))
 
 
 def link(links: Links, class_id: Int[Array, "N"], t: th.Linking) -> Int[Array, "N"]:
@@ -107,44 +105,43 @@ def advance_tracklets(
     Returns:
       Tracklets: those of the detections, in their order, then those of the frames before, of which
       some may still resume; the next free id; and how far each look is from the smoothed look
-      before.
+      before, 0 for the first one.
     """
     num = len(origin)
     linked = origin != NO_SLOT
     old = jax.tree.map(lambda leaf: leaf[jnp.where(linked, origin, 0)], tracklets)
     starts = sightings.valid & ~linked
     age = jnp.where(linked, old.age, 0) + sightings.valid
-    step = sightings.look - old.look
-    rate = 1.0 / jnp.minimum(jnp.maximum(age, 1), t.smoothing)
     ring_count = jnp.where(linked, old.ring_count, 0) + sightings.has_ring
-    ring_rate = 1.0 / jnp.minimum(jnp.maximum(ring_count, 1), t.smoothing)
-    old_ring = jnp.where(linked[:, None], old.ring, 0.0)
-    ring = old_ring + ring_rate[:, None] * (sightings.ring - old_ring)
-    here = Tracklets(
+    # Looks and backgrounds are running means; the first look stays.
+    first = jnp.stack([sightings.look, jnp.zeros_like(sightings.ring), sightings.look], axis=1)
+    before = jnp.where(linked[:, None, None], old.looks, first)
+    seen = jnp.stack([sightings.look, sightings.ring, sightings.look], axis=1)
+    rate = 1.0 / jnp.clip(jnp.stack([age, ring_count], axis=1), 1, t.smoothing)
+    rate = rate * jnp.stack([linked, sightings.has_ring], axis=1)
+    rate = jnp.pad(rate, ((0, 0), (0, 1)))
+    step = seen - before
+    here = Tracklets.of(
         alive=sightings.valid,
-        box=sightings.box,
-        center=sightings.center,
-        size=sightings.size,
         class_id=sightings.class_id,
         last=jnp.full(num, frame, jnp.int32),
         age=age,
-        look=jnp.where(linked[:, None], old.look + rate[:, None] * step, sightings.look),
-        ring=jnp.where(sightings.has_ring[:, None], ring, old_ring),
         ring_count=ring_count,
-        first_look=jnp.where(linked[:, None], old.first_look, sightings.look),
         slot=jnp.where(linked, old.slot, NO_SLOT),
         fresh=linked & old.fresh,
-        belief=jnp.where(linked, old.belief, 0.0),
         named=linked & old.named,
         leans_new=linked & old.leans_new,
         id=jnp.where(linked, old.id, next_id + count_before(starts)),
+        place=jnp.concatenate([sightings.box, sightings.center, sightings.size[:, None]], axis=1),
+        belief=jnp.where(linked, old.belief, 0.0),
+        looks=before + rate[..., None] * step,
     )
     taken = rows_of(origin, linked, len(tracklets.alive)) != NO_ROW
     stays = tracklets.alive & ~taken & (frame - tracklets.last <= MISSED_FRAMES)
-    before = dataclasses.replace(tracklets, alive=stays)
+    others = tracklets.replaced(alive=stays)
     # Each frame moves all rows on by one frame's detections: what reaches the end is too old.
-    both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[:-num]]), here, before)
-    return both, next_id + jnp.sum(starts, dtype=jnp.int32), step
+    both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[:-num]]), here, others)
+    return both, next_id + jnp.sum(starts, dtype=jnp.int32), step[:, 0]
 
 
 def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:

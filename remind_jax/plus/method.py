@@ -67,6 +67,9 @@ def count_occupied(state: PlusState) -> tuple[Int[Array, ""], int]:
     return jnp.sum(state.objects.exists) + jnp.sum(state.tracklets.is_open), 0
 
 
+# A sum over a long axis is one kernel together with what it adds up; otherwise it is three.
+COMPILER_OPTIONS = {"cpu": {"xla_disable_hlo_passes": "tree_reduction_rewriter"}}
+
 METHOD = Method(
     "plus",
     PlusThresholds,
@@ -89,4 +92,5 @@ METHOD = Method(
         described_by=("looks.unit_patches",),
         in_turn_on_cpu=True,
     ),
+    compiler_options=COMPILER_OPTIONS,
 )

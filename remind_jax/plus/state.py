@@ -13,11 +13,13 @@ import functools
 from typing import cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Decisions, Overflow, no_decisions
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.constant_arrays import eye, full, zeros
 from remind_jax.plus.static import BANK_SLOTS, NUM_CANDIDATES, num_tracklets, white_dim
 from remind_jax.static import Static
@@ -42,25 +44,41 @@ class Stage(enum.IntEnum):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Objects:
+class Objects(Table):
     """One row per remembered object."""
 
-    id: Int[Array, "O"]  # -1 in free slots
-    class_id: Int[Array, "O"]
-    seen: Int[Array, "O"]  # frames in which it was seen and decided
-    last: Int[Array, "O"]  # the last of them
-    size: Float[Array, "O"]
+    wholes: Int[Array, "O 5"]
+    place: Float[Array, "O 3"]  # center in the present frame, visible or not, and size
     bank: Float[Array, "O K D"]  # kept looks
     bank_count: Int[Array, "O K"]  # sights in each, 0: free
     white_bank: Float[Array, "O K E"]  # the same, whitened, of unit length
     ring: Float[Array, "O D"]  # mean background
-    ring_count: Int[Array, "O"]
-    position: Float[Array, "O 2"]  # in the present frame, visible or not
+
+    id = Column("wholes")  # -1 in free slots
+    class_id = Column("wholes")
+    seen = Column("wholes")  # frames in which it was seen and decided
+    last = Column("wholes")  # the last of them
+    ring_count = Column("wholes")
+
+    @property
+    def position(self) -> Float[Array, "O 2"]:
+        """Centers in the present frame, visible or not."""
+        return self.place[:, :2]
+
+    @property
+    def size(self) -> Float[Array, "O"]:
+        """Square roots of the areas of their masks."""
+        return self.place[:, 2]
 
     @property
     def exists(self) -> Bool[Array, "O"]:
         """Slots in use."""
         return self.id != NO_ID
+
+    def moved(self, position: Float[Array, "O 2"]) -> Objects:
+        """With other positions."""
+        place = jnp.concatenate([position, self.place[:, 2:]], axis=1)
+        return dataclasses.replace(self, place=place)
 
 
 @jax.tree_util.register_dataclass
@@ -77,26 +95,54 @@ class Pairs:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Tracklets:
+class Tracklets(Table):
     """Uninterrupted sights of something, carried along with the image."""
 
-    alive: Bool[Array, "T"]
-    box: Float[Array, "T 4"]
-    center: Float[Array, "T 2"]
-    size: Float[Array, "T"]
-    class_id: Int[Array, "T"]
-    last: Int[Array, "T"]  # frame
-    age: Int[Array, "T"]  # detections so far
-    look: Float[Array, "T D"]  # smoothed
-    ring: Float[Array, "T D"]  # smoothed
-    ring_count: Int[Array, "T"]
-    first_look: Float[Array, "T D"]
-    slot: Int[Array, "T"]  # its object once decided, NO_SLOT while open
-    fresh: Bool[Array, "T"]  # decided as a new object that may still turn out to be a known one
+    wholes: Int[Array, "T 10"]
+    place: Float[Array, "T 7"]  # box, center and size
     belief: Float[Array, "T"]  # probability of its object when it was decided
-    named: Bool[Array, "T"]  # its own id was shown before
-    leans_new: Bool[Array, "T"]  # last taken for a new object
-    id: Int[Array, "T"]  # what it would be called as a new object
+    looks: Float[Array, "T 3 D"]
+
+    alive = Column("wholes", truth=True)
+    class_id = Column("wholes")
+    last = Column("wholes")  # frame
+    age = Column("wholes")  # detections so far
+    ring_count = Column("wholes")
+    slot = Column("wholes")  # its object once decided, NO_SLOT while open
+    fresh = Column("wholes", truth=True)  # decided as new, may still turn out to be known
+    named = Column("wholes", truth=True)  # its own id was shown before
+    leans_new = Column("wholes", truth=True)  # last taken for a new object
+    id = Column("wholes")  # what it would be called as a new object
+
+    @property
+    def box(self) -> Float[Array, "T 4"]:
+        """Left, top, right, bottom."""
+        return self.place[:, :4]
+
+    @property
+    def center(self) -> Float[Array, "T 2"]:
+        """Of the mask."""
+        return self.place[:, 4:6]
+
+    @property
+    def size(self) -> Float[Array, "T"]:
+        """Square root of the area of the mask."""
+        return self.place[:, 6]
+
+    @property
+    def look(self) -> Float[Array, "T D"]:
+        """Smoothed looks."""
+        return self.looks[:, 0]
+
+    @property
+    def ring(self) -> Float[Array, "T D"]:
+        """Smoothed backgrounds."""
+        return self.looks[:, 1]
+
+    @property
+    def first_look(self) -> Float[Array, "T D"]:
+        """The looks that they began with."""
+        return self.looks[:, 2]
 
     @property
     def is_open(self) -> Bool[Array, "T"]:
@@ -173,18 +219,17 @@ def init(static: Static) -> PlusState:
         return full(shape, value, np.float32)
 
     empty = PlusState(
-        objects=Objects(
+        objects=Objects.of(
             id=whole(num_o, value=NO_ID),
             class_id=whole(num_o, value=NO_ID),
             seen=whole(num_o),
             last=whole(num_o, value=LONG_AGO),
-            size=real(num_o, value=1.0),
+            ring_count=whole(num_o),
+            place=full((num_o, 3), (0, 0, 1), np.float32),
             bank=real(num_o, num_k, dim),
             bank_count=whole(num_o, num_k),
             white_bank=real(num_o, num_k, white),
             ring=real(num_o, dim),
-            ring_count=whole(num_o),
-            position=real(num_o, 2),
         ),
         pairs=Pairs(
             covariance=real(num_o, num_o),
@@ -228,24 +273,20 @@ def _any_basis(dim: int, num: int) -> Float[np.ndarray, "D E"]:
 
 def no_tracklets(num: int, dim: int) -> Tracklets:
     """`num` free places."""
-    return Tracklets(
+    return Tracklets.of(
         alive=zeros(num, bool),
-        box=zeros((num, 4), np.float32),
-        center=zeros((num, 2), np.float32),
-        size=full(num, 1, np.float32),
         class_id=full(num, NO_ID, np.int32),
         last=full(num, LONG_AGO, np.int32),
         age=zeros(num, np.int32),
-        look=zeros((num, dim), np.float32),
-        ring=zeros((num, dim), np.float32),
         ring_count=zeros(num, np.int32),
-        first_look=zeros((num, dim), np.float32),
         slot=full(num, NO_SLOT, np.int32),
         fresh=zeros(num, bool),
-        belief=zeros(num, np.float32),
         named=zeros(num, bool),
         leans_new=zeros(num, bool),
         id=full(num, NO_ID, np.int32),
+        place=full((num, 7), (0, 0, 0, 0, 0, 0, 1), np.float32),
+        belief=zeros(num, np.float32),
+        looks=zeros((num, 3, dim), np.float32),
     )
 
 

@@ -147,7 +147,7 @@ def _advance(
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion
     )
-    carried = dataclasses.replace(state.tracklets, box=links.box, center=links.center)
+    carried = dataclasses.replace(state.tracklets, place=links.place)
     # Which detection goes on with which tracklet?
     origin = link(links, sightings.class_id, t.linking)
     tracklets, next_id, change = advance_tracklets(
@@ -196,8 +196,7 @@ def _advance(
     objects, pairs = absorb(objects, pairs, *merges)
     slot = jnp.where(choice.recognized | choice.absorbed, choice.slot, slots[:num])
     fresh = (here.fresh | choice.born) & ~choice.absorbed
-    here = dataclasses.replace(
-        here,
+    here = here.replaced(
         slot=slot,
         fresh=fresh,
         belief=verdicts.probability,
@@ -248,11 +247,5 @@ def _settle(
     """
     others = jax.tree.map(lambda leaf: leaf[len(here.alive) :], tracklets)
     lost = (slot != NO_SLOT) & (row[slot] != NO_ROW)
-    others = dataclasses.replace(
-        others, alive=others.alive & ~lost, slot=slot, fresh=others.fresh | ended
-    )
-    decided = ("alive", "slot", "fresh", "belief", "named", "leans_new")
-    return dataclasses.replace(
-        tracklets,
-        **{name: jnp.concatenate([getattr(here, name), getattr(others, name)]) for name in decided},
-    )
+    others = others.replaced(alive=others.alive & ~lost, slot=slot, fresh=others.fresh | ended)
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), here, others)

@@ -43,14 +43,11 @@ class _Problem(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """State between two turns; arrays of one kind are rows of one array, which is less to write."""
+    """State between two turns: three arrays, for each is a step to write; float64 holds all."""
 
-    at: Int[Array, "4"]  # `_At`
-    low: Float[Array, ""]  # length of the path to `visited`
-    lengths: Float[Array, "2 C"]  # of the shortest path to each slot, and its price
-    slots: Int[Array, "3 C"]  # place, last driver on the path, owner
-    drivers: Float[Array, "2 N"]  # `low` when the driver was visited (inf: not visited), its price
-    settled: Int[Array, "N"]  # slot of drivers whose slot was taken over by a later group
+    at: Float[Array, "5"]  # `_At`
+    slots: Float[Array, "5 C"]  # `_Slots`
+    drivers: Float[Array, "3 N"]  # `_Drivers`
 
 
 class _At(NamedTuple):
@@ -60,6 +57,39 @@ class _At(NamedTuple):
     visited: Int[Array, ""]  # driver whose slots are looked at next, on the path of `driver`
     holder: Int[Array, ""]  # driver that gives up its slot next, -1: the path is not found yet
     taken: Int[Array, ""]  # the slot that it took instead
+    low: Float[Array, ""]  # length of the path to `visited`
+
+    @classmethod
+    def of(cls, state: _Search) -> _At:
+        wholes = state.at[:4].astype(jnp.int32)
+        return cls(*wholes, low=state.at[4])
+
+
+class _Slots(NamedTuple):
+    distance: Float[Array, "C"]  # length of the shortest path to each
+    price: Float[Array, "C"]
+    place: Int[Array, "C"]
+    previous: Int[Array, "C"]  # last driver on the path
+    owner: Int[Array, "C"]
+
+    @classmethod
+    def of(cls, state: _Search) -> _Slots:
+        return cls(*state.slots[:2], *state.slots[2:].astype(jnp.int32))
+
+
+class _Drivers(NamedTuple):
+    entry: Float[Array, "N"]  # `low` when the driver was visited, inf: not visited
+    price: Float[Array, "N"]
+    settled: Int[Array, "N"]  # slot of drivers whose slot was taken over by a later group
+
+    @classmethod
+    def of(cls, state: _Search) -> _Drivers:
+        entry, price, settled = state.drivers
+        return cls(entry, price, settled.astype(jnp.int32))
+
+
+def _join(values: tuple[Array, ...]) -> Array:
+    return jnp.stack([value.astype(jnp.float64) for value in values])
 
 
 def assign_in_graph(
@@ -179,28 +209,25 @@ def _search(
 
 def _search_in_double(problem, dummies, dummy_slot):
     num, slots = problem.cost.shape
-    zero = jnp.int32(0)
+    per_slot, per_driver = jnp.zeros(slots, jnp.float64), jnp.zeros(num, jnp.float64)
     state = _Search(
-        at=jnp.stack(_At(zero, zero, zero - 1, zero)),
-        low=jnp.float64(0),
-        lengths=jnp.zeros((2, slots), jnp.float64),
-        slots=jnp.full((3, slots), -1, jnp.int32),
-        drivers=jnp.zeros((2, num), jnp.float64),
-        settled=jnp.full(num, -1, jnp.int32),
+        at=jnp.array([0, 0, -1, 0, 0], jnp.float64),
+        slots=_join(_Slots(per_slot, per_slot, per_slot - 1, per_slot - 1, per_slot - 1)),
+        drivers=_join(_Drivers(per_driver, per_driver, per_driver - 1)),
     )
     no_owner = dummies & (jnp.arange(slots, dtype=jnp.int32) == dummy_slot)
     state = repeat(
-        lambda state: _At(*state.at).driver < problem.num_drivers,
+        lambda state: _At.of(state).driver < problem.num_drivers,
         lambda state: _advance(state, problem, no_owner),
         state,
     )
-    return state.slots[2], state.settled
+    return _Slots.of(state).owner, _Drivers.of(state).settled
 
 
 def _advance(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Search:
     """Visits the next driver of a path, or passes on the next slot of a path that is found."""
     passed, visited = _pass_on(state), _visit(state, problem, no_owner)
-    passes = _At(*state.at).holder >= 0
+    passes = _At.of(state).holder >= 0
     return _Search(*(jnp.where(passes, *leaves) for leaves in zip(passed, visited, strict=True)))
 
 
@@ -208,12 +235,12 @@ def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Se
     """Measures the open slots from one driver, closes the nearest, and ends or goes on there."""
     num, slots = problem.cost.shape
     slot_index, driver_index = (jnp.arange(size, dtype=jnp.int32) for size in (slots, num))
-    driver, visited, _, _ = _At(*state.at)
-    (distance, slot_price), (place, previous, owner) = state.lengths, state.slots
-    entry, driver_price = state.drivers
+    driver, visited, _, _, low = _At.of(state)
+    distance, slot_price, place, previous, owner = _Slots.of(state)
+    entry, driver_price, settled = _Drivers.of(state)
 
     fresh = driver == visited
-    low = jnp.where(fresh, 0.0, state.low)
+    low = jnp.where(fresh, 0.0, low)
     # Entries of a batch that are done wait for the others: without an open slot nothing changes.
     row = problem.row[driver]
     todo = jnp.where(driver < problem.num_drivers, problem.place[row], -1)
@@ -251,31 +278,33 @@ def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Se
         visited=jnp.where(ends, after, last_owner),
         holder=jnp.where(passes, holder, -1),
         taken=slot,
+        low=low,
     )
     owner = jnp.where(at_slot & gains & ~no_owner, holder, owner)
+    price = jnp.where(gains, paid, slot_price)
+    driver_price = jnp.where(gains, priced, driver_price)
+    settled = jnp.where(gains & (driver_index == last_owner), slot, settled)
     return _Search(
-        at=jnp.stack(at),
-        low=low,
-        lengths=jnp.stack([distance, jnp.where(gains, paid, slot_price)]),
-        slots=jnp.stack([place, previous, owner]),
-        drivers=jnp.stack([entry, jnp.where(gains, priced, driver_price)]),
-        settled=jnp.where(gains & (driver_index == last_owner), slot, state.settled),
+        at=_join(at),
+        slots=_join(_Slots(distance, price, place, previous, owner)),
+        drivers=_join(_Drivers(entry, driver_price, settled)),
     )
 
 
 def _pass_on(state: _Search) -> _Search:
     """Gives the slot of a driver that took another one to the driver before it on the path."""
-    driver, visited, holder, taken = _At(*state.at)
-    place, previous, owner = state.slots
+    driver, visited, holder, taken, low = _At.of(state)
+    slots = _Slots.of(state)
+    previous, owner = slots.previous, slots.owner
     slot_index = jnp.arange(len(owner), dtype=jnp.int32)
     given_up = (owner == holder) & (slot_index != taken)
     slot = jnp.max(jnp.where(given_up, slot_index, 0))
     heir = previous[slot]
     ends = heir == driver
     after = driver + jnp.where(ends, 1, 0)
-    at = _At(after, jnp.where(ends, after, visited), jnp.where(ends, -1, heir), slot)
+    at = _At(after, jnp.where(ends, after, visited), jnp.where(ends, -1, heir), slot, low)
     owner = jnp.where(given_up, heir, owner)
-    return state._replace(at=jnp.stack(at), slots=jnp.stack([place, previous, owner]))
+    return state._replace(at=_join(at), slots=_join(slots._replace(owner=owner)))
 
 
 def _nearest(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -45,24 +46,19 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
     def put(empty, values):
         return empty.at[:num].set(values)
 
-    empty = no_tracklets(room, DIM)
-    empty = Tracklets(
-        **{f.name: jnp.asarray(getattr(empty, f.name)) for f in dataclasses.fields(empty)}
-    )
-    begun = dataclasses.replace(
-        empty,
+    empty = jax.tree.map(jnp.asarray, no_tracklets(room, DIM))
+    begun = empty.replaced(
         alive=put(empty.alive, seen.valid),
-        box=put(empty.box, seen.box),
-        center=put(empty.center, seen.center),
-        size=put(empty.size, seen.size),
+        place=put(
+            empty.place, jnp.concatenate([seen.box, seen.center, seen.size[:, None]], axis=1)
+        ),
         class_id=put(empty.class_id, seen.class_id),
         last=put(empty.last, jnp.full(num, frame)),
         age=put(empty.age, jnp.ones(num, jnp.int32)),
-        look=put(empty.look, seen.look),
-        first_look=put(empty.first_look, seen.look),
+        looks=put(empty.looks, jnp.stack([seen.look, 0 * seen.look, seen.look], axis=1)),
         id=put(empty.id, jnp.arange(num)),
     )
-    return dataclasses.replace(begun, **fields)
+    return begun.replaced(**fields)
 
 
 def motion(shift=(0.0, 0.0), score: float = 1.0) -> Motion:
@@ -77,12 +73,12 @@ def empty_state() -> PlusState:
 
 def objects_of(looks, **fields) -> Objects:
     """Objects of class 0, each with one kept look, compared as it is."""
+    position = fields.pop("position", None)
     empty = init(STATIC).objects
     looks = jnp.asarray(looks, jnp.float32)
     num = len(looks)
     ids = jnp.where(jnp.arange(STATIC.num_objects) < num, jnp.arange(STATIC.num_objects), -1)
-    known = dataclasses.replace(
-        empty,
+    known = jax.tree.map(jnp.asarray, empty).replaced(
         id=ids,
         class_id=jnp.where(ids >= 0, 0, -1),
         seen=jnp.where(ids >= 0, 10, 0),
@@ -90,4 +86,5 @@ def objects_of(looks, **fields) -> Objects:
         white_bank=jnp.asarray(empty.white_bank).at[:num, 0].set(looks),
         bank_count=jnp.asarray(empty.bank_count).at[:num, 0].set(1),
     )
-    return dataclasses.replace(known, **fields)
+    known = known if position is None else known.moved(jnp.asarray(position, jnp.float32))
+    return known.replaced(**fields)

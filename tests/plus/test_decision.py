@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax.numpy as jnp
 import pytest
 
@@ -21,7 +19,7 @@ NEW = Decision().new
 def decide_alone(age: int, odds: float, tentative: float) -> Choice:
     """One open tracklet; how familiar the scene is counts for nothing."""
     static = Static(num_detections=1, num_objects=4, feature_dim=3)
-    here = dataclasses.replace(no_tracklets(1, 3), age=jnp.array([age]), class_id=jnp.array([0]))
+    here = no_tracklets(1, 3).replaced(age=jnp.array([age]), class_id=jnp.array([0]))
     evidence = jnp.array([[odds]])
     candidate = Shortlist(
         slot=jnp.array([[SLOT]]),

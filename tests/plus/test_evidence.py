@@ -80,7 +80,7 @@ def test_late_rows_take_only_objects_never_seen_beside_their_own():
     )
     admitted = admit(here, late, NOBODY, objects, pairs, T.decision)
     assert admitted[0].tolist() == [True, False, True, False]
-    hardly = dataclasses.replace(objects, seen=jnp.zeros(4, jnp.int32))
+    hardly = objects.replaced(seen=jnp.zeros(4, jnp.int32))
     assert not admit(here, late, NOBODY, hardly, pairs, T.decision).any()
 
 

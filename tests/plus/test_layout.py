@@ -30,8 +30,8 @@ def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0))
       moved: Where all of them lie now, from where the objects lay.
     """
     state = init(STATIC)
-    objects = dataclasses.replace(
-        state.objects, seen=state.objects.seen.at[:NUM].set(20), id=state.objects.id.at[:NUM].set(1)
+    objects = state.objects.replaced(
+        seen=state.objects.seen.at[:NUM].set(20), id=state.objects.id.at[:NUM].set(1)
     )
     five = np.s_[:NUM, :NUM]
     offset = (PLACES[None] - PLACES[:, None]) / SIZE

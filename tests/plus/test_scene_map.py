@@ -23,11 +23,10 @@ def memory(position: np.ndarray, covariance: np.ndarray):
     """Objects in the first slots of an empty memory."""
     state = init(STATIC)
     num, room = len(position), STATIC.num_objects
-    objects = dataclasses.replace(
-        state.objects,
+    objects = state.objects.replaced(
         id=jnp.where(jnp.arange(room) < num, jnp.arange(room), -1),
         last=jnp.zeros(room, jnp.int32),
-        position=state.objects.position.at[:num].set(position),
+        place=state.objects.place.at[:num, :2].set(position),
     )
     full = state.pairs.covariance.at[:num, :num].set(covariance)
     return objects, dataclasses.replace(state.pairs, covariance=full)
@@ -77,7 +76,7 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
         sure = jnp.arange(slots) < 4
         place = objects.position[chosen] + 0.05
         seen = dataclasses.replace(sightings, center=place)
-        objects = dataclasses.replace(objects, last=objects.last.at[chosen].set(now))
+        objects = objects.replaced(last=objects.last.at[chosen].set(now))
         return correct_map(objects, pairs, chosen, sure, sure, seen, T.place)
 
     def motion_of(moved, score):

@@ -299,8 +299,11 @@ def test_memories_of_every_method_are_checked(tmp_path, name):
     tracker.save(path)
     assert load_memory(path).tracker == name
     whole = path.read_bytes()
+    # Ids may be the first column of a table.
+    ids = {"objects.id": np.s_[:], "objects.wholes": np.s_[:, 0]}
+    same = {leaf: spoiled(5, ids[leaf]) for leaf in load_file(path) if leaf in ids}
     with pytest.raises(OutputError, match=r"'objects.id' holds"):
-        load_memory(set_values(path, {"objects.id": spoiled(5, slice(None))}))
+        load_memory(set_values(path, same))
     path.write_bytes(whole)
     for leaf, values in load_file(path).items():
         if values.dtype.kind == "f" and values.size:
