@@ -119,6 +119,9 @@ class Method:
     count_bytes: Callable[[Static], int] | None = None
     # Options of the compiler for the step of one frame, by backend, beside those of all methods.
     compiler_options: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
+    # How many patches beyond those that a mask covers it reads features, diagonally as well; those
+    # of others may be zero. Left out, it reads all.
+    patch_reach: int | None = None
 
     @property
     def explainer(self) -> Any:

@@ -7,13 +7,14 @@ the mean of its pixels' bin shares.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Bool, Float, UInt8
 
 CELL_PX = 8
 
@@ -75,17 +76,66 @@ def above_surround(values: Float[Array, "*C H W"], radius: int) -> Float[Array, 
 
 
 def shifts(
-    values: Float[Array, "*C H W"], steps_px: Sequence[tuple[int, int]]
+    padded: Float[Array, "*C _h _w"], margin_px: int, steps_px: Sequence[tuple[int, int]]
 ) -> list[Float[Array, "*C H W"]]:
-    """What lies each step `(down, right)` away; border pixels repeat outside the image."""
-    height, width = values.shape[-2:]
-    reach = max(abs(component) for step in steps_px for component in step)
-    padding = [(0, 0)] * (values.ndim - 2) + [(reach, reach)] * 2
-    padded = hold(jnp.pad(values, padding, mode="edge"))
+    """What lies each step `(down, right)` away, of values with a margin that no step exceeds."""
+    height, width = (side - 2 * margin_px for side in padded.shape[-2:])
     return [
-        padded[..., reach + down : reach + down + height, reach + right : reach + right + width]
-        for down, right in steps_px
+        padded[..., top : top + height, left : left + width]
+        for top, left in ((margin_px + down, margin_px + right) for down, right in steps_px)
     ]
+
+
+def measure_tiles(
+    measure: Callable[[Any], Float[Array, "K _h _w"]],
+    planes: Any,
+    needed: Bool[Array, "Hc Wc"],
+    tile: tuple[int, int],
+) -> Float[Array, "K Hc Wc"]:
+    """Measures the tiles of the frame that hold a needed cell; the cells of others are zero.
+
+    A cell gets the same values, to the bit, whatever else is needed.
+
+    Args:
+      measure: From the same planes of one tile to its cells.
+      planes: A pytree of `[*C H W]`, each with a margin of its own around the cells.
+      needed: Which cells are asked for.
+      tile: Its rows and columns, in cells.
+    """
+    height, width = tile
+    rows, columns = needed.shape
+    below, right = -rows % height, -columns % width  # what the last tiles reach beyond the frame
+
+    def fill(plane: Array, scale: int) -> Array:
+        beyond = ((0, scale * below), (0, scale * right))
+        return jnp.pad(plane, ((0, 0),) * (plane.ndim - 2) + beyond)
+
+    if below or right:
+        planes, needed = jax.tree.map(lambda one: fill(one, CELL_PX), planes), fill(needed, 1)
+    down, across = needed.shape[0] // height, needed.shape[1] // width
+    is_needed = jnp.any(needed.reshape(down, height, across, width), axis=(1, 3)).ravel()
+    numbers = jnp.argsort(~is_needed, stable=True)  # those that are needed first
+
+    def cut(number: Array) -> Any:
+        top, left = number // across * height * CELL_PX, number % across * width * CELL_PX
+
+        def of_plane(plane: Array) -> Array:
+            margins = plane.shape[-1] - CELL_PX * needed.shape[1]
+            size = (CELL_PX * height + margins, CELL_PX * width + margins)
+            start = (0,) * (plane.ndim - 2) + (top, left)
+            return jax.lax.dynamic_slice(plane, start, (*plane.shape[:-2], *size))
+
+        return jax.tree.map(of_plane, planes)
+
+    def add(turn: Array, cells: Array) -> Array:
+        number = numbers[turn]
+        start = (0, number // across * height, number % across * width)
+        return jax.lax.dynamic_update_slice(cells, measure(cut(number)), start)
+
+    num_bins = jax.eval_shape(lambda: measure(cut(numbers[0]))).shape[0]
+    cells = jnp.zeros((num_bins, *needed.shape), jnp.float32)
+    cells = jax.lax.fori_loop(0, jnp.sum(is_needed), add, cells)
+    return cells[:, :rows, :columns]
 
 
 def smooth(

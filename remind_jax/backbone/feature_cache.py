@@ -72,7 +72,7 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
         tally.num_found += len(images) - len(missing)
         return jnp.stack([jnp.asarray(one) for one in features])
 
-    return dataclasses.replace(backbone, apply=apply)
+    return dataclasses.replace(backbone, apply=apply, apply_to=None)
 
 
 def remove_unfinished(folder: str | Path) -> None:

@@ -26,11 +26,12 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Bool, Float, UInt8
 
 from remind_jax.backbone.cell_histograms import (
     CELL_PX,
@@ -41,6 +42,7 @@ from remind_jax.backbone.cell_histograms import (
     halve,
     hold,
     joint_histogram,
+    measure_tiles,
     shifts,
     smooth,
     soft_bins,
@@ -66,12 +68,16 @@ SURROUND_RADIUS = 3  # cells
 NEIGHBOR_PX = 3  # at half resolution
 DIRECTIONS = ((0, 1), (1, 1), (1, 0), (1, -1))  # down, right
 
+# Rows and columns of patches whose histograms are made together on a CPU, if one of them is wanted:
+# few enough to stay in its cache.
+TILE = (3, 8)
+
 
 @dataclasses.dataclass(frozen=True)
 class Block:
     """One histogram within the feature vector."""
 
-    quantity: str  # key of `measure_cells` and of `typical_histograms`
+    quantity: str  # key of `bins_of` and of `typical_histograms`
     window_radius: int  # cells; 0: the patch alone
     weight: float
     # Length of the mean square-root histogram over patches of random scenes (overlapping colored
@@ -89,6 +95,18 @@ BLOCKS = (
 )
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class PixelPlanes:
+    """What histograms are made of, pixel by pixel at half resolution."""
+
+    chroma: Float[Array, "2 H W"]
+    chroma_above: Float[Array, "2 H W"]  # the surroundings
+    luminance_above: Float[Array, "H W"]
+    contrast: Float[Array, "H W"]
+    smooth: Float[Array, "3 _h _w"]  # luminance and chroma, `NEIGHBOR_PX` beyond each side
+
+
 @functools.cache
 def patch_statistics(*, centering: float = 0.8) -> Backbone:
     """Makes the weight-free backbone.
@@ -102,27 +120,71 @@ def patch_statistics(*, centering: float = 0.8) -> Backbone:
     """
     if not 0.0 <= centering <= 1.0:
         raise ConfigError(f"centering is {centering}; it must lie in [0, 1]")
-    describe = jax.vmap(functools.partial(describe_patches, centering=centering))
-    dim = sum(len(histogram) for _, histogram in _typical_blocks())
     device = jax.default_backend()
+    tile = TILE if device == "cpu" else None
+    one = functools.partial(describe_patches, centering=centering, tile=tile)
+
+    def describe(images: Any, wanted: Any) -> Any:
+        return jax.lax.map(lambda pair: one(*pair), (images, wanted))
+
     options = {**LIGHT_OPTIONS.get(device, {}), **HOLD_OPTIONS.get(device, {})}
-    apply = KeptFunction(DEFAULT_BACKBONE, describe, centering, tuple(options.items()))
-    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply)
+    apply_to = KeptFunction(DEFAULT_BACKBONE, describe, (centering, tile), tuple(options.items()))
+
+    def apply(images: Any) -> Any:
+        num, height, width = images.shape[:3]
+        return apply_to(images, np.ones((num, height // PATCH_PX, width // PATCH_PX), bool))
+
+    dim = sum(len(histogram) for _, histogram in _typical_blocks())
+    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply, apply_to=apply_to)
 
 
-def describe_patches(image: UInt8[Array, "H W 3"], centering: float) -> Float[Array, "Hp Wp D"]:
-    """Features of every patch of one image whose sides are multiples of `PATCH_PX`."""
-    cells = measure_cells(image)
+def describe_patches(
+    image: UInt8[Array, "H W 3"],
+    wanted: Bool[Array, "Hp Wp"],
+    *,
+    centering: float,
+    tile: tuple[int, int] | None,
+) -> Float[Array, "Hp Wp D"]:
+    """Features of patches of one image whose sides are multiples of `PATCH_PX`.
+
+    Args:
+      image: RGB.
+      wanted: Patches to describe; what else is wanted changes none of them. Others are zero.
+      centering: See `patch_statistics`.
+      tile: Rows and columns of patches that are measured together; all if left out.
+    """
+    # A patch needs the histograms of its neighbors.
+    needed = jax.lax.reduce_window(wanted, False, jax.lax.bitwise_or, (3, 3), (1, 1), "SAME")
+    histograms = measure_cells(image, needed, tile)
+    near = {radius: window_mean(histograms, radius) for radius in {b.window_radius for b in BLOCKS}}
     blocks = []
     for block, typical in _typical_blocks():
-        pooled = window_mean(cells[block.quantity], block.window_radius)
+        pooled = near[block.window_radius][bins_of()[block.quantity]]
         common = np.float32(centering * block.common_length) * np.sqrt(typical)
         blocks.append(block.weight * (jnp.sqrt(pooled) - common[:, None, None]))
-    return jnp.moveaxis(jnp.concatenate(blocks), 0, -1)
+    return jnp.moveaxis(jnp.where(wanted, jnp.concatenate(blocks), 0.0), 0, -1)
 
 
-def measure_cells(image: UInt8[Array, "H W 3"]) -> dict[str, Float[Array, "K Hp Wp"]]:
-    """Histograms of the five quantities over each patch, each summing to one."""
+def measure_cells(
+    image: UInt8[Array, "H W 3"], needed: Bool[Array, "Hp Wp"], tile: tuple[int, int] | None = None
+) -> Float[Array, "K Hp Wp"]:
+    """Histograms of the five quantities (`bins_of`) over each needed patch, each summing to one."""
+    height, width = (
+        min(most, side) for most, side in zip(tile or needed.shape, needed.shape, strict=True)
+    )
+    return measure_tiles(_histograms, _pixel_planes(image), needed, (height, width))
+
+
+@functools.cache
+def bins_of() -> dict[str, slice]:
+    """Where each quantity lies among all histograms."""
+    sizes = [len(histogram) for histogram in typical_histograms().values()]
+    ends = np.cumsum(sizes).tolist()
+    places = (slice(end - size, end) for size, end in zip(sizes, ends, strict=True))
+    return dict(zip(typical_histograms(), places, strict=True))
+
+
+def _pixel_planes(image: UInt8[Array, "H W 3"]) -> PixelPlanes:
     color = halve(image)
     gray = hold(sum(color) / len(color))
     around = spread(window_mean(cell_mean(gray), 1))
@@ -130,20 +192,33 @@ def measure_cells(image: UInt8[Array, "H W 3"]) -> dict[str, Float[Array, "K Hp 
     chroma = hold(jnp.stack([red - green, blue - (red + green) / 2]))
     luminance = hold(jnp.log(gray + SENSOR_OFFSET))
     smoothed = smooth(jnp.stack([luminance, *chroma]), sigma_px=1.5, reach_px=4)
-    chroma_above = above_surround(chroma, SURROUND_RADIUS)
-    luminance_above = above_surround(luminance, SURROUND_RADIUS)
-    return {
-        "hue_saturation": _hue_saturation_histogram(chroma),
+    variance = cell_mean((smoothed[0] - spread(cell_mean(smoothed[0]))) ** 2)
+    margin = (NEIGHBOR_PX, NEIGHBOR_PX)
+    return PixelPlanes(
+        chroma=chroma,
+        chroma_above=above_surround(chroma, SURROUND_RADIUS),
+        luminance_above=above_surround(luminance, SURROUND_RADIUS),
+        contrast=hold(spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2))),
+        smooth=hold(jnp.pad(smoothed, ((0, 0), margin, margin), "edge")),
+    )
+
+
+def _histograms(planes: PixelPlanes) -> Float[Array, "K h w"]:
+    """Those of all quantities over the patches of a tile."""
+    red_green, blue_yellow = planes.chroma_above
+    histograms = {
+        "hue_saturation": _hue_saturation_histogram(planes.chroma),
         "surround_chroma": joint_histogram(
-            soft_bins(chroma_above[0], -RED_GREEN_MAX, RED_GREEN_MAX, NUM_CHROMA),
-            soft_bins(chroma_above[1], -BLUE_YELLOW_MAX, BLUE_YELLOW_MAX, NUM_CHROMA),
+            soft_bins(red_green, -RED_GREEN_MAX, RED_GREEN_MAX, NUM_CHROMA),
+            soft_bins(blue_yellow, -BLUE_YELLOW_MAX, BLUE_YELLOW_MAX, NUM_CHROMA),
         ),
-        "texture": _texture_histogram(smoothed[0]),
+        "texture": _texture_histogram(planes.smooth[0], planes.contrast),
         "luminance": cell_mean(
-            soft_bins(luminance_above, -LUMINANCE_MAX, LUMINANCE_MAX, NUM_LUMINANCE)
+            soft_bins(planes.luminance_above, -LUMINANCE_MAX, LUMINANCE_MAX, NUM_LUMINANCE)
         ),
-        "chroma_gradient": _gradient_histogram(smoothed[1:]),
+        "chroma_gradient": _gradient_histogram(planes.smooth[1:]),
     }
+    return jnp.concatenate([histograms[quantity] for quantity in bins_of()])
 
 
 def _hue_saturation_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
@@ -155,23 +230,23 @@ def _hue_saturation_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K 
     return jnp.concatenate([cell_mean(shares[:1]), colored])
 
 
-def _texture_histogram(luminance: Float[Array, "H W"]) -> Float[Array, "K Hp Wp"]:
+def _texture_histogram(
+    luminance: Float[Array, "_h _w"], contrast: Float[Array, "H W"]
+) -> Float[Array, "K Hp Wp"]:
     """Soft ternary patterns of opposite neighbors in four directions, by local contrast."""
-    variance = cell_mean((luminance - spread(cell_mean(luminance))) ** 2)
-    contrast = spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2))
-
     there = [(down * NEIGHBOR_PX, right * NEIGHBOR_PX) for down, right in DIRECTIONS]
     opposite = [(-down, -right) for down, right in there]
-    around = shifts(luminance, there + opposite)
-    sides = [hold(jnp.tanh((side - luminance) / (0.4 * contrast))) for side in around]
+    here, *around = shifts(luminance, NEIGHBOR_PX, [(0, 0), *there, *opposite])
+    sides = [hold(jnp.tanh((side - here) / (0.4 * contrast))) for side in around]
     shares = soft_bins(hold(jnp.stack(sides)), -1.0, 1.0, NUM_CONTRAST)
     patterns = joint_histogram(shares[: len(there)], shares[len(there) :])
     return patterns.reshape(-1, *patterns.shape[2:]) / len(DIRECTIONS)
 
 
-def _gradient_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
+def _gradient_histogram(chroma: Float[Array, "2 _h _w"]) -> Float[Array, "K Hp Wp"]:
     """Logarithms of the length of the chroma gradient."""
-    right, left, below, above = shifts(chroma, ((0, 1), (0, -1), (1, 0), (-1, 0)))
+    steps = ((0, 1), (0, -1), (1, 0), (-1, 0))
+    right, left, below, above = shifts(chroma, NEIGHBOR_PX, steps)
     length = jnp.sqrt(sum((right - left) ** 2 + (below - above) ** 2)) / 2
     low, high = math.log(GRADIENT_MIN), math.log(GRADIENT_MAX)
     logarithm = hold(jnp.log(length + GRADIENT_MIN))

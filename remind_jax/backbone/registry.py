@@ -19,7 +19,7 @@ from remind_jax.errors import ConfigError, SourceError, nearest_names
 if TYPE_CHECKING:
     import jax
     import numpy as np
-    from jaxtyping import Float, Int, UInt8
+    from jaxtyping import Bool, Float, Int, UInt8
 
     from remind_jax.backbone.vit_attention import ObjectAttention
 
@@ -41,9 +41,14 @@ class Backbone:
     apply: Callable[[Any], Any]
     apply_with_attention: Callable[..., Any] | None = None
     fingerprint: str = ""  # changes whenever features may: weights, precision, options
+    # From images and wanted patches `[B, Hp, Wp]`, bool, to the same features of these, and zeros
+    # for all others; left out, all patches are always described.
+    apply_to: Callable[[Any, Any], Any] | None = None
 
     def extract(
-        self, images: UInt8[np.ndarray, "B H W 3"] | UInt8[jax.Array, "B H W 3"]
+        self,
+        images: UInt8[np.ndarray, "B H W 3"] | UInt8[jax.Array, "B H W 3"],
+        wanted: Bool[np.ndarray, "B Hp Wp"] | None = None,
     ) -> Float[jax.Array, "B Hp Wp D"]:
         """Describes every patch of every image; raw features, not normalized.
 
@@ -52,12 +57,16 @@ class Backbone:
 
         Args:
           images: RGB, height and width multiples of `patch_px`.
+          wanted: Patches that are asked for; all if left out. The features of others may be zero,
+            which is faster for some backbones.
 
         Raises:
           SourceError: If the images are not such an array, or smaller than one patch.
         """
         self._check_images(images)
-        return self.apply(images)
+        if wanted is None or self.apply_to is None:
+            return self.apply(images)
+        return self.apply_to(images, wanted)
 
     def extract_with_attention(
         self,

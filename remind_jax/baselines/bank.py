@@ -126,4 +126,12 @@ def _find_faults(state: SceneMemory) -> Iterator[str]:
     yield from not_unit("looks.vector", views.vector, kept)
 
 
-METHOD = Method("bank", BankThresholds, init, step, remove=remove_objects, find_faults=_find_faults)
+METHOD = Method(
+    "bank",
+    BankThresholds,
+    init,
+    step,
+    remove=remove_objects,
+    find_faults=_find_faults,
+    patch_reach=0,
+)

@@ -91,4 +91,6 @@ def _forget(state: SceneMemory, thresholds: IouThresholds) -> SceneMemory:
     return dataclasses.replace(state, objects=kept)
 
 
-METHOD = Method("iou", IouThresholds, init, step, remove=remove_objects, find_faults=find_faults)
+METHOD = Method(
+    "iou", IouThresholds, init, step, remove=remove_objects, find_faults=find_faults, patch_reach=0
+)

@@ -148,5 +148,11 @@ def _take_in_turn(
 
 
 METHOD = Method(
-    "momentum", MomentumThresholds, init, step, remove=remove_objects, find_faults=find_faults
+    "momentum",
+    MomentumThresholds,
+    init,
+    step,
+    remove=remove_objects,
+    find_faults=find_faults,
+    patch_reach=0,
 )

@@ -98,4 +98,5 @@ METHOD = Method(
     step,
     remove=remove_objects,
     find_faults=_find_faults,
+    patch_reach=0,
 )

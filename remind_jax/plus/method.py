@@ -14,7 +14,7 @@ from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.memory_need import count_bytes
-from remind_jax.plus.observation import Motion, Sightings, observe
+from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.plus.state import PlusState, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
@@ -93,4 +93,5 @@ METHOD = Method(
         in_turn_on_cpu=True,
     ),
     compiler_options=COMPILER_OPTIONS,
+    patch_reach=RING_PATCHES,
 )

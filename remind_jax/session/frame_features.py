@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import cv2
 import jax
 import numpy as np
+from jaxtyping import Bool
 
 from remind_jax.backbone.registry import Backbone
 from remind_jax.errors import SourceError
@@ -50,7 +52,8 @@ class FrameFeatures:
             )
         images = prepared.image[None]
         if not self._wants_attention(static):
-            return FrameFeats(jax.block_until_ready(self._backbone.extract(images)[0]), size)
+            features = self._backbone.extract(images, self._wanted_patches(prepared))[0]
+            return FrameFeats(jax.block_until_ready(features), size)
         patches = np.flatnonzero(np.any(prepared.masks.coverage > 0, axis=0))
         while self.attention_slots < len(patches):
             self.attention_slots *= 2
@@ -61,6 +64,15 @@ class FrameFeatures:
         features, paid = jax.block_until_ready(extracted)
         attention = PatchAttention(slots, paid.row_sums[0], paid.block[0])
         return FrameFeats(features[0], size, attention)
+
+    def _wanted_patches(self, prepared: Prepared) -> Bool[np.ndarray, "1 Hp Wp"] | None:
+        """Those whose features the method reads; None for all."""
+        reach = self._method.patch_reach
+        if reach is None:
+            return None
+        covered = np.any(np.asarray(prepared.masks.coverage) > 0, axis=0).view(np.uint8)
+        near = cv2.dilate(covered, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        return near[None].view(bool)
 
     def _wants_attention(self, static: Static) -> bool:
         """Whether parts come from attention."""

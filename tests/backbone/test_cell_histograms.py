@@ -60,7 +60,7 @@ def test_window_mean_leaves_out_what_is_outside():
 
 def test_shifts_look_in_the_direction_named():
     values = jnp.arange(20, dtype=jnp.float32).reshape(4, 5)
-    down, right, up_left = ch.shifts(values, ((1, 0), (0, 2), (-1, -1)))
+    down, right, up_left = ch.shifts(jnp.pad(values, 2, "edge"), 2, ((1, 0), (0, 2), (-1, -1)))
     np.testing.assert_array_equal(down[:3], values[1:])
     np.testing.assert_array_equal(down[3], values[3])
     np.testing.assert_array_equal(right[:, :3], values[:, 2:])
@@ -97,6 +97,24 @@ def test_angles_are_those_of_arctan2(y, x):
     expected = np.arctan2(y, x) / (2 * np.pi) if (y or x) else 0.0
     # Half a turn and minus half a turn are one direction.
     assert abs((turns - expected + 0.5) % 1.0 - 0.5) < 1e-7
+
+
+@pytest.mark.parametrize("shape", [(4, 6), (5, 7), (2, 1)])
+def test_only_tiles_with_a_needed_cell_are_measured(shape):
+    tile = (min(2, shape[0]), min(3, shape[1]))
+    rows, columns = np.indices(shape)
+    needed = (rows == shape[0] - 1) & (columns == 0)
+    values = draw(*(ch.CELL_PX * side for side in shape))
+    planes = {"plain": values[None], "wide": jnp.pad(values, 1)}
+
+    def measure(planes):
+        (left,) = ch.shifts(planes["wide"], 1, [(0, -1)])
+        return ch.cell_mean(jnp.stack([planes["plain"][0], left]))
+
+    cells = ch.measure_tiles(measure, planes, jnp.asarray(needed), tile)
+    whole = measure(planes)
+    inside = (rows // tile[0] == (shape[0] - 1) // tile[0]) & (columns < tile[1])
+    np.testing.assert_allclose(cells, np.where(inside, whole, 0), atol=FLOAT32_SUM)
 
 
 def test_what_is_held_is_a_value_of_its_own_in_the_program():

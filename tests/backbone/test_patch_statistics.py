@@ -8,6 +8,7 @@ from remind_jax.backbone import get_backbone
 from remind_jax.backbone.patch_statistics import (
     BLOCKS,
     PATCH_PX,
+    bins_of,
     measure_cells,
     typical_histograms,
 )
@@ -136,9 +137,33 @@ def test_centering_changes_the_common_part_only():
 
 
 def test_histograms_sum_to_one_and_match_the_typical_ones():
-    cells = jax.jit(measure_cells)(paint_tiles(3, 4))
-    assert set(cells) == set(typical_histograms()) == {block.quantity for block in BLOCKS}
+    cells = jax.jit(measure_cells)(paint_tiles(3, 4), np.ones((12, 16), bool))
+    assert set(typical_histograms()) == {block.quantity for block in BLOCKS}
+    assert len(cells) == sum(map(len, typical_histograms().values()))
     for quantity, typical in typical_histograms().items():
-        assert len(typical) == len(cells[quantity])
         assert typical.sum() == pytest.approx(1, abs=1e-6)
-        np.testing.assert_allclose(cells[quantity].sum(0), 1, atol=FLOAT32_SUM)
+        np.testing.assert_allclose(cells[bins_of()[quantity]].sum(0), 1, atol=FLOAT32_SUM)
+
+
+@st.composite
+def wanted_patches(draw, rows: int, columns: int) -> np.ndarray:
+    """None, one, some rectangles (to the edges and beyond), or all."""
+    wanted = np.zeros((rows, columns), bool)
+    for _ in range(draw(st.integers(0, 4))):
+        top, left = draw(st.integers(0, rows - 1)), draw(st.integers(0, columns - 1))
+        height, width = draw(st.sampled_from((1, 2, rows))), draw(st.sampled_from((1, 5, columns)))
+        wanted[top : top + height, left : left + width] = True
+    return wanted
+
+
+# Whole tiles, and tiles that reach beyond the frame.
+@pytest.mark.parametrize(("rows", "columns"), [(6, 16), (7, 11), (2, 3)])
+@settings(deadline=None, max_examples=25)
+@given(st.data())
+def test_wanted_patches_get_the_bits_that_they_get_among_all(rows, columns, data):
+    wanted = data.draw(wanted_patches(rows, columns))
+    image = paint_tiles(2, 4)[None, : rows * PATCH_PX, : columns * PATCH_PX]
+    features = np.asarray(get_backbone().extract(image, wanted[None]))[0]
+    whole = np.asarray(get_backbone().extract(image))[0]
+    np.testing.assert_array_equal(features[wanted], whole[wanted])
+    assert not features[~wanted].any()
