@@ -6,18 +6,21 @@ import difflib
 import re
 from collections.abc import Callable, Iterable
 
-# Control characters but line breaks and tabs, and those that turn the direction of writing.
-_COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+# Control characters but line breaks and tabs, those that turn the direction of writing, and what
+# stands for bytes that are no text.
+_COMMANDS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+_MOST_START, _MOST_END = 1200, 600  # characters of a sentence that are kept, if it is longer
 
 
 class RemindError(ValueError):
     """Something the caller can mend; its text is one sentence fit to be shown to a user.
 
-    Control characters in it, of names of files or classes, are written out.
+    Control characters in it, of names of files or classes, are written out; what is too long to be
+    read is shortened.
     """
 
     def __init__(self, *parts: object) -> None:
-        super().__init__(*(on_one_line(p) if isinstance(p, str) else p for p in parts))
+        super().__init__(*(shortened(on_one_line(p)) if isinstance(p, str) else p for p in parts))
 
 
 class SourceError(RemindError):
@@ -69,9 +72,26 @@ def printable(text: str) -> str:
     return _COMMANDS.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
+def is_text(value: str) -> bool:
+    """Whether a text can be written as UTF-8; bytes of names that are no text cannot."""
+    return value.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in value)
+
+
+def as_text(value: str) -> str:
+    r"""The text with bytes that are no text written out, as `\udcff` for the byte 0xff."""
+    return value if is_text(value) else value.encode("utf-8", "backslashreplace").decode()
+
+
 def on_one_line(text: str) -> str:
     """The text with all control characters written out, line breaks and tabs as well."""
     return printable(text).replace("\n", "\\n").replace("\t", "\\t")
+
+
+def shortened(text: str) -> str:
+    """The text, without its middle if it is too long to be read: values that are named may be."""
+    if len(text) <= _MOST_START + _MOST_END:
+        return text
+    return f"{text[:_MOST_START]} [...] {text[-_MOST_END:]}"
 
 
 def close_names(name: str, allowed: Iterable[str]) -> list[str]:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from remind_jax.crops import Crops
-from remind_jax.errors import SourceError, first_line
+from remind_jax.errors import SourceError, as_text, first_line, is_text
 from remind_jax.files.host_array import host_array
 
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
@@ -267,6 +267,10 @@ class SkippedFrame:
     reason: str
     count: int = 1  # frames, where one cause took several
 
+    def __post_init__(self) -> None:
+        for field in ("name", "reason"):
+            object.__setattr__(self, field, as_text(getattr(self, field)))
+
 
 def require_whole(masks: Float[np.ndarray, "..."]) -> None:
     """Refuses masks of probabilities: where they end is for whoever made them to say.
@@ -303,6 +307,8 @@ def _as_labels(labels: Any) -> tuple[str, ...]:
     for row, name in enumerate(names):
         if not isinstance(name, str):
             raise SourceError(f"label {row} is {name!r}; give the name of its class as text")
+        if not is_text(name):
+            raise SourceError(f"label {row} is {name[:40]!r}, which is no text in UTF-8; rename it")
         if not name.strip() or len(name) > MOST_LABEL:
             raise SourceError(
                 f"label {row} has {len(name)} characters ({name[:40]!r}); give a name of 1 to "

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import numbers
-from collections.abc import Mapping, Sequence
+import reprlib
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -129,8 +130,10 @@ class Tracks(Printable):
                 "to_supervision needs the supervision library, which is not installed: "
                 'pip install "remind-jax[viz]"'
             ) from error
-        if isinstance(class_names, str):
-            raise OutputError(f"class names are one text, {class_names!r}; give a list of names")
+        if isinstance(class_names, str) or not isinstance(class_names, Iterable | None):
+            kind = "one text, " if isinstance(class_names, str) else ""
+            shown = reprlib.repr(class_names)
+            raise OutputError(f"class names are {kind}{shown}; give a list of names")
         known = tuple(dict.fromkeys(self.labels if class_names is None else class_names))
         numbers = {name: number for number, name in enumerate(known)}
         if missing := sorted(set(self.labels) - set(numbers)):

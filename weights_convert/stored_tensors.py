@@ -14,6 +14,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 
 from remind_jax.errors import WeightsError, first_line
+from remind_jax.files import say_no_file
 from remind_jax.files.records import Text, read_json
 from remind_jax.files.tensors import read_safetensors_header
 from weights_convert.pickled_tensors import PickledTensor, read_pickled
@@ -70,8 +71,8 @@ def open_source(path: str | Path) -> WeightSource:
     path = Path(path)
     if path.is_dir():
         path = _find_in(path)
-    if not path.is_file():
-        raise WeightsError(f"weight file '{path}' does not exist; give a .pth or .safetensors file")
+    if wrong := say_no_file(path):
+        raise WeightsError(f"weight file '{path}' {wrong}; give a .pth or .safetensors file")
     if path.name.endswith(INDEX_SUFFIX):
         return _open_shards(path)
     if path.suffix == ".safetensors":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from remind_jax.backbone.registry import Backbone, get_backbone, parts_of
+from remind_jax.backbone.registry import Backbone, check_name, get_backbone, parts_of
 from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.errors import ConfigError
 
@@ -53,11 +53,13 @@ def obtain_named(
     For those who show something of their own while a backbone is opened, beforehand.
 
     Raises:
+      ConfigError: If the name is unknown.
       WeightsError: If there are none and they cannot be fetched.
       OutputError: If they cannot be kept.
     """
     if weights is not None or not isinstance(backbone, str):
         return
+    check_name(backbone)
     for name in parts_of(backbone):
         if name in VARIANTS:
             from remind_jax.backbone.weights_download import obtain_weights

@@ -10,6 +10,7 @@ import functools
 import importlib
 import inspect
 import re
+from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -190,8 +191,18 @@ def check_name(name: str) -> None:
     Raises:
       ConfigError: If there is no such backbone.
     """
-    for part in parts_of(name):
-        family, _, _ = part.partition(":")
+    parts = parts_of(name)
+    if "" in parts[1:] or parts[0] == "" != name:
+        raise ConfigError(
+            f"backbone '{name}' has nothing before or after a plus; leave the plus out, or name "
+            "what it joins"
+        )
+    if wrong := next((part for part, count in Counter(parts).items() if count > 1), None):
+        raise ConfigError(f"backbone '{name}' joins '{wrong}' twice; name it once")
+    for part in parts:
+        family, colon, target = part.partition(":")
+        if colon and not target:
+            raise ConfigError(f"nothing follows '{part}' in backbone '{name}'; give a file")
         if family not in _factories:
             raise ConfigError(
                 f"there is no backbone '{family}'; {nearest_names(family, list_backbones())}"

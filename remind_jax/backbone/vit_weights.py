@@ -33,7 +33,7 @@ from remind_jax.backbone.vit_variants import (
     name_of,
 )
 from remind_jax.errors import RemindError, WeightsError, first_line
-from remind_jax.files import user_cache_folder
+from remind_jax.files import say_no_file, user_cache_folder
 from remind_jax.files.records import Label, decode_json
 from remind_jax.files.tensors import read_safetensors_header
 
@@ -180,8 +180,8 @@ def load_weights(path: str | Path, expected: str | None = None) -> Weights:
         variant.
     """
     path = Path(path)
-    if not path.is_file():
-        raise WeightsError(f"weight file '{path}' does not exist")
+    if wrong := say_no_file(path):
+        raise WeightsError(f"weight file '{path}' {wrong}; give a file that 'remind convert' wrote")
     again = "convert it again with 'remind convert'"
     try:
         said = read_safetensors_header(path, refused=WeightsError)

@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import ConfigError, SourceError
+from remind_jax.files import say_no_file
 from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
@@ -53,8 +54,8 @@ class Convert:
         """Converts, checks and reports; returns the exit code."""
         if self.source is None:
             raise ConfigError("name the weight file to convert; 'remind backbones' lists networks")
-        if self.verify is not None and not self.verify.is_file():
-            raise SourceError(f"image '{self.verify}' does not exist")
+        if self.verify is not None and (wrong := say_no_file(self.verify)):
+            raise SourceError(f"image '{self.verify}' {wrong}; give a picture")
         from weights_convert.conversion import convert
         from weights_convert.variant_detection import Wishes
 

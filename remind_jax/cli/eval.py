@@ -12,7 +12,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, RemindError
-from remind_jax.files import refuse_file, writing
+from remind_jax.files import refuse_file, say_no_file, writing
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.settings.ranges import check_option
 
@@ -222,6 +222,9 @@ def _find_runs(folder: Path) -> dict[str, tuple[Tracks, ...]]:
     from remind_jax.outputs.result import Result
     from remind_jax.outputs.store import DETECTIONS_NAME
 
+    if not folder.is_dir():
+        why = say_no_file(folder) or "is a file"
+        raise RemindError(f"'{folder}' {why}; give a folder that holds the output folders of runs")
     found = sorted(path.parent for path in folder.glob(f"*/{DETECTIONS_NAME}"))
     if not found:
         raise RemindError(

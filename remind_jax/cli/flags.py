@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import reprlib
 import types
 from collections.abc import Iterator
 from pathlib import Path
@@ -174,7 +175,7 @@ def _read_word(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         try:
             return info.type(words[0])
         except ValueError:
-            raise ValueError(f"{words[0]!r} is no {kind}") from None
+            raise ValueError(f"{reprlib.repr(words[0])} is no {kind}; give one") from None
 
     return PrimitiveConstructorSpec(
         nargs=1,
@@ -192,7 +193,7 @@ def _read_names(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None
 
     def read(words: list[str]) -> tuple[str, ...]:
         if not words and Positional not in info.markers:
-            raise ValueError("nothing follows it")
+            raise ValueError("nothing follows it; give at least one, or leave it out")
         return tuple(words)
 
     return PrimitiveConstructorSpec(

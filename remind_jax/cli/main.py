@@ -25,9 +25,10 @@ from remind_jax.cli.flags import KINDS, UsageError, spell_flag
 from remind_jax.cli.memory import Memory
 from remind_jax.cli.run import Run
 from remind_jax.cli.sweep import Sweep
+from remind_jax.cli.usage import explained
 from remind_jax.cli.view import View
 from remind_jax.cli.warmup import Warmup
-from remind_jax.errors import OptionError, RemindError, first_line, nearest_names
+from remind_jax.errors import OptionError, RemindError, first_line, is_text, nearest_names
 from remind_jax.printing.terminal import printable
 
 DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
@@ -102,6 +103,9 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
     if words[0] in ("--version", "-V"):
         print(f"remind-jax {remind_jax.__version__}")
         return process.FINE
+    if wrong := next((word for word in words if not is_text(word)), None):
+        process.complain(f"{wrong[:80]!r} is no text in UTF-8; rename the file, or correct it")
+        return process.USAGE
     if not words[0].startswith("-") and words[0] not in VERBS:
         hint = nearest_names(words[0], VERBS)
         process.complain(f"there is no verb {words[0]!r}; {hint}")
@@ -151,7 +155,7 @@ def _complain_of_memory(said: str) -> None:
 
 
 def _parse(words: Sequence[str]) -> Verb:
-    """The verb with its flags; shows help or explains wrong usage, and exits."""
+    """The verb with its flags; shows help and exits, or refuses wrong usage."""
     parse: Any = tyro.cli  # its stubs know no unions made at run time
     options: Any = {
         "config": (
@@ -164,24 +168,26 @@ def _parse(words: Sequence[str]) -> Verb:
     }
     verb = VERBS.get(words[0])
     if verb is not None:  # alone, so that no other verb is suggested
-        return parse(
-            verb,
-            prog=f"remind {words[0]}",
-            description=inspect.getdoc(verb),
-            args=words[1:],
-            **options,
-        )
+        with explained(verb):
+            return parse(
+                verb,
+                prog=f"remind {words[0]}",
+                description=inspect.getdoc(verb),
+                args=words[1:],
+                **options,
+            )
     choices = tuple(
         Annotated[verb, subcommand(name, description=_first_line(verb))]
         for name, verb in VERBS.items()
     )
-    return parse(
-        Union[choices],  # noqa: UP007
-        prog="remind",
-        description=DESCRIPTION,
-        args=words,
-        **options,
-    )
+    with explained(None):
+        return parse(
+            Union[choices],  # noqa: UP007
+            prog="remind",
+            description=DESCRIPTION,
+            args=words,
+            **options,
+        )
 
 
 def _first_line(verb: type[Verb]) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
+import reprlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -112,8 +114,10 @@ def _parse(words: Sequence[str]) -> tuple[str, list[int], str] | None:
     named = kind == "rename"
     ids, name = (rest[:1], rest[1:]) if named else (rest, [])
     counts = {"rename": len(rest) == 2, "merge": len(rest) > 1, "split": len(rest) == 1}
-    if not counts.get(kind, len(rest) > 0) or not all(word.isdecimal() for word in ids):
-        raise UsageError(f"'{' '.join(words)}' is no change of a memory; give {_CHANGES[kind]}")
+    are_ids = all(re.fullmatch(r"[0-9]{1,19}", word) for word in ids)
+    if not counts.get(kind, len(rest) > 0) or not are_ids:
+        said = reprlib.repr(" ".join(words))
+        raise UsageError(f"{said} is no change of a memory; give {_CHANGES[kind]}")
     return kind, [int(word) for word in ids], "".join(name)
 
 
@@ -129,6 +133,7 @@ def _apply(
     records, first = memory.records, ids[0]
     if kind == "rename":
         records.rename(first, name)
+        name = records.names.get(first, "")
         return memory, f"object {first} " + (f"is called '{name}'" if name else "has no name")
     if kind == "merge":
         records.merge(first, ids[1:])

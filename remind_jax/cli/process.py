@@ -11,6 +11,7 @@ import traceback
 from collections.abc import Iterator
 from types import FrameType
 
+from remind_jax.errors import shortened
 from remind_jax.printing.terminal import printable
 
 FINE = 0
@@ -49,7 +50,7 @@ def stopped_by(number: int | None) -> int:
 def complain(sentence: str) -> None:
     """Says on standard error what is wrong, if anybody listens there."""
     with contextlib.suppress(OSError, ValueError):
-        print(printable(f"remind: {sentence}"), file=sys.stderr)
+        print(shortened(printable(f"remind: {sentence}")), file=sys.stderr)
 
 
 def report_failure(error: BaseException, chatter: str = "") -> None:

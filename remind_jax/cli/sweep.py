@@ -14,7 +14,7 @@ from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.progress import SweepDisplay
 from remind_jax.cli.run import DEFAULT_FOLDER, Layout
-from remind_jax.errors import SweepError, nearest_names
+from remind_jax.errors import ConfigError, SweepError, nearest_names
 from remind_jax.files import refuse_folder, writing
 from remind_jax.printing.terminal import print_lines, print_markdown
 from remind_jax.settings.ranges import check_option
@@ -287,5 +287,10 @@ def _parse_space(ranges: tuple[tuple[str, ...], ...]) -> dict[str, list[Value]]:
                 f"{text!r} gives no values; write --set KEY=VALUES, for example "
                 "--set decision.new=0:2:0.5"
             )
-        space[name] = parse_values(values)
+        if name in space:
+            raise SweepError(f"--set gives values of {name!r} twice; give them once")
+        try:
+            space[name] = parse_values(values)
+        except ConfigError as error:
+            raise SweepError(f"--set {name}: {error}") from error
     return space

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from remind_jax.errors import WeightsError
-from remind_jax.files import as_path
+from remind_jax.files import as_path, say_no_file
 from remind_jax.frame import MOST_LABEL
 
 _MODEL_GRAPH, _MODEL_METADATA = 7, 14
@@ -85,8 +85,8 @@ class OnnxFile:
           WeightsError: If the file is missing, is no ONNX file or is cut short.
         """
         path = as_path(path, "the model file", WeightsError)
-        if not path.is_file():
-            raise WeightsError(f"model file '{path}' does not exist; give the path of a .onnx file")
+        if wrong := say_no_file(path):
+            raise WeightsError(f"model file '{path}' {wrong}; give the path of a .onnx file")
         try:
             with path.open("rb") as file:
                 data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
@@ -158,23 +158,14 @@ def refuse_other_formats(path: Path) -> None:
       WeightsError: If the path names a model of another format, a folder, or nothing.
     """
     suffix = path.suffix.lower()
-    try:
-        path.is_file()
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise WeightsError(f"detector '{str(path)[:200]}' cannot be read: {why}") from error
     if suffix in _FORMATS:
         raise WeightsError(
             f"'{path}' is {_FORMATS[suffix]}, and a detector is read as ONNX; export it once, "
             f"{_export_commands(path)}"
         )
-    if path.is_dir():
-        raise WeightsError(f"detector '{path}' is a folder; give a .onnx file")
-    if not path.is_file():
-        raise WeightsError(
-            f"detector '{path}' does not exist; give a .onnx file, which is exported once, "
-            f"{_export_commands(path)}"
-        )
+    if wrong := say_no_file(path):
+        how = f", which is exported once, {_export_commands(path)}" if not path.is_dir() else ""
+        raise WeightsError(f"detector '{path}' {wrong}; give a .onnx file{how}")
 
 
 def _export_commands(path: Path) -> str:

@@ -30,7 +30,9 @@ def host_array(values: Any, what: str) -> np.ndarray:
         if hasattr(values, "__dlpack__") and not hasattr(values, "__array__"):
             return np.from_dlpack(values)
         return np.asarray(values)
-    except (ValueError, TypeError, OverflowError, RuntimeError, BufferError) as error:
+    except MemoryError:
+        raise
+    except Exception as error:  # of somebody else's code
         if (place := _other_memory(values)) is not None:
             raise SourceError(
                 f"{what} lie in the memory of device '{place}', where NumPy cannot read them; give "
@@ -49,7 +51,10 @@ def _other_memory(values: Any) -> str | None:
     if device is not None:
         return None if str(device) == "cpu" else str(device)
     if hasattr(first, "__dlpack_device__"):
-        kind = int(first.__dlpack_device__()[0])
+        try:
+            kind = int(first.__dlpack_device__()[0])
+        except Exception:  # of somebody else's code
+            return None
         return None if kind == _HOST else _DEVICES.get(kind, f"kind {kind}")
     return None
 

@@ -8,7 +8,7 @@ import stat
 from pathlib import Path
 from typing import Any
 
-from remind_jax.errors import RemindError
+from remind_jax.errors import RemindError, is_text
 
 MOST_BYTES = 512 << 20  # of a file that is read whole
 MOST_NAME_BYTES = 255  # of a file or folder, on nearly all disks
@@ -40,6 +40,8 @@ def check_name(path: str | os.PathLike[str]) -> str:
         return "it is empty; name a file or folder"
     if "\0" in text:
         return "it holds a NUL character; take it out"
+    if not is_text(text):
+        return "it is no text in UTF-8; rename it"
     longest = max(Path(text).parts, key=len, default="")
     if len(os.fsencode(longest)) > MOST_NAME_BYTES:
         return f"a name in it has over {MOST_NAME_BYTES} bytes; choose a shorter one"
@@ -61,6 +63,19 @@ def check_regular(path: str | Path) -> None:
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         why = "it is a pipe, a device or a socket; give a file"
         raise OSError(errno.EINVAL, why, str(path))
+
+
+def say_no_file(path: str | Path) -> str:
+    """Why no file can be read at a path, as the end of a sentence; empty if one can."""
+    try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return "does not exist"
+    except (OSError, ValueError) as error:
+        return f"cannot be read ({getattr(error, 'strerror', None) or error})"
+    if stat.S_ISDIR(mode):
+        return "is a folder"
+    return "" if stat.S_ISREG(mode) else "is a pipe, a device or a socket"
 
 
 def check_size(path: str | Path, most_bytes: int) -> None:

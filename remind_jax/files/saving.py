@@ -86,8 +86,17 @@ def replacing(path: Path, *also: type[Exception], durably: bool = False) -> Iter
       durably: Wait until it is on the disk, so that a power cut leaves one of the two whole.
 
     Raises:
-      OutputError: If it cannot be written; an older file of this name is then kept.
+      OutputError: If it cannot be written, or is a device or a pipe, whose place no file may take;
+        an older file of this name is then kept.
     """
+    if path.exists() and not path.is_file():
+        what = "a folder" if path.is_dir() else "a pipe, a device or a socket"
+        raise OutputError(f"cannot write '{path}': it is {what}; name a file")
+    if not path.parent.is_dir():
+        raise OutputError(
+            f"cannot write '{path}': there is no folder '{path.parent}'; make it, or name another "
+            "file"
+        )
     partial = path.with_name(f"{path.name}.{_writer()}.part")
     try:
         with writing(path, *also):

@@ -49,8 +49,8 @@ class FrameRecord(contextlib.AbstractContextManager):
                 f"that ends in {VIDEO_SUFFIX} (without loss)"
             )
         self._overwrite = overwrite
-        beside = self.target.with_suffix(".jsonl")
-        self._rows_path = beside if self._is_video else self.target / DETECTIONS_NAME
+        inside = self.target / DETECTIONS_NAME
+        self._rows_path = self.target.with_suffix(".jsonl") if self._is_video else inside
         self._check()
         self._container: Any = None
         self._stream: Any = None

@@ -228,6 +228,7 @@ class Result(Printable):
         trace = open_archive(run_dir, info.tracker)
         path = run_dir / store.RUN_NAME
         run = store.read_run_json(path)
+        store.check_all_there(run_dir, tracks, run)
         if run is None:
             return cls(tracks, info, complete=False, trace=trace)
         where = f"'{path}', `info`"

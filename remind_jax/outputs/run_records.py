@@ -124,6 +124,12 @@ class EventRecord(msgspec.Struct, frozen=True):
     message: Text
 
 
+class SummaryRecord(msgspec.Struct, frozen=True):
+    """What is read of the summary in `run.json`."""
+
+    frames: Count
+
+
 class RunRecord(msgspec.Struct, frozen=True):
     """What is read of `run.json`; what it says further follows from the frames."""
 
@@ -137,6 +143,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     compile_s: Milliseconds | None
     skipped: Annotated[list[SkippedRecord], Meta(max_length=MOST_FRAMES)]
     events: Annotated[list[EventRecord], Meta(max_length=MOST_FRAMES)]
+    summary: SummaryRecord | None = None
 
 
 def tracks_of(frame: FrameRow) -> Tracks:

@@ -11,6 +11,7 @@ import contextlib
 import json
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +171,26 @@ def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
         except OutputError as error:
             raise OutputError(f"'{path}': {error}; {_RESTORE}") from error
     return info, tuple(frames)
+
+
+def check_all_there(folder: Path, tracks: Sequence[Tracks], run: RunRecord | None) -> None:
+    """Makes sure that no frame is missing from the record of a run that is complete.
+
+    Args:
+      folder: Of the run.
+      tracks: The frames of its `detections.jsonl`.
+      run: Its `run.json`, if there is one.
+
+    Raises:
+      OutputError: If the record was cut off since.
+    """
+    if run is None or not run.complete or run.summary is None:
+        return
+    if run.summary.frames != len(tracks):
+        raise OutputError(
+            f"'{folder / DETECTIONS_NAME}' holds {len(tracks)} frames, and '{RUN_NAME}' beside it "
+            f"counts {run.summary.frames}; {_RESTORE}"
+        )
 
 
 def write_run_json(path: Path, content: dict[str, Any]) -> None:

@@ -148,6 +148,8 @@ def run(
     if out is not None:
         out = as_path(out, "the output folder", OutputError)
         check_folder(out, overwrite, resume)
+        if recorded is not None and not recorded.target.suffix:
+            _keep_record_apart(recorded.target, out)
     network, config_file = detector, config
     detector = as_detector(detector, detector_options)
     backbone = open_backbone(
@@ -236,6 +238,15 @@ def _keep_apart(out: Path, frames: Source, rerun: Any, mcap: Any, *others: Any) 
     for target in (rerun, mcap):
         if target is not None and "://" not in str(target):
             files.refuse_file(as_path(target, "the record", OutputError), inputs)
+
+
+def _keep_record_apart(record: Path, out: Path) -> None:
+    """Refuses frames in the folder of a run, whose record of detections has the same name."""
+    if record.absolute() == out.absolute():
+        raise OptionError(
+            "'record' and 'out' are the same folder; give the frames a folder of their own",
+            *("record", "out"),
+        )
 
 
 def _is_there(path: Any) -> bool:

@@ -110,6 +110,7 @@ def _stream(url: str, scheme: str) -> StreamAddress:
     if not host:
         raise SourceError(f"'{shown}' names no host; give {scheme}://HOST[:PORT]/PATH")
     words = re.sub(r"[^\w.]+", "-", f"{host}{path}").strip("-.")
+    url = scheme.lower() + url[len(scheme) :]  # FFmpeg knows no other spelling
     return StreamAddress(url, shown, words[:80] or host, host, port)
 
 

@@ -6,8 +6,9 @@ import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
-from remind_jax.errors import SourceError
+from remind_jax.errors import OptionError, SourceError
 from remind_jax.sources import davis, scannetpp
 from remind_jax.sources.class_names import Metadata, find_metadata, read_metadata
 from remind_jax.sources.features import FEATURE_SUFFIXES, FeatureReader, find_classes, load_arrays
@@ -45,7 +46,7 @@ def locate(path: Path, choice: Choice) -> Located:
     """
     suffix = path.suffix.lower()
     name = choice.name or path.stem
-    if path.is_dir() or is_tar_name(path.name):
+    if _is_tree(path):
         return _locate_in_tree(path, choice)
     if suffix in FEATURE_SUFFIXES:
         arrays = load_arrays(path)
@@ -85,6 +86,50 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
         f"'{path}' holds no instance maps (.png), neither directly nor in "
         f"{davis.ANNOTATIONS}/{reader.name} or {scannetpp.EXPORTED}/<variant>"
     )
+
+
+def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
+    """Refuses a choice where a source and its masks leave none.
+
+    Args:
+      choice: What was chosen.
+      path: Where the frames are; None if they are in memory.
+      masks: What was named for them.
+
+    Raises:
+      OptionError: If something was chosen that would change nothing.
+    """
+    chosen = {"sequence": choice.sequence, "mask_variant": choice.mask_variant}
+    if not (choice.images or any(chosen.values())):
+        return
+    frames = open_tree(path) if path is not None and _is_tree(path) else None
+    source = "the source" if path is None else f"'{path}'"
+    if choice.images is not None and frames is None:
+        raise OptionError(
+            f"'images' chooses in a ScanNet++ scene, and {source} is none; leave it out", "images"
+        )
+    if isinstance(masks, str | Path) and _is_tree(Path(masks)):
+        tree = open_tree(Path(masks))
+        if not any(name.lower().endswith(".png") for name in tree.files_in("")):
+            return
+    is_davis = is_scene = False
+    if frames is not None and path is not None:
+        is_davis = davis.is_davis(frames) or davis.split_davis_path(path) is not None
+        is_scene = masks is None and scannetpp.is_scene(frames)
+    for option, is_used, what in (
+        ("sequence", is_davis, "DAVIS folder"),
+        ("mask_variant", is_scene, "ScanNet++ scene"),
+    ):
+        if chosen[option] is not None and not is_used:
+            raise OptionError(
+                f"'{option}' is {chosen[option]!r}, and {source} is no {what} that leaves a "
+                "choice; leave it out",
+                option,
+            )
+
+
+def _is_tree(path: Path) -> bool:
+    return path.is_dir() or is_tar_name(path.name)
 
 
 def _locate_in_tree(path: Path, choice: Choice) -> Located:

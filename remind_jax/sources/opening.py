@@ -9,14 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from remind_jax.errors import ConfigError, OptionError, SourceError, nearest_names
+from remind_jax.errors import ConfigError, OptionError, SourceError, is_text, nearest_names
 from remind_jax.sources.arrays import ArrayMasks, ItemReader, open_stored_maps
 from remind_jax.sources.coco_masks import CocoMasks, read_categories
 from remind_jax.sources.detections import ClassNaming, detections_from
 from remind_jax.sources.features import FEATURE_SUFFIXES, find_classes, load_arrays
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
-from remind_jax.sources.layouts import Choice, locate, open_maps_at
+from remind_jax.sources.layouts import Choice, locate, open_maps_at, refuse_unused
 from remind_jax.sources.live_opening import open_live
 from remind_jax.sources.live_source import RECONNECT_S, LiveOptions
 from remind_jax.sources.reopening import read_arguments
@@ -89,7 +89,8 @@ def open_source(
         ("mask_variant", mask_variant),
         ("name", name),
     ):
-        if value is not None and not (isinstance(value, str) and 0 < len(value) <= MOST_NAME):
+        is_name = isinstance(value, str) and 0 < len(value) <= MOST_NAME and is_text(value)
+        if value is not None and not is_name:
             shown = repr(value)[:40]
             raise OptionError(
                 f"'{option}' is {shown}; give text of 1 to {MOST_NAME} characters", option
@@ -112,6 +113,7 @@ def open_source(
         # Metadata that comes with other masks says nothing about those of the layout.
         own = dataclasses.replace(choice, metadata=None) if masks is not None else choice
         reader, open_own_masks = locate(path, own)
+        refuse_unused(choice, path, masks)
         reopen = dataclasses.asdict(choice) | {
             "spec": str(path),
             "masks": _masks_as_json(masks),
@@ -121,6 +123,7 @@ def open_source(
         }
     else:
         reader, open_own_masks = _read_items(spec, choice, class_names), None
+        refuse_unused(choice, None, masks)
     if masks is not None:
         provider = _open_masks(masks, reader, choice, class_names)
     else:
@@ -195,6 +198,8 @@ def _existing(path: str | Path) -> Path:
         raise SourceError(f"'{str(path)[:200]}' is no path that can be read: {why}") from error
     if "\0" in str(path) or not str(path):
         raise SourceError(f"'{path}' is no path; give that of a file or folder")
+    if not is_text(str(resolved)):
+        raise SourceError(f"'{path}' is no text in UTF-8; rename the file or folder")
     if resolved.suffix.lower() in PACKED:
         raise SourceError(f"'{path}' is a packed folder; unpack it, or pack it as .tar")
     if is_there:

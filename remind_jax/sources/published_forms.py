@@ -109,6 +109,8 @@ def _out_of_letterbox(planes: np.ndarray, frame_size: tuple[int, int]) -> _Plane
         raise SourceError(f"masks are {planes.dtype} {planes.shape}; give numbers [N, H, W]")
     if 0 in planes.shape:
         return np.zeros((0, *frame_size), bool)
+    if planes.dtype.kind == "f" and not np.isfinite(planes).all():
+        raise SourceError("masks hold NaN or infinity; give finite numbers")
     box = Letterbox.fit(frame_size, (planes.shape[1], planes.shape[2]))
 
     def plane(row: int) -> Bool[np.ndarray, "H W"]:

@@ -14,7 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from remind_jax.errors import SourceError
+from remind_jax.errors import SourceError, as_text
 from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.sources.sampling import Sampling
 
@@ -57,6 +57,9 @@ class Entry:
     time_s: float
     name: str
     read: Callable[[], Content]  # raises UnreadableFrame
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", as_text(self.name))
 
 
 Report = Callable[[SkippedFrame], None]

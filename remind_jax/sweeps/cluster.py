@@ -7,16 +7,18 @@ come back, so that a task that has to be done again leaves no row twice.
 from __future__ import annotations
 
 import functools
+import socket
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from remind_jax.config import Config
-from remind_jax.errors import SweepError
+from remind_jax.errors import SweepError, first_line
 from remind_jax.sweeps.scene_arrays import SceneFrames
 from remind_jax.sweeps.settings import Setting
 from remind_jax.sweeps.worker import Keep, Worker
 
 SETTINGS_PER_TASK = 32
+_ANSWERS_WITHIN_S = 10.0  # a machine that is there
 _RETRIES = 5  # of a task whose process or machine died
 
 
@@ -157,6 +159,7 @@ def _join(address: str | None, workers: int | None) -> Any:
         ) from error
     if ray.is_initialized():
         return ray
+    _check_reachable(address)
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     try:
         if address is None:
@@ -167,3 +170,22 @@ def _join(address: str | None, workers: int | None) -> Any:
     except (ConnectionError, RuntimeError, ValueError) as error:
         raise SweepError(f"cannot join the Ray cluster at '{address}': {error}") from error
     return ray
+
+
+def _check_reachable(address: str | None) -> None:
+    """Ray itself waits for minutes for a machine that does not answer.
+
+    Raises:
+      SweepError: If nothing answers there.
+    """
+    host, colon, port = (address or "").removeprefix("ray://").rpartition(":")
+    if not (colon and host and port.isascii() and port.isdecimal()):
+        return  # a word that Ray knows or refuses
+    try:
+        socket.create_connection((host.strip("[]"), int(port[:6])), _ANSWERS_WITHIN_S).close()
+    except (OSError, OverflowError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or first_line(error)
+        raise SweepError(
+            f"nothing answers at '{address}' ({why}); give the address of a Ray cluster that runs, "
+            "HOST:PORT, or 'auto' for the one of this machine"
+        ) from error

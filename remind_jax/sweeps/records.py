@@ -1,7 +1,8 @@
 """What a sweep has found so far, one line per setting and scene, written as it comes.
 
 A row is known by a key of everything that it depends on. A sweep that is stopped, or repeated with
-more settings, does again nothing that is there; a line cut off in writing counts as missing.
+more settings, does again nothing that is there; a line cut off in writing, or damaged since, counts
+as missing.
 """
 
 from __future__ import annotations
@@ -10,15 +11,33 @@ import contextlib
 import dataclasses
 import hashlib
 import json
+import math
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
 
 from remind_jax.errors import OutputError
-from remind_jax.files import locked, writing
+from remind_jax.files import locked, records, writing
 from remind_jax.sweeps.settings import Setting
 
 FILE_NAME = "rows.jsonl"
+_START = b'{"key":"'  # of every line, cut off or not
+
+
+class _FiledRow(msgspec.Struct, frozen=True):
+    """A line of the file; a score that a scene has none of is null."""
+
+    key: Annotated[str, Meta(min_length=1, max_length=64)]
+    scene: records.Text
+    setting: dict[records.Text, bool | int | float]
+    scores: dict[records.Label, float | None]
+
+
+_DECODER = msgspec.json.Decoder(_FiledRow)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,15 +90,14 @@ class Records:
             return True
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
-            text = self._file.read_text(encoding="utf-8") if self._file.exists() else ""
+            if not self._file.exists():
+                return True
+            self._rows |= {row.key: row for row in _read_rows(self._file)}
+            return _is_whole(self._file)
         except OSError as error:
             raise OutputError(
                 f"cannot use sweep folder '{self._file.parent}': {error.strerror}"
             ) from error
-        for line in text.splitlines():
-            if (row := _parse(line)) is not None:
-                self._rows[row.key] = row
-        return not text or text.endswith("\n")
 
     def __contains__(self, key: str) -> bool:
         return key in self._rows
@@ -94,8 +112,7 @@ class Records:
           OutputError: If they cannot be written.
         """
         rows = list(rows)
-        lines = [json.dumps(dataclasses.asdict(row), separators=(",", ":")) for row in rows]
-        self._write("".join(line + "\n" for line in lines))
+        self._write("".join(_line(row) + "\n" for row in rows))
         self._rows.update((row.key, row) for row in rows)
 
     def _write(self, text: str) -> None:
@@ -105,9 +122,39 @@ class Records:
             stream.write(text)
 
 
-def _parse(line: str) -> Row | None:
-    """A row, or None if the line was cut off or is none."""
-    try:
-        return Row(**json.loads(line))
-    except (json.JSONDecodeError, TypeError):
-        return None
+def _line(row: Row) -> str:
+    scores = {name: None if math.isnan(value) else value for name, value in row.scores.items()}
+    return json.dumps(
+        {"key": row.key, "scene": row.scene, "setting": row.setting, "scores": scores},
+        separators=(",", ":"),
+    )
+
+
+def _read_rows(path: Path) -> Iterator[Row]:
+    """Rows of a file; lines that were cut off or damaged are left out, to be made again.
+
+    Raises:
+      OutputError: If it cannot be read, or holds something else.
+    """
+    start = b""
+    for number, line in records.read_lines(path, refused=OutputError):
+        start = line[: len(_START)] if number == 1 else start
+        if not _START.startswith(start):
+            raise OutputError(
+                f"'{path}' holds no rows of a sweep; choose another output folder, or remove it"
+            )
+        with contextlib.suppress(msgspec.DecodeError, RecursionError, UnicodeDecodeError):
+            filed = _DECODER.decode(line)
+            scores = {
+                name: math.nan if score is None else score for name, score in filed.scores.items()
+            }
+            yield Row(filed.key, filed.scene, filed.setting, scores)
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether the last line of a file was written to its end."""
+    with path.open("rb") as file:
+        if not file.seek(0, os.SEEK_END):
+            return True
+        file.seek(-1, os.SEEK_END)
+        return file.read(1) == b"\n"

@@ -11,6 +11,7 @@ import contextlib
 import itertools
 import math
 import reprlib
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -202,7 +203,7 @@ def _read_table(path: Path) -> list[Setting]:
 
     try:
         text = files.read_text(path, _MOST_BYTES)
-        rows = list(itertools.islice(csv.reader(text.splitlines()), MOST_SETTINGS + 2))
+        rows = list(itertools.islice(csv.reader(text.splitlines(), strict=True), MOST_SETTINGS + 2))
     except OSError as error:
         raise ConfigError(f"cannot read settings from '{path}': {error.strerror}") from error
     except csv.Error as error:
@@ -210,9 +211,9 @@ def _read_table(path: Path) -> list[Setting]:
     names, *rows = ([unguard_cell(cell) for cell in row] for row in rows or [[]])
     if len(rows) > MOST_SETTINGS:
         raise ConfigError(f"'{path}' holds more than {MOST_SETTINGS} settings; sweep over fewer")
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ConfigError(f"'{path}' has the column {twice[0]!r} twice; name every threshold once")
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise ConfigError(f"'{path}' has the column {twice!r} twice; name every threshold once")
     settings = []
     for number, row in enumerate(rows, 1):
         if len(row) != len(names):

@@ -52,7 +52,7 @@ def place(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("path", [LONG, f"a/{LONG}/b", "a\0b", "round"])
+@pytest.mark.parametrize("path", [LONG, f"a/{LONG}/b", "a\0b", "round", "a\udcff"])
 @pytest.mark.parametrize("verb", VERBS)
 def test_an_impossible_path_is_refused(verb, path, place, monkeypatch, capsys):
     monkeypatch.chdir(place)

@@ -60,9 +60,11 @@ def test_a_file_that_is_no_model_gets_one_sentence(tmp_path, content):
         OnnxFile.read(path)
 
 
-@pytest.mark.parametrize("name", ["absent.onnx", "."])
-def test_a_missing_file_is_named(tmp_path, name):
-    with pytest.raises(WeightsError, match="does not exist"):
+@pytest.mark.parametrize(
+    ("name", "said"), [("absent.onnx", "does not exist"), (".", "is a folder; give the path of")]
+)
+def test_what_is_no_file_is_named(tmp_path, name, said):
+    with pytest.raises(WeightsError, match=said):
         OnnxFile.read(tmp_path / name)
 
 

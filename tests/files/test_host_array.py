@@ -48,3 +48,13 @@ def test_arrays_elsewhere_are_refused_with_what_to_do(given, place):
 def test_ragged_values_make_no_array():
     with pytest.raises(SourceError, match=r"^boxes make no array: .*; give one array of numbers$"):
         host_array([[1, 2], [3]], "boxes")
+
+
+@pytest.mark.parametrize("error", [KeyError("x"), RecursionError(), ZeroDivisionError("no")])
+def test_what_breaks_in_code_of_others_is_told(error):
+    class Broken:
+        def __array__(self, *args, **kwargs):
+            raise error
+
+    with pytest.raises(SourceError, match=r"^masks make no array: .*; give one array of numbers$"):
+        host_array(Broken(), "masks")

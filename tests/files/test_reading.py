@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import stat
 from pathlib import Path
 
 import pytest
 
-from remind_jax.files import read_bytes, read_text, saving, user_cache_folder
+from remind_jax.errors import OutputError
+from remind_jax.files import read_bytes, read_text, saving, say_no_file, user_cache_folder
 
 
 @pytest.mark.parametrize(
@@ -68,3 +70,28 @@ def test_what_is_too_large_is_not_read(tmp_path, read):
     (tmp_path / "small").write_bytes(b"12")
     with pytest.raises(OSError, match="it has 2 bytes, at most 1 bytes"):
         read(tmp_path / "small", most_bytes=1)
+
+
+def test_why_there_is_no_file_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    os.mkfifo(tmp_path / "pipe")
+    os.symlink("circle", tmp_path / "circle")
+    said = {name: say_no_file(tmp_path / name) for name in ("file", "pipe", "circle", "none", ".")}
+    assert said == {
+        "file": "",
+        "pipe": "is a pipe, a device or a socket",
+        "circle": "cannot be read (Too many levels of symbolic links)",
+        "none": "does not exist",
+        ".": "is a folder",
+    }
+
+
+def test_no_file_takes_the_place_of_a_device(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OutputError, match="it is a pipe, a device or a socket; name a file"):
+        saving.replace_file(tmp_path / "pipe", b"x")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    with pytest.raises(OutputError, match=r"it is a folder; name a file"):
+        saving.replace_file(tmp_path, b"x")
+    with pytest.raises(OutputError, match=r"there is no folder '.*none'; make it, or name another"):
+        saving.replace_file(tmp_path / "none" / "file", b"x")

@@ -7,6 +7,7 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
+from remind_jax.metrics.formats.run_folder import read_tracks
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import RunInfo
 from tests.outputs.fake_run import make_info, make_run, make_tracks
@@ -143,6 +144,23 @@ def test_saved_run_is_loaded_whole(tmp_path):
         np.testing.assert_array_equal(ours.masks, theirs.masks)
 
 
+@pytest.mark.parametrize("is_complete", [True, False])
+def test_a_record_cut_off_since_is_refused(tmp_path, is_complete):
+    """`run.json` counts the frames of a run that is complete."""
+    _, result = make_run()
+    dataclasses.replace(result, complete=is_complete).save(tmp_path)
+    path = tmp_path / "detections.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:-1]) + lines[-1][:40])
+    if is_complete:
+        said = rf"holds {len(lines) - 2} frames, and 'run.json' beside it counts {len(lines) - 1}"
+        for read in (Result.load, read_tracks):
+            with pytest.raises(OutputError, match=said):
+                read(tmp_path)
+    else:
+        assert len(Result.load(tmp_path)) == len(read_tracks(tmp_path)) == len(lines) - 2
+
+
 def test_class_names_include_unannounced_ones():
     tracks = make_tracks(0, np.ones((1, 8, 8), bool), [{"label": "zebra"}])
     info = dataclasses.replace(make_info(), class_names=("cup",))
@@ -172,6 +190,14 @@ def test_supervision_gets_identities_and_masks():
     assert detections.data["outcome"][1] == "ambiguous"
     assert detections.class_id is not None
     assert [result.class_names[i] for i in detections.class_id] == list(tracks.labels)
+
+
+@pytest.mark.parametrize("names", [5, "mug", True])
+def test_supervision_refuses_what_is_no_list_of_names(names):
+    pytest.importorskip("supervision")
+    tracks = run_of_presence("x").tracks[0]
+    with pytest.raises(OutputError, match=r"class names are .*; give a list of names"):
+        tracks.to_supervision(names)
 
 
 def test_supervision_takes_an_empty_frame():

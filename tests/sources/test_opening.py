@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 
@@ -80,6 +81,10 @@ def test_sources_can_be_read_ahead(tmp_path):
         ({"sampling": {"strid": 2}}, "did you mean 'stride'"),
         ({"image_fps": 0}, "'image_fps' is 0"),
         ({"unlabelled": "ignore"}, "'unlabelled' is 'ignore'"),
+        ({"sequence": "bear"}, "'sequence' is 'bear', and the source is no DAVIS folder"),
+        ({"mask_variant": "raw"}, "'mask_variant' is 'raw', and the source is no ScanNet"),
+        ({"images": "rgb"}, "'images' chooses in a ScanNet.* scene, and the source is none"),
+        ({"name": "\udcff"}, "'name' is .*; give text of 1 to 1000 characters"),
     ],
 )
 def test_bad_options_are_named(options, why):
@@ -132,3 +137,14 @@ def test_import_brings_no_extras():
 def test_a_damaged_description_is_told(change, said):
     with pytest.raises(SourceError, match=said):
         reopen_source({"name": "a", "reopen": {"spec": "a.mp4", **change}})
+
+
+def test_names_that_are_no_text_are_written_out(tmp_path):
+    """The disk takes any bytes; tables and records are UTF-8."""
+    making.write_images(tmp_path / "v", ["0.png", "1.png"])
+    os.rename(tmp_path / "v" / "1.png", os.fsencode(tmp_path / "v") + b"/1\xff.png")
+    source = open_source(tmp_path / "v", masks="none")
+    assert [frame.name for frame in source] == ["0.png", r"1\udcff.png"]
+    os.rename(tmp_path / "v", os.fsencode(tmp_path) + b"/v\xff")
+    with pytest.raises(SourceError, match=r"v\\udcff' is no text in UTF-8; rename the"):
+        open_source(os.fsdecode(os.fsencode(tmp_path) + b"/v\xff"))

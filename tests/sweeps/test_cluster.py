@@ -35,6 +35,17 @@ def test_no_workers_are_no_crew():
         sweep(SCENES, SETTINGS, config=CONFIG, workers=0)
 
 
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1:1", "ray://127.0.0.1:1", "nowhere.invalid:6379", "127.0.0.1:999999"]
+)
+def test_a_machine_that_does_not_answer_is_not_waited_for(address):
+    """Ray itself waits for more than a minute."""
+    start = time.monotonic()
+    with pytest.raises(SweepError, match=f"nothing answers at '{address}'"):
+        sweep(SCENES, SETTINGS, config=CONFIG, cluster=address)
+    assert time.monotonic() - start < 30
+
+
 @pytest.fixture
 def two_nodes(monkeypatch):
     """Address of a cluster of two nodes with one CPU each."""

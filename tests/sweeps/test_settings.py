@@ -51,6 +51,8 @@ def test_a_csv_file_and_a_json_file_hold_the_same_settings(tmp_path):
 
 FILES = {
     "empty.csv": "",
+    "quote.csv": 'matching.match\n"0.7\n',
+    "columns.csv": ",".join(["matching.match"] * 50_000) + "\n",
     "heads.csv": "matching.match\n",
     "nan.csv": "matching.match\nnan\n",
     "infinity.csv": "matching.match\n-inf\n",

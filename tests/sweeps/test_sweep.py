@@ -1,6 +1,8 @@
 """Every row of a sweep is the single run with that setting; nothing is done twice."""
 
 import dataclasses
+import math
+import os
 
 import numpy as np
 import pytest
@@ -9,12 +11,13 @@ from remind_jax.backbone.registry import get_backbone
 from remind_jax.config import load_config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.decision import Outcome
-from remind_jax.errors import ConfigError, SourceError
+from remind_jax.errors import ConfigError, OutputError, SourceError
 from remind_jax.frame import Detections
 from remind_jax.masks.reduction import pad_masks
 from remind_jax.sources import open_source
 from remind_jax.sweeps import batches, sweep
 from remind_jax.sweeps.batches import run_batch
+from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.scene_arrays import describe_scene, load_scene
 from remind_jax.sweeps.settings import complete
 from tests import tiny_world as world
@@ -100,6 +103,36 @@ def test_nothing_is_done_twice(tmp_path, monkeypatch):
     calls.clear()
     sweep(SCENES[:1], SETTINGS[:5], config=CONFIG, batch=4, out=tmp_path)
     assert not calls
+
+
+def test_damaged_rows_are_made_again(tmp_path):
+    """Bytes that are no text, deep nesting, other fields: each counts as missing."""
+    key = row_key("scene", {"matching.match": 0.5}, {})
+    row = Row(key, "scene", {"matching.match": 0.5}, {"IDF1": 0.25, "Recovery": math.nan})
+    Records(tmp_path).add([row])
+    path = tmp_path / "rows.jsonl"
+    with path.open("ab") as stream:
+        stream.write(b'{"key":"\xff\xfe"}\n{"key":' + b"[" * 100_000 + b"\n")
+        stream.write(b'{"key":"a","scene":"b","setting":{},"scores":{"IDF1":"high"}}\n')
+    found = Records(tmp_path)
+    assert key in found
+    assert "a" not in found
+    assert found[key].setting == row.setting
+    np.testing.assert_equal(found[key].scores, row.scores)
+
+
+@pytest.mark.parametrize("data", [b"hello\n", b"\xff\xfe\x00", b"[1]\n", b"\x80" * 50])
+def test_rows_of_something_else_are_refused(tmp_path, data):
+    (tmp_path / "rows.jsonl").write_bytes(data)
+    with pytest.raises(OutputError, match=r"rows\.jsonl"):
+        Records(tmp_path)
+    assert (tmp_path / "rows.jsonl").read_bytes() == data
+
+
+def test_rows_in_a_pipe_are_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "rows.jsonl")
+    with pytest.raises(OutputError, match="it is a pipe, a device or a socket; give a file"):
+        Records(tmp_path)
 
 
 def test_interruption_keeps_what_is_done(tmp_path):

@@ -27,6 +27,7 @@ FOLDER = "instances"
 LABELS = "labels.txt"
 IGNORED_CLASS = 10
 _MOST_BYTES = 64 << 20  # of a picture
+_MOST_CLASSES = (1 << 16) // MOTS_PNG_INSTANCES
 
 
 def find_mots_png(path: Path, *, needs_labels: bool = True) -> str | None:
@@ -34,9 +35,11 @@ def find_mots_png(path: Path, *, needs_labels: bool = True) -> str | None:
 
     Args:
       path: Folder or zip.
-      needs_labels: Whether only a folder with names of classes counts, as others may be anything.
+      needs_labels: Whether only a folder with names of classes counts, as others may be anything;
+        in a zip all do.
     """
     names = _names_in(path)
+    needs_labels = needs_labels and path.is_dir()
     folders = {str(PurePosixPath(name).parent) for name in names if name.endswith(".png")}
     found = sorted(
         folder
@@ -107,15 +110,24 @@ def read_mots_png(path: str | Path) -> TrackRows:
 
 
 def _names_in(path: Path) -> list[str]:
-    """Members of a zip, or files of folders called `instances`, with `/`."""
-    if path.is_dir():
-        folders = [path / FOLDER, *(inner / FOLDER for inner in path.iterdir())]
-        found = [file for folder in folders if folder.is_dir() for file in folder.iterdir()]
-        return [file.relative_to(path).as_posix() for file in found if file.is_file()]
-    if not zipfile.is_zipfile(path):
-        return []
-    with zipfile.ZipFile(path) as archive:
-        return archive.namelist()
+    """Members of a zip, or files of folders called `instances`, with `/`.
+
+    Raises:
+      SourceError: If it cannot be read.
+    """
+    try:
+        if path.is_dir():
+            folders = [path / FOLDER, *(inner / FOLDER for inner in path.iterdir())]
+            found = [file for folder in folders if folder.is_dir() for file in folder.iterdir()]
+            return [file.relative_to(path).as_posix() for file in found if file.is_file()]
+        if not zipfile.is_zipfile(path):
+            return []
+        with zipfile.ZipFile(path) as archive:
+            return archive.namelist()
+    except OSError as error:
+        raise SourceError(f"'{path}' cannot be read: {error.strerror or error}") from error
+    except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+        raise SourceError(f"'{path}' is a damaged zip: {error}; make it again") from error
 
 
 def _reader(path: Path) -> Callable[[str], bytes]:
@@ -148,6 +160,11 @@ def _read_labels(
     except UnicodeDecodeError as error:
         raise SourceError(f"'{path}', {name} is not text in UTF-8; save it as UTF-8") from error
     labels = [label.strip() for label in labels if label.strip()]
+    if len(labels) > _MOST_CLASSES:
+        raise SourceError(
+            f"'{path}', {name} names {len(labels)} classes; at most {_MOST_CLASSES} fit into 16 "
+            "bits, so leave the others out"
+        )
     if long := [label for label in labels if len(label) > MOST_LABEL]:
         raise SourceError(
             f"'{path}', {name}: a name has {len(long[0])} characters; at most {MOST_LABEL}"

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -96,6 +97,11 @@ def open_scenes(
     if format == "cvat" or (format is None and looks_like_cvat(path)):
         name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
         return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
+    if format is None and zipfile.is_zipfile(path):
+        raise SourceError(
+            f"'{path}' is a zip that holds neither '{NAME_IN_ZIP}' of CVAT nor MOTS PNG "
+            "('instances/*.png'); pack one of these, or unpack it"
+        )
     if path.suffix.lower() == ".json" or format in ("coco-video", "tao", "burst"):
         return _open_json(path, format, truth)
     if format in ("davis", "run"):

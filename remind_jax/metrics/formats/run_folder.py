@@ -18,10 +18,16 @@ RUN_FILE = "detections.jsonl"
 
 
 def read_tracks(folder: Path) -> Sequence[Tracks]:
-    """The frames of a run."""
-    from remind_jax.outputs.store import read_detections
+    """The frames of a run.
 
-    return read_detections(folder / RUN_FILE)[1]
+    Raises:
+      OutputError: If it is none, damaged, or frames are missing.
+    """
+    from remind_jax.outputs import store
+
+    tracks = store.read_detections(folder / RUN_FILE)[1]
+    store.check_all_there(folder, tracks, store.read_run_json(folder / store.RUN_NAME))
+    return tracks
 
 
 def read_run_rows(folder: Path, name: str) -> TrackRows:

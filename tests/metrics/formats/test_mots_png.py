@@ -1,3 +1,6 @@
+import zipfile
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -5,6 +8,7 @@ import pytest
 from remind_jax.errors import SourceError
 from remind_jax.masks.run_length import decode_mask
 from remind_jax.metrics.formats.mots_png import find_mots_png, read_mots_png
+from remind_jax.metrics.formats.opening import open_scenes
 
 
 def write(folder, pictures, labels="mug\nbowl\n"):
@@ -46,3 +50,34 @@ def test_what_cannot_be_is_refused(tmp_path):
     (damaged / "instances" / "000000.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     with pytest.raises(SourceError, match=r"instances/000000\.png"):
         read_mots_png(damaged)
+
+
+def test_names_beyond_what_sixteen_bits_hold_are_refused(tmp_path):
+    scene = write(tmp_path / "scene", [np.zeros((2, 3), np.uint16)], labels="cup\n" * 66)
+    with pytest.raises(SourceError, match="names 66 classes; at most 65 fit into 16 bits"):
+        read_mots_png(scene)
+
+
+def test_a_zip_is_known_by_what_it_holds(tmp_path):
+    scene = write(tmp_path / "scene", [np.array([[3007, 0]], np.uint16)], labels=None)
+    path = tmp_path / "scene.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.write(scene / "instances" / "000000.png", "instances/000000.png")
+    assert open_scenes(path).format == "mots-png"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("notes.txt", "hello")
+    with pytest.raises(SourceError, match=r"is a zip that holds neither 'annotations.xml' of CVAT"):
+        open_scenes(path)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"PK\x01\x02", b"PK\xff\xff"))
+    with pytest.raises(SourceError, match="is a damaged zip"):
+        open_scenes(path)
+
+
+def test_a_folder_that_may_not_be_read_is_told(tmp_path, monkeypatch):
+    def refuse(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    with pytest.raises(SourceError, match="cannot be read: Permission denied"):
+        open_scenes(tmp_path)
