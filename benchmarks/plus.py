@@ -60,6 +60,7 @@ BARE: Changes = {
         "familiarity": 0.0,
         "familiarity_open": 0.0,
         "tentative": 0.0,
+        "tentative_border": 0.0,
         "late_frames": 0,
         "ended_age": 0,
         "held": 0.0,
@@ -74,6 +75,7 @@ BARE: Changes = {
         "gone_anchors": 1_000_000,
     },
     "motion": {"checked": False},
+    "mobility": {"weight": 0.0},
 }
 LADDER: tuple[tuple[str, Changes], ...] = (
     ("tracklets, appearance, joint assignment", {}),
@@ -92,8 +94,12 @@ LADDER: tuple[tuple[str, Changes], ...] = (
     ("+ checked motion", {"motion": {"checked": True}}),
     ("+ familiarity of what is in view", {"decision": {"familiarity_open": 1.0}}),
     ("+ empty places", {"layout": {"gone_anchors": 3}}),
-    ("+ early preference for known", {"decision": {"tentative": 0.5}}),
-    ("+ appearance of partners = plus", {"layout": {"witness": 0.5}}),
+    (
+        "+ early preference for known",
+        {"decision": {"tentative": 1.0, "tentative_border": 1.0}},
+    ),
+    ("+ appearance of partners", {"layout": {"witness": 0.5}}),
+    ("+ own movement = plus", {"mobility": {"weight": 1.0}}),
 )
 WITHOUT_PLACE: Changes = {
     "place": {"weight": 0.0},
@@ -110,6 +116,16 @@ _TOUR = SceneOptions(
     width=480, height=360, min_mask_px=150, frames=160, num_rooms=2, objects_per_room=13,
     lookalikes=_ALIKE, absence_frames=60, light_drop=0.3,
 )  # fmt: skip
+# Twenty objects that fly about one room, in sight of a camera that stays there.
+_MOVING = {
+    "frames": 200, "num_rooms": 1, "objects_per_room": 20, "absence_frames": 0, "light_drop": 1.0,
+    "roaming": 1.0,
+    "lookalikes": (
+        LookalikeGroup("mug", 3, "glaze"),
+        LookalikeGroup("vase", 2, "tint"),
+        LookalikeGroup("box", 3, "pattern"),
+    ),
+}  # fmt: skip
 STRESS: dict[str, tuple[dict[str, Any], DetectorNoise | None]] = {
     "as is": ({"seed": 1}, None),
     "moved 30 %": ({"seed": 4, "moved": 0.3}, None),
@@ -125,6 +141,16 @@ STRESS: dict[str, tuple[dict[str, Any], DetectorNoise | None]] = {
     "split, merged, false": ({"seed": 14}, DetectorNoise(split=0.1, merged=0.1, false=0.3)),
     "wrong classes 10 %": ({"seed": 15}, DetectorNoise(wrong_class=0.1)),
     "masks every 3 frames": ({"seed": 16}, DetectorNoise(every=3)),
+    "all roam, still camera": ({**_MOVING, "seed": 31, "camera": "still"}, None),
+    "all roam, still camera 2": ({**_MOVING, "seed": 32, "camera": "still"}, None),
+    "all roam, camera pans": ({**_MOVING, "seed": 33, "camera": "pan"}, None),
+    "all roam, camera pans 2": ({**_MOVING, "seed": 34, "camera": "pan"}, None),
+    "40 % roam, camera pans": ({**_MOVING, "seed": 35, "camera": "pan", "roaming": 0.4}, None),
+    "30 % roam, tour": ({"seed": 36, "roaming": 0.3}, None),
+    "half roams, still camera": (
+        {**_MOVING, "seed": 37, "camera": "still", "roaming": 0.5, "objects_per_room": 24},
+        None,
+    ),
 }
 HARDSHIPS = {
     "30 % of the masks missing": DetectorNoise(missing=0.3),
@@ -257,6 +283,8 @@ def strain(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[st
             "plus": plus["IDF1"],
             "without_place": without["IDF1"],
             "bank": bank["IDF1"],
+            "first_frame": plus["HardRecovery"],
+            "first_frame_bank": bank["HardRecovery"],
             "ids": plus["ids"],
             "objects": plus["objects"],
             "repeated": plus["repeated"],

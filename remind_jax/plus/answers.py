@@ -47,7 +47,7 @@ def conclude(
     shortlist: Shortlist,
     odds: Float[Array, "N C"],
     belief: Float[Array, "N C"],
-    parts: Float[Array, "N C 8"],
+    parts: Float[Array, "N C 9"],
     choice: Choice,
 ) -> Verdicts:
     """Names the objects of all decisions.

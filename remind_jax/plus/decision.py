@@ -48,7 +48,8 @@ def decide(
     odds = jnp.where(shortlist.valid, odds, -jnp.inf)
     new = expect_new(odds, rows.young, scene, t)
     # A new identity that is withdrawn later is one too many, so in doubt an early answer is known.
-    early_new = new - jnp.where(here.age < t.commit_age, t.tentative, 0.0)
+    tentative = t.tentative + t.tentative_border * here.touched
+    early_new = new - jnp.where(here.age < t.commit_age, tentative, 0.0)
     private = jnp.where(rows.late, t.new + t.late_margin, early_new)
 
     is_at = shortlist.slot[..., None] == jnp.arange(num_objects)

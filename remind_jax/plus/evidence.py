@@ -19,6 +19,7 @@ from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.own_movement import mobility
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.scene_map import center_variance
 from remind_jax.plus.small_matrices import diagonal
@@ -51,7 +52,7 @@ class Shortlist:
     valid: Bool[Array, "N C"]
     base: Float[Array, "N C"]  # log odds of the evidence that it has alone
     cosine: Float[Array, "N C"]  # best cosine of looks
-    parts: Float[Array, "N C 5"]  # of the first of `state.PARTS` in these log odds
+    parts: Float[Array, "N C 6"]  # of the first of `state.PARTS` in these log odds
 
 
 def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
@@ -170,10 +171,12 @@ def shortlist(
 
     `waiting`: objects whose tracklet was missed and may resume.
     """
+    moves = mobility(objects.speed, t.mobility)
     parts = (
-        _look_evidence(cosine, sightings.patches, scene, t),
-        _ring_evidence(here, objects, scene, t.looks),
+        _look_evidence(cosine, sightings.patches, moves, scene, t),
+        _ring_evidence(here, objects, scene, t.looks) * (1.0 - moves),
         _place_evidence(sightings, objects, pairs, t.place),
+        jnp.broadcast_to(t.mobility.gain * moves, admitted.shape),
         jnp.broadcast_to(_crowd_evidence(admitted, t.decision)[:, None], admitted.shape),
         jnp.broadcast_to(jnp.where(waiting, -t.decision.held, 0.0)[None], admitted.shape),
     )
@@ -196,13 +199,18 @@ def shortlist(
 
 
 def _look_evidence(
-    cosine: Float[Array, "N O"], patches: Float[Array, "N"], scene: Scene, t: th.PlusThresholds
+    cosine: Float[Array, "N O"],
+    patches: Float[Array, "N"],
+    moves: Float[Array, "O"],
+    scene: Scene,
+    t: th.PlusThresholds,
 ) -> Float[Array, "N O"]:
     other, same, variance = calibrate(scene, t.calibration)
     odds = t.looks.gain * (same - other) / variance * (cosine - (same + other) / 2)
     # Looks of masks that hardly fill a patch are mostly background.
     weight = jnp.clip(patches / t.looks.sure_patches, t.looks.least_weight, 1.0)
-    return weight[:, None] * jnp.clip(odds, t.looks.worst, t.looks.best)
+    best = t.looks.best + moves * (t.mobility.best - t.looks.best)
+    return weight[:, None] * jnp.clip(odds, t.looks.worst, best)
 
 
 def _ring_evidence(

@@ -34,7 +34,7 @@ def weigh_jointly(
     objects: Objects,
     pairs: Pairs,
     t: th.PlusThresholds,
-) -> tuple[Float[Array, "N C"], Float[Array, "N C"], Float[Array, "N C 8"]]:
+) -> tuple[Float[Array, "N C"], Float[Array, "N C"], Float[Array, "N C 9"]]:
     """Evidence of each candidate with that of all others in view.
 
     Args:
@@ -175,7 +175,9 @@ def _layout_evidence(
     log_ratio = look_up(pairs.log_ratio, o, p)
     off_ratio = (others.log_ratio[:, None, :, None] - log_ratio) ** 2
     ratio_odds = -jnp.log(ratio_error) - off_ratio / (2 * ratio_error**2) + off_ratio / 2
-    return odds + t.ratio_weight * jnp.clip(ratio_odds, -2.0, 1.0)
+    # What may have moved may have come nearer.
+    known = 1.0 / (1.0 + (spread / t.ratio_spread) ** 2)
+    return odds + t.ratio_weight * known * jnp.clip(ratio_odds, -2.0, 1.0)
 
 
 def _covisible_evidence(

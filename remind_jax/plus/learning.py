@@ -35,6 +35,7 @@ def create_objects(
     tracklets: Tracklets,
     born: Bool[Array, "T"],
     place_variance: Float[Array, "T"],
+    speed: Float[Array, "T"],
 ) -> tuple[Objects, Pairs, Int[Array, "T"]]:
     """Gives new objects the lowest free slots, in the order of the tracklets.
 
@@ -48,6 +49,7 @@ def create_objects(
     row = rows_of(slot, born, num_o)
     is_new = row != NO_ROW
     nothing = jnp.zeros_like(tracklets.id)
+    place = jnp.concatenate([tracklets.place[:, 4:7], speed[:, None]], axis=1)
     begun = Objects.columns_of(
         id=tracklets.id,
         class_id=tracklets.class_id,
@@ -58,7 +60,7 @@ def create_objects(
     objects = dataclasses.replace(
         objects,
         wholes=jnp.where(is_new[:, None], begun["wholes"][row], objects.wholes),
-        place=jnp.where(is_new[:, None], tracklets.place[row, 4:], objects.place),
+        place=jnp.where(is_new[:, None], place[row], objects.place),
         bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
         ring=jnp.where(is_new[:, None], 0.0, objects.ring),
     )
@@ -119,6 +121,7 @@ def learn_relations(
     row: Int[Array, "O"],
     sightings: Sightings,
     t: th.Layout,
+    mobile: th.Mobility,
 ) -> Pairs:
     """Stores how all objects lie from those in view, and who is in view together.
 
@@ -131,6 +134,7 @@ def learn_relations(
       row: Detection of each object, NO_ROW out of view.
       sightings: Detections.
       t: Errors and rates.
+      mobile: What speeds make of relations.
     """
     visible = row != NO_ROW
     place = jnp.where(visible[:, None], sightings.center[row], objects.position)
@@ -143,8 +147,12 @@ def learn_relations(
     one_visible = visible[:, None] | visible[None, :]
     both_exist = objects.exists[:, None] & objects.exists[None, :]
     accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
-    accepted &= (spread <= pairs.spread + t.spread_slack) & (spread < t.spread_max)
-    alike = jnp.abs(spread - pairs.spread) < t.spread_same
+    # A relation is forgotten as fast as its objects move.
+    speed = mobile.weight * objects.speed
+    aged = pairs.spread + (speed[:, None] + speed[None, :]) / scale
+    aged = jnp.where(aged < t.spread_max, aged, UNRELATED)
+    accepted &= (spread <= aged + t.spread_slack) & (spread < t.spread_max)
+    alike = jnp.abs(spread - aged) < t.spread_same
     rate = jnp.where(accepted, jnp.where(alike, t.rate, 1.0), 0.0)
 
     relation = (place[None, :] - place[:, None]) / scale[..., None]
@@ -160,7 +168,7 @@ def learn_relations(
         pairs,
         covisible=jnp.where(both_exist, pairs.covisible + together, 0.0),
         relation=move(pairs.relation, relation, 0.0),
-        spread=move(pairs.spread, spread, UNRELATED),
+        spread=move(aged, spread, UNRELATED),
         log_ratio=move(pairs.log_ratio, log_ratio, 0.0),
     )
 
@@ -231,7 +239,7 @@ def learn_objects(
         seen=objects.seen + visible,
         last=jnp.where(visible, frame, objects.last),
         ring_count=ring_count,
-        place=jnp.concatenate([objects.position, size[:, None]], axis=1),
+        place=jnp.concatenate([objects.place[:, :2], size[:, None], objects.place[:, 3:]], axis=1),
         ring=objects.ring + rate[:, None] * step,
     )
 

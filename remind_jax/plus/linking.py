@@ -15,6 +15,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.own_movement import expect_step, follow_movement
 from remind_jax.plus.plane import (
     area_of,
     log_ratios,
@@ -35,20 +36,20 @@ from remind_jax.solvers.assignment_in_graph import assign_in_graph
 class Links:
     """What may go on with what, by a motion of the image."""
 
-    place: Float[Array, "T 7"]  # `place` of the tracklets, where they should be now
+    place: Float[Array, "T 9"]  # `place` of the tracklets, where they should be now
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
 
 
-def carry(tracklets: Tracklets, motion: Motion) -> Tracklets:
-    """Moves boxes and centers along with the image."""
-    turn, shift = motion.matrix[:, :2], motion.matrix[:, 2]
+def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
+    """Moves boxes and centers along with the image, and on by what moves of its own."""
+    turn, shift = motion.matrix[:, :2], motion.matrix[:, 2] + expect_step(tracklets, t)
     low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
     middle = turned((low + high) / 2, turn) + shift
     half = (high - low) / 2 * zoom_of(turn)
     center = turned(tracklets.center, turn) + shift
-    size = tracklets.size[:, None]
-    place = jnp.concatenate([middle - half, middle + half, center, size], axis=1)
+    kept = tracklets.place[:, 6:]
+    place = jnp.concatenate([middle - half, middle + half, center, kept], axis=1)
     return dataclasses.replace(tracklets, place=place)
 
 
@@ -99,6 +100,7 @@ def advance_tracklets(
     frame: Int[Array, ""],
     next_id: Int[Array, ""],
     t: th.Linking,
+    mobile: th.Mobility,
 ) -> tuple[Tracklets, Int[Array, ""], Float[Array, "N D"]]:
     """Continues, starts and drops tracklets.
 
@@ -121,6 +123,8 @@ def advance_tracklets(
     rate = rate * jnp.stack([linked, sightings.has_ring], axis=1)
     rate = jnp.pad(rate, ((0, 0), (0, 1)))
     step = seen - before
+    drift, num_moves = follow_movement(old, linked, sightings, frame, mobile)
+    size = sightings.size[:, None]
     here = Tracklets.of(
         alive=sightings.valid,
         class_id=sightings.class_id,
@@ -129,10 +133,12 @@ def advance_tracklets(
         ring_count=ring_count,
         slot=jnp.where(linked, old.slot, NO_SLOT),
         fresh=linked & old.fresh,
+        num_moves=num_moves,
+        touched=sightings.touches,
         named=linked & old.named,
         leans_new=linked & old.leans_new,
         id=jnp.where(linked, old.id, next_id + count_before(starts)),
-        place=jnp.concatenate([sightings.box, sightings.center, sightings.size[:, None]], axis=1),
+        place=jnp.concatenate([sightings.box, sightings.center, size, drift], axis=1),
         belief=jnp.where(linked, old.belief, 0.0),
         looks=before + rate[..., None] * step,
     )

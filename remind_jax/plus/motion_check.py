@@ -50,7 +50,9 @@ def check_motion(
     )
 
     def follow(hypothesis: Motion) -> Links:
-        return score_links(carry(tracklets, hypothesis), sightings, cosine, frame, t.linking)
+        return score_links(
+            carry(tracklets, hypothesis, t.mobility), sightings, cosine, frame, t.linking
+        )
 
     def support(hypothesis: Motion) -> Float[Array, ""]:
         links = follow(hypothesis)

@@ -39,3 +39,12 @@ def mean_sizes(left: Float[Array, "N"], right: Float[Array, "M"]) -> Float[Array
 def log_ratios(left: Float[Array, "N"], right: Float[Array, "M"]) -> Float[Array, "N M"]:
     """Logarithm of the first size by the second, of every two; one per size, not per pair."""
     return jnp.log(left)[:, None] - jnp.log(right)[None]
+
+
+def medians(values: Float[Array, "K N"], counted: Bool[Array, "N"]) -> Float[Array, "K"]:
+    """Median of some of the values of each row, 0 of none."""
+    ordered = jnp.sort(jnp.where(counted, values, jnp.inf), axis=1)
+    num = jnp.sum(counted)
+    low, high = jnp.maximum(num - 1, 0) // 2, num // 2
+    middle = (ordered[:, low] + ordered[:, jnp.minimum(high, len(counted) - 1)]) / 2
+    return jnp.where(num > 0, middle, 0.0)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.plane import squared_length, turned, zoom_of
+from remind_jax.plus.plane import medians, squared_length, turned, zoom_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs
 
@@ -43,6 +43,7 @@ def move_map(
     frame_center: Float[Array, "2"],
     frame: Int[Array, ""],
     t: th.Motion,
+    mobile: th.Mobility,
 ) -> tuple[Objects, Pairs]:
     """Moves all positions along with the image and lets their errors grow.
 
@@ -56,14 +57,14 @@ def move_map(
     doubt = 1.0 - belief(motion, t)
     shift_variance = (t.shift_error + t.shift_error_rate * moved + t.shift_error_lost * doubt) ** 2
     turn_variance = (t.turn_error * (1.0 + t.turn_error_lost * doubt)) ** 2
-    own_variance = (t.own_error + t.own_error_rate * moved) ** 2
+    own_error = t.own_error + t.own_error_rate * moved + mobile.weight * objects.speed
     age = jnp.clip(frame - 1 - objects.last, 0, MAX_AGE).astype(jnp.float32)
     arm = jnp.clip(position - frame_center, -t.reach, t.reach)
     # The lesser age makes shared errors grow like a bias and keeps the covariance positive.
     shared_age = 1.0 + jnp.minimum(age[:, None], age[None, :])
     arms = arm[:, None, 0] * arm[None, :, 0] + arm[:, None, 1] * arm[None, :, 1]
     shared = (shift_variance + turn_variance * arms) * shared_age
-    own = own_variance * (1.0 + age)
+    own = own_error**2 * (1.0 + age)
     itself = jnp.eye(len(age), dtype=bool)
     covariance = pairs.covariance + shared + jnp.where(itself, own[:, None], 0.0)
     both = objects.exists[:, None] & objects.exists[None, :] & (t.coupled | itself)
@@ -107,7 +108,7 @@ def correct_map(
     own = diagonal(covariance)[place] + measured
     squared = squared_length(sightings.center - objects.position[place])
     # An unexpected step of most objects at once is an error of the image motion, shared by all.
-    step, normalized = _medians(jnp.stack([squared, squared / own]), surprising)
+    step, normalized = medians(jnp.stack([squared, squared / own]), surprising)
     added = jnp.where(normalized > t.surprise, step, 0.0)
     exists = objects.exists[:, None] & objects.exists[None, :]
     covariance = jnp.where(exists, covariance + added, 0.0)
@@ -212,12 +213,3 @@ def _bound(covariance: Float[Array, "O O"], own: Float[Array, "O"]) -> Float[Arr
     """A covariance with these variances and correlations within one."""
     bounded = _clip(covariance, own[:, None], own[None, :])
     return jnp.where(jnp.eye(len(own), dtype=bool), own[:, None], bounded)
-
-
-def _medians(values: Float[Array, "K N"], counted: Bool[Array, "N"]) -> Float[Array, "K"]:
-    """Median of some of the values of each row, 0 of none."""
-    ordered = jnp.sort(jnp.where(counted, values, jnp.inf), axis=1)
-    num = jnp.sum(counted)
-    low, high = jnp.maximum(num - 1, 0) // 2, num // 2
-    middle = (ordered[:, low] + ordered[:, jnp.minimum(high, len(counted) - 1)]) / 2
-    return jnp.where(num > 0, middle, 0.0)

@@ -29,8 +29,10 @@ NO_RELATION = UNRELATED / 10  # from this spread on nothing is known
 LONG_AGO = -1_000_000  # a frame before all others
 # Kinds of evidence: those that a candidate has alone, those that it has from what else is in view,
 # and what is given back to one that may have been moved. Together they are its log odds.
-PARTS = ("looks", "background", "place", "rivals", "held", "layout", "companions", "moved")
-NUM_OWN_PARTS = 5  # the first of them
+PARTS = (
+    "looks", "background", "place", "mobile", "rivals", "held", "layout", "companions", "moved"
+)  # fmt: skip
+NUM_OWN_PARTS = 6  # the first of them
 
 
 class Stage(enum.IntEnum):
@@ -48,7 +50,7 @@ class Objects(Table):
     """One row per remembered object."""
 
     wholes: Int[Array, "O 5"]
-    place: Float[Array, "O 3"]  # center in the present frame, visible or not, and size
+    place: Float[Array, "O 4"]  # center in the present frame, visible or not, size and speed
     bank: Float[Array, "O K D"]  # kept looks
     bank_count: Int[Array, "O K"]  # sights in each, 0: free
     white_bank: Float[Array, "O K E"]  # the same, whitened, of unit length
@@ -71,6 +73,11 @@ class Objects(Table):
         return self.place[:, 2]
 
     @property
+    def speed(self) -> Float[Array, "O"]:
+        """Length of their own movement per frame, 0 at rest."""
+        return self.place[:, 3]
+
+    @property
     def exists(self) -> Bool[Array, "O"]:
         """Slots in use."""
         return self.id != NO_ID
@@ -78,6 +85,11 @@ class Objects(Table):
     def moved(self, position: Float[Array, "O 2"]) -> Objects:
         """With other positions."""
         place = jnp.concatenate([position, self.place[:, 2:]], axis=1)
+        return dataclasses.replace(self, place=place)
+
+    def sped(self, speed: Float[Array, "O"]) -> Objects:
+        """With other speeds."""
+        place = jnp.concatenate([self.place[:, :3], speed[:, None]], axis=1)
         return dataclasses.replace(self, place=place)
 
 
@@ -98,8 +110,8 @@ class Pairs:
 class Tracklets(Table):
     """Uninterrupted sights of something, carried along with the image."""
 
-    wholes: Int[Array, "T 10"]
-    place: Float[Array, "T 7"]  # box, center and size
+    wholes: Int[Array, "T 12"]
+    place: Float[Array, "T 9"]  # box, center, size and own movement
     belief: Float[Array, "T"]  # probability of its object when it was decided
     looks: Float[Array, "T 3 D"]
 
@@ -110,6 +122,8 @@ class Tracklets(Table):
     ring_count = Column("wholes")
     slot = Column("wholes")  # its object once decided, NO_SLOT while open
     fresh = Column("wholes", truth=True)  # decided as new, may still turn out to be known
+    num_moves = Column("wholes")  # movements that its own movement averages
+    touched = Column("wholes", truth=True)  # the border of the frame when last seen
     named = Column("wholes", truth=True)  # its own id was shown before
     leans_new = Column("wholes", truth=True)  # last taken for a new object
     id = Column("wholes")  # what it would be called as a new object
@@ -128,6 +142,11 @@ class Tracklets(Table):
     def size(self) -> Float[Array, "T"]:
         """Square root of the area of the mask."""
         return self.place[:, 6]
+
+    @property
+    def drift(self) -> Float[Array, "T 2"]:
+        """Own movement per frame, smoothed."""
+        return self.place[:, 7:]
 
     @property
     def look(self) -> Float[Array, "T D"]:
@@ -167,6 +186,7 @@ class Scene:
     ring_mean: Float[Array, "D"]
     num_rings: Float[Array, ""]
     cosines: Float[Array, "2 3"]  # of other and of the same objects: weight, sum, sum of squares
+    speed: Float[Array, ""]  # mean own movement per frame of the objects in view lately
     familiarity: Float[Array, ""]  # how often the last decisions were "new", [0, 1]; 0.5 at first
     faded: Float[Array, "2"]  # how much is left of what was assumed about cosines, [0, 1]
 
@@ -187,7 +207,7 @@ class Verdicts:
     option_id: Int[Array, "N C"]  # objects that were weighed, -1 padding
     option_odds: Float[Array, "N C"]  # log odds in the end
     option_belief: Float[Array, "N C"]  # probability beside all others and a new object
-    option_parts: Float[Array, "N C 8"]  # of `PARTS` in the log odds
+    option_parts: Float[Array, "N C 9"]  # of `PARTS` in the log odds
     new_odds: Float[Array, "N"]  # log odds of being no known object
 
 
@@ -225,7 +245,7 @@ def init(static: Static) -> PlusState:
             seen=whole(num_o),
             last=whole(num_o, value=LONG_AGO),
             ring_count=whole(num_o),
-            place=full((num_o, 3), (0, 0, 1), np.float32),
+            place=full((num_o, 4), (0, 0, 1, 0), np.float32),
             bank=real(num_o, num_k, dim),
             bank_count=whole(num_o, num_k),
             white_bank=real(num_o, num_k, white),
@@ -252,6 +272,7 @@ def init(static: Static) -> PlusState:
             ring_mean=real(dim),
             num_rings=real(),
             cosines=real(2, 3),
+            speed=real(),
             familiarity=real(value=0.5),
             faded=real(2, value=1.0),
         ),
@@ -281,10 +302,12 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         ring_count=zeros(num, np.int32),
         slot=full(num, NO_SLOT, np.int32),
         fresh=zeros(num, bool),
+        num_moves=zeros(num, np.int32),
+        touched=zeros(num, bool),
         named=zeros(num, bool),
         leans_new=zeros(num, bool),
         id=full(num, NO_ID, np.int32),
-        place=full((num, 7), (0, 0, 0, 0, 0, 0, 1), np.float32),
+        place=full((num, 9), (0, 0, 0, 0, 0, 0, 1, 0, 0), np.float32),
         belief=zeros(num, np.float32),
         looks=zeros((num, 3, dim), np.float32),
     )

@@ -70,6 +70,29 @@ class Motion:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class Mobility:
+    """Which objects move of their own, and what follows from it.
+
+    Rule: method_plus.md#own-movement.
+    """
+
+    weight: Real = setting(1.0, "of the speeds of objects; 0: nothing moves of its own", "weight")
+    noise: Real = setting(0.07, "own movement per frame that things at rest seem to have", "length")
+    samples: Whole = setting(16, "the own movement of a tracklet averages about this many",
+        "movements")
+    least: Whole = setting(3, "of them from which on it counts", "movements")
+    memory: Real = setting(32.0, "frames that the speed of an object averages", "frames")
+    prior: Real = setting(4.0, "weight of the speed of the scene in that of a new object",
+        "frames")
+    rate: Real = setting(0.05, "what a frame changes of the speed of the scene", "share")
+    half: Real = setting(0.05, "speed of an object that is by half one that moves", "length")
+    best: Real = setting(6.0, "most evidence of looks of an object that moves", "log odds")
+    gain: Real = setting(1.0, "log odds of an object that moves, in place of those of its place",
+        "log odds")
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class Place:
     """Evidence from where an object should be, and correction of the map.
 
@@ -173,6 +196,8 @@ class Layout:
     least_doubt: Real = setting(0.05, "chance that a relation no longer holds", "probability")
     pair_best: Real = setting(3.0, "limit of the evidence of one partner", "log odds")
     ratio_weight: Real = setting(0.5, "of the ratio of sizes", "weight")
+    ratio_spread: Real = setting(1.0, "spread of a relation that tells half as much of sizes",
+        "object sizes")
     ratio_error: Real = setting(0.4, "standard deviation of the ratio of sizes", "log ratio")
     ratio_error_border: Real = setting(0.8, "more of it where a mask touches the border",
         "log ratio")
@@ -216,7 +241,9 @@ class Decision:
     commit_age: Whole = setting(8, "detections after which a tracklet is decided", "detections")
     early_age: Whole = setting(2, "a clear win is decided from here on", "detections")
     early_margin: Real = setting(4.0, "lead that is a clear win", "log odds")
-    tentative: Real = setting(0.5, "log odds that a new object loses until then", "log odds")
+    tentative: Real = setting(1.0, "log odds that a new object loses until then", "log odds")
+    tentative_border: Real = setting(1.0, "more of it for what the border of the frame cuts off",
+        "log odds")
     late_frames: Whole = setting(60, "detections for which a new object may turn out to be known",
         "detections")
     late_margin: Real = setting(3.0, "more than `new` that this takes", "log odds")
@@ -264,6 +291,7 @@ class PlusThresholds(AsArrays):
 
     linking: Linking = dataclasses.field(default_factory=Linking)
     motion: Motion = dataclasses.field(default_factory=Motion)
+    mobility: Mobility = dataclasses.field(default_factory=Mobility)
     place: Place = dataclasses.field(default_factory=Place)
     looks: Looks = dataclasses.field(default_factory=Looks)
     calibration: Calibration = dataclasses.field(default_factory=Calibration)

@@ -43,6 +43,7 @@ from remind_jax.plus.linking import (
 )
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
+from remind_jax.plus.own_movement import first_speed, learn_speeds
 from remind_jax.plus.scene_map import center_variance, correct_map, move_map
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, Verdicts, init
@@ -145,13 +146,13 @@ def _advance(
     likeness = compare_looks(state.tracklets, sightings, state.scene)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, frame, t)
     objects, pairs = move_map(
-        state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion
+        state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility
     )
     carried = dataclasses.replace(state.tracklets, place=links.place)
     # Which detection goes on with which tracklet?
     origin = link(links, sightings.class_id, t.linking)
     tracklets, next_id, change = advance_tracklets(
-        carried, sightings, origin, frame, state.next_id, t.linking
+        carried, sightings, origin, frame, state.next_id, t.linking, t.mobility
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # Which differences of looks matter in this scene?
@@ -187,6 +188,7 @@ def _advance(
         tracklets,
         ended | jnp.pad(choice.born, (0, unseen)),
         center_variance(tracklets.size, touches, t.place),
+        first_speed(tracklets, scene, t.mobility),
     )
     merges = slots[:num], choice.slot, choice.absorbed
     looks_of_others = (
@@ -210,7 +212,8 @@ def _advance(
     )
     since_first = jnp.sum(white[0] * white[1], axis=1)
     scene = learn_cosines(scene, here, sure, choice, cosine, since_first, frame, t.calibration)
-    pairs = learn_relations(objects, pairs, row, sightings, t.layout)
+    objects, scene = learn_speeds(objects, scene, here, row, t.mobility)
+    pairs = learn_relations(objects, pairs, row, sightings, t.layout, t.mobility)
     objects = learn_objects(objects, row, sightings, frame)
     looks_in_view = KeptLooks.in_view(objects, here, sure, sightings, t.memory)
     objects = keep_looks(objects, scene, (*looks_of_others, looks_in_view), t.memory)

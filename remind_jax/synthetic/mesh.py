@@ -34,6 +34,23 @@ class Mesh:
     texels_per_m: Float[np.ndarray, "F"]
     surface: Int[np.ndarray, "F"]  # which surface a face was cut from
 
+    def moved(
+        self, rotation: Float[np.ndarray, "F 3 3"], shift_m: Float[np.ndarray, "F 3"]
+    ) -> Mesh:
+        """Every face turned about the origin of the world and then shifted, on its own."""
+        corner_face = np.repeat(np.arange(len(self.counts)), self.counts)
+        turned = np.einsum("vij,vj->vi", rotation[corner_face], self.corners)
+        normal = np.einsum("fij,fj->fi", rotation, self.normal)
+        slope = np.einsum("fij,fkj->fki", rotation, self.texel_slope)
+        return dataclasses.replace(
+            self,
+            corners=turned + shift_m[corner_face],
+            normal=normal,
+            offset=self.offset + np.einsum("fi,fi->f", normal, shift_m),
+            texel_slope=slope,
+            texel_start=self.texel_start - np.einsum("fki,fi->fk", slope, shift_m),
+        )
+
 
 def build_mesh(surfaces: Sequence[Surface]) -> Mesh:
     """Cuts surfaces into faces: quads where they are flat parallelograms, else triangles."""

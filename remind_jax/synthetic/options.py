@@ -10,6 +10,7 @@ from remind_jax.settings.record import setting, walk_settings
 from remind_jax.synthetic.shapes import CLASSES
 
 LOOKALIKE_KINDS = ("identical", "tint", "glaze", "pattern")
+CAMERA_WAYS = ("tour", "still", "pan")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +57,8 @@ class SceneOptions:
     pause_s: float = setting(180.0, "unrecorded time in the middle of each absence", least=0)
     horizontal_fov_deg: float = setting(70.0, "field of view of the camera", least=20, most=120)
     shake: float = setting(1.0, "factor on the hand shake", least=0, most=20)
+    # `tour`: through the rooms and back; `still`: stands in the first room; `pan`: turns there.
+    camera: str = "tour"
     # Light and sensor.
     light_drop: float = setting(
         0.1, "lamp level after the drop, relative to before; 1: no drop", least=0.001, most=1
@@ -78,6 +81,14 @@ class SceneOptions:
     removed: float = setting(0.0, "share of the objects", least=0, most=1)
     added: float = setting(0.0, "share of the objects", least=0, most=1)
     swapped: float = setting(0.0, "share of the objects", least=0, most=1)
+    # The whole time.
+    roaming: float = setting(
+        0.0,
+        "share of the objects of the first room that fly about it, each on a way of its own, leave "
+        "and come back elsewhere",
+        least=0,
+        most=1,
+    )
     # Trouble with the camera.
     roll_deg: float = setting(0.0, "amplitude of slow rolling", least=0, most=45)
     zoom: float = setting(1.0, "largest zoom factor, reached and left slowly", least=1, most=4)
@@ -100,6 +111,9 @@ class SceneOptions:
             )
         if not self.classes:
             raise ConfigError("scene option classes=() is not allowed; give one class or more")
+        if self.camera not in CAMERA_WAYS:
+            hint = nearest_names(self.camera, CAMERA_WAYS)
+            raise ConfigError(f"there is no way of the camera {self.camera!r}; {hint}")
         self._check_tour()
         for label in (*self.classes, *(group.label for group in self.lookalikes)):
             if label not in CLASSES:
@@ -108,16 +122,17 @@ class SceneOptions:
         self._check_lookalikes()
 
     def _check_tour(self) -> None:
-        away = self.absence_frames * self.returns
-        if self.absence_frames and away > self.frames - 2 * (self.returns + 1):
+        away = self.absence_frames * self.returns if self.camera == "tour" else 0
+        if away > self.frames - 2 * (self.returns + 1):
             raise ConfigError(
                 f"{self.returns} absences of {self.absence_frames} frames do not fit into "
                 f"frames={self.frames}; give at least {away + 2 * (self.returns + 1)} frames"
             )
-        changes = self.moved + self.removed + self.swapped
+        changes = self.moved + self.removed + self.swapped + self.roaming
         if changes > 1:
             raise ConfigError(
-                f"moved, removed and swapped add up to {changes:g}; give shares of at most 1 in all"
+                f"moved, removed, swapped and roaming add up to {changes:g}; "
+                "give shares of at most 1 in all"
             )
 
     def _check_lookalikes(self) -> None:

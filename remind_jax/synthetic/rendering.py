@@ -16,15 +16,17 @@ from remind_jax.synthetic.lighting import bake_light
 from remind_jax.synthetic.mesh import Mesh, build_mesh
 from remind_jax.synthetic.options import SceneOptions
 from remind_jax.synthetic.raster import NO_FACE, Camera, see_faces, shade
+from remind_jax.synthetic.roaming import set_roaming
 from remind_jax.synthetic.scene import Pose, Scene, Sensor
 from remind_jax.synthetic.sensor import Developer
 from remind_jax.synthetic.shapes import build_object
-from remind_jax.synthetic.surfaces import Part
+from remind_jax.synthetic.surfaces import Part, turn
 from remind_jax.synthetic.tour import plan_path
 
 _ROOM_TEXEL_M = 0.05
 _FURNITURE_TEXEL_M = 0.03
 _OBJECT_TEXEL_M = 0.02
+_OUT_OF_SIGHT_M = (0.0, 0.0, -1000.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +47,25 @@ class _World:
     light_scale: np.ndarray  # [surfaces, 2] light texels per color texel
     face_instance: np.ndarray  # [F + 1]; 0 where unannotated, and at -1 for `NO_FACE`
 
+    def at(self, scene: Scene, source_frame: int) -> _World:
+        """The same with everything that roams where it is in a frame, or out of sight."""
+        roaming = [item for item in scene.objects if item.roams]
+        if not roaming:
+            return self
+        face_instance = self.face_instance[:-1]
+        rotation = np.broadcast_to(np.eye(3), (len(face_instance), 3, 3)).copy()
+        shift = np.zeros((len(face_instance), 3))
+        for item in roaming:
+            faces = face_instance == item.instance_id
+            start, now = item.placements[0], item.placement_at(source_frame)
+            if now is None:
+                shift[faces] = _OUT_OF_SIGHT_M
+                continue
+            position_m, yaw_rad = now.pose_at(source_frame)
+            rotation[faces] = turn(np.eye(3), yaw_rad - start.yaw_rad).T
+            shift[faces] = position_m - turn(np.array(start.position_m), yaw_rad - start.yaw_rad)
+        return dataclasses.replace(self, mesh=self.mesh.moved(rotation, shift))
+
 
 def make_scene(options: SceneOptions) -> Scene:
     """Draws a scene from options; the same options give an equal scene.
@@ -52,7 +73,7 @@ def make_scene(options: SceneOptions) -> Scene:
     Raises:
       ConfigError: If the objects do not fit into the rooms.
     """
-    streams = [np.random.default_rng([options.seed, 10 + index]) for index in range(5)]
+    streams = [np.random.default_rng([options.seed, 10 + index]) for index in range(6)]
     rooms = lay_out_rooms(options, streams[0])
     furniture = furnish(options, streams[1])
     objects, places = place_objects(options, furniture, streams[2])
@@ -61,6 +82,8 @@ def make_scene(options: SceneOptions) -> Scene:
         start, end = path.away[0]
         frame = path.poses[(start + end) // 2].source_index
         objects = change_objects(objects, places, options, frame, streams[4])
+    if options.roaming:
+        objects = set_roaming(objects, path, options.roaming, streams[5])
     sensor = Sensor(
         options.width,
         options.height,
@@ -83,11 +106,15 @@ def render(scene: Scene) -> Iterator[Frame]:
     developer = Developer(sensor, scene.seed)
     gain = None
     labels = {item.instance_id: item.label for item in scene.objects}
-    world, arrangement, last_pose = None, None, None
+    built, arrangement, last_pose = None, None, None
     for index, pose in enumerate(scene.path.poses):
-        current = tuple(item.placement_at(pose.source_index) for item in scene.objects)
-        if world is None or current != arrangement:
-            world, arrangement = _build_world(scene, pose.source_index), current
+        # What roams is built once, with the light of its first place, and moved as it is.
+        current = tuple(
+            item.placement_at(pose.source_index) for item in scene.objects if not item.roams
+        )
+        if built is None or current != arrangement:
+            built, arrangement = _build_world(scene, pose.source_index), current
+        world = built.at(scene, pose.source_index)
         fov_rad = scene.path.horizontal_fov_rad
         camera = Camera.at(pose, fov_rad, sensor.width_px, sensor.height_px)
         seen, projection = see_faces(world.mesh, camera)
@@ -137,7 +164,7 @@ def _build_world(scene: Scene, source_frame: int) -> _World:
     for piece in scene.furniture:
         add(build_furniture(piece), piece.room, _FURNITURE_TEXEL_M)
     for item in scene.objects:
-        placement = item.placement_at(source_frame)
+        placement = item.placements[0] if item.roams else item.placement_at(source_frame)
         if placement is not None:
             built = build_object(item.label, item.look, item.scale)
             placed = [part.moved(placement.position_m, placement.yaw_rad) for part in built]

@@ -73,13 +73,26 @@ class Look:
 
 @dataclasses.dataclass(frozen=True)
 class Placement:
-    """Where an object is during some frames of the source."""
+    """Where an object is during some frames of the source, at rest or on a straight way."""
 
-    position_m: Point
+    position_m: Point  # of a moving object: in the first of the frames
     yaw_rad: float
     room: int
     start_frame: int = 0
     end_frame: int | None = None  # first frame without it; None: to the end
+    step_m: Point = (0.0, 0.0, 0.0)  # movement per frame
+    turn_rad: float = 0.0  # change of yaw per frame
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the object is elsewhere in every frame."""
+        return self.step_m != (0.0, 0.0, 0.0) or self.turn_rad != 0.0
+
+    def pose_at(self, source_frame: int) -> tuple[Point, float]:
+        """Position and yaw in a frame."""
+        passed = source_frame - self.start_frame
+        x, y, z = (a + passed * s for a, s in zip(self.position_m, self.step_m, strict=True))
+        return (x, y, z), self.yaw_rad + passed * self.turn_rad
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,6 +105,11 @@ class SceneObject:
     scale: float  # of the class's nominal size
     placements: tuple[Placement, ...]
     group: str = ""  # name of its look-alike group, empty if it is one of a kind
+
+    @property
+    def roams(self) -> bool:
+        """Whether the object is ever on the move."""
+        return any(place.is_moving for place in self.placements)
 
     def placement_at(self, source_frame: int) -> Placement | None:
         """The placement valid in a frame, or None while the object is away."""

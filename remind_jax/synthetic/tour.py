@@ -25,6 +25,9 @@ _FIRST_LOOK: tuple[_View, ...] = (
     (2.2, 2.0, 82.0, -17.0),
     (2.4, 1.85, 56.0, -15.0),
 )
+_STILL: tuple[_View, ...] = ((2.0, 0.45, 90.0, -8.0),) * 2
+_PAN_DEG = 32.0  # to both sides
+_PAN_FRAMES = 90  # there and back
 _LEAVE: tuple[_View, ...] = ((3.05, 1.3, 38.0, -10.0),)
 _TURN_BACK: tuple[_View, ...] = (
     (0.5, 1.1, 38.0, -9.0),
@@ -57,6 +60,10 @@ def plan_path(options: SceneOptions, rng: np.random.Generator) -> tuple[CameraPa
     views = _fly(_sections(options), source_spans, num_source)
     views = views + _hand_shake(options, num_source, rng) + _jumps(options, num_source, rng)
     slow = np.linspace(0, 2 * np.pi * max(1.0, num_source / 150), num_source)
+    if options.camera == "pan":
+        views[:, 3] += _PAN_DEG * np.sin(
+            np.linspace(0, 2 * np.pi * num_source / _PAN_FRAMES, num_source)
+        )
     roll = np.radians(options.roll_deg) * np.sin(slow)
     roll += np.radians(0.5 * _SHAKE_DEG * options.shake) * _smooth_noise(num_source, 1, rng)[:, 0]
     zoom = options.zoom ** (0.5 - 0.5 * np.cos(slow))
@@ -94,7 +101,7 @@ def _plan_light(options: SceneOptions, away: list[tuple[int, int]]) -> Light:
 
 def _divide_frames(options: SceneOptions) -> list[tuple[int, int]]:
     """Frame spans of look, absence, look, absence, ..., look."""
-    if options.absence_frames == 0:
+    if options.absence_frames == 0 or options.camera != "tour":
         return [(0, options.frames)]
     looking = options.frames - options.returns * options.absence_frames
     # The first look takes somewhat longer: it turns further and ends at the door.
@@ -112,6 +119,8 @@ def _divide_frames(options: SceneOptions) -> list[tuple[int, int]]:
 
 def _sections(options: SceneOptions) -> list[list[_View]]:
     """Views of every span, in world coordinates, yaw unwrapped; neighbors share their border."""
+    if options.camera != "tour":
+        return [list(_STILL)]
     if options.absence_frames == 0:
         return [list(_FIRST_LOOK)]
     east = (ROOM_WIDTH_M, DOOR_Y_M, 34.0, -7.0)

@@ -50,7 +50,10 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
     begun = empty.replaced(
         alive=put(empty.alive, seen.valid),
         place=put(
-            empty.place, jnp.concatenate([seen.box, seen.center, seen.size[:, None]], axis=1)
+            empty.place,
+            jnp.concatenate(
+                [seen.box, seen.center, seen.size[:, None], jnp.zeros((num, 2))], axis=1
+            ),
         ),
         class_id=put(empty.class_id, seen.class_id),
         last=put(empty.last, jnp.full(num, frame)),

@@ -67,7 +67,9 @@ def test_new_objects_take_the_lowest_free_slots():
         detections([[1, 1], [2, 2], [3, 3]]), 6, 3, slot=jnp.array([NO_SLOT, 2, NO_SLOT])
     )
     born = jnp.array([True, False, True])
-    after, pairs, slot = create_objects(gap, empty_state().pairs, begun, born, jnp.full(3, 0.2))
+    after, pairs, slot = create_objects(
+        gap, empty_state().pairs, begun, born, jnp.full(3, 0.2), jnp.full(3, 0.1)
+    )
     assert slot.tolist() == [1, 2, 3]
     assert after.id.tolist() == [4, 0, 5, 2]  # called as their tracklets
     assert after.last[1] == 6
@@ -80,7 +82,7 @@ def related_pairs():
     state = empty_state()
     objects = objects_of([X, Y, X + Y])
     seen = detections([[1, 1], [2, 1], [4, 1]])
-    return objects, learn_relations(objects, state.pairs, EVERYONE, seen, T.layout)
+    return objects, learn_relations(objects, state.pairs, EVERYONE, seen, T.layout, T.mobility)
 
 
 def test_relations_are_in_sizes_and_opposite():
@@ -97,7 +99,7 @@ def test_relations_that_are_known_better_are_not_overwritten():
     lost = dataclasses.replace(pairs, covariance=jnp.asarray(pairs.covariance).at[2, 2].set(1.0))
     seen = detections([[1, 1], [2, 1], [9, 9]])
     two = jnp.array([0, 1, NO_ROW, NO_ROW])
-    after = learn_relations(objects, lost, two, seen, T.layout)
+    after = learn_relations(objects, lost, two, seen, T.layout, T.mobility)
     np.testing.assert_allclose(after.relation[0, 2], pairs.relation[0, 2])
     assert after.covisible[0, 2] == pairs.covisible[0, 2]
     assert after.covisible[0, 1] == pairs.covisible[0, 1] + 1
@@ -120,7 +122,7 @@ def test_what_was_known_of_an_object_that_is_gone_is_forgotten_from_both_sides(s
     objects, pairs = related_pairs()
     left = objects.replaced(id=objects.id.at[slot].set(-1))
     nobody = jnp.full(STATIC.num_objects, NO_ROW)
-    after = learn_relations(left, pairs, nobody, detections([[1, 1]] * 3), T.layout)
+    after = learn_relations(left, pairs, nobody, detections([[1, 1]] * 3), T.layout, T.mobility)
     for name, blank in (("spread", UNRELATED), ("covisible", 0), ("relation", 0), ("log_ratio", 0)):
         now, before = np.asarray(getattr(after, name)), np.asarray(getattr(pairs, name))
         assert (now[slot] == blank).all(), name

@@ -48,10 +48,10 @@ def test_looks_decide_where_two_lie_alike():
 def test_tracklets_are_carried_along_with_shift_and_zoom():
     tracklets = tracklets_of(detections([[1, 1], [2, 2], [3, 3]]), 0, ROOM)
     zoomed = Motion(jnp.array([[2.0, 0, 1], [0, 2.0, 0]]), jnp.float32(1), jnp.array([480, 640]))
-    carried = carry(tracklets, zoomed)
+    carried = carry(tracklets, zoomed, T.mobility)
     np.testing.assert_allclose(carried.center[0], [3, 2])
     np.testing.assert_allclose(carried.box[0], [2, 1, 4, 3])  # twice as large around it
-    still = carry(tracklets, motion())
+    still = carry(tracklets, motion(), T.mobility)
     np.testing.assert_allclose(still.box, tracklets.box)
 
 
@@ -61,7 +61,7 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     now = dataclasses.replace(before, look=before.look + 1.0)
     origin = jnp.array([0, NO_SLOT, 2])
     after, next_id, step = advance_tracklets(
-        tracklets, now, origin, jnp.int32(1), jnp.int32(7), T.linking
+        tracklets, now, origin, jnp.int32(1), jnp.int32(7), T.linking, T.mobility
     )
     assert after.age[:3].tolist() == [2, 1, 2]
     assert after.id[:3].tolist() == [0, 7, 2]
@@ -77,7 +77,13 @@ def test_a_missed_tracklet_may_resume_for_some_frames(gap, waits):
     tracklets = tracklets_of(detections([[1, 1], [4, 1], [1, 4]]), 0, ROOM)
     nothing = detections([[0, 0]] * 3, valid=jnp.zeros(3, bool))
     after, _, _ = advance_tracklets(
-        tracklets, nothing, jnp.full(3, NO_SLOT), jnp.int32(gap), jnp.int32(3), T.linking
+        tracklets,
+        nothing,
+        jnp.full(3, NO_SLOT),
+        jnp.int32(gap),
+        jnp.int32(3),
+        T.linking,
+        T.mobility,
     )
     assert bool(after.alive.any()) == waits
     assert not after.alive[:3].any()  # the first rows are those of the frame

@@ -40,9 +40,11 @@ def motion(shift, score: float) -> Motion:
 def test_places_move_with_the_image_and_doubt_grows_faster_without_trust():
     objects, pairs = memory(np.array([[1.0, 1.0], [9.0, 2.0]]), 0.01 * np.eye(2))
     moved, trusted = move_map(
-        objects, pairs, motion((-0.5, 0.1), 0.9), CENTER, jnp.int32(1), T.motion
+        objects, pairs, motion((-0.5, 0.1), 0.9), CENTER, jnp.int32(1), T.motion, T.mobility
     )
-    _, doubted = move_map(objects, pairs, motion((-0.5, 0.1), 0.0), CENTER, jnp.int32(1), T.motion)
+    _, doubted = move_map(
+        objects, pairs, motion((-0.5, 0.1), 0.0), CENTER, jnp.int32(1), T.motion, T.mobility
+    )
     np.testing.assert_allclose(moved.position[:2], [[0.5, 1.1], [8.5, 2.1]], atol=1e-5)
     before, sure, unsure = (p.covariance[0, 0] for p in (pairs, trusted, doubted))
     assert before < sure < unsure
@@ -72,7 +74,9 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
 
     @jax.jit
     def frame(objects, pairs, moved, now, chosen, score):
-        objects, pairs = move_map(objects, pairs, motion_of(moved, score), CENTER, now, T.motion)
+        objects, pairs = move_map(
+            objects, pairs, motion_of(moved, score), CENTER, now, T.motion, T.mobility
+        )
         sure = jnp.arange(slots) < 4
         place = objects.position[chosen] + 0.05
         seen = dataclasses.replace(sightings, center=place)

@@ -1,0 +1,106 @@
+"""Which objects move of their own: a person, a cat, whatever is carried about.
+
+Rule: method_plus.md#own-movement.
+
+Where such an object was says little of where it will be. So errors of its place and of how it lies
+to others grow with its speed while it is out of view, its background counts less, and its looks
+may decide alone. In a world that stands still nothing of this happens.
+
+Letters: `N` detections, `T` tracklets, `O` object slots. Lengths are in frame units.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Num
+
+from remind_jax.plus import thresholds as th
+from remind_jax.plus.observation import Sightings
+from remind_jax.plus.plane import medians, squared_length
+from remind_jax.plus.slots import NO_ROW
+from remind_jax.plus.state import Objects, Scene, Tracklets
+
+
+def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
+    """How far each tracklet will move of its own in a frame, as far as that is known."""
+    length = jnp.sqrt(squared_length(tracklets.drift))
+    share = jnp.maximum(length - t.noise, 0.0) / jnp.maximum(length, 1e-6)
+    known = tracklets.num_moves >= t.least
+    return jnp.where(known, share, 0.0)[:, None] * tracklets.drift
+
+
+def follow_movement(
+    before: Tracklets,
+    linked: Bool[Array, "N"],
+    sightings: Sightings,
+    frame: Int[Array, ""],
+    t: th.Mobility,
+) -> tuple[Float[Array, "N 2"], Int[Array, "N"]]:
+    """Smoothed own movement of each detection's tracklet, and how many movements are in it.
+
+    What most detections of a frame share is movement of the camera that the image motion missed.
+    At the border of the frame the center of a mask moves with what is cut off.
+
+    Args:
+      before: The tracklet that each detection goes on with, carried to this frame.
+      linked: Detections that go on with one.
+      sightings: Detections.
+      frame: Number of this frame.
+      t: How much is averaged.
+    """
+    whole = ~(before.touched | sightings.touches)
+    moves = linked & whole & (before.last == frame - 1)
+    movement = sightings.center - before.center + expect_step(before, t)
+    movement -= medians(movement.T, moves)[None]
+    num_moves = jnp.where(linked, before.num_moves, 0) + moves
+    rate = moves / jnp.clip(num_moves, 1, t.samples)
+    drift = jnp.where(linked[:, None], before.drift, 0.0)
+    return drift + rate[:, None] * (movement - drift), num_moves
+
+
+def speed_of(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T"]:
+    """Length of the own movement per frame, beyond what things at rest seem to have."""
+    return jnp.maximum(jnp.sqrt(squared_length(tracklets.drift)) - t.noise, 0.0)
+
+
+def first_speed(tracklets: Tracklets, scene: Scene, t: th.Mobility) -> Float[Array, "T"]:
+    """Speed of new objects: that of their tracklets, and of the scene where these are short."""
+    num = tracklets.num_moves
+    return (num * speed_of(tracklets, t) + t.prior * scene.speed) / (num + t.prior)
+
+
+def learn_speeds(
+    objects: Objects,
+    scene: Scene,
+    here: Tracklets,
+    row: Int[Array, "O"],
+    t: th.Mobility,
+) -> tuple[Objects, Scene]:
+    """Follows the speeds of the objects in view, and that of all objects together.
+
+    Args:
+      objects: Objects.
+      scene: What is known of all of them.
+      here: Tracklets of the detections.
+      row: Detection of each object, NO_ROW out of view.
+      t: How much is averaged.
+    """
+    speed = speed_of(here, t)
+    counts = here.alive & (here.num_moves >= t.least) & ~here.touched
+    learns = (row != NO_ROW) & counts[row]
+    rate = learns / jnp.minimum(objects.seen + 1 + t.prior, t.memory)
+    num = jnp.sum(counts)
+    mean = jnp.sum(jnp.where(counts, speed, 0.0)) / jnp.maximum(num, 1)
+    scene_rate = jnp.where(num > 0, t.rate, 0.0)
+    return (
+        objects.sped(objects.speed + rate * (speed[row] - objects.speed)),
+        dataclasses.replace(scene, speed=scene.speed + scene_rate * (mean - scene.speed)),
+    )
+
+
+def mobility(speed: Num[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
+    """How far an object is one that moves of its own, [0, 1); 0 at rest."""
+    speed = t.weight * speed
+    return speed / (speed + t.half)

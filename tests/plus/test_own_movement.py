@@ -1,0 +1,156 @@
+"""Who moves of its own, and that it is expected elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.plus.evidence import shortlist
+from remind_jax.plus.learning import learn_relations
+from remind_jax.plus.linking import advance_tracklets
+from remind_jax.plus.own_movement import expect_step, first_speed, learn_speeds, mobility, speed_of
+from remind_jax.plus.scene_map import move_map
+from remind_jax.plus.slots import NO_ROW
+from remind_jax.plus.state import NO_RELATION, PARTS
+from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
+from tests.plus.test_scene_map import motion
+
+ROOM = 9
+START = np.array([[1.0, 1.0], [3.0, 1.0], [5.0, 1.0]])
+WALK = np.array([0.3, 0.0])
+STILL = motion((0.0, 0.0), 1.0)
+
+
+def follow(steps: np.ndarray, frames: int = 12, touches: tuple[bool, ...] = (False,) * 3):
+    """Tracklets of three things that make these steps per frame before a camera at rest."""
+    tracklets = tracklets_of(detections(START), 0, ROOM)
+    origin = jnp.arange(3)
+    for frame in range(1, frames):
+        seen = detections(START + frame * steps, touches=jnp.array(touches))
+        carried = dataclasses.replace(
+            tracklets,
+            place=tracklets.place.at[:, 4:6].add(expect_step(tracklets, T.mobility)),
+        )
+        tracklets, _, _ = advance_tracklets(
+            carried, seen, origin, jnp.int32(frame), jnp.int32(9), T.linking, T.mobility
+        )
+    return tracklets
+
+
+def test_what_moves_among_things_at_rest_is_found_out():
+    tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
+    np.testing.assert_allclose(tracklets.drift[0], WALK, rtol=1e-4)
+    assert speed_of(tracklets, T.mobility)[0] == pytest.approx(
+        0.3 - float(T.mobility.noise), rel=1e-3
+    )
+    assert speed_of(tracklets, T.mobility)[1:3].tolist() == [0, 0]
+    expected = expect_step(tracklets, T.mobility)
+    assert 0 < expected[0, 0] < 0.3
+    assert not expected[1:3].any()
+
+
+def test_what_most_share_is_the_camera():
+    tracklets = follow(np.array([WALK, WALK, WALK]))
+    assert not speed_of(tracklets, T.mobility).any()
+
+
+def test_the_border_of_the_frame_is_no_movement():
+    tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]), touches=(True, False, False))
+    assert tracklets.num_moves[0] == 0
+    assert not tracklets.drift[0].any()
+
+
+def test_new_objects_are_as_fast_as_the_scene_where_little_is_known():
+    scene = dataclasses.replace(empty_state().scene, speed=jnp.float32(0.2))
+    known = follow(np.array([0 * WALK] * 3), frames=30)
+    unknown = follow(np.array([0 * WALK] * 3), frames=1)
+    assert first_speed(unknown, scene, T.mobility)[0] == pytest.approx(0.2)
+    assert first_speed(known, scene, T.mobility)[0] < 0.05
+
+
+def test_speeds_of_objects_and_scene_follow_those_in_view():
+    here = jax.tree.map(lambda leaf: leaf[:3], follow(np.array([WALK, 0 * WALK, 0 * WALK])))
+    objects, scene = objects_of(np.eye(3)), empty_state().scene
+    row = jnp.array([0, 1, NO_ROW, NO_ROW])
+    for _ in range(40):
+        objects, scene = learn_speeds(objects, scene, here, row, T.mobility)
+    assert objects.speed[0] > 0.2
+    assert objects.speed[1:].tolist() == [0, 0, 0]
+    assert 0 < scene.speed < objects.speed[0]
+
+
+def with_speed(speed: float):
+    objects = objects_of(np.eye(3))
+    return objects.sped(jnp.zeros(4).at[0].set(speed))
+
+
+def test_a_place_is_lost_as_fast_as_its_object_moves():
+    grown = []
+    for speed in (0.0, 0.3):
+        objects, pairs = with_speed(speed), empty_state().pairs
+        objects = objects.replaced(last=jnp.zeros(4, jnp.int32))
+        for frame in range(1, 30):
+            objects, pairs = move_map(
+                objects, pairs, STILL, jnp.array([3.2, 2.4]), jnp.int32(frame), T.motion,
+                T.mobility,
+            )  # fmt: skip
+        grown.append(jnp.diag(pairs.covariance))
+    assert grown[1][0] > 20 * grown[0][0]
+    np.testing.assert_array_equal(grown[0][1:], grown[1][1:])  # the others know nothing of it
+
+
+def test_a_relation_is_forgotten_as_fast_as_its_objects_move():
+    spreads = []
+    for speed in (0.0, 0.3):
+        objects, state = with_speed(speed), empty_state()
+        seen = detections(START)
+        row = jnp.array([0, 1, 2, NO_ROW])
+        pairs = learn_relations(objects, state.pairs, row, seen, T.layout, T.mobility)
+        nobody = jnp.full(4, NO_ROW)
+        for _ in range(20):
+            pairs = learn_relations(objects, pairs, nobody, seen, T.layout, T.mobility)
+        spreads.append(pairs.spread)
+    assert spreads[0][0, 1] < 0.5
+    assert spreads[1][0, 1] > NO_RELATION
+    assert spreads[0][1, 2] == spreads[1][1, 2] < 0.5
+
+
+def test_looks_of_what_moves_may_decide_alone():
+    def parts(speed: float):
+        state, objects = empty_state(), with_speed(speed)
+        here = tracklets_of(detections(START), 0, 3)
+        cosine = jnp.full((3, 4), 0.95)
+        admitted = jnp.broadcast_to(objects.exists[None], (3, 4))
+        found = shortlist(
+            here, detections(START), admitted, jnp.zeros(4, bool), cosine, objects, state.pairs,
+            state.scene, T,
+        )  # fmt: skip
+        first = jnp.argmax(found.slot[0] == 0)
+        return dict(zip(PARTS, found.parts[0, first].tolist(), strict=False))
+
+    still, moving = parts(0.0), parts(0.3)
+    assert still["mobile"] == 0
+    assert still["looks"] == pytest.approx(float(T.looks.best))
+    assert moving["mobile"] > 0.5
+    assert moving["looks"] > still["looks"] + 1
+
+
+def test_nothing_moves_where_the_weight_is_zero():
+    off = dataclasses.replace(T.mobility, weight=0.0)
+    assert not mobility(jnp.array([0.0, 0.3, 5.0]), off).any()
+    assert mobility(jnp.array([0.3]), T.mobility)[0] > 0.5
+
+
+def test_an_unlinked_detection_begins_at_rest():
+    tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
+    fresh, _, _ = advance_tracklets(
+        tracklets, detections(START), jnp.full(3, NO_SLOT), jnp.int32(12), jnp.int32(9),
+        T.linking, T.mobility,
+    )  # fmt: skip
+    assert not fresh.drift[:3].any()
+    assert not fresh.num_moves[:3].any()
