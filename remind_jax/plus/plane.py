@@ -7,7 +7,7 @@ in a compiled program.
 from __future__ import annotations
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 
 def squared_length(vector: Float[Array, "*any 2"]) -> Float[Array, "*any"]:

@@ -6,8 +6,9 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
-from remind_jax.synthetic.scene import CameraPath, Placement, Pose, SceneObject
+from remind_jax.synthetic.scene import CameraPath, Placement, Point, Pose, SceneObject
 
 _DEPTHS_M = (1.1, 2.7)  # from the camera
 _HEIGHTS_M = (0.5, 1.9)
@@ -70,8 +71,10 @@ def _draw_way(
     ):
         step = (last - first) / (finish - begin)
         yaw_now = yaw + turn * (begin - start)
-        x, y, z = (float(value) for value in first)
-        pieces.append(
-            Placement((x, y, z), yaw_now, 0, begin, finish, tuple(float(s) for s in step), turn)
-        )
+        pieces.append(Placement(_as_point(first), yaw_now, 0, begin, finish, _as_point(step), turn))
     return pieces
+
+
+def _as_point(values: Float[np.ndarray, "3"]) -> Point:
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)
