@@ -1,6 +1,8 @@
 """The public names and where each is defined; `__init__.py` imports them when they are used."""
 
 from . import sweeps as sweeps
+from .calibration import Calibration as Calibration
+from .calibration import calibrate as calibrate
 from .config import Config as Config
 from .config import load_config as load_config
 from .decision import Decisions as Decisions

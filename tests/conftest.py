@@ -21,6 +21,7 @@ from tests import shape_checks
 shape_checks.switch_on()
 
 from remind_jax.compiled import ahead, kept, programs  # noqa: E402  (checked as well)
+from remind_jax.config import profiles  # noqa: E402
 
 # The tests ask what is decided, not how fast: a third of the time to compile, the same results.
 jax.config.update("jax_disable_most_optimizations", True)
@@ -30,6 +31,7 @@ if not jax.config.values["jax_compilation_cache_dir"]:
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
 # Nothing goes to the cache folder of who runs the tests.
 os.environ[kept.VARIABLE] = kept.OFF
+os.environ[profiles.VARIABLE] = os.devnull  # nor does a profile of theirs change a test
 
 
 @pytest.fixture

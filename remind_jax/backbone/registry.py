@@ -46,6 +46,11 @@ class Backbone:
     # for all others; left out, all patches are always described.
     apply_to: Callable[[Any, Any], Any] | None = None
 
+    @property
+    def identity(self) -> tuple[str, str]:
+        """Name and fingerprint: equal for backbones of equal features."""
+        return self.name, self.fingerprint
+
     def extract(
         self,
         images: UInt8[np.ndarray, "B H W 3"] | UInt8[jax.Array, "B H W 3"],

@@ -237,7 +237,7 @@ def _fingerprint(setup: Setup, scene: Scene, contender: Contender) -> str:
     """Changes with everything that may change the result, but for the program itself."""
     decisive = {
         "version": __version__,
-        "config": contender.config.for_backbone(setup.backbone.name).to_dict(),
+        "config": contender.config.for_backbone(*setup.backbone.identity).to_dict(),
         "backbone": [setup.backbone.name, setup.backbone.fingerprint],
         "sampling": dataclasses.asdict(setup.sampling),
         "scene": [scene.name, scene.layout, scene.metadata and scene.metadata.name],

@@ -14,6 +14,7 @@ import remind_jax
 from remind_jax.cli import process, streams
 from remind_jax.cli.backbones import Backbones
 from remind_jax.cli.benchmark import Benchmark
+from remind_jax.cli.calibrate import Calibrate
 from remind_jax.cli.config import ConfigVerb
 from remind_jax.cli.convert import Convert
 from remind_jax.cli.demo import Demo
@@ -67,6 +68,7 @@ VERBS: dict[str, type[Verb]] = {
     "benchmark": Benchmark,
     "sweep": Sweep,
     "backbones": Backbones,
+    "calibrate": Calibrate,
     "convert": Convert,
     "features": Features,
     "warmup": Warmup,

@@ -54,12 +54,19 @@ def summary_lines(result: Result, out: Path) -> list[str]:
     place = "output in" if result.complete else "stopped; what was done is in"
     return [
         found,
+        *_say_profile(result),
         *_say_known(result),
         *_say_times(facts),
         *_say_skipped(result),
         *_say_events(result),
         f"{place} {out}, open {out / 'report.html'}",
     ]
+
+
+def _say_profile(result: Result) -> list[str]:
+    """That thresholds were calibrated for the features."""
+    profile = result.info.config.get("profile")
+    return [f"thresholds by 'remind calibrate': {profile}"] if profile else []
 
 
 def _say_known(result: Result) -> list[str]:

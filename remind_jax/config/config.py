@@ -17,6 +17,7 @@ from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
 from remind_jax.config.input_options import Input
 from remind_jax.config.keys import THRESHOLDS, flat_keys
+from remind_jax.config.profiles import name_profile, place_profile, read_made_for, read_profile
 from remind_jax.config.reference_keys import translate
 from remind_jax.errors import ConfigError
 from remind_jax.files import records
@@ -39,6 +40,7 @@ class Config:
     # Those of REMIND; other trackers have their own.
     thresholds: Thresholds | Any = dataclasses.field(default_factory=Thresholds)
     backbone_profile: bool = setting(False, "what nobody chose follows configs/backbones/NAME.yaml")
+    profile: str = setting("", "profile that the thresholds are from (remind calibrate)")
     # Dotted keys that a file, values or `--set` gave, whatever the value: no profile changes them.
     chosen: frozenset[str] = dataclasses.field(default=frozenset(), compare=False, repr=False)
 
@@ -98,26 +100,59 @@ class Config:
         mine, theirs = dict(flatten(self.to_dict())), dict(flatten(other.to_dict()))
         return [(key, mine[key], theirs.get(key)) for key in mine if mine[key] != theirs.get(key)]
 
-    def for_backbone(self, name: str) -> Config:
-        """The configuration with the profile of a backbone, where one is shipped and wanted.
+    def for_backbone(self, name: str, fingerprint: str | None = None) -> Config:
+        """The configuration with the profile of a backbone, where there is one and it is wanted.
 
         Published thresholds belong to the features that they were tuned on. A profile gives values
-        to keys that nobody chose: that are not `chosen` and have their published value. Once more
+        to keys that nobody chose: that are not `chosen` and have their published value. One that
+        `remind calibrate` made for these very features comes before the shipped one. Once more
         changes nothing.
+
+        Args:
+          name: Of the backbone.
+          fingerprint: Of the backbone; shipped profiles alone are looked for if left out.
+
+        Raises:
+          ConfigError: If the configuration is a profile of other features.
         """
         if not isinstance(name, str):
             raise ConfigError(f"the backbone is {reprlib.repr(name)}; give its name")
-        path = find_profile(self.tracker, name)
-        if not self.backbone_profile or path is None:
+        if self.profile:
+            wanted = None if fingerprint is None else name_profile(name, fingerprint)
+            if wanted not in (None, self.profile):
+                raise ConfigError(
+                    f"the thresholds are a profile of {self.profile}, but the features are those "
+                    f"of {wanted}; calibrate for this backbone (remind calibrate SCENES --backbone "
+                    "NAME), or leave out --config"
+                )
+            return self
+        if not self.backbone_profile:
+            return self
+        path, calibrated = find_profile(self.tracker, name), ""
+        if fingerprint is not None:
+            made_here = place_profile(self.tracker, name, fingerprint)
+            if made_here.is_file():
+                path, calibrated = made_here, name_profile(name, fingerprint)
+        if path is None:
             return self
         mine, published = dict(flatten_fields(self)), dict(flatten_fields(_neutral(self.tracker)))
-        profile = flat_keys(read_yaml(path), self.keys, self.tracker, str(path))
+        values = read_yaml(path)
+        if calibrated:
+            values = read_profile(path)
+            found = read_made_for(values.pop("profile"), str(path)).name
+            if found != calibrated:
+                raise ConfigError(
+                    f"'{path}' is a profile of {found}, not of {calibrated}; remove it, or "
+                    "calibrate again"
+                )
+            del values["base"]
+        profile = flat_keys(values, self.keys, self.tracker, str(path))
         free = {
             key: value
             for key, value in profile.items()
             if key not in self.chosen and mine[key] == published[key]
         }
-        return self._with_values(free, str(path))
+        return dataclasses.replace(self._with_values(free, str(path)), profile=calibrated)
 
     @classmethod
     def from_reference(cls, settings: Mapping[str, Any] | str | Path) -> Config:
@@ -183,7 +218,9 @@ def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Conf
             circle = " -> ".join((*opened[opened.index(origin) :], origin))
             raise ConfigError(f"configurations start from each other in a circle: {circle}")
         opened = (*opened, origin)
-    base = values.pop("base", None)
+    base, made_for = values.pop("base", None), values.get("profile")
+    if isinstance(made_for, Mapping):
+        values["profile"] = read_made_for(made_for, origin).name
     if base is None:
         tracker = _as_tracker(values.get("tracker", PAPER_METHOD), origin)
         return _neutral(tracker).updated(values, origin)

@@ -140,7 +140,11 @@ def describe_run(
     """
     backbone = FEATURES_GIVEN if brings_features else tracker.backbone.name
     # The thresholds that will decide, those made for the backbone among them.
-    config = tracker.config if brings_features else tracker.config.for_backbone(backbone)
+    config = (
+        tracker.config
+        if brings_features
+        else tracker.config.for_backbone(*tracker.backbone.identity)
+    )
     config = dataclasses.replace(config, static=tracker.static)  # of a memory, if there is one
     announcing = dataclasses.replace(config.input, announce_after=tracker.announce_after)
     config = dataclasses.replace(config, input=announcing)

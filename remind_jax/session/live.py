@@ -439,7 +439,7 @@ class Tracker:
     def _follow_profile(self) -> None:
         """Takes the thresholds made for the backbone, now that it is known to be used."""
         if not self._has_profile:
-            self.config = self.config.for_backbone(self.backbone.name)
+            self.config = self.config.for_backbone(*self.backbone.identity)
             self._has_profile = True
 
     def _read(self, prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:

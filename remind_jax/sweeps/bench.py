@@ -204,7 +204,7 @@ class SceneBench:
 
     def _sharpen(self, settings: Sequence[Setting]) -> None:
         """Has masks read as exactly as the most demanding setting so far needs."""
-        starts = (self._config, self._config.for_backbone(self._backbone.name))
+        starts = (self._config, self._config.for_backbone(*self._backbone.identity))
         given: list[dict[str, Any]] = [dict(flatten_fields(one.thresholds)) for one in starts]
         reading = {}
         for name in self._halves.reduced_by:

@@ -111,7 +111,7 @@ def load_scene(
         prepared = reader.prepare(frame)
         patches = prepared.features
         if patches is None:
-            config = config.for_backbone(backbone.name)
+            config = config.for_backbone(*backbone.identity)
             assert prepared.image is not None
             patches = backbone.extract(prepared.image[None])[0]
         feats.append(FrameFeats(np.asarray(patches), np.array(frame.size, np.int32)))

@@ -1,0 +1,220 @@
+"""`calibrate`: reads scenes, compares views with two backbones, and keeps the thresholds found."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from remind_jax.backbone.opening import open_backbone
+from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
+from remind_jax.calibration.comparisons import Comparisons, compare_ends, compare_returns
+from remind_jax.calibration.estimate import PART_MERGE, Evidence, estimate, estimate_part_merge
+from remind_jax.calibration.reading import SceneViews, read_scene
+from remind_jax.calibration.views import Views, compare_views
+from remind_jax.config import Config, load_config
+from remind_jax.config.dotted_keys import flatten_fields, nest
+from remind_jax.config.profiles import MadeFor, place_profile, write_profile
+from remind_jax.errors import ConfigError, SourceError
+from remind_jax.files import as_path
+from remind_jax.method import PAPER_METHOD
+from remind_jax.settings.ranges import check_option
+from remind_jax.sources import Sampling, Source, open_source
+
+CONFIG = "remind"  # what a profile starts from, and whose thresholds fit the reference features
+LEAST = 30  # comparisons of each kind
+ENOUGH_ALIKE = 200  # comparisons within a class, from which on no others are needed
+MOST_SEED = 2**31 - 1
+RETURNS, ENDS = "returns", "ends of tracklets"
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """Thresholds of the paper's tracker for the features of one backbone."""
+
+    made_for: MadeFor
+    thresholds: dict[str, float]  # dotted
+    path: Path | None = None  # where they were written
+
+    def to_config(self) -> Config:
+        """The configuration `remind` with these thresholds."""
+        values = {"base": CONFIG, "profile": self.made_for.name, "thresholds": self._nested()}
+        return load_config(values)
+
+    def save(self, path: str | Path | None = None) -> Calibration:
+        """Writes the profile; where runs with this backbone find it if no file is named.
+
+        Raises:
+          ConfigError: If the file is named otherwise than a configuration.
+          OutputError: If it cannot be written.
+        """
+        made_for = self.made_for
+        place = place_profile(PAPER_METHOD, made_for.backbone, made_for.fingerprint)
+        target = place if path is None else _as_profile_path(path)
+        write_profile(target, CONFIG, made_for, self._nested())
+        return dataclasses.replace(self, path=target)
+
+    def _nested(self) -> dict[str, Any]:
+        return nest(self.thresholds)
+
+
+def calibrate(
+    scenes: Any,
+    *,
+    backbone: str | Backbone = DEFAULT_BACKBONE,
+    weights: str | Path | None = None,
+    feature_cache: str | Path | None = None,
+    identities: bool = False,
+    out: str | Path | None = None,
+    seed: int = 0,
+    sampling: Sampling | Mapping[str, Any] | None = None,
+    progress: Callable[[str], None] | None = None,
+    **source_options: Any,
+) -> Calibration:
+    """Finds thresholds of the paper's tracker for the features of a backbone, and keeps them.
+
+    Runs with this backbone and the configuration `remind` use them from then on.
+
+    Args:
+      scenes: One source with images and masks, or a list of them (`open_source`).
+      backbone: What features thresholds are wanted for.
+      weights: Converted weight file of the backbone.
+      feature_cache: Folder of features that are kept and reused; none if left out.
+      identities: Compare returns by the identities of the masks, where all scenes have them; else
+        ends of tracklets, which needs no labels.
+      out: File to write instead, to be given as a configuration.
+      seed: Of the choice of comparisons.
+      sampling: Which frames are looked at.
+      progress: Told the name of every scene before it is read.
+      **source_options: Further options of `open_source`.
+
+    Raises:
+      RemindError: If a scene is not accepted, or the scenes do not hold enough to compare.
+    """
+    check_option("seed", seed, 0, MOST_SEED)
+    if out is not None:
+        _as_profile_path(out)
+    opened = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
+    reference = open_backbone(DEFAULT_BACKBONE, feature_cache=feature_cache)
+    sources = [
+        open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
+    ]
+    config = load_config(CONFIG).for_backbone(DEFAULT_BACKBONE)
+    seen: list[SceneViews] = []
+    for source in sources:
+        if progress is not None:
+            progress(source.name)
+        seen.append(read_scene(source, config, (reference, opened)))
+    compared, evidence = choose_comparisons(seen, seed, identities)
+    same = np.concatenate([one.same for one in compared])
+    made_for = MadeFor(
+        backbone=opened.name,
+        fingerprint=opened.fingerprint,
+        scenes=[source.name for source in sources],
+        evidence=evidence,
+        same=int(same.sum()),
+        other=int((~same).sum()),
+        seed=seed,
+        version=importlib.metadata.version("remind-jax"),
+    )
+    found = estimate_from([scene.views for scene in seen], compared, config)
+    return Calibration(made_for, found).save(out)
+
+
+def choose_comparisons(
+    scenes: Sequence[SceneViews], seed: int, identities: bool
+) -> tuple[list[Comparisons], str]:
+    """Comparisons in each scene, and what they are: returns where enough are known, or ends.
+
+    Raises:
+      SourceError: If there are too few of either kind.
+    """
+    known = [scene.instances for scene in scenes if scene.instances is not None]
+    if identities and len(known) == len(scenes):
+        chosen = [compare_returns(one, np.random.default_rng(seed)) for one in known]
+        if min(_count(chosen)) >= LEAST:
+            return _alike(chosen), RETURNS
+        tracks = known
+    else:
+        tracks = [scene.tracklets for scene in scenes]
+    chosen = [compare_ends(one, np.random.default_rng(seed)) for one in tracks]
+    same, other = _count(chosen)
+    if min(same, other) < LEAST:
+        names = ", ".join(f"'{scene.name}'" for scene in scenes)
+        raise SourceError(
+            f"{names}: there are {same} comparisons of an object with itself and {other} of "
+            f"objects seen together, and {LEAST} of each are needed; give longer scenes, with "
+            "several objects in view"
+        )
+    return _alike(chosen), ENDS
+
+
+def estimate_from(
+    views: Sequence[tuple[Views, ...]], compared: Sequence[Comparisons], config: Config
+) -> dict[str, float]:
+    """Thresholds from the views of all scenes with the reference and the other features.
+
+    Args:
+      views: Of each scene with both.
+      compared: Comparisons in each scene.
+      config: Thresholds for the reference features.
+    """
+    start = _start(config)
+    shares = (start["similarity.inner_share"], start["similarity.outer_share"])
+    cosines = [
+        np.concatenate([one.part_cosines() for one in of]) for of in zip(*views, strict=True)
+    ]
+    merge = estimate_part_merge(cosines[0], cosines[1], start)
+    evidence = []
+    for of_one, least in zip(zip(*views, strict=True), (start[PART_MERGE], merge), strict=True):
+        parts = [
+            compare_views(one.merge_parts(least), pairs, shares, config.static.part_top)
+            for one, pairs in zip(of_one, compared, strict=True)
+        ]
+        evidence.append(
+            Evidence(
+                np.concatenate([part.value for part in parts]),
+                np.concatenate([part.present for part in parts]),
+            )
+        )
+    same = np.concatenate([pairs.same for pairs in compared])
+    found = estimate(evidence[0], evidence[1], same, start) | {PART_MERGE: merge}
+    # What the shipped profile of the reference features changes beside those.
+    published = _start(load_config(CONFIG))
+    fixed = {key: value for key, value in start.items() if value != published[key]}
+    return {key: round(value, 4) for key, value in sorted((fixed | found).items())}
+
+
+def _as_profile_path(path: str | Path) -> Path:
+    """A file that can be named as a configuration."""
+    target = as_path(path, "the profile", ConfigError)
+    if target.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"'{target}' cannot be used as a configuration; give a .yaml file")
+    return target
+
+
+def _start(config: Config) -> dict[str, float]:
+    return dict(flatten_fields(config.thresholds))
+
+
+def _count(chosen: Sequence[Comparisons]) -> tuple[int, int]:
+    same = sum(int(pairs.same.sum()) for pairs in chosen)
+    return same, sum(len(pairs.same) for pairs in chosen) - same
+
+
+def _alike(chosen: list[Comparisons]) -> list[Comparisons]:
+    """Without comparisons across classes, which the tracker never makes, if enough are left."""
+    within = [pairs.only(pairs.same_class) for pairs in chosen]
+    return within if _count(within)[1] >= ENOUGH_ALIKE else chosen
+
+
+def _as_list(scenes: Any) -> list[Any]:
+    is_many = isinstance(scenes, (list, tuple)) and not isinstance(scenes, Source)
+    found = list(scenes) if is_many else [scenes]
+    if not found:
+        raise SourceError("there are no scenes to calibrate on; give at least one")
+    return found

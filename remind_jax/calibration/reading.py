@@ -1,0 +1,182 @@
+"""Scenes as views: every detection described with two backbones, in bounded memory.
+
+Letters: `V` views.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Int
+
+from remind_jax.backbone.registry import Backbone
+from remind_jax.calibration.comparisons import NONE, Sightings
+from remind_jax.calibration.tracklets import link_boxes
+from remind_jax.calibration.views import Views
+from remind_jax.config import Config
+from remind_jax.errors import SourceError
+from remind_jax.frame import NO_INSTANCE, Frame
+from remind_jax.masks.reduction import pad_masks
+from remind_jax.method import Method, get_method
+from remind_jax.observation import Descriptors, FrameFeats, Masks
+from remind_jax.session.live import Tracker
+from remind_jax.session.preparation import Prepared
+from remind_jax.sources.source import Source
+from remind_jax.static import Static
+
+MOST_BYTES = 256 << 20  # of the views of a scene
+_SLOTS = 8  # detection slots grow by so many
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneViews:
+    """The views of a scene to each backbone, and what they show."""
+
+    name: str
+    views: tuple[Views, ...]  # with each backbone
+    tracklets: Sightings
+    instances: Sightings | None  # by the identities of the masks, if there are any
+
+
+def read_scene(
+    source: Source, config: Config, backbones: Sequence[Backbone], most_bytes: int = MOST_BYTES
+) -> SceneViews:
+    """Describes all detections; of a long scene those of every second, fourth, ... frame.
+
+    Args:
+      source: Frames with images and masks.
+      config: The paper's tracker; parts are not merged.
+      backbones: What features come from.
+      most_bytes: Memory that views may take.
+
+    Raises:
+      SourceError: If the scene is empty, has no images or no masks.
+    """
+    config = config.updated({"perception.part_merge": 1.0})
+    describers = [_Describer(config, backbone) for backbone in backbones]
+    kept: dict[int, list[Views]] = {}
+    frames: list[_Boxes] = []
+    stride, num_bytes = 1, 0
+    for number, frame in enumerate(source):
+        if frame.image is None:
+            raise SourceError(f"'{source.name}' has no images; give scenes with images and masks")
+        prepared = [one.prepare(frame) for one in describers]
+        frames.append(_Boxes.of(prepared[0]))
+        if number % stride or not len(prepared[0].detections):
+            continue
+        kept[number] = [
+            one.describe(given) for one, given in zip(describers, prepared, strict=True)
+        ]
+        num_bytes += sum(views.num_bytes for views in kept[number])
+        while num_bytes > most_bytes and len(kept) > 1:
+            stride *= 2
+            kept = {one: views for one, views in kept.items() if one % stride == 0}
+            num_bytes = sum(views.num_bytes for both in kept.values() for views in both)
+    if not kept:
+        raise SourceError(f"'{source.name}' has no detections; give scenes with images and masks")
+    return _collect(source.name, kept, frames)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Boxes:
+    """What is kept of every frame."""
+
+    index: int
+    box: np.ndarray
+    valid: np.ndarray
+    class_id: np.ndarray
+    instance: np.ndarray
+
+    @classmethod
+    def of(cls, prepared: Prepared) -> _Boxes:
+        masks, num = prepared.masks, len(prepared.detections)
+        return cls(
+            prepared.frame.index,
+            np.array(masks.box[:num]),
+            np.array(masks.valid[:num]),
+            np.array(masks.class_id[:num]),
+            np.array(prepared.detections.instance_ids, np.int64),
+        )
+
+
+class _Describer:
+    """Prepares and describes the frames of one scene with one backbone."""
+
+    def __init__(self, config: Config, backbone: Backbone) -> None:
+        self._reader = Tracker(dataclasses.replace(config, backbone_profile=False), backbone)
+        self._backbone, self._config = backbone, config
+        self._static = dataclasses.replace(config.static, feature_dim=backbone.dim)
+        self._thresholds = config.thresholds.as_arrays(config.static.scalar)
+
+    def prepare(self, frame: Frame) -> Prepared:
+        """Reduces the masks of a frame."""
+        return self._reader.prepare(frame)
+
+    def describe(self, prepared: Prepared) -> Views:
+        """The views of a frame, one per detection."""
+        num = len(prepared.detections)
+        self._static = self._static.grow(num_detections=-(-num // _SLOTS) * _SLOTS)
+        assert prepared.image is not None
+        patches = np.asarray(self._backbone.extract(prepared.image[None])[0])
+        feats = FrameFeats(patches, np.array(prepared.frame.size, np.int32))
+        masks = pad_masks(prepared.masks, self._static.num_detections)
+        method = get_method(self._config.tracker)
+        seen = jax.device_get(_describe(method, self._static, feats, masks, self._thresholds))
+        valid = seen.valid[:num, None]
+        return Views(
+            appearance=seen.appearance[:num],
+            appearance_seen=seen.appearance_valid[:num] & valid,
+            rings=seen.rings[:num],
+            rings_seen=seen.rings_valid[:num] & valid,
+            parts=seen.parts[:num, 0],
+            parts_seen=seen.parts_valid[:num, 0] & valid,
+        )
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _describe(
+    method: Method, static: Static, feats: FrameFeats, masks: Masks, thresholds: Any
+) -> Descriptors:
+    assert method.halves is not None
+    seen = method.halves.describe(feats, masks, None, static=static, thresholds=thresholds)
+    return seen.descriptors
+
+
+def _collect(name: str, kept: dict[int, list[Views]], frames: list[_Boxes]) -> SceneViews:
+    """Puts the views of all frames one after the other, and says which object each shows."""
+    shape = (len(frames), max(len(frame.valid) for frame in frames))
+    boxes, valid = np.zeros((*shape, 4)), np.zeros(shape, bool)
+    classes, instances = np.zeros(shape, np.int32), np.full(shape, NO_INSTANCE, np.int64)
+    for number, frame in enumerate(frames):
+        slots = slice(len(frame.valid))
+        boxes[number, slots], valid[number, slots] = frame.box, frame.valid
+        classes[number, slots], instances[number, slots] = frame.class_id, frame.instance
+    at = tuple(
+        np.concatenate(part)
+        for part in zip(
+            *(
+                (np.full(len(views[0]), number), np.arange(len(views[0])))
+                for number, views in kept.items()
+            ),
+            strict=True,
+        )
+    )
+    index = np.array([frame.index for frame in frames], np.int32)
+
+    def sightings(track: Int[np.ndarray, "T N"]) -> Sightings:
+        return Sightings(index[at[0]], np.where(valid, track, NONE)[at], classes[at])
+
+    is_known = valid & (instances != NO_INSTANCE)
+    found = np.unique(instances[is_known])
+    numbered = np.where(is_known, np.searchsorted(found, instances), NONE)
+    return SceneViews(
+        name=name,
+        views=tuple(Views.join(of_one) for of_one in zip(*kept.values(), strict=True)),
+        tracklets=sightings(link_boxes(boxes, valid, classes)),
+        instances=sightings(numbered) if len(found) else None,
+    )
