@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import Positional, arg, subcommand
 
-from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
 from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, quiet_defaults
 from remind_jax.cli.overrides import Assignments, load_config_with
-from remind_jax.config.profiles import has_profile
 from remind_jax.errors import ConfigError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines
@@ -166,6 +164,9 @@ class ConfigVerb:
 
 def _load(name: str, backbone: str, changes: Assignments = ()) -> Config:
     """The values that run: the profile of the backbone is filled in."""
+    from remind_jax.backbone.opening import open_backbone
+    from remind_jax.config.profiles import has_profile
+
     check_name(backbone)
     config = load_config_with(name, changes)
     # The fingerprint of a network takes its weights, which are there where it was calibrated.

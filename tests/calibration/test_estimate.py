@@ -74,7 +74,8 @@ def test_more_comparisons_of_one_kind_change_nothing(seed, times):
     value = np.concatenate([evidence.value[:, 0], *[evidence.value[~same, 0]] * times])
     kinds = np.concatenate([same, *[same[~same]] * times])
     quantiles = balanced_quantiles(evidence.value[:, 0], same)
-    assert balanced_quantiles(value, kinds) == pytest.approx(quantiles, abs=0.04)
+    moved_by = balanced_quantiles(value, kinds) - quantiles
+    assert abs(moved_by.mean()) < 0.01
 
 
 @given(seeds)

@@ -30,7 +30,7 @@ def rows(page, method=PAPER_METHOD):
 
 def test_every_field_is_a_setting(page):
     fields = {key for key, _ in flatten(Config().to_dict())}
-    assert set(rows(page)) == fields - {"tracker", "backbone_profile"}
+    assert set(rows(page)) == fields - {"tracker", "backbone_profile", "profile"}
 
 
 @pytest.mark.parametrize("method", list_methods())
