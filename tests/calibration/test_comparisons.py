@@ -1,7 +1,7 @@
 """What may be compared: an object with itself at another time, and with what it cannot be."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.calibration.comparisons import (
@@ -59,6 +59,7 @@ def test_a_short_absence_is_no_return():
     assert len(compare_returns(seen, np.random.default_rng(0)).query) == 0
 
 
+@settings(deadline=None, max_examples=25)
 @given(st.integers(0, 100))
 def test_one_seed_gives_one_choice(seed):
     seen = sightings([(track, track % 2, range(track, track + 12)) for track in range(30)])

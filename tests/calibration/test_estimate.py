@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from remind_jax.calibration.estimate import (
@@ -36,6 +36,7 @@ def moved(evidence: Evidence, scale: float, offset: float) -> Evidence:
     return Evidence((scale * evidence.value + offset) * evidence.present, evidence.present)
 
 
+@settings(deadline=None, max_examples=25)
 @given(seeds)
 def test_the_reference_features_keep_their_thresholds(seed):
     evidence, same = draw(seed)
@@ -43,6 +44,7 @@ def test_the_reference_features_keep_their_thresholds(seed):
     assert found == pytest.approx({name: START[name] for name in found})
 
 
+@settings(deadline=None, max_examples=25)
 @given(seeds, st.floats(0.2, 0.95), st.floats(0.0, 1.0))
 def test_thresholds_move_with_cosines_and_differences_with_their_spread(seed, scale, place):
     offset = place * (1 - scale)
@@ -58,6 +60,7 @@ def test_thresholds_move_with_cosines_and_differences_with_their_spread(seed, sc
     assert [found[name] for name in WEIGHTS] == pytest.approx([START[name] for name in WEIGHTS])
 
 
+@settings(deadline=None, max_examples=25)
 @given(seeds, seeds)
 def test_the_order_of_comparisons_does_not_matter(seed, shuffle):
     evidence, same = draw(seed)
@@ -68,6 +71,7 @@ def test_the_order_of_comparisons_does_not_matter(seed, shuffle):
     assert found == pytest.approx(estimate(evidence, other, same, START))
 
 
+@settings(deadline=None, max_examples=25)
 @given(seeds, st.integers(1, 5))
 def test_more_comparisons_of_one_kind_change_nothing(seed, times):
     evidence, same = draw(seed)
@@ -78,6 +82,7 @@ def test_more_comparisons_of_one_kind_change_nothing(seed, times):
     assert abs(moved_by.mean()) < 0.01
 
 
+@settings(deadline=None, max_examples=25)
 @given(seeds)
 def test_the_order_of_thresholds_stays(seed):
     evidence, same = draw(seed)
