@@ -25,7 +25,8 @@ Precision = Literal["float32", "bfloat16"]
 _PLAIN_SCORES_MAX = 2_000_000
 
 # Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly between
-# threads: with it 1280x720 took 1.5 times as long on two cores (`benchmarks/vit.py`).
+# threads: with it 1280x720 took 1.5 times as long on two cores (`benchmarks/vit.py`). In bfloat16
+# it is what uses the processor's instructions for it.
 _COMPILER_OPTIONS = {"cpu": {"xla_cpu_experimental_ynn_fusion_type": ""}}
 
 
@@ -92,7 +93,8 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     early = numerics.num_early(variant.depth) or ""
     params = jax.device_put(arrange_params(weights.params, variant, numerics))
 
-    options = tuple(_COMPILER_OPTIONS.get(jax.default_backend(), {}).items())
+    chosen = _COMPILER_OPTIONS.get(jax.default_backend(), {}) if precision == "float32" else {}
+    options = tuple(chosen.items())
     encode_patches = KeptFunction(
         "vit",
         lambda params, images: run(params, images).patches,
