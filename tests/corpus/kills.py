@@ -254,15 +254,18 @@ class Course:
         return self._undisturbed[name]
 
     def _start(self, kind: Kind, out: Path) -> subprocess.Popen[str]:
-        words = [str(self._scene) if word == "SCENE" else word for word in kind.words]
-        words += [kind.out_flag, str(out), "--quiet", *kind.again]
+        return self.start(*kind.words, kind.out_flag, out, "--quiet", *kind.again)
+
+    def start(self, *words: object) -> subprocess.Popen[str]:
+        """Starts a command; the word SCENE is the folder of the scene."""
+        given = [str(self._scene) if word == "SCENE" else str(word) for word in words]
         programs = {
             "REMIND_PROGRAMS": str(self._folder / "programs"),
             "JAX_COMPILATION_CACHE_DIR": str(self._folder / "compiled"),
             "XDG_CACHE_HOME": str(self._folder / "cache"),
         }
         return subprocess.Popen(
-            [sys.executable, "-m", "tests.corpus.kills", CHILD, *words],
+            [sys.executable, "-m", "tests.corpus.kills", CHILD, *given],
             env=os.environ | programs,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from remind_jax.cli import process
+from remind_jax.outputs.result import Result
 from tests.corpus.kills import KINDS, Course, _count, compare_runs
 
 NUM_KILLS = 3
@@ -59,6 +60,54 @@ def test_a_run_that_is_asked_to_end_ends_well(course):
     child = course._start(kind, out)
     assert (child.communicate(timeout=120)[1], child.returncode) == ("", 0)
     assert compare_runs(expected, out) == []
+
+
+@pytest.mark.slow
+def test_a_demo_that_is_asked_to_end_keeps_its_run(course, tmp_path):
+    out = tmp_path / "demo"
+    child = course.start("demo", "--out", out, "--quiet")
+    rows = out / "detections.jsonl"
+    while child.poll() is None and not (rows.exists() and rows.read_bytes().count(b"\n") > 10):
+        time.sleep(0.01)
+    child.send_signal(signal.SIGTERM)
+    said = child.communicate(timeout=300)[1]
+    assert (child.returncode, said) == (process.TERMINATED, "")
+    assert not json.loads((out / "run.json").read_text())["complete"]
+    assert (out / "report.html").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("view", "RUN", "--quiet"),
+        ("eval", "RUN", "RUN", "--quiet"),
+        ("export", "RUN", "--overwrite", "--quiet"),
+        ("warmup", "320x240", "--quiet"),
+        ("backbones", "patch-statistics", "--measure", "--quiet"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_verbs_without_results_to_keep_end_at_once(course, words, tmp_path):
+    """At any moment: with the exit code of the signal, at most a word, and what was there whole."""
+    expected, _ = course._expect("run of the bank")
+    run = Path(shutil.copytree(expected, tmp_path / "run"))
+    given = [run if word == "RUN" else word for word in words]
+    start = time.monotonic()
+    child = course.start(*given)
+    said = child.communicate(timeout=300)[1]
+    assert (child.returncode, said) == (process.FINE, "")
+    usual_s = time.monotonic() - start
+    for share in (0.4, 0.6, 0.8, 0.95):
+        child = course.start(*given)
+        time.sleep(share * usual_s)
+        child.send_signal(signal.SIGTERM)
+        said = child.communicate(timeout=60)[1]
+        # A signal may come before the command, when Python itself starts.
+        assert child.returncode in (process.FINE, process.TERMINATED, -signal.SIGTERM), said
+        if child.returncode == process.TERMINATED:
+            assert said in ("", "remind: stopped\n")
+        assert len(Result.load(run)) == len(Result.load(expected))
 
 
 def test_a_difference_is_seen(course, tmp_path):
