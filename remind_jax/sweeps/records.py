@@ -34,7 +34,7 @@ class _FiledRow(msgspec.Struct, frozen=True):
     key: Annotated[str, Meta(min_length=1, max_length=64)]
     scene: records.Text
     setting: dict[records.Text, bool | int | float]
-    scores: dict[records.Label, float | None]
+    scores: dict[records.Label, int | float | None]
 
 
 _DECODER = msgspec.json.Decoder(_FiledRow)

@@ -108,7 +108,8 @@ def test_nothing_is_done_twice(tmp_path, monkeypatch):
 def test_damaged_rows_are_made_again(tmp_path):
     """Bytes that are no text, deep nesting, other fields: each counts as missing."""
     key = row_key("scene", {"matching.match": 0.5}, {})
-    row = Row(key, "scene", {"matching.match": 0.5}, {"IDF1": 0.25, "Recovery": math.nan})
+    scores = {"IDF1": 0.25, "Recovery": math.nan, "Identities": 5, "HOTA": 1.0}
+    row = Row(key, "scene", {"matching.match": 0.5, "matching.lock": True}, scores)
     Records(tmp_path).add([row])
     path = tmp_path / "rows.jsonl"
     with path.open("ab") as stream:
@@ -118,7 +119,8 @@ def test_damaged_rows_are_made_again(tmp_path):
     assert key in found
     assert "a" not in found
     assert found[key].setting == row.setting
-    np.testing.assert_equal(found[key].scores, row.scores)
+    # Tables show 5 and 5.0 as they are.
+    assert str(found[key]) == str(row)
 
 
 @pytest.mark.parametrize("data", [b"hello\n", b"\xff\xfe\x00", b"[1]\n", b"\x80" * 50])
