@@ -9,6 +9,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.constant_arrays import full, number, zeros
 from remind_jax.static import Static
 
@@ -90,40 +91,48 @@ class MatchOrigin(enum.IntEnum):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Decisions:
-    """The decisions of one frame.
+class Decisions(Table):
+    """The decisions of one frame; `Decisions.of` takes each by its name.
 
     Letters: `N` detection slots, `C` candidates shown per detection, `K = 3` objects that an
     undecided detection could be.
     """
 
-    outcome: Int[Array, "N"]  # Outcome
-    reason: Int[Array, "N"]  # Reason
-    object_id: Int[Array, "N"]  # matched or created object, -1 without identity
-    pending_id: Int[Array, "N"]  # ambiguous or provisional track, numbered per kind; -1 none
-    score: Float[Array, "N"]  # final score of the match, best score of an undecided one, 0 if new
-    status: Int[Array, "N"]  # Status of the visual scores
-    status_final: Int[Array, "N"]  # Status of the final scores of eligible candidates
-    confidence: Float[Array, "N"]  # [0, 1]
-    best_score: Float[Array, "N"]  # highest visual score over candidates, 0 without any
-    second_score: Float[Array, "N"]  # second highest, 0 without any
-    num_close: Int[Array, "N"]  # candidates within `close_delta` of the best
-    lock: Int[Array, "N"]  # Lock
-    source: Int[Array, "N"]  # MatchOrigin
-    assigned_id: Int[Array, "N"]  # object after locks and joint assignment, before guards; -1 new
-    guarded_id: Int[Array, "N"]  # object after the guard of look-alikes, -1 none
-    is_anchor: Bool[Array, "N"]  # clear enough to speak for its surroundings
+    owners_id: Int[Array, "N 3"]
+    wholes: Int[Array, "N 9"]
+    reals: Float[Array, "N 4"]
     option_id: Int[Array, "N K"]  # objects that an undecided detection could be, -1 padding
     option_score: Float[Array, "N K"]
     option_blocked: Bool[Array, "N K"]  # held by another detection
     candidate_id: Int[Array, "N C"]  # by falling score, then rising id; -1 padding
-    candidate_score: Float[Array, "N C"]  # visual score
-    candidate_final: Float[Array, "N C"]  # score after context
-    candidate_eligible: Bool[Array, "N C"]  # open to assignment
-    candidate_plausible: Bool[Array, "N C"]  # not vetoed by context
-    candidate_gate: Int[Array, "N C"]  # association.gating.Gate
-    candidate_bonus: Float[Array, "N C"]  # context adjustment that was applied
+    candidate_wholes: Int[Array, "N C 3"]
+    candidate_reals: Float[Array, "N C 3"]
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+
+    # [N]
+    outcome = Column("wholes")  # Outcome
+    reason = Column("wholes")  # Reason
+    object_id = Column("owners_id")  # matched or created object, -1 without identity
+    pending_id = Column("wholes")  # ambiguous or provisional track, numbered per kind; -1 none
+    score = Column("reals")  # final score of the match, best score of an undecided one, 0 if new
+    status = Column("wholes")  # Status of the visual scores
+    status_final = Column("wholes")  # Status of the final scores of eligible candidates
+    confidence = Column("reals")  # [0, 1]
+    best_score = Column("reals")  # highest visual score over candidates, 0 without any
+    second_score = Column("reals")  # second highest, 0 without any
+    num_close = Column("wholes")  # candidates within `close_delta` of the best
+    lock = Column("wholes")  # Lock
+    source = Column("wholes")  # MatchOrigin
+    assigned_id = Column("owners_id")  # object after locks and joint assignment; -1 new
+    guarded_id = Column("owners_id")  # object after the guard of look-alikes, -1 none
+    is_anchor = Column("wholes", truth=True)  # clear enough to speak for its surroundings
+    # [N C]
+    candidate_score = Column("candidate_reals")  # visual score
+    candidate_final = Column("candidate_reals")  # score after context
+    candidate_eligible = Column("candidate_wholes", truth=True)  # open to assignment
+    candidate_plausible = Column("candidate_wholes", truth=True)  # not vetoed by context
+    candidate_gate = Column("candidate_wholes")  # association.gating.Gate
+    candidate_bonus = Column("candidate_reals")  # context adjustment that was applied
 
 
 @jax.tree_util.register_dataclass
@@ -146,7 +155,7 @@ def no_decisions(static: Static) -> Decisions:
         """A new array at each call: buffers are donated to the step, each only once."""
         return zeros(num, scalar)
 
-    return Decisions(
+    return Decisions.of(
         outcome=whole(Outcome.EMPTY),
         reason=whole(0),
         object_id=whole(NO_ID),

@@ -63,8 +63,7 @@ def count(state, frame_feats, masks, *, static, thresholds, observed):
     needed = used + jnp.sum(masks.valid)
     fits = needed <= static.num_objects
     slot = jnp.where(masks.valid, used + rank, static.num_objects)
-    decisions = dataclasses.replace(
-        no_decisions(static),
+    decisions = no_decisions(static).replaced(
         outcome=jnp.where(masks.valid, int(Outcome.NEW), int(Outcome.EMPTY)),
         object_id=ids,
     )

@@ -109,7 +109,8 @@ def _put(columns: Mapping[int, Any], array: Any) -> Any:
 
     What is concatenated is computed piece by piece.
     """
-    place = np.arange(array.shape[-1])
+    on_host = all(isinstance(one, np.ndarray) for one in (array, *columns.values()))
+    place, xp = np.arange(array.shape[-1]), np if on_host else jnp
     for index, column in columns.items():
-        array = jnp.where(place == index, column, array)
+        array = xp.where(place == index, column, array)
     return array

@@ -7,8 +7,6 @@ Letters: `N` detections, `C` candidates, `K` objects that an undecided detection
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -146,8 +144,7 @@ def report(
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
     ordered, ranked = jax.lax.top_k(belief, belief.shape[1])
     listed = _shown_candidates(verdicts, ordered, base, ranked, static.num_candidates)
-    decisions = dataclasses.replace(
-        no_decisions(static),
+    decisions = no_decisions(static).replaced(
         outcome=outcome.astype(jnp.int32),
         reason=reason.astype(jnp.int32),
         object_id=firm_id,

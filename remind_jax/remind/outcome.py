@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.diagnosis import Evidence
@@ -53,14 +54,14 @@ def decide(
     candidate_id, rows = rank_candidates(objects, comparison, static.num_candidates)
 
     def take(values: Array) -> Array:
-        shown = jnp.take_along_axis(values, rows, axis=1)
+        shown = look_up_in_rows(values, rows)
         return jnp.where(candidate_id != NO_ID, shown, jnp.zeros((), values.dtype))
 
     is_ambiguous = settlement.ambiguous.present[:, None]
     doubts = settlement.doubts
     option = jnp.where(is_ambiguous, settlement.ambiguous.slot, doubts.support)
     option_score = jnp.where(is_ambiguous, settlement.ambiguous.score, doubts.support_score)
-    return Decisions(
+    return Decisions.of(
         outcome=jnp.where(usable, outcome, given).astype(jnp.int32),
         reason=jnp.where(usable, reason, why).astype(jnp.int32),
         object_id=objects.id_of(settlement.slot),

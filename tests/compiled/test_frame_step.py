@@ -139,9 +139,7 @@ def test_a_method_that_is_defined_anew_is_compiled_anew():
         def step(state, *args, **options):
             after = method.step(state, *args, **options)
             ids = after.decisions.object_id + by
-            return dataclasses.replace(
-                after, decisions=dataclasses.replace(after.decisions, object_id=ids)
-            )
+            return dataclasses.replace(after, decisions=after.decisions.replaced(object_id=ids))
 
         tracker._memory.frame_step = FrameStep(dataclasses.replace(method, step=step))
         return tracker

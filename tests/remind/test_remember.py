@@ -43,8 +43,7 @@ VIEWS = np.eye(NUM, DIM, dtype=np.float32)  # detection n looks like axis n
 def _remember(state, given, static):
     t = Thresholds().as_arrays(static.scalar)
     seen = given["outcome"] != Outcome.EMPTY
-    decisions = dataclasses.replace(
-        no_decisions(static),
+    decisions = no_decisions(static).replaced(
         outcome=given["outcome"],
         status_final=jnp.full(NUM, Status.STRONG),
         option_id=given["options"],
@@ -228,8 +227,7 @@ def test_tracks_that_do_not_fit_change_nothing():
 
 def test_gated_updates_learn_from_clear_matches_only():
     """method.md#update-permit: a weak match teaches nothing, an ambiguous one a little."""
-    decisions = dataclasses.replace(
-        no_decisions(STATIC),
+    decisions = no_decisions(STATIC).replaced(
         outcome=np.array([Outcome.MATCH] * 3),
         status_final=np.array([Status.STRONG, Status.AMBIGUOUS, Status.WEAK]),
     )

@@ -157,9 +157,7 @@ def test_a_configuration_that_uses_no_context_says_so():
     """The scores stay, and not because the evidence is strong."""
     record = decide_frame([{0: 0.95}, {0: 0.70}], context={0: backed(0.05)})
     status = np.full_like(record.decisions.status, Status.WEAK)
-    record = dataclasses.replace(
-        record, decisions=dataclasses.replace(record.decisions, status=status)
-    )
+    record = dataclasses.replace(record, decisions=record.decisions.replaced(status=status))
     sentences = " ".join(chain(record, 0))
     assert "uses no context where the evidence is weak, so the scores stay" in sentences
 
@@ -194,7 +192,7 @@ def test_a_second_claim_is_given_up_in_words():
 
 def test_an_identity_given_twice_is_pointed_out():
     record = decide_frame([{0: 0.93, 1: 0.62}, {0: 0.60, 1: 0.92}])
-    twice = dataclasses.replace(record.decisions, object_id=np.array([0, 0]))
+    twice = record.decisions.replaced(object_id=np.array([0, 0]))
     sentences = chain(dataclasses.replace(record, decisions=twice), 1)
     assert "Detection 0 is matched with the same object: the frame holds it twice." in sentences
 
