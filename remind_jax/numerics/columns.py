@@ -24,6 +24,7 @@ from typing import Any, ClassVar, Self, cast
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Shaped
 
 
 class Column:
@@ -114,3 +115,16 @@ def _put(columns: Mapping[int, Any], array: Any) -> Any:
     for index, column in columns.items():
         array = xp.where(place == index, column, array)
     return array
+
+
+def columns(*values: Shaped[Array, "..."] | int) -> Shaped[Array, "... K"]:
+    """Values side by side along a last axis.
+
+    A choice by place becomes part of whatever reads it, where a concatenation is a kernel.
+    """
+    *others, chosen = jnp.broadcast_arrays(*values)
+    chosen = chosen[..., None]
+    place = np.arange(len(values))
+    for index, value in enumerate(others):
+        chosen = jnp.where(place == index, value[..., None], chosen)
+    return chosen

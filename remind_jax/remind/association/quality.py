@@ -6,10 +6,14 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from remind_jax.numerics.columns import columns
 from remind_jax.observation import Descriptors
 from remind_jax.remind.thresholds.association import Similarity
+
+_LEAST = (1, 1, 0, 1, 1, 0, 1, 0, 0)  # where ratings may begin, in their order
 
 
 @jax.tree_util.register_dataclass
@@ -39,29 +43,31 @@ def assess(descriptors: Descriptors, t: Similarity) -> Quality:
     count = descriptors.num_patches.astype(support.dtype)
     density = jnp.where(count > 1e-12, jnp.clip(support / jnp.maximum(count, 1.0), 0, 1), 1.0)
 
-    def bounded(x: Array, low: Array, high: Array, floor: float) -> Array:
-        low = jnp.maximum(low, floor)
-        return ramp(x, low, jnp.maximum(high, low))
-
     share = jnp.where(support > 0, descriptors.part_support / jnp.maximum(1.0, support), 0.0)
-    parts = (
-        bounded(support, t.parts_min_patches, t.parts_full_patches, 1.0)
-        + bounded(
-            descriptors.num_parts.astype(support.dtype), t.parts_min_count, t.parts_full_count, 1.0
-        )
-        + bounded(share, t.parts_min_support, t.parts_full_support, 0.0)
-    ) / 3.0
+    num_parts = descriptors.num_parts.astype(support.dtype)
     rings = descriptors.ring_patches.astype(support.dtype)
-    background = (
-        bounded(rings[:, 0], t.background_min_inner, t.background_full_inner, 1.0)
-        + bounded(rings[:, 1], t.background_min_outer, t.background_full_outer, 1.0)
-        + bounded(descriptors.mask_quality, t.background_min_mask_quality, jnp.ones(()), 0.0)
-    ) / 3.0
+    # What is rated, and where the rating begins and is full.
+    ramps = (
+        (support, t.parts_min_patches, t.parts_full_patches),
+        (num_parts, t.parts_min_count, t.parts_full_count),
+        (share, t.parts_min_support, t.parts_full_support),
+        (rings[:, 0], t.background_min_inner, t.background_full_inner),
+        (rings[:, 1], t.background_min_outer, t.background_full_outer),
+        (descriptors.mask_quality, t.background_min_mask_quality, jnp.ones((), support.dtype)),
+        (support, t.object_min_patches, t.object_full_patches),
+        (density, t.object_min_density, t.object_full_density),
+        (density, t.parts_min_density, t.parts_full_density),
+    )
+    values, low, high = (columns(*column) for column in zip(*ramps, strict=True))
+    low = jnp.maximum(low, np.array(_LEAST, support.dtype))
+    rating = jnp.moveaxis(ramp(values, low, jnp.maximum(high, low)), -1, 0)
+    parts = (rating[0] + rating[1] + rating[2]) / 3.0
+    background = (rating[3] + rating[4] + rating[5]) / 3.0
     rated = Quality(
-        object=bounded(support, t.object_min_patches, t.object_full_patches, 1.0),
+        object=rating[6],
         background=jnp.clip(background, 0.0, 1.0),
         parts=jnp.where(support < t.parts_disabled_below, 0.0, jnp.clip(parts, 0.0, 1.0)),
-        object_density=bounded(density, t.object_min_density, t.object_full_density, 0.0),
-        parts_density=bounded(density, t.parts_min_density, t.parts_full_density, 0.0),
+        object_density=rating[7],
+        parts_density=rating[8],
     )
     return jax.tree.map(lambda value: jnp.where(t.quality_enabled, value, 1.0), rated)

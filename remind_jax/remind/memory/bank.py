@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.remind.memory.prototypes import (
@@ -32,7 +33,6 @@ from remind_jax.remind.memory.prototypes import (
     Edit,
     change,
     closest_pair,
-    columns,
     count,
     count_quality,
     entry,

@@ -12,9 +12,10 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NEVER
+from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.pooling import dot, to_unit
 
@@ -75,19 +76,6 @@ def count(
     return columns(hits, last_seen, num_qualities)
 
 
-def columns(*values: Shaped[Array, "..."] | int) -> Shaped[Array, "... K"]:
-    """Values side by side along a last axis.
-
-    A choice by place becomes part of whatever reads it, where a concatenation is a kernel.
-    """
-    *others, chosen = jnp.broadcast_arrays(*values)
-    chosen = chosen[..., None]
-    place = jnp.arange(len(values))
-    for index, value in enumerate(others):
-        chosen = jnp.where(place == index, value[..., None], chosen)
-    return chosen
-
-
 def empty_bank(leading: tuple[int, ...], slots: int, dim: int, scalar: jnp.dtype) -> Bank:
     """A bank without prototypes for each entry of the leading axes."""
     shape = (*leading, slots)
@@ -136,7 +124,15 @@ def similarities(bank: Bank, vector: Float[Array, "D"]) -> Float[Array, "... S"]
 
 def entry(bank: Bank, index: Int[Array, ""]) -> Bank:
     """One prototype as a bank without the slot axis."""
-    return jax.tree.map(lambda leaf: leaf[index] if leaf.ndim else leaf, bank)
+    is_here = (jnp.arange(bank.counts.shape[0]) == index)[:, None]
+    # Of a batch, a look-up would write its indices down first; short rows are chosen by a mask.
+    of_records = lambda leaf: jnp.sum(jnp.where(is_here, leaf, 0), axis=0, dtype=leaf.dtype)  # noqa: E731
+    return Bank(
+        embedding=bank.embedding[index],
+        counts=of_records(bank.counts),
+        qualities=of_records(bank.qualities),
+        size=bank.size,
+    )
 
 
 def new_entry(vector: Float[Array, "D"], quality: Float[Array, ""], now: Int[Array, ""]) -> Bank:
