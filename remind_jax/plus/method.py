@@ -67,8 +67,11 @@ def count_occupied(state: PlusState) -> tuple[Int[Array, ""], int]:
     return jnp.sum(state.objects.exists) + jnp.sum(state.tracklets.is_open), 0
 
 
-# A sum over a long axis is one kernel together with what it adds up; otherwise it is three.
-COMPILER_OPTIONS = {"cpu": {"xla_disable_hlo_passes": "tree_reduction_rewriter"}}
+# A sum over a long axis is one kernel together with what it adds up; otherwise it is three. What is
+# the same in all turns of a loop stays part of what reads it; moved out, it would be a kernel.
+COMPILER_OPTIONS = {
+    "cpu": {"xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion"}
+}
 
 METHOD = Method(
     "plus",

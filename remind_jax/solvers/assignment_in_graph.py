@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
@@ -30,6 +31,8 @@ from remind_jax.numerics.ranks import rank_rising
 
 FORBIDDEN_COST = 1e6
 _NO_KEY = 2**31 - 1
+# Of each row the first position of its group, of each position its row, and what ends the drivers.
+_START, _ROW, _END = 0, 1, 2
 
 
 class _Problem(NamedTuple):
@@ -37,9 +40,11 @@ class _Problem(NamedTuple):
 
     cost: Float[Array, "N C"]  # of each row as a driver in each slot
     place: Int[Array, "N C"]  # of the slot among the open ones, by rising order; -1: not open
-    row: Int[Array, "N"]  # of each driver, by group; those that take no part come last
-    start: Int[Array, "N"]  # first driver of the group of each row
-    num_drivers: Int[Array, ""]
+    order: Int[Array, "3 N"]  # that of `_Groups`
+
+    @property
+    def num_drivers(self) -> Int[Array, ""]:
+        return -self.order[_END, 0]
 
 
 class _Search(NamedTuple):
@@ -109,10 +114,10 @@ def assign_in_graph(
     cost = jnp.where(allowed, -scores, FORBIDDEN_COST)
     problem, crossed, object_of = _pose(cost, groups, -dummy, dummies)
     owner, settled = _search(problem, dummies, scores.shape[1])
-    driver = jnp.arange(len(settled), dtype=jnp.int32)[:, None]
     slot_index = jnp.arange(len(owner), dtype=jnp.int32)[None]
-    slot = jnp.max(jnp.where(owner[None] == driver, slot_index, -1), axis=1)
-    slot = jnp.where(settled >= 0, settled, slot)[groups.position]
+    slot = jnp.max(jnp.where(owner[None] == groups.position[:, None], slot_index, -1), axis=1)
+    taken_over = settled[groups.position]
+    slot = jnp.where(taken_over >= 0, taken_over, slot)
     return _read_columns(slot, crossed, object_of, groups, allowed)
 
 
@@ -125,7 +130,7 @@ class _Groups(NamedTuple):
     position: Int[Array, "N"]  # of each row by group, those that take no part last
     live: Bool[Array, "N"]
     same: Bool[Array, "N N"]  # both live and of one group
-    start: Int[Array, "N"]  # first position of the group
+    order: Int[Array, "3 N"]  # `_START`, `_ROW`, `_END`
     columns: Bool[Array, "N M"]  # columns that the group of the row may use
 
 
@@ -141,9 +146,16 @@ def _sort_groups(
     live = jnp.where(dummies, active, jnp.any(alike & active[None, :], axis=1))
     position = rank_rising([~live, group])
     same = alike & live[:, None] & live[None, :]
-    start = jnp.min(jnp.where(same, position[None, :], len(group)), axis=1)
+    index = jnp.arange(len(group), dtype=jnp.int32)
+    # Three questions to all pairs of rows in one reduction.
+    asked = [
+        jnp.where(same, position[None], len(group)),
+        jnp.where(position[None] == index[:, None], index[None], len(group)),
+        jnp.broadcast_to(jnp.where(live, -1 - position, 0)[None], same.shape),
+    ]
+    order = jnp.min(jnp.stack(asked), axis=2)
     reach = jnp.dot(same.astype(jnp.float32), present.astype(jnp.float32))
-    return _Groups(position, live, same, start, reach > 0)
+    return _Groups(position, live, same, order, reach > 0)
 
 
 def _pose(
@@ -164,10 +176,7 @@ def _pose(
         lambda: _cross(cost, groups, priced, place),
         lambda: (jnp.zeros(num, bool), jnp.zeros(num, jnp.int32), priced, place),
     )
-    index = jnp.arange(num, dtype=jnp.int32)
-    row = jnp.argmax(groups.position[None, :] == index[:, None], axis=1).astype(jnp.int32)
-    num_drivers = jnp.sum(groups.live, dtype=jnp.int32)
-    return _Problem(priced, place, row, groups.start, num_drivers), crossed, object_of
+    return _Problem(priced, place, groups.order), crossed, object_of
 
 
 def _cross(
@@ -183,7 +192,7 @@ def _cross(
     num, slots = place.shape
     crossed = jnp.sum(groups.same, axis=1) > jnp.sum(groups.columns, axis=1)
     rank = jnp.cumsum(groups.columns, axis=1, dtype=jnp.int32) - 1
-    drives = groups.columns & (rank == (groups.position - groups.start)[:, None])
+    drives = groups.columns & (rank == (groups.position - groups.order[_START])[:, None])
     object_of = jnp.argmax(drives, axis=1).astype(jnp.int32)
     competes = groups.same & jnp.any(drives, axis=1, keepdims=True)
     padding = ((0, 0), (0, slots - num))
@@ -215,7 +224,7 @@ def _search_in_double(problem, dummies, dummy_slot):
         slots=_join(_Slots(per_slot, per_slot, per_slot - 1, per_slot - 1, per_slot - 1)),
         drivers=_join(_Drivers(per_driver, per_driver, per_driver - 1)),
     )
-    no_owner = dummies & (jnp.arange(slots, dtype=jnp.int32) == dummy_slot)
+    no_owner = dummies & (np.arange(slots) == dummy_slot)
     state = repeat(
         lambda state: _At.of(state).driver < problem.num_drivers,
         lambda state: _advance(state, problem, no_owner),
@@ -242,16 +251,16 @@ def _visit(state: _Search, problem: _Problem, no_owner: Bool[Array, "C"]) -> _Se
     fresh = driver == visited
     low = jnp.where(fresh, 0.0, low)
     # Entries of a batch that are done wait for the others: without an open slot nothing changes.
-    row = problem.row[driver]
+    row = problem.order[_ROW, driver]
     todo = jnp.where(driver < problem.num_drivers, problem.place[row], -1)
     place = jnp.where(fresh, todo, place)
     entry = jnp.where(fresh, jnp.inf, entry)
     entry = jnp.where(driver_index == visited, low, entry)
-    owned = owner >= problem.start[row]
+    owned = owner >= problem.order[_START, row]
     slot_price = jnp.where(owned, slot_price, 0.0)
 
     is_open = place >= 0
-    length = low + problem.cost[problem.row[visited]] - driver_price[visited] - slot_price
+    length = low + problem.cost[problem.order[_ROW, visited]] - driver_price[visited] - slot_price
     distance = jnp.where(fresh, jnp.inf, distance)
     shorter = is_open & (length < distance)
     distance = jnp.where(shorter, length, distance)
@@ -303,7 +312,7 @@ def _pass_on(state: _Search) -> _Search:
     ends = heir == driver
     after = driver + jnp.where(ends, 1, 0)
     at = _At(after, jnp.where(ends, after, visited), jnp.where(ends, -1, heir), slot, low)
-    owner = jnp.where(given_up, heir, owner)
+    owner = jnp.where(slot_index == slot, heir, owner)  # a driver gives up one slot
     return state._replace(at=_join(at), slots=_join(slots._replace(owner=owner)))
 
 
@@ -338,5 +347,5 @@ def _read_columns(
     taken = crossed[:, None] & (slot[:, None] == row[None, :])
     column = jnp.max(jnp.where(taken, object_of[:, None], NO_SLOT), axis=0)
     column = jnp.where(crossed, column, slot)
-    fits = allowed[row, jnp.clip(column, 0, columns - 1)] & (column >= 0) & (column < columns)
+    fits = jnp.any(allowed & (column[:, None] == np.arange(columns)[None]), axis=1)
     return jnp.where(fits & groups.live, column, NO_SLOT).astype(jnp.int32)
