@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import io
 
-import av
 import cv2
 import numpy as np
-from av.error import FFmpegError
 from jaxtyping import Integer
 
 from remind_jax.sources.image_folder import decode_pixels
@@ -39,6 +37,9 @@ def read_label_map(data: bytes) -> Integer[np.ndarray, "H W"]:
 
 
 def _read_palette_indices(data: bytes) -> Integer[np.ndarray, "H W"]:
+    import av  # takes long, and a live tracker reads no file
+    from av.error import FFmpegError
+
     try:
         with av.open(io.BytesIO(data), mode="r", format="png_pipe") as container:
             frame = next(container.decode(video=0))

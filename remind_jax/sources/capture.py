@@ -14,12 +14,10 @@ import socket
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-import av
-import av.container
-import av.error
 import cv2
+import lazy_loader
 import numpy as np
 
 from remind_jax.errors import SourceError
@@ -27,6 +25,13 @@ from remind_jax.sources.address import Address, CameraAddress, StreamAddress
 from remind_jax.sources.picture_file import MOST_PIXELS, MOST_SIDE
 from remind_jax.sources.source import Content, UnreadableFrame
 from remind_jax.sources.video import CONTAINERS, to_rgb
+
+if TYPE_CHECKING:
+    import av
+    import av.container
+    import av.error
+else:
+    av = lazy_loader.load("av")
 
 # What a stream may come in, beside what files do; nothing in it may name a local file.
 _FORMATS = f"{CONTAINERS},mpjpeg,rtsp,rtp,sdp,hls,mpegtsraw"

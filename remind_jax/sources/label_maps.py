@@ -15,7 +15,6 @@ from typing import Literal
 import cv2
 import numpy as np
 from jaxtyping import Bool, Integer, Shaped
-from scipy.ndimage import find_objects
 
 from remind_jax.crops import MOST_PLANES_BYTES, Crops
 from remind_jax.errors import SourceError
@@ -172,6 +171,8 @@ def masks_of(
 
 def _crops_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Crops:
     """As `masks_of`."""
+    from scipy.ndimage import find_objects  # takes long, and few maps are that crowded
+
     place = np.searchsorted(ids, labels).clip(max=len(ids) - 1)
     numbers = np.where(np.asarray(ids)[place] == labels, place + 1, 0).astype(np.int32)
     boxes = find_objects(numbers, len(ids))

@@ -5,13 +5,10 @@ from __future__ import annotations
 import contextlib
 import functools
 from collections.abc import Callable, Generator, Iterator
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
-import av
-import av.container
+import lazy_loader
 import numpy as np
-from av.error import EOFError as EndOfFile
-from av.error import FFmpegError
 from jaxtyping import UInt8
 
 from remind_jax import files
@@ -19,6 +16,13 @@ from remind_jax.errors import SourceError
 from remind_jax.frame import SkippedFrame
 from remind_jax.sources.picture_file import MOST_PIXELS, MOST_SIDE
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
+
+if TYPE_CHECKING:
+    import av
+    import av.container
+    import av.error
+else:
+    av = lazy_loader.load("av")  # takes long, and a live tracker of given images reads no video
 
 # Kinds of files that hold videos themselves: no lists of other files or addresses, no text.
 CONTAINERS = (
@@ -81,7 +85,7 @@ class VideoReader:
                     stack.enter_context(file)
                 options = {"format_whitelist": CONTAINERS, "max_pixels": str(MOST_PIXELS)}
                 container = stack.enter_context(av.open(file, mode="r", options=options))
-            except (FFmpegError, OSError, ValueError) as error:
+            except (av.error.FFmpegError, OSError, ValueError) as error:
                 raise SourceError(
                     f"'{self._file}' cannot be opened as a video ({_say(error)}): it is damaged, "
                     "cut off, or not a video"
@@ -117,14 +121,14 @@ def _decode(
             packet = next(packets)
         except StopIteration:
             return
-        except FFmpegError as error:
+        except av.error.FFmpegError as error:
             yield SkippedFrame("rest", f"the file is damaged: {_say(error)}", count=0)
             return
         try:
             yield from packet.decode()
-        except EndOfFile:
+        except av.error.EOFError:
             return
-        except FFmpegError as error:
+        except av.error.FFmpegError as error:
             yield SkippedFrame(_name_packet(packet), f"it cannot be decoded: {_say(error)}")
 
 
