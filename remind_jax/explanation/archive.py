@@ -24,7 +24,7 @@ from remind_jax.files.tensors import read_npz
 from remind_jax.method import named_leaves
 
 TRACE_NAME = "trace.npz"
-VERSION = 1  # of the file
+VERSION = 2  # of the file
 
 Record = TypeVar("Record", bound=Sized)
 
@@ -150,10 +150,10 @@ class TraceArchive(Generic[Record]):
                     f"'{path}' is the trace of tracker {tracker[:100]!r}, not '{self._tracker}' as "
                     "the run says; run the tracker again with --trace"
                 )
-            if version > VERSION:
+            if version != VERSION:
                 raise OutputError(
-                    f"'{path}' has version {version}, this remind-jax reads up to {VERSION}; "
-                    "upgrade remind-jax"
+                    f"'{path}' has version {version}, this remind-jax reads version {VERSION}; run "
+                    "the tracker again with --trace"
                 )
             self._frames = _split(self._kind, columns)
             names = columns["label.id"].tolist(), columns["label.name"].tolist()

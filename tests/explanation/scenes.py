@@ -148,9 +148,7 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
         STATIC,
     )  # fmt: skip
     new = decisions.outcome == Outcome.NEW
-    decisions = dataclasses.replace(
-        decisions, object_id=jnp.where(new, num_objects, decisions.object_id)
-    )
+    decisions = decisions.replaced(object_id=jnp.where(new, num_objects, decisions.object_id))
     ones = jnp.ones(NUM)
     intermediates = Intermediates(
         state, descriptors, Quality(ones, ones, ones, ones, ones), relations, evidence, anchors,

@@ -86,11 +86,12 @@ def test_the_file_is_read_when_asked_for(tmp_path):
         archive.frame(0)  # and again, not an empty run
 
 
-def test_a_later_version_is_refused(archive, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "VERSION", 2)
+@pytest.mark.parametrize("version", [1, 3])
+def test_another_version_is_refused(archive, tmp_path, monkeypatch, version):
+    monkeypatch.setattr(module, "VERSION", version)
     archive.save(tmp_path / TRACE_NAME)
     monkeypatch.undo()
-    with pytest.raises(OutputError, match=r"version 2.*up to 1; upgrade remind-jax"):
+    with pytest.raises(OutputError, match=rf"version {version}.*reads version 2; run the tracker"):
         new_archive(tmp_path / TRACE_NAME).frame(0)
 
 
@@ -143,11 +144,11 @@ def _with(path, **changes):
     ("changes", "said"),
     [
         ({"frame.index": np.arange(3)}, "damaged"),
-        ({"frame.detections": np.zeros(4, np.int32)}, "in a frame of 0 detections it is Int 'N'"),
-        ({"decisions.score": np.zeros(4, "U3")}, "'decisions.score' is <U3"),
-        ({"decisions.score": np.zeros(3, np.float32)}, "has other rows than its shapes say"),
-        ({"shape.decisions.score": np.full((4, 1), -1)}, "has other rows than its shapes say"),
-        ({"shape.decisions.score": np.zeros((4, 3), int)}, "does not have a shape for each of 4"),
+        ({"frame.detections": np.zeros(4, np.int32)}, "in a frame of 0 detections it is Int 'N 3'"),
+        ({"decisions.reals": np.zeros((4, 4), "U3")}, "'decisions.reals' is <U3"),
+        ({"decisions.reals": np.zeros((3, 4), np.float32)}, "has other rows than its shapes say"),
+        ({"shape.decisions.reals": np.full((4, 2), -1)}, "has other rows than its shapes say"),
+        ({"shape.decisions.reals": np.zeros((4, 3), int)}, "does not have a shape for each of 4"),
         ({"label.id": np.array(["a", "b"])}, "damaged"),
         ({"label.name": np.array(["a"])}, "damaged"),
         ({"version": np.array([1, 2])}, "damaged"),

@@ -267,7 +267,7 @@ def test_files_without_a_checksum_are_read(path, memory):
         ({"objects.hits": spoiled(-1)}, "'objects.hits' holds -1; allowed: 0 or more"),
         ({"objects.lifecycle": spoiled(9)}, "'objects.lifecycle' holds 9; allowed: 0 to 3"),
         ({"pending.kind": spoiled(7)}, "'pending.kind' holds 7"),
-        ({"decisions.outcome": spoiled(99)}, "'decisions.outcome' holds 99"),
+        ({"decisions.wholes": spoiled(99, np.s_[:, 0])}, "'decisions.outcome' holds 99"),
         ({"distances.edges.gap_mean": spoiled(np.nan)}, "gap_mean' holds 8 values that are not"),
         ({"cooccurrence.weight": spoiled(-1.0)}, "'cooccurrence.weight' holds -1"),
         ({"more": np.zeros(3, np.float32)}, "it holds 'more', which no memory"),

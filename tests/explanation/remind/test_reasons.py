@@ -181,7 +181,7 @@ def test_a_second_claim_is_given_up_in_words():
         "option_id": np.array([[-1, -1, -1], [0, 1, -1]]),
         "option_score": np.array([[0, 0, 0], [0.60, 0.92, 0]]),
     }
-    record = dataclasses.replace(record, decisions=dataclasses.replace(d, **changes))
+    record = dataclasses.replace(record, decisions=d.replaced(**changes))
     sentences = chain(record, 1)
     assert sentences[-2:] == [
         "It was matched with mug 0 (0.60), but detection 0 keeps it with the better score (0.93).",
