@@ -144,7 +144,7 @@ def test_settings_side_by_side_are_one_program(page):
     whole, one = np.ones((1, 64, 96), bool), np.ones(1)
     masks = reduce_masks(whole, np.zeros(1, np.int32), one, num_slots=2, patch_px=16)
     after = jax.eval_shape(page.many, page.thresholds, page.start, feats, masks)
-    assert after.decisions.outcome.shape == (16, 2)
+    assert after.decisions.option_id.shape[:2] == (16, 2)
 
 
 @pytest.mark.parametrize("name", [page.name for page in PAGES])
