@@ -99,6 +99,7 @@ def advance_tracklets(
     origin: Int[Array, "N"],
     frame: Int[Array, ""],
     next_id: Int[Array, ""],
+    doubt: Float[Array, ""],
     t: th.Linking,
     mobile: th.Mobility,
 ) -> tuple[Tracklets, Int[Array, ""], Float[Array, "N D"]]:
@@ -123,7 +124,7 @@ def advance_tracklets(
     rate = rate * jnp.stack([linked, sightings.has_ring], axis=1)
     rate = jnp.pad(rate, ((0, 0), (0, 1)))
     step = seen - before
-    drift, num_moves = follow_movement(old, linked, sightings, frame, mobile)
+    drift, num_moves = follow_movement(old, linked, sightings, frame, doubt, mobile)
     size = sightings.size[:, None]
     here = Tracklets.of(
         alive=sightings.valid,

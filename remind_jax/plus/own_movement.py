@@ -36,11 +36,12 @@ def follow_movement(
     linked: Bool[Array, "N"],
     sightings: Sightings,
     frame: Int[Array, ""],
+    doubt: Float[Array, ""],
     t: th.Mobility,
 ) -> tuple[Float[Array, "N 2"], Int[Array, "N"]]:
     """Smoothed own movement of each detection's tracklet, and how many movements are in it.
 
-    What most detections of a frame share is movement of the camera that the image motion missed.
+    Where the image motion is doubted, what most detections of a frame share is that of the camera.
     At the border of the frame the center of a mask moves with what is cut off.
 
     Args:
@@ -48,12 +49,13 @@ def follow_movement(
       linked: Detections that go on with one.
       sightings: Detections.
       frame: Number of this frame.
+      doubt: How little the image motion is believed, [0, 1].
       t: How much is averaged.
     """
     whole = ~(before.touched | sightings.touches)
     moves = linked & whole & (before.last == frame - 1)
     movement = sightings.center - before.center + expect_step(before, t)
-    movement -= medians(movement.T, moves)[None]
+    movement -= doubt * medians(movement.T, moves)[None]
     num_moves = jnp.where(linked, before.num_moves, 0) + moves
     rate = moves / jnp.clip(num_moves, 1, t.samples)
     drift = jnp.where(linked[:, None], before.drift, 0.0)

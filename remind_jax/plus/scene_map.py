@@ -29,11 +29,10 @@ LEAST_VARIANCE = 1e-4
 BLOCK = 64  # detections whose turns are noted before the next ones read what is left
 
 
-def belief(motion: Motion, t: th.Motion) -> Float[Array, ""]:
-    """How far an image motion is believed, [0, 1]."""
-    return jnp.clip(
-        (motion.score - t.doubted_score) / (t.trusted_score - t.doubted_score), 0.0, 1.0
-    )
+def doubt_of(motion: Motion, t: th.Motion) -> Float[Array, ""]:
+    """How little an image motion is believed, [0, 1]."""
+    trust = (motion.score - t.doubted_score) / (t.trusted_score - t.doubted_score)
+    return 1.0 - jnp.clip(trust, 0.0, 1.0)
 
 
 def move_map(
@@ -54,7 +53,7 @@ def move_map(
     moved = jnp.sqrt(squared_length(new_center - frame_center))
     position = turned(objects.position - frame_center, turn / zoom_of(turn)) + new_center
 
-    doubt = 1.0 - belief(motion, t)
+    doubt = doubt_of(motion, t)
     shift_variance = (t.shift_error + t.shift_error_rate * moved + t.shift_error_lost * doubt) ** 2
     turn_variance = (t.turn_error * (1.0 + t.turn_error_lost * doubt)) ** 2
     own_error = t.own_error + t.own_error_rate * moved + mobile.weight * objects.speed

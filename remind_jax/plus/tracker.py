@@ -44,7 +44,7 @@ from remind_jax.plus.linking import (
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.own_movement import first_speed, learn_speeds
-from remind_jax.plus.scene_map import center_variance, correct_map, move_map
+from remind_jax.plus.scene_map import center_variance, correct_map, doubt_of, move_map
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
@@ -152,7 +152,14 @@ def _advance(
     # Which detection goes on with which tracklet?
     origin = link(links, sightings.class_id, t.linking)
     tracklets, next_id, change = advance_tracklets(
-        carried, sightings, origin, frame, state.next_id, t.linking, t.mobility
+        carried,
+        sightings,
+        origin,
+        frame,
+        state.next_id,
+        doubt_of(motion, t.motion),
+        t.linking,
+        t.mobility,
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # Which differences of looks matter in this scene?

@@ -37,7 +37,14 @@ def follow(steps: np.ndarray, frames: int = 12, touches: tuple[bool, ...] = (Fal
             place=tracklets.place.at[:, 4:6].add(expect_step(tracklets, T.mobility)),
         )
         tracklets, _, _ = advance_tracklets(
-            carried, seen, origin, jnp.int32(frame), jnp.int32(9), T.linking, T.mobility
+            carried,
+            seen,
+            origin,
+            jnp.int32(frame),
+            jnp.int32(9),
+            jnp.float32(1),
+            T.linking,
+            T.mobility,
         )
     return tracklets
 
@@ -150,7 +157,7 @@ def test_an_unlinked_detection_begins_at_rest():
     tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
     fresh, _, _ = advance_tracklets(
         tracklets, detections(START), jnp.full(3, NO_SLOT), jnp.int32(12), jnp.int32(9),
-        T.linking, T.mobility,
+        jnp.float32(1), T.linking, T.mobility,
     )  # fmt: skip
     assert not fresh.drift[:3].any()
     assert not fresh.num_moves[:3].any()
