@@ -28,7 +28,7 @@ def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
     length = jnp.sqrt(squared_length(tracklets.drift))
     share = jnp.maximum(length - t.noise, 0.0) / jnp.maximum(length, 1e-6)
     known = tracklets.num_moves >= t.least
-    return jnp.where(known, share, 0.0)[:, None] * tracklets.drift
+    return t.weight * jnp.where(known, share, 0.0)[:, None] * tracklets.drift
 
 
 def follow_movement(
