@@ -15,6 +15,7 @@ import numpy as np
 
 from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import Config
+from remind_jax.decision import Decisions
 from remind_jax.frame import Detections
 from remind_jax.frame import Frame as SceneFrame
 from remind_jax.masks.reduction import reduce_masks
@@ -168,6 +169,9 @@ def run(
 
 def decided(state: TrackerState) -> dict[str, np.ndarray]:
     """The decisions about the detections of a frame, padding left out."""
-    fields = dataclasses.asdict(state.decisions)
+    decisions = state.decisions
+    held = {column.array for column in Decisions.columns.values()}
+    arrays = {field.name for field in dataclasses.fields(decisions)} - held
+    fields = {name: np.asarray(getattr(decisions, name)) for name in (*Decisions.columns, *arrays)}
     num = int((fields["outcome"] != 0).sum())
     return {name: values[:num] for name, values in fields.items() if np.ndim(values)}

@@ -25,8 +25,9 @@ _SHOWN = ("matching.match", "matching.min_visual", "appearance.duplicate")
 class Calibrate:
     """Fit the thresholds of the paper's tracker ('--config remind') to a backbone.
 
-    Takes scenes with masks; nothing has to be labeled. Runs with '--config remind' and
-    this backbone find the profile; so does '--config FILE' with --out.
+    Takes scenes with masks; nothing has to be labeled.
+
+    Runs with '--config remind' and this backbone find the profile.
 
     Examples:
       remind calibrate rooms/ --backbone dinov2-vits14

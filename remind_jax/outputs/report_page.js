@@ -204,7 +204,8 @@ function drawEvidence(explained) {
   return [make("h3", {}, `Candidates (${explained.candidates.length})`),
     make("div", { class: "scroll" }, make("table", {},
       make("thead", {}, make("tr", {}, ...heads)), make("tbody", {}, ...rows))),
-    make("p", { class: "faint" }, "Evidence in log odds. Rivals: less, the more objects it could be. " +
+    make("p", { class: "faint" }, "Evidence in log odds. Mobile: of what moves of its own. " +
+      "Rivals: less, the more objects it could be. " +
       "Moved: given back to one that may have been moved. Probability: beside all others and a new " +
       "object, with what else is in view.")];
 }

@@ -40,6 +40,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "log odds": _ODDS,
     "log ratio": _AMOUNT,
     "maturity": _MEASURE,
+    "movements": _AMOUNT,
     "object sizes": _AMOUNT,
     "objects": _AMOUNT,
     "pairs": _AMOUNT,

@@ -123,7 +123,7 @@ class SceneOptions:
 
     def _check_tour(self) -> None:
         away = self.absence_frames * self.returns if self.camera == "tour" else 0
-        if away > self.frames - 2 * (self.returns + 1):
+        if away and away > self.frames - 2 * (self.returns + 1):
             raise ConfigError(
                 f"{self.returns} absences of {self.absence_frames} frames do not fit into "
                 f"frames={self.frames}; give at least {away + 2 * (self.returns + 1)} frames"
