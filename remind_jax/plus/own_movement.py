@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Num
+from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
@@ -102,7 +102,7 @@ def learn_speeds(
     )
 
 
-def mobility(speed: Num[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
+def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
     """How far an object is one that moves of its own, [0, 1); 0 at rest."""
     speed = t.weight * speed
     return speed / (speed + t.half)

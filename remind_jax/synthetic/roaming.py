@@ -24,7 +24,7 @@ def set_roaming(
 ) -> list[SceneObject]:
     """Sends a share of the objects of the first room on ways of their own, as long as the tour.
 
-    They cross the field of view that the camera has at their entry, from any side to any other.
+    They cross the field of view that the camera has at their entry, from one side to the other.
     """
     here = [index for index, item in enumerate(objects) if item.placements[0].room == 0]
     chosen = rng.permutation(here)[: round(share * len(here))]
@@ -42,7 +42,7 @@ def _draw_ways(path: CameraPath, rng: np.random.Generator) -> list[Placement]:
     starts = {pose.source_index: pose for pose in path.poses}
     at = int(rng.integers(0, min(_ABSENCE_FRAMES[1], last // 2 + 1)))
     placements: list[Placement] = []
-    while at < last:
+    while at <= last:
         end = at + int(rng.integers(*_VISIT_FRAMES))
         pose = starts[min(starts, key=lambda frame, at=at: abs(frame - at))]
         placements += _draw_way(pose, path.horizontal_fov_rad, at, end, rng)

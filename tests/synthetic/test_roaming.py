@@ -26,6 +26,11 @@ def test_a_share_of_the_first_room_roams_and_the_rest_stays():
         assert item.roams or item.placements == twin.placements
 
 
+def test_a_tour_of_one_frame_has_ways():
+    scene = make_scene(SceneOptions(**{**OPTIONS, "frames": 1}, roaming=1.0, camera="still"))
+    assert all(item.placements for item in scene.objects)
+
+
 def test_ways_have_no_jumps_within_a_visit_and_gaps_between():
     options = SceneOptions(**{**OPTIONS, "frames": 300}, roaming=1.0, camera="pan")
     absences = 0
