@@ -75,9 +75,10 @@ def example_input(method: Method) -> tuple[FrameFeats, Any, Any]:
     feats = FrameFeats(
         np.zeros((rows, columns, STATIC.feature_dim), np.float32), np.array(size, np.int32)
     )
+    gaps = {"exact_gap_max": None} if method.gap_options is None else {}
     nothing = reduce_masks(
         np.zeros((0, *size), bool), np.zeros(0, np.int32), np.zeros(0), num_slots=0,
-        patch_px=PATCH_PX,
+        patch_px=PATCH_PX, **gaps,
     )  # fmt: skip
     observed = None if method.observe is None else method.observe(None, None)
     return feats, pad_masks(nothing, STATIC.num_detections), observed

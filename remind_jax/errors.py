@@ -27,6 +27,10 @@ class SourceError(RemindError):
     """A video, folder, archive or mask file cannot be used."""
 
 
+class UnreadableFrame(SourceError):
+    """One frame or its masks cannot be read; the sequence goes on without it."""
+
+
 class ConfigError(RemindError):
     """A configuration key or value is not accepted."""
 

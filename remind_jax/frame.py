@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from remind_jax.crops import Crops
+from remind_jax.crops import Crops, require_few
 from remind_jax.errors import SourceError, as_text, first_line, is_text
 from remind_jax.files.host_array import host_array
 
@@ -58,8 +58,8 @@ class Detections:
           instance_ids: True instance per mask; -1 if left out.
 
         Raises:
-          SourceError: If a part is of another kind or range, or the parts disagree about the number
-            of detections.
+          SourceError: If a part is of another kind or range, the parts disagree about the number
+            of detections, or there are more than 8,192.
 
         Example:
           >>> seen = Detections.create(np.ones((2, 4, 6)), labels=["mug", "bowl"])
@@ -71,6 +71,7 @@ class Detections:
             raise SourceError(
                 f"masks have shape {planes.shape}; give one [H, W] plane per detection, [N, H, W]"
             )
+        require_few(len(planes), "a frame")
         if not isinstance(planes, Crops):
             if planes.dtype.kind == "f":
                 require_whole(planes)
@@ -240,6 +241,7 @@ def check_detections(detections: Any, name: str = "") -> None:
         )
     _check_array(f"masks{where}", detections.masks, 3, "b", "booleans [N, H, W]")
     num, labels = len(detections.masks), detections.labels
+    require_few(num, f"what was given{where}")
     if not isinstance(labels, tuple) or not all(isinstance(label, str) for label in labels):
         raise SourceError(f"labels{where} are {reprlib.repr(labels)}; give a tuple of names")
     _check_array(f"scores{where}", detections.scores, 1, "f", "numbers [N]")

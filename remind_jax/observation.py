@@ -48,8 +48,9 @@ class FrameFeats:
 class MaskRelations:
     """What relations need of pixel masks, reduced on the host; padding slots are zero."""
 
-    gap_px: Float[AnyArray, "N N"]  # between masks where exact, else boxes; negative: overlap
-    exact: Bool[AnyArray, "N N"]  # the gap was measured between the masks
+    # Between masks where exact, else boxes; negative: overlap. None where a method reads no gap.
+    gap_px: Float[AnyArray, "N N"] | None
+    exact: Bool[AnyArray, "N N"] | None  # the gap was measured between the masks
     touches_border: Bool[AnyArray, "N"]  # the mask reaches the edge of the frame
 
 

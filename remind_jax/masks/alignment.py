@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from remind_jax.crops import Crops
+from remind_jax.crops import Crops, nearest_places
 from remind_jax.errors import SourceError
 
 
@@ -68,26 +68,11 @@ class Alignment:
 
     def _align_crops(self, masks: Crops) -> Crops:
         """Where every row and column of the result comes from is the same for all masks."""
-        height, width = masks.size
-        places = np.arange(max(height, width), dtype=np.int32)
-        scale = self._scale_of
-        from_row = scale(places[:height, None], (self.scaled_size[0], 1))[:, 0]
-        from_column = scale(places[None, :width], (1, self.scaled_size[1]))[0]
-        from_row = from_row[self.top : self.top + self.size[0]]
-        from_column = from_column[self.left : self.left + self.size[1]]
-        corners, windows = [], []
-        for (left, top), window in zip(masks.corners, masks.windows, strict=True):
-            rows = slice(*np.searchsorted(from_row, [top, top + window.shape[0]]).tolist())
-            columns = slice(*np.searchsorted(from_column, [left, left + window.shape[1]]).tolist())
-            corners.append((columns.start, rows.start))
-            windows.append(window[np.ix_(from_row[rows] - top, from_column[columns] - left)])
-        return Crops(self.size, tuple(corners), tuple(windows))
-
-    @staticmethod
-    def _scale_of(places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-        if places.shape == size:
-            return places
-        return np.asarray(cv2.resize(places, size[::-1], interpolation=cv2.INTER_NEAREST))
+        from_row, from_column = map(nearest_places, masks.size, self.scaled_size)
+        return masks.sampled(
+            from_row[self.top : self.top + self.size[0]],
+            from_column[self.left : self.left + self.size[1]],
+        )
 
     def _scale(self, plane: np.ndarray, interpolation: int) -> np.ndarray:
         if plane.shape[:2] == self.scaled_size:

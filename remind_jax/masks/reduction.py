@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -35,7 +35,7 @@ def reduce_masks(
     keep_largest: bool = False,
     erosion_px: int = 0,
     scale_min_px: float = 40.0,
-    exact_gap_max: float = 1.75,
+    exact_gap_max: float | None = 1.75,
 ) -> Masks:
     """Reduces pixel masks to patch coverage and geometry, padded to `num_slots`.
 
@@ -57,7 +57,8 @@ def reduce_masks(
       erosion_px: Pixels that a mask loses on every side before anything is measured, none of them
         where it reaches the box around it (method.md#mask-geometry).
       scale_min_px: Least length that gaps between masks are measured in.
-      exact_gap_max: Gaps up to this many lengths are measured between the masks themselves.
+      exact_gap_max: Gaps up to this many lengths are measured between the masks themselves; None:
+        no gap is measured, and nothing goes by the square of the masks.
 
     Returns:
       Masks of NumPy arrays.
@@ -145,7 +146,9 @@ def pad_masks(masks: Masks, num_slots: int) -> Masks:
     if num == num_slots:
         return masks
 
-    def pad(leaf: np.ndarray, axes: int = 1) -> np.ndarray:
+    def pad(leaf: Any, axes: int = 1) -> Any:
+        if leaf is None:
+            return None
         padded = np.zeros((num_slots,) * axes + leaf.shape[axes:], leaf.dtype)
         padded[(slice(num),) * axes] = leaf
         return padded

@@ -29,7 +29,7 @@ def relate_masks(
     *,
     num_slots: int,
     scale_min_px: float = 40.0,
-    exact_gap_max: float = 1.75,
+    exact_gap_max: float | None = 1.75,
 ) -> MaskRelations:
     """Gaps between all masks: exact for close pairs, between the boxes for the rest.
 
@@ -45,18 +45,25 @@ def relate_masks(
       num_slots: Slots of the result, at least the number of masks.
       scale_min_px: Least length that gaps are compared with, see `thresholds.relations`.
       exact_gap_max: Pairs whose boxes are at most this many lengths apart are measured exactly.
-        A sweep over the threshold of this name needs its largest value here.
+        A sweep over the threshold of this name needs its largest value here. None: no gaps.
 
     Returns:
       MaskRelations of NumPy arrays.
     """
     num = len(masks)
     boxes, areas = np.asarray(boxes, np.float64)[:num], np.asarray(areas, np.float64)[:num]
-    side = np.sqrt(areas)
     present = areas > 0
+    height, width = masks.shape[1:]
+    left, top, right, bottom = boxes.T
+    at_border = (left <= 0) | (top <= 0) | (right >= width) | (bottom >= height)
+    touches_border = np.zeros(num_slots, bool)
+    touches_border[:num] = present & at_border
+    if exact_gap_max is None:
+        return MaskRelations(None, None, touches_border)
+    side = np.sqrt(areas)
     slots = (num_slots, num_slots)
-    result = MaskRelations(np.zeros(slots), np.zeros(slots, bool), np.zeros(num_slots, bool))
-    gap_px, close = result.gap_px[:num, :num], result.exact[:num, :num]
+    gaps_px, exact = np.zeros(slots), np.zeros(slots, bool)
+    gap_px, close = gaps_px[:num, :num], exact[:num, :num]
     for start in range(0, num, _ROWS_AT_ONCE):
         rows = slice(start, min(start + _ROWS_AT_ONCE, num))
         gap_px[rows] = _gap_between_boxes(boxes[rows], boxes)
@@ -68,12 +75,7 @@ def relate_masks(
     first, second = first[first < second], second[first < second]
     gaps = _measure_gaps(masks, boxes.astype(int), ends, first, second)
     gap_px[first, second] = gap_px[second, first] = gaps
-
-    height, width = masks.shape[1:]
-    left, top, right, bottom = boxes.T
-    at_border = (left <= 0) | (top <= 0) | (right >= width) | (bottom >= height)
-    result.touches_border[:num] = present & at_border
-    return result
+    return MaskRelations(gaps_px, exact, touches_border)
 
 
 def _measure_gaps(

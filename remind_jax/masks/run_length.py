@@ -127,6 +127,17 @@ def are_malformed(rles: Sequence[Rle]) -> Bool[np.ndarray, "N"]:
     return bad
 
 
+def read_runs(rle: Rle) -> Int[np.ndarray, "runs"]:
+    """Run lengths of a sound code: background, mask, background, ..."""
+    digit = np.frombuffer(rle["counts"], np.uint8).astype(np.int64) - 48
+    ends = np.flatnonzero((digit & 32) == 0)
+    value, _ = _read_numbers(digit, ends)
+    # From the fourth number on, each is the difference to the run two before.
+    value[1::2] = np.cumsum(value[1::2])
+    value[2::2] = np.cumsum(value[2::2])
+    return value
+
+
 def _check_codes(text: np.ndarray, code: np.ndarray, num_pixels: np.ndarray) -> np.ndarray:
     """Which codes are wrong; `text` are the characters of all, `code` says whose each is."""
     digit = text.astype(np.int64) - 48
@@ -134,18 +145,27 @@ def _check_codes(text: np.ndarray, code: np.ndarray, num_pixels: np.ndarray) -> 
     last_of_code = np.diff(code, append=-1) != 0
     bad[code[last_of_code & ((digit & 32) != 0)]] = True
     ends = np.flatnonzero(((digit & 32) == 0) | last_of_code)
-    starts = np.concatenate([[0], ends[:-1] + 1])
     owner = code[ends]
-    bad[owner[ends - starts >= _MAX_CHARACTERS]] = True
-    place = np.arange(len(digit)) - np.repeat(starts, ends - starts + 1)
-    parts = (digit & 31) << np.minimum(5 * place, 5 * _MAX_CHARACTERS)
-    value = np.add.reduceat(parts, starts)
-    is_negative = (digit[ends] & 16) != 0
-    value -= np.where(is_negative, 1 << np.minimum(5 * (ends - starts + 1), 60), 0)
+    value, lengths = _read_numbers(digit, ends)
+    bad[owner[lengths > _MAX_CHARACTERS]] = True
     runs = _undo_differences(value, owner)
     bad[owner[runs < 0]] = True
     total = np.bincount(owner, runs, len(num_pixels))
     return bad | (total != num_pixels)
+
+
+def _read_numbers(
+    digit: Int[np.ndarray, "characters"], ends: Int[np.ndarray, "numbers"]
+) -> tuple[Int[np.ndarray, "numbers"], Int[np.ndarray, "numbers"]]:
+    """The numbers of a code that end at these characters, and how many characters each has."""
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    lengths = ends - starts + 1
+    place = np.arange(len(digit)) - np.repeat(starts, lengths)
+    parts = (digit & 31) << np.minimum(5 * place, 5 * _MAX_CHARACTERS)
+    value = np.add.reduceat(parts, starts)
+    is_negative = (digit[ends] & 16) != 0
+    value -= np.where(is_negative, 1 << np.minimum(5 * lengths, 60), 0)
+    return value, lengths
 
 
 def _undo_differences(

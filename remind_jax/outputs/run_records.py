@@ -24,10 +24,10 @@ from remind_jax.files.records import (
     Whole,
 )
 from remind_jax.masks.run_length import find_malformed
+from remind_jax.static import MOST_DETECTIONS
 from remind_jax.tracks import Tracks
 
 MOST_FRAMES = MOST_ROWS
-MOST_DETECTIONS = 10_000  # in a frame
 MOST_CANDIDATES = 1_000  # of a detection
 _MOST_CELLS = 10_000_000  # detections times candidates: columns are padded to the widest
 

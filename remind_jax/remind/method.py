@@ -13,6 +13,7 @@ from jaxtyping import Int
 from remind_jax.method import PAPER_METHOD, Method, StepHalves
 from remind_jax.observation import Descriptors, FrameFeats, Masks
 from remind_jax.remind.faults import find_faults
+from remind_jax.remind.memory_need import count_bytes
 from remind_jax.remind.perception.description import describe
 from remind_jax.remind.state import TrackerState, count_occupied, grow, init, remove_objects
 from remind_jax.remind.thresholds import Thresholds
@@ -103,5 +104,6 @@ METHOD = Method(
         # Gaps are measured as exactly as any setting needs.
         reduced_by=("relations.scale_min_px", "relations.exact_gap_max"),
     ),
+    count_bytes=count_bytes,
     compiler_options=COMPILER_OPTIONS,
 )

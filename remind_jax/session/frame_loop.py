@@ -126,7 +126,9 @@ class FrameLoop:
         decoded = _decode(self._source, self._detector, self.num_before)
         if self._live is not None:
             return contextlib.closing(self._prepare_in_turn(decoded))
-        return contextlib.closing(prefetch(decoded, self._prepare, depth=_AHEAD))
+        return contextlib.closing(
+            prefetch(decoded, self._prepare, depth=_AHEAD, size_of=_count_bytes)
+        )
 
     def keep_on_disk(self, folder: Path) -> None:
         """Keeps the frames on the disk of a folder, so that memory does not grow with them."""
@@ -381,6 +383,16 @@ class FrameLoop:
                 "(--announce-after)"
             )
             self._events.append(Event(self._last_index, "announced", message))
+
+
+def _count_bytes(upcoming: Upcoming) -> int:
+    """What a frame takes while it waits."""
+    frame, prepared = upcoming.frame, upcoming.prepared
+    masks = None if frame.detections is None else frame.detections.masks
+    held = [frame.image, frame.features, masks]
+    if prepared is not None:
+        held += [prepared.image, *jax.tree.leaves(prepared.masks)]
+    return sum(array.nbytes for array in held if array is not None)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, load_config
+from remind_jax.crops import require_few
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.files import as_path
@@ -31,6 +32,7 @@ from remind_jax.session.answers import Outlines, read_tracks
 from remind_jax.session.forgetting import forget_object
 from remind_jax.session.frame_features import FrameFeatures
 from remind_jax.session.growing_memory import GrowingMemory
+from remind_jax.session.memory_budget import most_detections
 from remind_jax.session.memory_file import (
     SavedMemory,
     check_backbone,
@@ -212,6 +214,11 @@ class Tracker:
         return self._memory.trace
 
     @property
+    def most_detections(self) -> int:
+        """Detections that a frame may have; room for more can be chosen (`static`)."""
+        return most_detections(self.method, self.config.static, self.backbone.dim)
+
+    @property
     def attention_slots(self) -> int:
         """Object patches whose attention there is room for."""
         return self._features.attention_slots
@@ -288,10 +295,12 @@ class Tracker:
         """The part of `update` that needs no memory: drops ignored classes and reduces masks.
 
         Raises:
-          SourceError: If the frame has no detections, neither image nor features, is smaller than
-            a patch, or disagrees with its masks about the size.
+          SourceError: If the frame has no detections or too many, neither image nor features, is
+            smaller than a patch, or disagrees with its masks about the size.
         """
         check_frame(frame)
+        if frame.detections is not None:
+            require_few(len(frame.detections), "the frame", self.most_detections)
         with self._alone("prepare"):
             return self._preparer.prepare(frame, self.config)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import jax
 
 from remind_jax.errors import SourceError
 from remind_jax.method import Method
-from remind_jax.static import Static
+from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
 
 BUDGET_SHARE = 0.75  # of the memory of the device; the rest is for frames, masks and the network
 GIB = 2**30
+MOST_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
 
 
@@ -32,6 +34,30 @@ def check_room(method: Method, static: Static) -> None:
             "of this machine's memory may be used; keep fewer detections (best ones or "
             "wanted classes only), or start with an empty memory"
         )
+
+
+def most_detections(method: Method, static: Static, feature_dim: int) -> int:
+    """How many detections a frame may have, so that no single frame takes much memory.
+
+    Args:
+      method: The tracker.
+      static: Capacities that were chosen; what there is room for is allowed.
+      feature_dim: Width of the features, where `static` does not say it yet.
+    """
+    if method.count_bytes is None:
+        return MOST_DETECTIONS
+    empty = dataclasses.replace(
+        static, num_objects=1, num_pending=1, feature_dim=static.feature_dim or feature_dim
+    )
+    most = static.num_detections
+    while most * GROWTH_STEP <= MOST_DETECTIONS:
+        # Each may be open in one frame, and be an object beside a new one in the next.
+        needed = most * GROWTH_STEP
+        room = empty.grow(num_detections=needed, num_objects=2 * needed, num_pending=needed)
+        if method.count_bytes(room) > MOST_FRAME_BYTES:
+            break
+        most = needed
+    return most
 
 
 def device_bytes() -> int:

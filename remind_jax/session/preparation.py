@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import time
 from typing import Any
 
@@ -56,7 +55,8 @@ class FramePreparer:
         start = time.perf_counter()
         detections, num_ignored = wanted_detections(frame, config)
         alignment = self._align(frame, config)
-        options, gaps = config.input, {"exact_gap_max": -math.inf}  # of boxes only
+        options = config.input
+        gaps: dict[str, Any] = {"exact_gap_max": None}
         if self._method.gap_options is not None:
             gaps = self._method.gap_options(config.thresholds)
         reduced = reduce_masks(

@@ -42,6 +42,7 @@ from remind_jax.session.progress import Progress, follow_run
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import LiveSource, Sampling, Source, open_source
 from remind_jax.sources.opening import NO_MASKS
+from remind_jax.sources.source import SampledSource
 
 _MOST_DELAY = 1_000_000  # frames
 
@@ -169,6 +170,8 @@ def run(
             f"folder, and go on from what is remembered with memory='{out}/{MEMORY_NAME}' (or "
             f"'{out}/{CHECKPOINT_NAME}/{MEMORY_NAME}' after a crash)"
         )
+    if isinstance(frames, SampledSource):
+        frames.most_detections = tracking.most_detections
     if isinstance(frames, LiveSource) and detector is None and not frames.brings_masks:
         raise SourceError(f"'{frames.name}' brings no masks; give a detector")
     if out is not None:

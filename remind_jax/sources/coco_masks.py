@@ -25,9 +25,8 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from jaxtyping import Bool
 
-from remind_jax.crops import MOST_PLANES_BYTES, Crops, cut_plane
+from remind_jax.crops import MOST_PLANES_BYTES, Crops, require_bytes, require_few
 from remind_jax.errors import SourceError
 from remind_jax.files.records import Whole, decode_json
 from remind_jax.frame import Detections
@@ -41,10 +40,10 @@ from remind_jax.sources.coco_rows import (
     Row,
     name_categories,
 )
-from remind_jax.sources.detections import fill_boxes, name_classes
+from remind_jax.sources.detections import crops_of_boxes, name_classes
 from remind_jax.sources.file_tree import last_number
-from remind_jax.sources.label_maps import fit_plane, require_bytes
-from remind_jax.sources.segmentations import decode_sound
+from remind_jax.sources.label_maps import fit_crops
+from remind_jax.sources.segmentations import cut_sound
 from remind_jax.sources.source import Entry, Reader
 
 
@@ -96,28 +95,34 @@ class CocoMasks:
         """Detections of one frame, in the order of the file.
 
         Raises:
-          UnreadableFrame: If there are more than memory is meant for.
+          UnreadableFrame: If there are too many, or more than memory is meant for.
           SourceError: If none of their masks can be of this picture.
         """
         rows = self._rows.get(entry.source_index, [])
-        cut, num_bytes = [], 0
+        where, num_bytes = f"'{self._file}'", 0
+        require_few(len(rows), where)
+        cut: list[Crops] = []
         kept: list[int] = []
         unfit: SourceError | None = None
         for place, row in enumerate(rows):
             try:
-                plane = self._decode(row, frame_size)
+                crop = self._cut(row, frame_size)
             except SourceError as error:
                 unfit = error
                 self._leave_out(entry.source_index, place, error)
                 continue
-            cut.append(cut_plane(plane))
-            num_bytes += cut[-1][1].nbytes
-            require_bytes(num_bytes, len(rows), frame_size, f"'{self._file}'")
+            num_bytes += crop.nbytes
+            require_bytes(num_bytes, len(rows), frame_size, where)
+            cut.append(crop)
             kept.append(place)
         if unfit is not None and not kept:
             raise unfit
         chosen = [rows[place] for place in kept]
-        crops = Crops(frame_size, tuple(c for c, _ in cut), tuple(window for _, window in cut))
+        crops = Crops(
+            frame_size,
+            tuple(crop.corners[0] for crop in cut),
+            tuple(crop.windows[0] for crop in cut),
+        )
         is_large = len(kept) * frame_size[0] * frame_size[1] > MOST_PLANES_BYTES
         return Detections.create(
             crops if is_large else np.asarray(crops),
@@ -126,13 +131,13 @@ class CocoMasks:
             [row.instance_id for row in chosen],
         )
 
-    def _decode(self, row: Row, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
+    def _cut(self, row: Row, frame_size: tuple[int, int]) -> Crops:
         if row.segmentation:
-            plane = decode_sound(row.segmentation, frame_size)
-            return fit_plane(plane, frame_size, "a mask")
+            return fit_crops(cut_sound(row.segmentation, frame_size), frame_size)
         assert row.bbox is not None
         left, top, width, height = row.bbox
-        return fill_boxes(np.array([[left, top, left + width, top + height]]), frame_size)[0]
+        box = np.array([[left, top, left + width, top + height]])
+        return crops_of_boxes(box, frame_size)
 
     def _name(self, row: Row) -> str:
         if row.label is not None:

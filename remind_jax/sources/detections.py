@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from remind_jax.crops import Crops
+from remind_jax.crops import MOST_PLANES_BYTES, Crops, require_bytes, require_few
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
 from remind_jax.frame import Detections, require_whole
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.label_maps import fit_plane, instance_ids_in, masks_of, require_room
-from remind_jax.sources.published_forms import published_parts
+from remind_jax.sources.label_maps import fit_crops, fit_plane, instance_ids_in, masks_of
+from remind_jax.sources.published_forms import gather, published_parts
 
 ClassNaming = Mapping[int, str] | Sequence[str]
 
@@ -64,7 +64,14 @@ def detections_from(
     )
 
 
-def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"]:
+def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"] | Crops:
+    """Masks of boxes, as crops where planes would take much memory; see `crops_of_boxes`."""
+    crops = crops_of_boxes(boxes, frame_size)
+    is_large = len(crops) * frame_size[0] * frame_size[1] > MOST_PLANES_BYTES
+    return crops if is_large else np.asarray(crops)
+
+
+def crops_of_boxes(boxes: Any, frame_size: tuple[int, int]) -> Crops:
     """Masks of boxes (left, top, right, bottom in pixels), cut off at the frame's border.
 
     Args:
@@ -73,6 +80,7 @@ def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H
 
     Raises:
       SourceError: If they are no boxes, or a coordinate is not finite.
+      UnreadableFrame: If they are too many, or take more than is meant for a frame.
     """
     array = host_array(boxes, "boxes")
     if array.size and (array.ndim != 2 or array.shape[1] != 4 or array.dtype.kind not in "uif"):
@@ -83,13 +91,16 @@ def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H
     if not np.isfinite(corners).all():
         row = int(np.flatnonzero(~np.isfinite(corners).all(axis=1))[0])
         raise SourceError(f"box {row} is {corners[row].tolist()}; coordinates must be finite")
-    require_room(len(corners), frame_size, "a frame")
+    require_few(len(corners), "a frame")
     height, width = frame_size
     edges = np.clip(np.rint(corners), 0, [width, height, width, height]).astype(int)
-    masks = np.zeros((len(edges), height, width), bool)
-    for mask, (left, top, right, bottom) in zip(masks, edges, strict=True):
-        mask[top:bottom, left:right] = True
-    return masks
+    sides = np.maximum(edges[:, 2:] - edges[:, :2], 0)
+    require_bytes(int(sides.prod(axis=1).sum()), len(edges), frame_size, "a frame")
+    return Crops(
+        frame_size,
+        tuple((left, top) for left, top in edges[:, :2].tolist()),
+        tuple(np.ones((height, width), bool) for width, height in sides.tolist()),
+    )
 
 
 def name_classes(class_ids: Any, class_names: ClassNaming | None) -> tuple[str, ...]:
@@ -173,6 +184,7 @@ def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarra
     if array.dtype.kind not in "buif":
         raise SourceError(f"masks are {array.dtype}; give booleans or numbers, non-zero inside")
     planes = array[None] if array.ndim == 2 else array
+    require_few(len(planes), "a frame")
     if planes.ndim != 3:
         raise SourceError(f"masks have shape {array.shape}; give [N, H, W]")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
@@ -195,7 +207,9 @@ def _fit_masks(
     if masks.shape[1:] == frame_size:
         return masks
     if isinstance(masks, Crops):
-        fitted = (fit_plane(mask, frame_size, "a mask").view(bool) for mask in masks)
-        return Crops.of_planes(fitted, frame_size)
-    fitted = [fit_plane(mask, frame_size, "a mask") for mask in masks]
-    return np.array(fitted, bool).reshape(-1, *frame_size)
+        return fit_crops(masks, frame_size)
+    return gather(
+        lambda row: fit_plane(masks[row], frame_size, "a mask").astype(bool, copy=False),
+        len(masks),
+        frame_size,
+    )

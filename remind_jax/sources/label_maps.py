@@ -16,7 +16,13 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Integer, Shaped
 
-from remind_jax.crops import MOST_PLANES_BYTES, Crops
+from remind_jax.crops import (
+    MOST_PLANES_BYTES,
+    Crops,
+    nearest_places,
+    require_bytes,
+    require_few,
+)
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections
 from remind_jax.sources.annotation_png import read_label_map
@@ -28,7 +34,6 @@ from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
 Unlabelled = Literal["error", "skip"]
 MAX_ASPECT_DIFFERENCE = 0.01
 NUM_CHECKED = 3  # annotations looked at before work starts
-MOST_MASK_BYTES = 3 << 29  # of one frame
 _FEW_INSTANCES = 64
 _CHUNK_PX = 1 << 22  # of a map that is counted in one go
 
@@ -154,8 +159,9 @@ def masks_of(
     """The mask of each of these instances, ascending; as crops where planes would take much memory.
 
     Raises:
-      UnreadableFrame: If even these take more than is meant for a frame.
+      UnreadableFrame: If they are too many, or even crops take more than is meant for a frame.
     """
+    require_few(len(ids), "its instance map")
     if len(ids) * labels.size > MOST_PLANES_BYTES:
         return _crops_of(labels, ids)
     masks = np.zeros((len(ids), *labels.shape), bool)
@@ -173,38 +179,18 @@ def _crops_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Crops:
     """As `masks_of`."""
     from scipy.ndimage import find_objects  # takes long, and few maps are that crowded
 
-    place = np.searchsorted(ids, labels).clip(max=len(ids) - 1)
-    numbers = np.where(np.asarray(ids)[place] == labels, place + 1, 0).astype(np.int32)
+    known, numbers = np.asarray(ids), np.empty(labels.shape, np.int32)
+    rows = max(1, _CHUNK_PX // labels.shape[1])
+    for start in range(0, len(labels), rows):
+        some = labels[start : start + rows]
+        place = np.searchsorted(known, some).clip(max=len(known) - 1)
+        numbers[start : start + rows] = np.where(known[place] == some, place + 1, 0)
     boxes = find_objects(numbers, len(ids))
     areas = [box[0].stop - box[0].start for box in boxes], [b[1].stop - b[1].start for b in boxes]
     require_bytes(int(np.prod(areas, axis=0).sum()), len(ids), labels.shape, "its instance map")
     windows = tuple(numbers[box] == number for number, box in enumerate(boxes, 1))
     size = labels.shape[0], labels.shape[1]
     return Crops(size, tuple((box[1].start, box[0].start) for box in boxes), windows)
-
-
-def require_bytes(num_bytes: int, num: int, frame_size: Sequence[int], name: str) -> None:
-    """As `require_room`, of masks whose bytes are known.
-
-    Raises:
-      UnreadableFrame: If they are more.
-    """
-    if num_bytes > MOST_MASK_BYTES:
-        height, width = frame_size
-        raise UnreadableFrame(
-            f"{name} has {num} instances of {width}x{height} pixels, which take "
-            f"{num_bytes >> 20} MiB; at most {MOST_MASK_BYTES >> 20} are meant for a "
-            "frame, give fewer or smaller ones"
-        )
-
-
-def require_room(num: int, frame_size: tuple[int, int], name: str) -> None:
-    """Compares the memory for the masks of a frame with what is meant for them.
-
-    Raises:
-      UnreadableFrame: If it is more.
-    """
-    require_bytes(num * frame_size[0] * frame_size[1], num, frame_size, name)
 
 
 def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str) -> None:
@@ -236,6 +222,18 @@ def fit_plane(
     if plane.dtype not in (np.uint8, np.uint16):  # OpenCV knows neither booleans nor uint32
         plane = plane.astype(np.uint8 if plane.dtype == bool else np.int32)
     return cv2.resize(plane, frame_size[::-1], interpolation=cv2.INTER_NEAREST)
+
+
+def fit_crops(crops: Crops, frame_size: tuple[int, int]) -> Crops:
+    """As `fit_plane`, of all masks.
+
+    Raises:
+      SourceError: If the aspect ratios differ by more than a hundredth.
+    """
+    if crops.size == frame_size:
+        return crops
+    require_same_picture(crops.size, frame_size, "a mask")
+    return crops.sampled(*map(nearest_places, crops.size, frame_size))
 
 
 def require_same_picture(size: tuple[int, int], frame_size: tuple[int, int], name: str) -> None:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 ItemT = TypeVar("ItemT")
 
+MOST_WAITING_BYTES = 1 << 28
 _END = object()
 
 
@@ -16,6 +17,7 @@ def prefetch(
     items: Iterable[ItemT],
     function: Callable[[ItemT], Any] | None = None,
     depth: int = 4,
+    size_of: Callable[[Any], int] | None = None,
 ) -> Generator[Any, None, None]:
     """Yields `function(item)` for each item, computed up to `depth` items ahead.
 
@@ -28,17 +30,22 @@ def prefetch(
       items: What is iterated, in the background.
       function: Applied to each item, in the background; left out, items pass unchanged.
       depth: Results that may wait, besides the one in work.
+      size_of: Bytes of a result; fewer wait where some would take more than `MOST_WAITING_BYTES`
+        together, if all are as large as the last one.
 
     Raises:
       ValueError: If `depth` is below 1.
     """
     if depth < 1:
         raise ValueError(f"prefetch depth is {depth}; give 1 or more")
-    return _run_ahead(items, function, depth)
+    return _run_ahead(items, function, depth, size_of)
 
 
 def _run_ahead(
-    items: Iterable[Any], function: Callable[[Any], Any] | None, depth: int
+    items: Iterable[Any],
+    function: Callable[[Any], Any] | None,
+    depth: int,
+    size_of: Callable[[Any], int] | None,
 ) -> Generator[Any, None, None]:
     iterator = iter(items)
 
@@ -47,10 +54,14 @@ def _run_ahead(
         return item if item is _END or function is None else function(item)
 
     pool = ThreadPoolExecutor(1, "prefetch")
-    ahead = collections.deque(pool.submit(advance) for _ in range(depth + 1))
+    # How large results are is not known before the first one.
+    num_first = depth + 1 if size_of is None else 1
+    ahead = collections.deque(pool.submit(advance) for _ in range(num_first))
     try:
         while (result := ahead.popleft().result()) is not _END:
-            ahead.append(pool.submit(advance))
+            fits = MOST_WAITING_BYTES // max(1, size_of(result)) if size_of is not None else depth
+            while len(ahead) <= min(depth, fits):
+                ahead.append(pool.submit(advance))
             yield result
     finally:
         pool.shutdown(cancel_futures=True)

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from remind_jax.crops import MOST_PLANES_BYTES, Crops, cut_plane
+from remind_jax.crops import MOST_PLANES_BYTES, Crops, cut_plane, require_bytes, require_few
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
 from remind_jax.frame import check_size
 from remind_jax.masks.letterbox import Letterbox
-from remind_jax.sources.label_maps import fit_plane, require_bytes
+from remind_jax.sources.label_maps import fit_plane
 from remind_jax.sources.segmentations import decode_segmentation
 from remind_jax.sources.source import say_size
 
@@ -116,7 +116,7 @@ def _out_of_letterbox(planes: np.ndarray, frame_size: tuple[int, int]) -> _Plane
     def plane(row: int) -> Bool[np.ndarray, "H W"]:
         return box.plane_to_frame(planes[row].astype(np.float32)) > 0.5
 
-    return _gather(plane, len(planes), frame_size)
+    return gather(plane, len(planes), frame_size)
 
 
 def _fill_outlines(outlines: Sequence[Any], frame_size: tuple[int, int]) -> _Planes:
@@ -129,7 +129,7 @@ def _fill_outlines(outlines: Sequence[Any], frame_size: tuple[int, int]) -> _Pla
             cv2.fillPoly(filled, [np.rint(corners).astype(np.int32)], 1)
         return filled.view(bool)
 
-    return _gather(plane, len(outlines), frame_size)
+    return gather(plane, len(outlines), frame_size)
 
 
 def _check_outline(outline: Any, row: int) -> Float[np.ndarray, "P 2"]:
@@ -157,7 +157,7 @@ def _parts_of_sam(items: Sequence[Any], frame_size: tuple[int, int]) -> Parts:
             raise SourceError(f"mask {row} is {array.dtype} {array.shape}; give booleans [H, W]")
         return fit_plane(array.astype(bool, copy=False), frame_size, f"mask {row}").view(bool)
 
-    parts: dict[str, Any] = {"masks": _gather(plane, len(items), frame_size)}
+    parts: dict[str, Any] = {"masks": gather(plane, len(items), frame_size)}
     if all("predicted_iou" in item for item in items):
         # The network estimates an overlap, at times beyond 1.
         estimates = host_array([item["predicted_iou"] for item in items], "values of predicted_iou")
@@ -165,10 +165,20 @@ def _parts_of_sam(items: Sequence[Any], frame_size: tuple[int, int]) -> Parts:
     return parts
 
 
-def _gather(
+def gather(
     plane: Callable[[int], Bool[np.ndarray, "H W"]], num: int, frame_size: tuple[int, int]
 ) -> _Planes:
-    """Masks made one after the other; kept as crops where planes would take much memory."""
+    """Masks made one after the other; kept as crops where planes would take much memory.
+
+    Args:
+      plane: Makes the mask of a number.
+      num: Masks.
+      frame_size: Height and width of the frame in pixels.
+
+    Raises:
+      UnreadableFrame: If they are too many, or even crops take more than is meant for a frame.
+    """
+    require_few(num, "the detector's answer")
     if num * frame_size[0] * frame_size[1] <= MOST_PLANES_BYTES:
         planes = np.zeros((num, *frame_size), bool)
         for row in range(num):

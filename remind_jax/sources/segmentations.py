@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool
 
+from remind_jax.crops import Crops, cut_plane, cut_runs
 from remind_jax.errors import SourceError
 from remind_jax.files.records import check
-from remind_jax.sources.coco_rows import Code, Segmentation, as_rle, say_bad_segmentation
+from remind_jax.frame import Rle
+from remind_jax.masks.run_length import read_runs
+from remind_jax.sources.coco_rows import Segmentation, as_rle, say_bad_segmentation
 from remind_jax.sources.label_maps import require_same_picture
 from remind_jax.sources.source import UnreadableFrame
+
+_FEW_PIXELS = 1 << 21  # of a larger picture only the runs are looked at
 
 
 def decode_segmentation(segmentation: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
@@ -27,23 +31,29 @@ def decode_segmentation(segmentation: Any, frame_size: tuple[int, int]) -> Bool[
         why = say_bad_segmentation(checked)
         if why:
             raise SourceError(f"a segmentation: {why}")
-        return decode_sound(checked, frame_size)
+        return cut_sound(checked, frame_size).plane(0)
     except SourceError as error:
         raise UnreadableFrame(str(error)) from error
 
 
-def decode_sound(
-    segmentation: Segmentation, frame_size: tuple[int, int]
-) -> Bool[np.ndarray, "H W"]:
-    """Pixels of a segmentation that was found to be sound, by its own size or the frame's."""
-    if isinstance(segmentation, Code):
-        require_same_picture(segmentation.size, frame_size, "a mask")
-        if isinstance(segmentation.counts, str):
-            rle = as_rle(segmentation)
-        else:
-            plain = {"size": list(segmentation.size), "counts": segmentation.counts}
-            rle = coco.frPyObjects(plain, *segmentation.size)
+def cut_sound(segmentation: Segmentation, frame_size: tuple[int, int]) -> Crops:
+    """The mask of a segmentation that was found to be sound, by its own size or the frame's.
+
+    Raises:
+      SourceError: If it is of another picture.
+    """
+    if isinstance(segmentation, list):
+        return _cut_code(coco.merge(coco.frPyObjects(segmentation, *frame_size)), frame_size)
+    require_same_picture(segmentation.size, frame_size, "a mask")
+    if isinstance(segmentation.counts, str):
+        return _cut_code(as_rle(segmentation), segmentation.size)
+    plain = {"size": list(segmentation.size), "counts": segmentation.counts}
+    return _cut_code(coco.frPyObjects(plain, *segmentation.size), segmentation.size)
+
+
+def _cut_code(rle: Rle, size: tuple[int, int]) -> Crops:
+    if size[0] * size[1] <= _FEW_PIXELS:
+        corner, window = cut_plane(coco.decode(rle).view(bool))
     else:
-        rle = coco.merge(coco.frPyObjects(segmentation, *frame_size))
-    # By columns, as COCO stores them, and then by rows, where OpenCV is quick.
-    return np.asarray(cv2.transpose(coco.decode(rle).T), np.uint8).view(bool)
+        corner, window = cut_runs(read_runs(rle), size[0])
+    return Crops(size, (corner,), (window,))

@@ -14,13 +14,11 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from remind_jax.errors import SourceError, as_text
+from remind_jax.crops import require_few
+from remind_jax.errors import SourceError, UnreadableFrame, as_text
 from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.sources.sampling import Sampling
-
-
-class UnreadableFrame(SourceError):
-    """One frame or its masks cannot be read; the sequence goes on without it."""
+from remind_jax.static import MOST_DETECTIONS
 
 
 @runtime_checkable
@@ -95,7 +93,11 @@ class MaskProvider(Protocol):
 
 
 class SampledSource:
-    """A reader seen through a sampling, with masks where there are any."""
+    """A reader seen through a sampling, with masks where there are any.
+
+    Attributes:
+      most_detections: A frame with more is skipped.
+    """
 
     def __init__(
         self,
@@ -111,6 +113,7 @@ class SampledSource:
         self.num_frames = sampling.count(reader.num_entries, reader.fps)
         self.fps = sampling.rate(reader.fps)
         self.skipped: list[SkippedFrame] = []
+        self.most_detections = MOST_DETECTIONS
         self.notes = masks.notes if masks is not None else []  # masks go on to add to them
         self._reader, self._masks, self._sampling = reader, masks, sampling
         self._allow_size_change = allow_size_change
@@ -167,11 +170,14 @@ class SampledSource:
                 f"its size is {say_size(frame.size)}, but the sequence is "
                 f"{say_size(first_size)} (width x height)"
             )
-        if self._masks is None:
-            return frame
-        if content.image is None and content.detections is None:
-            raise SourceError(f"'{self.name}' has no images that the masks could belong to")
-        return dataclasses.replace(frame, detections=self._masks.detections_of(entry, frame.size))
+        if self._masks is not None:
+            if content.image is None and content.detections is None:
+                raise SourceError(f"'{self.name}' has no images that the masks could belong to")
+            detections = self._masks.detections_of(entry, frame.size)
+            frame = dataclasses.replace(frame, detections=detections)
+        if frame.detections is not None:
+            require_few(len(frame.detections), "it", self.most_detections)
+        return frame
 
     def _say_empty(self) -> str:
         if self.skipped:

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.crops import Crops
+from remind_jax import crops as crops_module
+from remind_jax.crops import Crops, cut_plane, cut_runs
 from remind_jax.detectors import DetectorOptions, as_detector
 from remind_jax.frame import Detections
 from remind_jax.masks.alignment import Alignment
 from remind_jax.masks.reduction import reduce_masks
-from remind_jax.masks.run_length import decode_mask, encode_masks
+from remind_jax.masks.run_length import decode_mask, encode_masks, read_runs
 from remind_jax.session.answers import outline
 from remind_jax.sources import label_maps
 from remind_jax.sources.class_names import UNNAMED
@@ -119,10 +120,23 @@ def test_an_instance_map_is_taken_apart_alike(monkeypatch):
 
 def test_instances_all_over_the_picture_take_no_more_than_is_meant_for_them(monkeypatch):
     monkeypatch.setattr(label_maps, "MOST_PLANES_BYTES", 0)
-    monkeypatch.setattr(label_maps, "MOST_MASK_BYTES", 50_000)
+    monkeypatch.setattr(crops_module, "MOST_MASK_BYTES", 50_000)
     labels = np.arange(100 * 100).reshape(100, 100) % 50
-    with pytest.raises(label_maps.UnreadableFrame, match="49 instances of 100x100 pixels"):
+    with pytest.raises(label_maps.UnreadableFrame, match="49 detections in 100x100 pixels"):
         label_maps.detections_in(labels, UNNAMED)
+
+
+@pytest.mark.parametrize("density", [0.0, 0.02, 0.5, 1.0])
+@pytest.mark.parametrize("size", [(1, 1), (7, 3), (3, 7), (40, 50)])
+def test_runs_are_cut_as_planes_are(density, size):
+    rng = np.random.default_rng(size[0])
+    for mask in rng.random((9, *size)) < density:
+        (rle,) = encode_masks(mask[None])
+        corner, window = cut_runs(read_runs(rle), size[0])
+        expected_corner, expected = cut_plane(mask)
+        assert corner == expected_corner
+        assert window.dtype == bool
+        assert np.array_equal(window, expected)
 
 
 def test_detections_of_crops_are_chosen_and_checked():

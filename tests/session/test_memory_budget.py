@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
+import jax
 import pytest
 
 from remind_jax.errors import SourceError
@@ -52,3 +54,13 @@ def test_where_the_memory_is_not_known_all_is_tried(monkeypatch):
 
 def test_the_memory_of_this_machine_is_known():
     assert memory_budget.device_bytes() > 2**28
+
+
+@pytest.mark.parametrize("name", ["plus", "remind"])
+def test_the_estimate_holds_the_memory_and_is_of_its_size(name):
+    method = get_method(name)
+    static = Static(num_detections=16, num_objects=512, feature_dim=96)
+    state = jax.eval_shape(lambda: method.init(static))
+    num_bytes = sum(math.prod(leaf.shape) * leaf.dtype.itemsize for leaf in jax.tree.leaves(state))
+    assert method.count_bytes is not None
+    assert num_bytes <= method.count_bytes(static) <= 2 * num_bytes

@@ -123,3 +123,21 @@ def test_nothing_starts_before_the_first_item_is_wanted():
 def test_depth_is_checked_at_once():
     with pytest.raises(ValueError, match="depth is 0"):
         prefetch([], depth=0)
+
+
+@pytest.mark.parametrize(("size", "num_ahead"), [(1, 4), (100 << 20, 3), (1 << 30, 1)])
+def test_large_results_wait_in_small_numbers(size, num_ahead):
+    """Besides the one in work: two of 100 MiB fit, none of a GiB."""
+    started = []
+
+    def start(number):
+        started.append(number)
+        return number
+
+    results = prefetch(range(100), start, 3, size_of=lambda _: size)
+    next(results)
+    wait_until(lambda: len(started) == 1 + num_ahead)
+    time.sleep(0.02)
+    assert len(started) == 1 + num_ahead
+    assert next(results) == 1
+    results.close()

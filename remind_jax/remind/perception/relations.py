@@ -68,6 +68,8 @@ def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> 
     box_gap_px, box_overlap = relate_boxes(box)
 
     far = (box_gap_px > 0) & (box_gap_px / scale > t.exact_gap_max)
+    assert mask_relations.gap_px is not None  # as `gap_options` says
+    assert mask_relations.exact is not None
     trusted = mask_relations.exact | far
     gap_px = jnp.where(
         mask_relations.exact & ~far, jnp.asarray(mask_relations.gap_px, scalar), box_gap_px
