@@ -62,12 +62,13 @@ def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
 
 def test_gaps_are_measured_for_methods_with_relations_only():
     frame = frame_of("mug", "cup")
-    measured, of_boxes = (
-        preparer(name).prepare(frame, load_config(name)).masks.relations.exact[0, 1]
+    measured, none = (
+        preparer(name).prepare(frame, load_config(name)).masks.relations
         for name in ("remind", "plus")
     )
-    assert measured
-    assert not of_boxes
+    assert measured.exact[0, 1]
+    assert none.exact is None
+    assert none.gap_px is None
 
 
 @pytest.mark.parametrize(
