@@ -66,6 +66,7 @@ def test_gaps_are_measured_for_methods_with_relations_only():
         preparer(name).prepare(frame, load_config(name)).masks.relations
         for name in ("remind", "plus")
     )
+    assert measured.exact is not None
     assert measured.exact[0, 1]
     assert none.exact is None
     assert none.gap_px is None
