@@ -43,9 +43,7 @@ def conclude(
     objects: Objects,
     rows: Rows,
     shortlist: Shortlist,
-    odds: Float[Array, "N C"],
-    belief: Float[Array, "N C"],
-    parts: Float[Array, "N C 9"],
+    weighed: Float[Array, "N C 11"],
     choice: Choice,
 ) -> Verdicts:
     """Names the objects of all decisions.
@@ -55,9 +53,7 @@ def conclude(
       objects: Objects, before any is created or absorbed.
       rows: Which tracklets were open.
       shortlist: Their candidates.
-      odds: Evidence of these in the end.
-      belief: Probability of these in the end, 0 of what is no candidate.
-      parts: What each kind of evidence has in the log odds.
+      weighed: Evidence of these in the end, as `layout.weigh_jointly` gives it.
       choice: What was decided.
     """
 
@@ -68,26 +64,24 @@ def conclude(
     is_known = choice.slot != NO_SLOT
     chosen = shortlist.valid & (shortlist.slot == choice.slot[:, None])
     known = jnp.where(is_known[:, None], chosen, True)
-    share = jnp.sum(jnp.where(known, belief, 0.0), axis=1)
+    share = jnp.sum(jnp.where(known, weighed[..., 1], 0.0), axis=1)
     open_belief = jnp.where(is_known, share, 1.0 - share)
     settled = ~rows.young & ~choice.absorbed
     stage = jnp.where(here.alive, int(Stage.SETTLED), int(Stage.NONE))
     stage = jnp.where(rows.late, int(Stage.FRESH), stage)
     stage = jnp.where(rows.young, int(Stage.OPEN), stage)
-    return Verdicts(
+    return Verdicts.of(
         tracklet_id=jnp.where(here.alive, here.id, NO_ID),
+        answer_id=jnp.where(here.alive, jnp.where(is_known, id_of(choice.slot), own), NO_ID),
+        merged_id=jnp.where(choice.absorbed, id_of(here.slot), NO_ID),
         stage=stage.astype(jnp.int32),
         age=jnp.where(here.alive, here.age, 0),
-        answer_id=jnp.where(here.alive, jnp.where(is_known, id_of(choice.slot), own), NO_ID),
         is_decided=here.alive & (settled | choice.recognized | choice.born | choice.absorbed),
         probability=jnp.clip(jnp.where(settled, here.belief, open_belief), 0.0, 1.0),
         margin=jnp.where(rows.any & jnp.isfinite(choice.margin), choice.margin, 0.0),
-        merged_id=jnp.where(choice.absorbed, id_of(here.slot), NO_ID),
-        option_id=jnp.where(shortlist.valid, id_of(shortlist.slot), NO_ID),
-        option_odds=jnp.where(shortlist.valid, odds, 0.0),
-        option_belief=belief,
-        option_parts=jnp.where(shortlist.valid[..., None], parts, 0.0),
         new_odds=choice.private,
+        option_id=jnp.where(shortlist.valid, id_of(shortlist.slot), NO_ID),
+        option_reals=weighed,
     )
 
 

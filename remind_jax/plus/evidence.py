@@ -106,20 +106,23 @@ def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
 
     Rule: method_plus.md#calibration.
     """
-    assumed = jnp.stack([t.other_mean, t.same_mean])
-    prior = (
-        jnp.stack([jnp.ones_like(assumed), assumed, t.variance + assumed**2], axis=1) * t.samples
-    )
-    # What was assumed fades like what was seen.
-    sums = scene.cosines + prior * scene.faded[:, None]
-    mean = sums[:, 1] / sums[:, 0]
-    variance = sums[:, 2] / sums[:, 0] - mean**2
-    spread = jnp.mean(jnp.maximum(variance, t.least_variance))
+
+    def learned(kind: int, assumed: Array) -> tuple[Array, Array]:
+        # What was assumed fades like what was seen.
+        prior = t.samples * scene.faded[kind]
+        weight, once, squared = scene.cosines[kind]
+        weight = weight + prior
+        mean = (once + assumed * prior) / weight
+        variance = (squared + (t.variance + assumed**2) * prior) / weight - mean**2
+        return mean, jnp.maximum(variance, t.least_variance)
+
+    other, other_variance = learned(0, t.other_mean)
+    same, same_variance = learned(1, t.same_mean)
     on = t.enabled
     return (
-        jnp.where(on, mean[0], t.other_mean),
-        jnp.where(on, mean[1], t.same_mean),
-        jnp.where(on, spread, t.variance),
+        jnp.where(on, other, t.other_mean),
+        jnp.where(on, same, t.same_mean),
+        jnp.where(on, (other_variance + same_variance) / 2, t.variance),
     )
 
 
@@ -185,16 +188,14 @@ def shortlist(
     lacking = ((0, 0), (0, NUM_CANDIDATES - value.shape[1]))  # a memory may have fewer slots
     value, slot = jnp.pad(value, lacking, constant_values=-jnp.inf), jnp.pad(slot, lacking)
     valid = jnp.isfinite(value)
-
-    def pick(values: Float[Array, "N O"]) -> Float[Array, "N C"]:
-        return look_up_in_rows(values, slot)
-
+    # One table is looked up once.
+    picked = look_up_in_rows(jnp.stack([*parts, cosine], axis=-1), slot)
     return Shortlist(
         slot=slot,
         valid=valid,
         base=jnp.where(valid, value, 0.0),
-        cosine=pick(cosine),
-        parts=jnp.stack([pick(part) for part in parts], axis=-1),
+        cosine=picked[..., -1],
+        parts=picked[..., :-1],
     )
 
 

@@ -22,7 +22,7 @@ from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.slots import look_up
 from remind_jax.plus.state import NO_RELATION, NUM_OWN_PARTS, PARTS, Objects, Pairs
-from remind_jax.plus.static import NUM_WITNESSES
+from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
 
 
@@ -34,7 +34,7 @@ def weigh_jointly(
     objects: Objects,
     pairs: Pairs,
     t: th.PlusThresholds,
-) -> tuple[Float[Array, "N C"], Float[Array, "N C"], Float[Array, "N C 9"]]:
+) -> Float[Array, "N C 11"]:
     """Evidence of each candidate with that of all others in view.
 
     Args:
@@ -48,7 +48,7 @@ def weigh_jointly(
 
     Returns:
       Log odds of each candidate, its probability beside all others and a new object, and what each
-      of `PARTS` has in the log odds.
+      of `PARTS` has in the log odds; 0 for what is no candidate.
     """
     num, width = shortlist.slot.shape
     # A party is what a detection may be: its candidates, or the one object of an anchor.
@@ -61,9 +61,9 @@ def weigh_jointly(
     usable = shortlist.valid[:, :, None, None] & others.of(present)[:, None]
     usable &= others.is_other[:, None, :, None] & (o != p)
     covisible = _covisible_evidence(o, p, others, objects, pairs, t.layout)
-    spread = look_up(pairs.spread, o, p)
-    related = usable & (spread < NO_RELATION)
-    layout = _layout_evidence(o, p, others, spread, pairs, t.layout)
+    lies = look_up(pairs.lies, o, p)
+    related = usable & (lies[..., Pairs.spread.index] < NO_RELATION)
+    layout = _layout_evidence(lies, others, t.layout)
     # Products with the weights of the parties: what they say, and how many they are.
     asked = jnp.stack(
         [jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable],
@@ -91,24 +91,40 @@ def weigh_jointly(
     def total(around: Float[Array, "3 N C"]) -> Float[Array, "N C"]:
         return base + jnp.sum(around, axis=0)
 
-    def believe(odds: Float[Array, "N C"], handicap: Array | float) -> Float[Array, "N C"]:
+    def believe(odds: Float[Array, "N C"], handicap: Array) -> Float[Array, "N C"]:
         new = t.decision.new - handicap
         odds = jnp.where(shortlist.valid, odds, -jnp.inf)
         most = jnp.maximum(jnp.max(odds, axis=1, keepdims=True), new)
         likely = jnp.exp(odds - most)
         return likely / (jnp.sum(likely, axis=1, keepdims=True) + jnp.exp(new - most))
 
-    def reconsider(k: Array, around: Float[Array, "3 N C"]) -> Float[Array, "3 N C"]:
-        handicap = t.layout.optimism * (1.0 - k / t.layout.rounds)
-        belief = credible * believe(total(around), handicap)
-        weight = jnp.where(is_anchor[:, None], 1.0 * first, belief)
-        return ask(jnp.where(present, weight, 0.0))
+    def reconsider(k: Array, before: tuple[Array, Array]) -> tuple[Array, Array]:
+        around, _ = before
+        goes_on = k < t.layout.rounds
+        handicap = jnp.where(goes_on, t.layout.optimism * (1.0 - k / t.layout.rounds), 0.0)
+        belief = believe(total(around), handicap)
+        weight = jnp.where(is_anchor[:, None], 1.0 * first, credible * belief)
+        return jnp.where(goes_on, ask(jnp.where(present, weight, 0.0)), around), belief
 
     nothing = jnp.zeros((len(PARTS) - NUM_OWN_PARTS, num, width), base.dtype)
-    around = jax.lax.fori_loop(0, t.layout.rounds, reconsider, nothing)
-    odds = total(around)
-    parts = jnp.concatenate([shortlist.parts, jnp.moveaxis(around, 0, -1)], axis=-1)
-    return jnp.where(shortlist.valid, odds, -jnp.inf), believe(odds, 0.0), parts
+    # What is believed in the end is one more turn, in which nobody is asked again.
+    start = nothing, jnp.zeros_like(base)
+    around, belief = jax.lax.fori_loop(0, t.layout.rounds + 1, reconsider, start)
+    told = [
+        total(around)[..., None],
+        belief[..., None],
+        shortlist.parts,
+        jnp.moveaxis(around, 0, -1),
+    ]
+    return jnp.where(shortlist.valid[..., None], jnp.concatenate(told, axis=-1), 0.0)
+
+
+def nothing_weighed(num: int) -> tuple[Shortlist, Float[Array, "N C 11"]]:
+    """What `evidence.shortlist` and `weigh_jointly` give of detections that are no open rows."""
+    shape = (num, NUM_CANDIDATES)
+    slot, valid = jnp.zeros(shape, jnp.int32), jnp.zeros(shape, bool)
+    blank, told = jnp.zeros(shape, jnp.float32), jnp.zeros((*shape, 2 + len(PARTS)), jnp.float32)
+    return Shortlist(slot, valid, blank, blank, told[..., :NUM_OWN_PARTS]), told
 
 
 class _Others:
@@ -136,6 +152,7 @@ class _Others:
 
     def of(self, values: Shaped[Array, "N *more"]) -> Shaped[Array, "#N W *more"]:
         """Values of the detections that each one asks."""
+        values = jnp.asarray(values)
         return values[None] if self._near is None else values[self._near]
 
     def sum(
@@ -154,15 +171,12 @@ class _Others:
 
 
 def _layout_evidence(
-    o: Int[Array, "N C 1 1"],
-    p: Int[Array, "#N 1 W C"],
+    lies: Float[Array, "N C W C 4"],
     others: _Others,
-    spread: Float[Array, "N C W C"],
-    pairs: Pairs,
     t: th.Layout,
 ) -> Float[Array, "N C W C"]:
     """Does the one lie from the other as these objects do? In sizes, so from afar as well."""
-    relation = look_up(pairs.relation, o, p)
+    relation, spread, log_ratio = lies[..., :2], lies[..., 2], lies[..., 3]
     border, scale = others.border[:, None, :, None], others.scale[:, None, :, None]
     error = relation_error(relation, spread, border, t)
     off = (others.offset / others.scale[..., None])[:, None, :, None] - relation
@@ -172,7 +186,6 @@ def _layout_evidence(
     odds = jnp.clip(odds, -t.pair_best, t.pair_best)
 
     ratio_error = jnp.where(border, t.ratio_error_border, t.ratio_error)
-    log_ratio = look_up(pairs.log_ratio, o, p)
     off_ratio = (others.log_ratio[:, None, :, None] - log_ratio) ** 2
     ratio_odds = -jnp.log(ratio_error) - off_ratio / (2 * ratio_error**2) + off_ratio / 2
     # What may have moved may have come nearer.

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
@@ -25,7 +26,7 @@ from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import log_ratios, mean_sizes
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.small_matrices import diagonal
-from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
+from remind_jax.plus.state import NOTHING_KNOWN, UNRELATED, Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.whitening import whiten
 
 
@@ -49,7 +50,8 @@ def create_objects(
     row = rows_of(slot, born, num_o)
     is_new = row != NO_ROW
     nothing = jnp.zeros_like(tracklets.id)
-    place = jnp.concatenate([tracklets.place[:, 4:7], speed[:, None]], axis=1)
+    place = [tracklets.place[:, 4:7], speed[:, None], place_variance[:, None]]
+    place = jnp.concatenate(place, axis=1)[row]
     begun = Objects.columns_of(
         id=tracklets.id,
         class_id=tracklets.class_id,
@@ -60,13 +62,13 @@ def create_objects(
     objects = dataclasses.replace(
         objects,
         wholes=jnp.where(is_new[:, None], begun["wholes"][row], objects.wholes),
-        place=jnp.where(is_new[:, None], place[row], objects.place),
+        place=jnp.where(is_new[:, None], place[:, :4], objects.place),
         bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
         ring=jnp.where(is_new[:, None], 0.0, objects.ring),
     )
     # Nothing is known between a free slot and the others, so there is nothing to clear.
     own = jnp.eye(num_o, dtype=bool) & is_new
-    covariance = jnp.where(own, place_variance[row], pairs.covariance)
+    covariance = jnp.where(own, place[:, 4], pairs.covariance)
     return objects, dataclasses.replace(pairs, covariance=covariance), slot
 
 
@@ -87,9 +89,8 @@ def absorb(
       absorbed: Detections whose object is absorbed.
     """
     num_o = len(objects.id)
-    gone = rows_of(slot, absorbed, num_o) != NO_ROW
-    row = rows_of(into, absorbed, num_o)
-    gains = row != NO_ROW
+    gone, row = rows_of(jnp.stack([slot, into]), absorbed, num_o)
+    gone, gains = gone != NO_ROW, row != NO_ROW
     giver = slot[row]
     given = jnp.where(gains[:, None], objects.wholes[giver], 0)
     more = given[:, Objects.ring_count.index]
@@ -136,40 +137,35 @@ def learn_relations(
       t: Errors and rates.
       mobile: What speeds make of relations.
     """
-    visible = row != NO_ROW
-    place = jnp.where(visible[:, None], sightings.center[row], objects.position)
-    size = jnp.where(visible, sightings.size[row], objects.size)
-    border = jnp.where(visible & sightings.touches[row], t.border_error, 0.0)
+    visible, seen = row != NO_ROW, sightings.outlines[row]
+    place = jnp.where(visible[:, None], seen[:, :2], objects.position)
+    size = jnp.where(visible, seen[:, 2], objects.size)
+    border = jnp.where(visible & (seen[:, 3] > 0), t.border_error, 0.0)
     doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0)))
 
-    scale = mean_sizes(size, size)
-    spread = (doubt[:, None] + doubt[None, :]) / scale + (border[:, None] + border[None, :])
+    per_size = 1.0 / mean_sizes(size, size)
+    spread = (doubt[:, None] + doubt[None, :]) * per_size + (border[:, None] + border[None, :])
     one_visible = visible[:, None] | visible[None, :]
     both_exist = objects.exists[:, None] & objects.exists[None, :]
     accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
     # A relation is forgotten as fast as its objects move.
     speed = mobile.weight * objects.speed
-    aged = pairs.spread + (speed[:, None] + speed[None, :]) / scale
+    aged = pairs.spread + (speed[:, None] + speed[None, :]) * per_size
     aged = jnp.where(aged < t.spread_max, aged, UNRELATED)
     accepted &= (spread <= aged + t.spread_slack) & (spread < t.spread_max)
     alike = jnp.abs(spread - aged) < t.spread_same
     rate = jnp.where(accepted, jnp.where(alike, t.rate, 1.0), 0.0)
 
-    relation = (place[None, :] - place[:, None]) / scale[..., None]
+    relation = (place[None, :] - place[:, None]) * per_size[..., None]
     log_ratio = log_ratios(size, size)
     together = (visible[:, None] & visible[None, :]).astype(jnp.float32)
-
-    def move(old: Array, new: Array, blank: float) -> Array:
-        more = (1,) * (old.ndim - 2)
-        moved = old + rate.reshape(rate.shape + more) * (new - old)
-        return jnp.where(both_exist.reshape(rate.shape + more), moved, blank)
-
+    old = pairs.replaced(spread=aged).lies
+    new = jnp.concatenate([relation, spread[..., None], log_ratio[..., None]], axis=2)
+    lies = old + rate[..., None] * (new - old)
     return dataclasses.replace(
         pairs,
         covisible=jnp.where(both_exist, pairs.covisible + together, 0.0),
-        relation=move(pairs.relation, relation, 0.0),
-        spread=move(aged, spread, UNRELATED),
-        log_ratio=move(pairs.log_ratio, log_ratio, 0.0),
+        lies=jnp.where(both_exist[..., None], lies, NOTHING_KNOWN),
     )
 
 
@@ -191,10 +187,18 @@ class KeptLooks:
         absorbed: Bool[Array, "N"],
     ) -> KeptLooks:
         """Those of objects that turned out to be known ones, before their slots are free."""
-        looks, counts = objects.bank[slot], objects.bank_count[slot]
+        counts = objects.bank_count[slot]
+        num_n, num_k, dim = *counts.shape, objects.bank.shape[2]
+
+        def read() -> Float[Array, "R D"]:
+            return objects.bank[slot].reshape(-1, dim)
+
+        def nothing() -> Float[Array, "R D"]:
+            return jnp.zeros((num_n * num_k, dim), objects.bank.dtype)
+
         return cls(
-            jnp.repeat(into, counts.shape[1]),
-            looks.reshape(-1, looks.shape[-1]),
+            jnp.repeat(into, num_k),
+            branch(jnp.any(absorbed), read, nothing),
             (absorbed[:, None] & (counts > 0)).reshape(-1),
         )
 
@@ -227,10 +231,10 @@ def learn_objects(
       sightings: Detections.
       frame: Number of this frame.
     """
-    visible = row != NO_ROW
-    size = sightings.size[row]
-    size = jnp.where(sightings.touches[row], jnp.maximum(objects.size, size), size)
-    has_ring = visible & sightings.has_ring[row]
+    visible, seen = row != NO_ROW, sightings.outlines[row]
+    size = seen[:, 2]
+    size = jnp.where(seen[:, 3] > 0, jnp.maximum(objects.size, size), size)
+    has_ring = visible & (seen[:, 4] > 0)
     ring_count = objects.ring_count + has_ring
     rate = has_ring / jnp.maximum(ring_count, 1)
     step = jnp.where(has_ring[:, None], sightings.ring[row] - objects.ring, 0.0)
@@ -248,13 +252,23 @@ def keep_looks(
     objects: Objects, scene: Scene, groups: Sequence[KeptLooks], t: th.Memory
 ) -> Objects:
     """Adds looks to the banks of their objects, group after group."""
-    looks = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *groups)
-    order = jnp.argsort(~looks.keeps, stable=True)
+    slot = jnp.concatenate([group.slot for group in groups])
+    keeps = jnp.concatenate([group.keeps for group in groups])
+    index = jnp.arange(len(slot), dtype=jnp.int32)
 
-    def keep(k: Array, objects: Objects) -> Objects:
-        return keep_look(objects, scene, looks.slot[order[k]], looks.look[order[k]], t)
+    def read(k: Array) -> Float[Array, "D"]:
+        look, start = groups[0].look[k], len(groups[0].slot)
+        for group in groups[1:]:
+            look = jnp.where(k >= start, group.look[k - start], look)
+            start += len(group.slot)
+        return look
 
-    return lax.fori_loop(0, jnp.sum(looks.keeps), keep, objects)
+    def keep(_: Array, before: tuple[Array, Objects]) -> tuple[Array, Objects]:
+        k, objects = before
+        k = jnp.min(jnp.where(keeps & (index > k), index, len(slot) - 1))
+        return k, keep_look(objects, scene, slot[k], read(k), t)
+
+    return lax.fori_loop(0, jnp.sum(keeps), keep, (jnp.int32(-1), objects))[1]
 
 
 def keep_look(
@@ -312,9 +326,13 @@ def learn_cosines(
     # Objects clearly recognized teach what the same object looks like after an absence.
     clear = choice.recognized & (choice.margin >= t.sure_margin)
     old = sure & (here.age >= t.min_age) & (frame % t.every == 0)
-    same = jnp.stack([choice.cosine, since_first])
-    same_weight = jnp.stack(
-        [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight, 0.0)]
+    # A choice by place becomes part of the sum that reads it.
+    is_after_absence = np.array([[True], [False]])
+    same = jnp.where(is_after_absence, choice.cosine, since_first)
+    same_weight = jnp.where(
+        is_after_absence,
+        jnp.where(clear, t.sure_weight, 0.0),
+        jnp.where(old, t.same_weight, 0.0),
     )
 
     held = jnp.where(sure, here.slot, num_o)
@@ -326,7 +344,8 @@ def learn_cosines(
     def moments(weight: Array, value: Array) -> Array:
         return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))
 
-    new = jnp.stack([moments(weight, other), moments(same_weight, same)])
+    is_other = np.array([[True], [False]])
+    new = jnp.where(is_other, moments(weight, other), moments(same_weight, same))
     fade = t.decay ** new[:, 0]
     return dataclasses.replace(
         scene, cosines=scene.cosines * fade[:, None] + new, faded=scene.faded * fade

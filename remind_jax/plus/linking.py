@@ -9,6 +9,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
@@ -36,7 +37,7 @@ from remind_jax.solvers.assignment_in_graph import assign_in_graph
 class Links:
     """What may go on with what, by a motion of the image."""
 
-    place: Float[Array, "T 9"]  # `place` of the tracklets, where they should be now
+    place: Float[Array, "T 10"]  # `place` of the tracklets, where they should be now
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
 
@@ -117,15 +118,16 @@ def advance_tracklets(
     age = jnp.where(linked, old.age, 0) + sightings.valid
     ring_count = jnp.where(linked, old.ring_count, 0) + sightings.has_ring
     # Looks and backgrounds are running means; the first look stays.
-    first = jnp.stack([sightings.look, jnp.zeros_like(sightings.ring), sightings.look], axis=1)
-    before = jnp.where(linked[:, None, None], old.looks, first)
     seen = jnp.stack([sightings.look, sightings.ring, sightings.look], axis=1)
+    is_look = np.array([True, False, True])[:, None]
+    before = jnp.where(linked[:, None, None], old.looks, jnp.where(is_look, seen, 0.0))
     rate = 1.0 / jnp.clip(jnp.stack([age, ring_count], axis=1), 1, t.smoothing)
     rate = rate * jnp.stack([linked, sightings.has_ring], axis=1)
     rate = jnp.pad(rate, ((0, 0), (0, 1)))
     step = seen - before
     drift, num_moves = follow_movement(old, linked, sightings, frame, doubt, mobile)
-    size = sightings.size[:, None]
+    belief = jnp.where(linked, old.belief, 0.0)[:, None]
+    place = [sightings.box, sightings.center, sightings.size[:, None], drift, belief]
     here = Tracklets.of(
         alive=sightings.valid,
         class_id=sightings.class_id,
@@ -139,8 +141,7 @@ def advance_tracklets(
         named=linked & old.named,
         leans_new=linked & old.leans_new,
         id=jnp.where(linked, old.id, next_id + count_before(starts)),
-        place=jnp.concatenate([sightings.box, sightings.center, size, drift], axis=1),
-        belief=jnp.where(linked, old.belief, 0.0),
+        place=jnp.concatenate(place, axis=1),
         looks=before + rate[..., None] * step,
     )
     taken = rows_of(origin, linked, len(tracklets.alive)) != NO_ROW

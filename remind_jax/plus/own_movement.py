@@ -91,13 +91,14 @@ def learn_speeds(
     """
     speed = speed_of(here, t)
     counts = here.alive & (here.num_moves >= t.least) & ~here.touched
-    learns = (row != NO_ROW) & counts[row]
+    learned, teaches = jnp.stack([speed, counts], axis=1)[row].T
+    learns = (row != NO_ROW) & (teaches > 0)
     rate = learns / jnp.minimum(objects.seen + 1 + t.prior, t.memory)
     num = jnp.sum(counts)
     mean = jnp.sum(jnp.where(counts, speed, 0.0)) / jnp.maximum(num, 1)
     scene_rate = jnp.where(num > 0, t.rate, 0.0)
     return (
-        objects.sped(objects.speed + rate * (speed[row] - objects.speed)),
+        objects.sped(objects.speed + rate * (learned - objects.speed)),
         dataclasses.replace(scene, speed=scene.speed + scene_rate * (mean - scene.speed)),
     )
 

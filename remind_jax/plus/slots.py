@@ -14,11 +14,11 @@ from jaxtyping import Array, Bool, Int, Shaped
 NO_ROW = -1
 
 
-def rows_of(slot: Int[Array, "M"], has: Bool[Array, "M"], num: int) -> Int[Array, "O"]:
+def rows_of(slot: Int[Array, "*S M"], has: Bool[Array, "M"], num: int) -> Int[Array, "*S O"]:
     """The row that has each of `num` slots, NO_ROW where none has."""
-    row = jnp.arange(len(slot), dtype=jnp.int32)[:, None]
-    is_at = (slot[:, None] == jnp.arange(num)) & has[:, None]
-    return jnp.max(jnp.where(is_at, row, NO_ROW), axis=0)
+    row = jnp.arange(len(has), dtype=jnp.int32)[:, None]
+    is_at = (slot[..., None] == jnp.arange(num)) & has[:, None]
+    return jnp.max(jnp.where(is_at, row, NO_ROW), axis=-2)
 
 
 def count_before(flags: Bool[Array, "M"]) -> Int[Array, "M"]:

@@ -25,6 +25,7 @@ from remind_jax.plus.static import BANK_SLOTS, NUM_CANDIDATES, num_tracklets, wh
 from remind_jax.static import Static
 
 UNRELATED = 1000.0  # spread of a relation that is not known
+NOTHING_KNOWN = np.array([0, 0, UNRELATED, 0], np.float32)  # `Pairs.lies` of no relation
 NO_RELATION = UNRELATED / 10  # from this spread on nothing is known
 LONG_AGO = -1_000_000  # a frame before all others
 # Kinds of evidence: those that a candidate has alone, those that it has from what else is in view,
@@ -95,14 +96,23 @@ class Objects(Table):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Pairs:
+class Pairs(Table):
     """What is known of every two objects."""
 
     covariance: Float[Array, "O O"]  # of the errors of their positions, x and y alike
     covisible: Float[Array, "O O"]  # frames in which both were seen
-    relation: Float[Array, "O O 2"]  # from the first to the second, in geometric mean sizes
-    spread: Float[Array, "O O"]  # standard deviation of that; UNRELATED: not known
-    log_ratio: Float[Array, "O O"]  # logarithm of size of the first by size of the second
+    lies: Float[Array, "O O 4"]  # how the second lies from the first
+
+    # In geometric mean sizes, and the standard deviation of that; UNRELATED: not known
+    right = Column("lies")
+    down = Column("lies")
+    spread = Column("lies")
+    log_ratio = Column("lies")  # logarithm of size of the first by size of the second
+
+    @property
+    def relation(self) -> Float[Array, "O O 2"]:
+        """From the first to the second."""
+        return self.lies[..., :2]
 
 
 @jax.tree_util.register_dataclass
@@ -111,8 +121,7 @@ class Tracklets(Table):
     """Uninterrupted sights of something, carried along with the image."""
 
     wholes: Int[Array, "T 12"]
-    place: Float[Array, "T 9"]  # box, center, size and own movement
-    belief: Float[Array, "T"]  # probability of its object when it was decided
+    place: Float[Array, "T 10"]  # box, center, size, own movement and belief
     looks: Float[Array, "T 3 D"]
 
     alive = Column("wholes", truth=True)
@@ -146,7 +155,17 @@ class Tracklets(Table):
     @property
     def drift(self) -> Float[Array, "T 2"]:
         """Own movement per frame, smoothed."""
-        return self.place[:, 7:]
+        return self.place[:, 7:9]
+
+    @property
+    def belief(self) -> Float[Array, "T"]:
+        """Probability of its object when it was decided."""
+        return self.place[:, 9]
+
+    def believed(self, belief: Float[Array, "T"]) -> Tracklets:
+        """With other beliefs."""
+        place = jnp.concatenate([self.place[:, :9], belief[:, None]], axis=1)
+        return dataclasses.replace(self, place=place)
 
     @property
     def look(self) -> Float[Array, "T D"]:
@@ -171,44 +190,66 @@ class Tracklets(Table):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Scene:
+class Scene(Table):
     """What was learned about all objects together."""
 
-    mean: Float[Array, "D"]
-    num_looks: Float[Array, ""]
-    total: Float[Array, "D D"]  # scatter of looks about the mean, and its weight
-    total_weight: Float[Array, ""]
-    within: Float[Array, "D D"]  # scatter of looks within tracklets, and its weight
-    within_weight: Float[Array, ""]
+    means: Float[Array, "2 D"]  # of looks and of backgrounds
+    weights: Float[Array, "4"]
+    total: Float[Array, "D D"]  # scatter of looks about the mean
+    within: Float[Array, "D D"]  # scatter of looks within tracklets
     basis: Float[Array, "D E"]  # orthonormal, main directions of the total scatter
     whitener: Float[Array, "E D"]
     white_mean: Float[Array, "D"]  # subtracted before whitening
-    ring_mean: Float[Array, "D"]
-    num_rings: Float[Array, ""]
     cosines: Float[Array, "2 3"]  # of other and of the same objects: weight, sum, sum of squares
     speed: Float[Array, ""]  # mean own movement per frame of the objects in view lately
     familiarity: Float[Array, ""]  # how often the last decisions were "new", [0, 1]; 0.5 at first
     faded: Float[Array, "2"]  # how much is left of what was assumed about cosines, [0, 1]
 
+    num_looks = Column("weights")  # in their mean
+    num_rings = Column("weights")
+    total_weight = Column("weights")  # looks in the scatter
+    within_weight = Column("weights")
+
+    @property
+    def mean(self) -> Float[Array, "D"]:
+        """Of looks."""
+        return self.means[0]
+
+    @property
+    def ring_mean(self) -> Float[Array, "D"]:
+        """Of backgrounds."""
+        return self.means[1]
+
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Verdicts:
+class Verdicts(Table):
     """What the decisions of the last frame were made of, beyond `Decisions`."""
 
-    tracklet_id: Int[Array, "N"]  # names the tracklet; the id of its object if that is new; -1 none
-    stage: Int[Array, "N"]  # Stage
-    age: Int[Array, "N"]  # detections of the tracklet so far, with this one
-    answer_id: Int[Array, "N"]  # best answer now, decided or not
-    is_decided: Bool[Array, "N"]
-    probability: Float[Array, "N"]  # of the answer before calibration, [0, 1]
-    margin: Float[Array, "N"]  # log odds to the next best answer; 0 where nothing is open
-    merged_id: Int[Array, "N"]  # object that just now turned out to be the answer, -1 none
+    owners_id: Int[Array, "N 3"]
+    wholes: Int[Array, "N 3"]
+    reals: Float[Array, "N 3"]
     option_id: Int[Array, "N C"]  # objects that were weighed, -1 padding
-    option_odds: Float[Array, "N C"]  # log odds in the end
-    option_belief: Float[Array, "N C"]  # probability beside all others and a new object
-    option_parts: Float[Array, "N C 9"]  # of `PARTS` in the log odds
-    new_odds: Float[Array, "N"]  # log odds of being no known object
+    option_reals: Float[Array, "N C 11"]
+
+    # [N]
+    tracklet_id = Column("owners_id")  # names the tracklet; the id of its object if that is new
+    answer_id = Column("owners_id")  # best answer now, decided or not
+    merged_id = Column("owners_id")  # object that just now turned out to be the answer, -1 none
+    stage = Column("wholes")  # Stage
+    age = Column("wholes")  # detections of the tracklet so far, with this one
+    is_decided = Column("wholes", truth=True)
+    probability = Column("reals")  # of the answer before calibration, [0, 1]
+    margin = Column("reals")  # log odds to the next best answer; 0 where nothing is open
+    new_odds = Column("reals")  # log odds of being no known object
+    # [N C]
+    option_odds = Column("option_reals")  # log odds in the end
+    option_belief = Column("option_reals")  # probability beside all others and a new object
+
+    @property
+    def option_parts(self) -> Float[Array, "N C 9"]:
+        """Of `PARTS` in the log odds."""
+        return self.option_reals[..., 2:]
 
 
 @jax.tree_util.register_dataclass
@@ -254,23 +295,17 @@ def init(static: Static) -> PlusState:
         pairs=Pairs(
             covariance=real(num_o, num_o),
             covisible=real(num_o, num_o),
-            relation=real(num_o, num_o, 2),
-            spread=real(num_o, num_o, value=UNRELATED),
-            log_ratio=real(num_o, num_o),
+            lies=full((num_o, num_o, 4), NOTHING_KNOWN.tolist(), np.float32),
         ),
         tracklets=no_tracklets(num_tracklets(static), dim),
         scene=Scene(
-            mean=real(dim),
-            num_looks=real(),
+            means=real(2, dim),
+            weights=real(4),
             total=real(dim, dim),
-            total_weight=real(),
             within=real(dim, dim),
-            within_weight=real(),
             basis=cast(Array, _any_basis(dim, white)),
             whitener=eye(white, dim),
             white_mean=real(dim),
-            ring_mean=real(dim),
-            num_rings=real(),
             cosines=real(2, 3),
             speed=real(),
             familiarity=real(value=0.5),
@@ -307,8 +342,7 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         named=zeros(num, bool),
         leans_new=zeros(num, bool),
         id=full(num, NO_ID, np.int32),
-        place=full((num, 9), (0, 0, 0, 0, 0, 0, 1, 0, 0), np.float32),
-        belief=zeros(num, np.float32),
+        place=full((num, 10), (0, 0, 0, 0, 0, 0, 1, 0, 0, 0), np.float32),
         looks=zeros((num, 3, dim), np.float32),
     )
 
@@ -316,18 +350,16 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
 def no_verdicts(num: int) -> Verdicts:
     """Verdicts about no detection at all."""
     shown = (num, NUM_CANDIDATES)
-    return Verdicts(
+    return Verdicts.of(
         tracklet_id=full(num, NO_ID, np.int32),
+        answer_id=full(num, NO_ID, np.int32),
+        merged_id=full(num, NO_ID, np.int32),
         stage=zeros(num, np.int32),
         age=zeros(num, np.int32),
-        answer_id=full(num, NO_ID, np.int32),
         is_decided=zeros(num, bool),
         probability=zeros(num, np.float32),
         margin=zeros(num, np.float32),
-        merged_id=full(num, NO_ID, np.int32),
-        option_id=full(shown, NO_ID, np.int32),
-        option_odds=zeros(shown, np.float32),
-        option_belief=zeros(shown, np.float32),
-        option_parts=zeros((*shown, len(PARTS)), np.float32),
         new_odds=zeros(num, np.float32),
+        option_id=full(shown, NO_ID, np.int32),
+        option_reals=zeros((*shown, 2 + len(PARTS)), np.float32),
     )

@@ -20,13 +20,14 @@ from remind_jax.observation import FrameFeats, Masks
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.decision import decide, learn_familiarity
 from remind_jax.plus.evidence import (
+    Shortlist,
     admit,
     best_cosine,
     find_ended,
     find_rows,
     shortlist,
 )
-from remind_jax.plus.layout import weigh_jointly
+from remind_jax.plus.layout import nothing_weighed, weigh_jointly
 from remind_jax.plus.learning import (
     KeptLooks,
     absorb,
@@ -110,10 +111,10 @@ def advance(
     """`step` on detections that are described already; `present`: slots that hold a mask."""
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
-    num_open = jnp.sum(state.tracklets.is_open)
-    needed = jnp.sum(state.objects.exists) + jnp.sum(sightings.valid) + num_open
+    counted = state.objects.exists, sightings.valid, state.tracklets.is_open
+    needed = jnp.sum(jnp.concatenate(counted), dtype=jnp.int32)
     fits = needed <= static.num_objects
-    lacking = Overflow(objects=needed.astype(jnp.int32), pending=jnp.int32(0))
+    lacking = Overflow(objects=needed, pending=jnp.int32(0))
     return branch(
         fits,
         lambda: jax.tree.map(
@@ -170,18 +171,21 @@ def _advance(
     visible = sightings.valid & (here.slot != NO_SLOT)
     holder = rows_of(tracklets.slot, tracklets.alive, static.num_objects)
     held, waiting = (holder != NO_ROW) & (holder < num), holder >= num
-    admitted = admit(here, rows, held, objects, pairs, t.decision)
     white = whiten(scene, jnp.stack([here.look, here.first_look]))
     cosine = best_cosine(white[0], objects)
-    candidates = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
+
+    def weigh() -> tuple[Shortlist, Array]:
+        admitted = admit(here, rows, held, objects, pairs, t.decision)
+        best = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
+        return best, weigh_jointly(best, here.slot, visible, sightings, objects, pairs, t)
+
+    # In many frames everything in view is decided.
+    candidates, weighed = branch(jnp.any(rows.any), weigh, lambda: nothing_weighed(num))
     # Who is who, jointly?
-    odds, belief, parts = weigh_jointly(
-        candidates, here.slot, visible, sightings, objects, pairs, t
-    )
-    choice = decide(candidates, odds, rows, here, scene, static.num_objects, t.decision)
-    verdicts = conclude(here, objects, rows, candidates, odds, belief, parts, choice)
+    choice = decide(candidates, weighed[..., 0], rows, here, scene, static.num_objects, t.decision)
+    verdicts = conclude(here, objects, rows, candidates, weighed, choice)
     decisions = report(
-        verdicts, belief, candidates.base, here, present, sightings.num_bad_patches,
+        verdicts, weighed[..., 1], candidates.base, here, present, sightings.num_bad_patches,
         static, t,
     )  # fmt: skip
     # What does that teach?
@@ -208,10 +212,9 @@ def _advance(
     here = here.replaced(
         slot=slot,
         fresh=fresh,
-        belief=verdicts.probability,
         named=here.named | (decisions.outcome == int(Outcome.NEW)),
         leans_new=choice.slot == NO_SLOT,
-    )
+    ).believed(verdicts.probability)
     sure = sightings.valid & (slot != NO_SLOT)
     row = rows_of(slot, sure, static.num_objects)
     objects, pairs = correct_map(

@@ -11,8 +11,10 @@ Letters: `N` detections, `D` feature dimension, `E` compared directions.
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.control_flow import branch
@@ -49,27 +51,25 @@ def learn_scatter(
       linked: Detections that continue a tracklet.
       t: Memory lengths.
     """
-    valid, has_ring = sightings.valid, sightings.has_ring
-    counts = jnp.sum(jnp.stack([valid, has_ring, linked]), axis=1)
-    # Running means forget beyond a number of samples.
-    num = jnp.minimum(jnp.stack([scene.num_looks, scene.num_rings]) + counts[:2], t.mean_samples)
-    rate = 1.0 / jnp.maximum(num, 1.0)
-    off_mean = jnp.where(valid[:, None], sightings.look - scene.mean, 0.0)
-    off_ring = jnp.where(has_ring[:, None], sightings.ring - scene.ring_mean, 0.0)
-    mean = scene.mean + rate[0] * jnp.sum(off_mean, axis=0)
-    around = jnp.where(valid[:, None], sightings.look - mean, 0.0)
-    within = jnp.where(linked[:, None], step, 0.0)
+    valid = sightings.valid
+    taught = jnp.stack([valid, sightings.has_ring, valid, linked])  # as the columns of weights
+    counts = jnp.sum(taught, axis=1)
     fade = t.scatter_decay**counts
+    # Running means forget beyond a number of samples, scatters with each.
+    limited = jnp.minimum(scene.weights + counts, t.mean_samples)
+    weights = jnp.where(np.arange(4) < 2, limited, scene.weights * fade + counts)
+    rate = 1.0 / jnp.maximum(weights[:2, None], 1.0)
+    seen = jnp.stack([sightings.look, sightings.ring])
+    off = jnp.where(taught[:2, :, None], seen - scene.means[:, None], 0.0)
+    means = scene.means + rate * jnp.sum(off, axis=1)
+    around = jnp.where(valid[:, None], sightings.look - means[0], 0.0)
+    within = jnp.where(linked[:, None], step, 0.0)
     return dataclasses.replace(
         scene,
-        mean=mean,
-        num_looks=num[0],
-        ring_mean=scene.ring_mean + rate[1] * jnp.sum(off_ring, axis=0),
-        num_rings=num[1],
-        total=scene.total * fade[0] + _scatter(around),
-        total_weight=scene.total_weight * fade[0] + counts[0],
-        within=scene.within * fade[2] + _scatter(within),
-        within_weight=scene.within_weight * fade[2] + counts[2],
+        means=means,
+        weights=weights,
+        total=scene.total * fade[2] + _scatter(around),
+        within=scene.within * fade[3] + _scatter(within),
     )
 
 
@@ -80,12 +80,29 @@ def renew_whitening(
     due = (frame < EAGER_FRAMES) | (frame % REFRESH_FRAMES == 0)
     due &= scene.total_weight > 0
 
-    def renew() -> tuple[Scene, Objects]:
+    def renew() -> _Whitening:
         renewed = _refit(scene, t)
         white = jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, objects.bank), 0.0)
-        return renewed, dataclasses.replace(objects, white_bank=white)
+        return _Whitening(renewed.basis, renewed.whitener, renewed.white_mean, white)
 
-    return branch(due, renew, lambda: (scene, objects))
+    # Only what is made anew goes through the branch: it would copy the rest.
+    before = _Whitening(scene.basis, scene.whitener, scene.white_mean, objects.white_bank)
+    now = branch(due, renew, lambda: before)
+    return (
+        dataclasses.replace(
+            scene, basis=now.basis, whitener=now.whitener, white_mean=now.white_mean
+        ),
+        dataclasses.replace(objects, white_bank=now.white_bank),
+    )
+
+
+class _Whitening(NamedTuple):
+    """What is renewed; fields as in `Scene` and `Objects`."""
+
+    basis: Float[Array, "D E"]
+    whitener: Float[Array, "E D"]
+    white_mean: Float[Array, "D"]
+    white_bank: Float[Array, "O K E"]
 
 
 def _refit(scene: Scene, t: th.Looks) -> Scene:

@@ -179,7 +179,7 @@ def _undecided(
     provisional = provisional & t.pending.provisional_enabled
     kind = jnp.where(ambiguous, Kind.AMBIGUOUS, Kind.FREE)
     kind = jnp.where(provisional, Kind.PROVISIONAL, kind)
-    return Items(
+    return Items.begun(
         kind=kind.astype(jnp.int32),
         class_id=descriptors.class_id,
         known_id=decisions.option_id,

@@ -93,8 +93,7 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     t = Thresholds().as_arrays(STATIC.scalar)
     state = init(STATIC)
     exists = jnp.arange(SLOTS) < num_objects
-    objects = dataclasses.replace(
-        state.objects,
+    objects = state.objects.replaced(
         id=jnp.where(exists, jnp.arange(SLOTS), -1),
         class_id=jnp.where(exists, 0, -1),
         lifecycle=jnp.full(SLOTS, lifecycle),

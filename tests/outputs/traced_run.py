@@ -72,10 +72,8 @@ def make_plus_run(num_frames: int = 8) -> Result:
     masks = np.zeros((1, *SIZE), bool)
     masks[:, 20:60, 10:50] = True
     for index in range(num_frames):
-        blank = {
-            field.name: np.array(getattr(no_verdicts(1), field.name))
-            for field in dataclasses.fields(no_verdicts(1))
-        }
+        names = (*Verdicts.columns, "option_id", "option_parts")
+        blank = {name: np.array(getattr(no_verdicts(1), name)) for name in names}
         shown = blank | {"tracklet_id": np.array([5]), "answer_id": np.array([0])}
         if index == 3:
             shown |= {"stage": np.array([Stage.OPEN]), "age": np.array([2])}
@@ -92,8 +90,9 @@ def make_plus_run(num_frames: int = 8) -> Result:
         row = {"label": "mug", "outcome": Outcome.MATCH, "object_id": 0}
         row |= {"score": 0.75, "confidence": 0.75}  # plus has one number
         tracks.append(make_tracks(index, masks, [row]))
-        archive.add(
-            index, PlusRecord(Verdicts(**shown), tracks[-1].object_id), {0: "mug", 1: "mug"}
-        )
+        odds, belief, parts = (shown.pop(f"option_{name}") for name in ("odds", "belief", "parts"))
+        reals = np.concatenate([odds[..., None], belief[..., None], parts], axis=-1)
+        verdicts = Verdicts.of(**shown, option_reals=reals)
+        archive.add(index, PlusRecord(verdicts, tracks[-1].object_id), {0: "mug", 1: "mug"})
     info = dataclasses.replace(make_info("mugs", SIZE), config=load_config("plus").to_dict())
     return Result(tuple(tracks), info, trace=archive)

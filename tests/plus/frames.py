@@ -52,7 +52,7 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
         place=put(
             empty.place,
             jnp.concatenate(
-                [seen.box, seen.center, seen.size[:, None], jnp.zeros((num, 2))], axis=1
+                [seen.box, seen.center, seen.size[:, None], jnp.zeros((num, 3))], axis=1
             ),
         ),
         class_id=put(empty.class_id, seen.class_id),

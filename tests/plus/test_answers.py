@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -28,8 +26,7 @@ def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
     options = jnp.full((3, NUM_CANDIDATES), NO_ID).at[0, :2].set(jnp.array([KNOWN, OTHER]))
     beliefs = jnp.zeros((3, NUM_CANDIDATES)).at[0, : len(belief)].set(jnp.array(belief))
     of_answer = {KNOWN: belief[0], OTHER: belief[1], OWN: 1 - sum(belief)}[answer]
-    verdicts = dataclasses.replace(
-        verdicts,
+    verdicts = verdicts.replaced(
         tracklet_id=first(verdicts.tracklet_id, OWN if valid else NO_ID),
         answer_id=first(verdicts.answer_id, answer if valid else NO_ID),
         is_decided=first(verdicts.is_decided, decided),

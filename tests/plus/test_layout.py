@@ -35,10 +35,10 @@ def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0))
     )
     five = np.s_[:NUM, :NUM]
     offset = (PLACES[None] - PLACES[:, None]) / SIZE
+    lies = np.concatenate([offset, np.broadcast_to([0.1, 0.0], offset.shape)], axis=2)
     pairs = dataclasses.replace(
         state.pairs,
-        relation=state.pairs.relation.at[five].set(offset),
-        spread=state.pairs.spread.at[five].set(0.1),
+        lies=state.pairs.lies.at[five].set(lies),
         covisible=state.pairs.covisible.at[five].set(20),
     )
     num = STATIC.num_detections
@@ -56,9 +56,8 @@ def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0))
     t = dataclasses.replace(t, layout=dataclasses.replace(t.layout, witness=witness)).as_arrays()
     nobody = jnp.full(num, NO_SLOT)
     sightings = seen(anchors=PLACES + np.asarray(moved, np.float32))
-    odds, _, parts = weigh_jointly(
-        shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, t
-    )
+    weighed = weigh_jointly(shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, t)
+    odds, parts = weighed[..., 0], weighed[..., 2:]
     told = np.asarray(odds)[:NUM, 0]
     np.testing.assert_allclose(told, np.sum(parts, axis=-1)[:NUM, 0], rtol=1e-5)  # order of sums
     return told

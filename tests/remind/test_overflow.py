@@ -21,8 +21,7 @@ def fill_pending(state: TrackerState) -> TrackerState:
     tracks = state.pending
     free = tracks.kind == Kind.FREE
     numbers = MANY + np.arange(len(free), dtype=np.int32)
-    filled = dataclasses.replace(
-        tracks,
+    filled = tracks.replaced(
         kind=np.where(free, np.int32(Kind.AMBIGUOUS), tracks.kind),
         id=np.where(free, numbers, tracks.id),
         class_id=np.where(free, np.int32(MANY), tracks.class_id),

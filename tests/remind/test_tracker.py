@@ -228,8 +228,7 @@ def test_empty_frame_only_ages_the_memory(states):
     (after,) = world.run(nothing, state=before)
     assert (after.decisions.outcome == Outcome.EMPTY).all()
     assert after.frame == before.frame + 1
-    aged = dataclasses.replace(
-        before.objects,
+    aged = before.objects.replaced(
         misses=before.objects.misses + before.objects.exists,
         age=before.objects.age + before.objects.exists,
         lifecycle=after.objects.lifecycle,  # some come to rest: tested with the lifecycle

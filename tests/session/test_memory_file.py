@@ -104,7 +104,7 @@ def test_round_trip_in_double_precision(tmp_path, x64):
     static = dataclasses.replace(STATIC, precision="float64")
     empty = init(static)
     edges = empty.distances.edges
-    third = dataclasses.replace(edges, gap_mean=edges.gap_mean + 1 / 3)
+    third = edges.replaced(gap_mean=edges.gap_mean + 1 / 3)
     assert third.gap_mean.dtype == np.float64
     state = dataclasses.replace(empty, distances=dataclasses.replace(empty.distances, edges=third))
     save_memory(tmp_path / "memory", SavedMemory(state, static, NAMES, "features"))
@@ -258,17 +258,26 @@ def test_files_without_a_checksum_are_read(path, memory):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"objects.id": spoiled(5, slice(None))}, "'objects.id' holds"),
-        ({"objects.id": spoiled(1, slice(0, 2))}, "'objects.id' holds 1 twice"),
+        ({"objects.wholes": spoiled(5, np.s_[:, 0])}, "'objects.id' holds"),
+        ({"objects.wholes": spoiled(1, np.s_[:2, 0])}, "'objects.id' holds 1 twice"),
         ({"next_id": np.array(2, np.int32)}, "'objects.id' holds 2; allowed: 0 to 1"),
         ({"frame": np.array(-1, np.int32)}, "'frame' holds -1; allowed: 0 or more"),
         ({"frame": np.array(2, np.int32)}, "allowed: -1 to 1"),
-        ({"objects.class_id": spoiled(-2)}, "'objects.class_id' holds -2; allowed: 0 to 3"),
-        ({"objects.hits": spoiled(-1)}, "'objects.hits' holds -1; allowed: 0 or more"),
-        ({"objects.lifecycle": spoiled(9)}, "'objects.lifecycle' holds 9; allowed: 0 to 3"),
-        ({"pending.kind": spoiled(7)}, "'pending.kind' holds 7"),
+        (
+            {"objects.wholes": spoiled(-2, np.s_[0, 1])},
+            "'objects.class_id' holds -2; allowed: 0 to 3",
+        ),
+        (
+            {"objects.wholes": spoiled(-1, np.s_[0, 3])},
+            "'objects.hits' holds -1; allowed: 0 or more",
+        ),
+        (
+            {"objects.wholes": spoiled(9, np.s_[0, 2])},
+            "'objects.lifecycle' holds 9; allowed: 0 to 3",
+        ),
+        ({"pending.wholes": spoiled(7, np.s_[0, 0])}, "'pending.kind' holds 7"),
         ({"decisions.wholes": spoiled(99, np.s_[:, 0])}, "'decisions.outcome' holds 99"),
-        ({"distances.edges.gap_mean": spoiled(np.nan)}, "gap_mean' holds 8 values that are not"),
+        ({"distances.edges.means": spoiled(np.nan)}, "edges.means' holds 24 values that are not"),
         ({"cooccurrence.weight": spoiled(-1.0)}, "'cooccurrence.weight' holds -1"),
         ({"more": np.zeros(3, np.float32)}, "it holds 'more', which no memory"),
         ({"frame": np.array(6, np.float32)}, "'frame' is F32 of shape"),

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-import functools
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.ranks import count_before
 from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
@@ -27,16 +27,18 @@ class Lifecycle(enum.IntEnum):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Objects:
+class Objects(Table):
     """One row per remembered object."""
 
-    id: Int[Array, "O"]  # -1 in free slots
-    class_id: Int[Array, "O"]
-    lifecycle: Int[Array, "O"]  # Lifecycle
-    hits: Int[Array, "O"]  # frames in which it was seen
-    misses: Int[Array, "O"]  # frames since it was last seen
-    age: Int[Array, "O"]  # frames since it was created, the first included
-    last_seen: Int[Array, "O"]  # frame
+    wholes: Int[Array, "O 7"]
+
+    id = Column("wholes")  # -1 in free slots
+    class_id = Column("wholes")
+    lifecycle = Column("wholes")  # Lifecycle
+    hits = Column("wholes")  # frames in which it was seen
+    misses = Column("wholes")  # frames since it was last seen
+    age = Column("wholes")  # frames since it was created, the first included
+    last_seen = Column("wholes")  # frame
 
     @property
     def exists(self) -> Bool[Array, "O"]:
@@ -77,17 +79,17 @@ def add_objects(
     """
     slots = objects.id.shape[0]
     slot = jnp.where(born, jnp.sum(objects.exists, dtype=jnp.int32) + rank, slots)
-    writers = find_writers(slot, slots)
-    put = functools.partial(write_column, writers=writers)
-    added = Objects(
-        id=put(objects.id, value=own_id),
-        class_id=put(objects.class_id, value=class_id),
-        lifecycle=put(objects.lifecycle, value=Lifecycle.NEW),
-        hits=put(objects.hits, value=0),
-        misses=put(objects.misses, value=0),
-        age=put(objects.age, value=0),
-        last_seen=put(objects.last_seen, value=0),
+    nothing = jnp.zeros_like(own_id)
+    begun = Objects.of(
+        id=own_id,
+        class_id=class_id,
+        lifecycle=nothing + Lifecycle.NEW,
+        hits=nothing,
+        misses=nothing,
+        age=nothing,
+        last_seen=nothing,
     )
+    added = Objects(write_column(objects.wholes, find_writers(slot, slots), begun.wholes))
     return added, slot
 
 
@@ -103,8 +105,7 @@ def mark_seen(
     fresh = objects.lifecycle <= Lifecycle.TENTATIVE
     waits = fresh & (hits < rules.confirm_hits)
     lifecycle = jnp.where(waits, Lifecycle.TENTATIVE, Lifecycle.CONFIRMED)
-    return dataclasses.replace(
-        objects,
+    return objects.replaced(
         lifecycle=jnp.where(seen, lifecycle, objects.lifecycle),
         hits=hits,
         misses=jnp.where(seen, 0, objects.misses),
@@ -135,7 +136,5 @@ def mark_missed(
     forgotten = (young & too_long(rules.max_misses_tentative)) | (
         inactive & too_long(rules.max_misses_inactive)
     )
-    counted = dataclasses.replace(
-        objects, lifecycle=lifecycle, misses=misses, age=objects.age + missed
-    )
+    counted = objects.replaced(lifecycle=lifecycle, misses=misses, age=objects.age + missed)
     return counted, forgotten

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import enum
-import functools
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import NUM_OPTIONS
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
+from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import count_before
@@ -37,47 +37,81 @@ class Kind(enum.IntEnum):
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class PendingTracks:
-    """One row per pending track; ids count up separately for each kind."""
+class Items(Table):
+    """Undecided detections of a frame, as rows of `PendingTracks`."""
 
-    kind: Int[Array, "P"]  # Kind
-    id: Int[Array, "P"]  # -1 in free slots
-    class_id: Int[Array, "P"]
-    hits: Int[Array, "P"]
-    known_id: Int[Array, "P K"]  # objects that it could be, or that support it; -1 padding
-    known_score: Float[Array, "P K"]
-    from_parent: Bool[Array, "P"]  # provisional: probably a known object
-    center: Float[Array, "P 2"]  # of the last detection, pixels
-    area: Float[Array, "P"]  # pixels
-    next_id: Int[Array, "2"]  # next ambiguous and next provisional id
+    wholes: Int[Array, "N 8"]
+    reals: Float[Array, "N 6"]
+
+    kind = Column("wholes")  # Kind, FREE for decided detections
+    class_id = Column("wholes")
+    from_parent = Column("wholes", truth=True)  # provisional: probably a known object
+    id = Column("wholes")  # of the track, -1 in free slots
+    hits = Column("wholes")
+
+    @classmethod
+    def begun(
+        cls,
+        *,
+        known_id: Int[Array, "N K"],
+        known_score: Float[Array, "N K"],
+        center: Float[Array, "N 2"],
+        area: Float[Array, "N"],
+        **columns: Array,
+    ) -> Items:
+        """Detections that are in no track yet; the other columns by name."""
+        num, _ = known_id.shape
+        own = cls.columns_of(**columns, id=full(num, NO_ID, np.int32), hits=zeros(num, np.int32))[
+            "wholes"
+        ]
+        scalar = known_score.dtype
+        places = center.astype(scalar), area.astype(scalar)[:, None]
+        return cls(
+            jnp.concatenate([own, known_id], axis=1),
+            jnp.concatenate([known_score, *places], axis=1),
+        )
+
+    @property
+    def known_id(self) -> Int[Array, "N K"]:
+        """Objects that it could be, or that support it; -1 padding."""
+        return self.wholes[:, -NUM_OPTIONS:]
+
+    @property
+    def known_score(self) -> Float[Array, "N K"]:
+        """Their scores."""
+        return self.reals[:, :NUM_OPTIONS]
+
+    @property
+    def center(self) -> Float[Array, "N 2"]:
+        """Of the last detection, pixels."""
+        return self.reals[:, NUM_OPTIONS : NUM_OPTIONS + 2]
+
+    @property
+    def area(self) -> Float[Array, "N"]:
+        """Pixels."""
+        return self.reals[:, -1]
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Items:
-    """Undecided detections of a frame."""
+class PendingTracks(Items):
+    """One row per pending track; ids count up separately for each kind."""
 
-    kind: Int[Array, "N"]  # Kind, FREE for decided detections
-    class_id: Int[Array, "N"]
-    known_id: Int[Array, "N K"]
-    known_score: Float[Array, "N K"]
-    from_parent: Bool[Array, "N"]
-    center: Float[Array, "N 2"]
-    area: Float[Array, "N"]
+    next_id: Int[Array, "2"]  # next ambiguous and next provisional id
+
+
+# What a free slot forgets of its track: kind, class, id and the named objects.
+_FORGETS = np.array([True, True, False, True, False, *NUM_OPTIONS * [True]])
+_FREE = np.array([Kind.FREE, NO_ID, 0, NO_ID, 0, *NUM_OPTIONS * [NO_ID]], np.int32)
+# What a track has of its own: id and hits.
+_OWN = np.array([False, False, False, True, True, *NUM_OPTIONS * [False]])
 
 
 def no_pending(slots: int, scalar: jnp.dtype) -> PendingTracks:
     """A pool without tracks."""
     return PendingTracks(
-        kind=full(slots, int(Kind.FREE), np.int32),
-        id=full(slots, NO_ID, np.int32),
-        class_id=full(slots, NO_ID, np.int32),
-        hits=zeros(slots, np.int32),
-        known_id=full((slots, NUM_OPTIONS), NO_ID, np.int32),
-        known_score=zeros((slots, NUM_OPTIONS), scalar),
-        from_parent=zeros(slots, bool),
-        center=zeros((slots, 2), scalar),
-        area=zeros(slots, scalar),
+        wholes=full((slots, len(_FREE)), _FREE.tolist(), np.int32),
+        reals=zeros((slots, NUM_OPTIONS + 3), scalar),
         next_id=zeros(2, np.int32),
     )
 
@@ -219,28 +253,19 @@ def write_tracks(
     new_id = jnp.sum(jnp.where(born, tracks.next_id[:, None] + count_before(born), 0), axis=0)
 
     writers = find_writers(slot, slots)
-    put = functools.partial(write_column, writers=writers)
-    renewed = writers.written & fresh[writers.detection]
+    written = writers.written[:, None]
+    renewed = written & fresh[writers.detection][:, None]
+    begun = items.replaced(id=new_id, hits=jnp.ones_like(new_id)).wholes[writers.detection]
+    wholes = jnp.where(renewed | (written & ~_OWN), begun, tracks.wholes)
+    is_hits = np.arange(len(_FREE)) == PendingTracks.hits.index
     return PendingTracks(
-        kind=put(tracks.kind, value=items.kind),
-        id=jnp.where(renewed, new_id[writers.detection], tracks.id),
-        class_id=put(tracks.class_id, value=items.class_id),
-        hits=jnp.where(renewed, 1, tracks.hits) + writers.written,
-        known_id=put(tracks.known_id, value=items.known_id),
-        known_score=put(tracks.known_score, value=items.known_score),
-        from_parent=put(tracks.from_parent, value=items.from_parent),
-        center=put(tracks.center, value=items.center),
-        area=put(tracks.area, value=items.area),
+        wholes=wholes + (written & is_hits),
+        reals=write_column(tracks.reals, writers, items.reals),
         next_id=tracks.next_id + jnp.sum(born, axis=1, dtype=jnp.int32),
     )
 
 
 def end_tracks(tracks: PendingTracks, ended: Bool[Array, "P"]) -> PendingTracks:
     """Frees the slots of tracks."""
-    return dataclasses.replace(
-        tracks,
-        kind=jnp.where(ended, Kind.FREE, tracks.kind),
-        id=jnp.where(ended, NO_ID, tracks.id),
-        class_id=jnp.where(ended, NO_ID, tracks.class_id),
-        known_id=jnp.where(ended[:, None], NO_ID, tracks.known_id),
-    )
+    wholes = jnp.where(ended[:, None] & _FORGETS, _FREE, tracks.wholes)
+    return dataclasses.replace(tracks, wholes=wholes)

@@ -86,11 +86,13 @@ def load_scenes(precision: str = "float64") -> Scene:
         ),
         graph_of(
             Edges(
-                contact_count=read("evidence.contact"),
-                gap_count=read("evidence.gap_n"),
-                gap_mean=read("evidence.gap_mean"),
-                center_mean=read("evidence.centre_mean"),
-                support_mean=read("evidence.support_mean"),
+                counts=np.concatenate(
+                    [read("evidence.gap_n")[..., None], read("evidence.contact")], axis=-1
+                ),
+                means=np.stack(
+                    [read(f"evidence.{name}_mean") for name in ("gap", "centre", "support")],
+                    axis=-1,
+                ),
             ),
             nearer,
             unfold(mean, squares_sum),

@@ -193,7 +193,7 @@ def as_arrays(items) -> Items:
     for n, item in enumerate(items):
         known_id[n, : len(item.known)] = list(item.known)
         known_score[n, : len(item.known)] = list(item.known.values())
-    return Items(
+    return Items.begun(
         kind=np.array([item.kind for item in items], np.int32),
         class_id=np.array([item.class_id for item in items], np.int32),
         known_id=known_id,

@@ -98,9 +98,7 @@ def mark(state: TrackerState, slot) -> TrackerState:
         ),
         distances=dataclasses.replace(
             distances,
-            edges=dataclasses.replace(
-                distances.edges, gap_count=of_pairs(distances.edges.gap_count)
-            ),
+            edges=distances.edges.replaced(gap_count=of_pairs(distances.edges.gap_count)),
             nearer=jnp.where(some, triple, distances.nearer).astype(distances.nearer.dtype),
         ),
         **{name: of_banks(getattr(state, name)) for name in BANKS},
