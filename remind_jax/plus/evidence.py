@@ -109,11 +109,12 @@ def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
 
     def learned(kind: int, assumed: Array) -> tuple[Array, Array]:
         # What was assumed fades like what was seen.
-        prior = t.samples * scene.faded[kind]
+        samples, faded = t.samples, scene.faded[kind]
         weight, once, squared = scene.cosines[kind]
-        weight = weight + prior
-        mean = (once + assumed * prior) / weight
-        variance = (squared + (t.variance + assumed**2) * prior) / weight - mean**2
+        weight = weight + samples * faded
+        mean = (once + assumed * samples * faded) / weight
+        squared = squared + (t.variance + assumed**2) * samples * faded
+        variance = squared / weight - mean**2
         return mean, jnp.maximum(variance, t.least_variance)
 
     other, other_variance = learned(0, t.other_mean)

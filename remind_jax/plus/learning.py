@@ -143,20 +143,20 @@ def learn_relations(
     border = jnp.where(visible & (seen[:, 3] > 0), t.border_error, 0.0)
     doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0)))
 
-    per_size = 1.0 / mean_sizes(size, size)
-    spread = (doubt[:, None] + doubt[None, :]) * per_size + (border[:, None] + border[None, :])
+    scale = mean_sizes(size, size)
+    spread = (doubt[:, None] + doubt[None, :]) / scale + (border[:, None] + border[None, :])
     one_visible = visible[:, None] | visible[None, :]
     both_exist = objects.exists[:, None] & objects.exists[None, :]
     accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
     # A relation is forgotten as fast as its objects move.
     speed = mobile.weight * objects.speed
-    aged = pairs.spread + (speed[:, None] + speed[None, :]) * per_size
+    aged = pairs.spread + (speed[:, None] + speed[None, :]) / scale
     aged = jnp.where(aged < t.spread_max, aged, UNRELATED)
     accepted &= (spread <= aged + t.spread_slack) & (spread < t.spread_max)
     alike = jnp.abs(spread - aged) < t.spread_same
     rate = jnp.where(accepted, jnp.where(alike, t.rate, 1.0), 0.0)
 
-    relation = (place[None, :] - place[:, None]) * per_size[..., None]
+    relation = (place[None, :] - place[:, None]) / scale[..., None]
     log_ratio = log_ratios(size, size)
     together = (visible[:, None] & visible[None, :]).astype(jnp.float32)
     old = pairs.replaced(spread=aged).lies
