@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
@@ -326,13 +325,9 @@ def learn_cosines(
     # Objects clearly recognized teach what the same object looks like after an absence.
     clear = choice.recognized & (choice.margin >= t.sure_margin)
     old = sure & (here.age >= t.min_age) & (frame % t.every == 0)
-    # A choice by place becomes part of the sum that reads it.
-    is_after_absence = np.array([[True], [False]])
-    same = jnp.where(is_after_absence, choice.cosine, since_first)
-    same_weight = jnp.where(
-        is_after_absence,
-        jnp.where(clear, t.sure_weight, 0.0),
-        jnp.where(old, t.same_weight, 0.0),
+    same = jnp.stack([choice.cosine, since_first])
+    same_weight = jnp.stack(
+        [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight, 0.0)]
     )
 
     held = jnp.where(sure, here.slot, num_o)
@@ -344,7 +339,7 @@ def learn_cosines(
     def moments(weight: Array, value: Array) -> Array:
         return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))
 
-    is_other = np.array([[True], [False]])
+    is_other = jnp.arange(2)[:, None] == 0
     new = jnp.where(is_other, moments(weight, other), moments(same_weight, same))
     fade = t.decay ** new[:, 0]
     return dataclasses.replace(

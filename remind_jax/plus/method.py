@@ -68,13 +68,9 @@ def count_occupied(state: PlusState) -> tuple[Int[Array, ""], int]:
 
 
 # A sum over a long axis is one kernel together with what it adds up; otherwise it is three. What is
-# the same in all turns of a loop stays part of what reads it; moved out, it would be a kernel. Of
-# the library for sums and products only the products are taken: its sums are kernels of their own.
+# the same in all turns of a loop stays part of what reads it; moved out, it would be a kernel.
 COMPILER_OPTIONS = {
-    "cpu": {
-        "xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion",
-        "xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_DOT",
-    }
+    "cpu": {"xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion"}
 }
 
 METHOD = Method(

@@ -164,8 +164,8 @@ def test_truncated_and_missing_files_are_refused(path):
         ({"header": {"class_names": '["cup", "cup"]'}}, "'class_names' holds cup twice"),
         ({"header": {"class_names": json.dumps(["cup", "c" * 201])}}, "up to 200 characters"),
         ({"header": {"backbone": None}}, "its header lacks 'backbone'"),
-        ({"drop": "objects.hits"}, "'objects.hits' is missing"),
-        ({"change": "objects.hits"}, r"'objects.hits' is I32 of shape \[8, 1\]; expected: I32"),
+        ({"drop": "objects.wholes"}, "'objects.wholes' is missing"),
+        ({"change": "objects.wholes"}, r"'objects.wholes' is I32 of shape \[8, 7, 1\]; expected"),
     ],
 )
 def test_what_is_wrong_is_said(path, spoil, said):
@@ -175,7 +175,7 @@ def test_what_is_wrong_is_said(path, spoil, said):
 
 def test_capacities_that_do_not_fit_the_tensors_are_refused(path):
     other = json.dumps(dataclasses.asdict(dataclasses.replace(STATIC, num_objects=9)))
-    with pytest.raises(OutputError, match=r"of shape \[8\]; expected: I32 of shape \[9\]"):
+    with pytest.raises(OutputError, match=r"of shape \[8, 7\]; expected: I32 of shape \[9, 7\]"):
         load_memory(rewrite(path, header={"static": other}))
 
 
