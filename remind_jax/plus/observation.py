@@ -85,8 +85,8 @@ def observe(
     )  # fmt: skip
     inside = coverage.reshape(-1, rows * columns)
     around = jnp.where(near.reshape(inside.shape) > 0, 1.0 - inside, 0.0)
-    regions = jnp.stack([inside * inside * finite, around * finite])
-    (look, ring), (is_seen, has_ring) = pool(regions, features)
+    look, is_seen = pool(inside * inside * finite, features)
+    ring, has_ring = pool(around * finite, features)
 
     # The tracker may work at a smaller size than that of the frame; the motion was measured there.
     known = jnp.all(jnp.asarray(motion.frame_size) > 0)

@@ -59,9 +59,10 @@ def learn_scatter(
     limited = jnp.minimum(scene.weights + counts, t.mean_samples)
     weights = jnp.where(np.arange(4) < 2, limited, scene.weights * fade + counts)
     rate = 1.0 / jnp.maximum(weights[:2, None], 1.0)
-    seen = jnp.stack([sightings.look, sightings.ring])
-    off = jnp.where(taught[:2, :, None], seen - scene.means[:, None], 0.0)
-    means = scene.means + rate * jnp.sum(off, axis=1)
+    off_mean = jnp.where(valid[:, None], sightings.look - scene.mean, 0.0)
+    off_ring = jnp.where(sightings.has_ring[:, None], sightings.ring - scene.ring_mean, 0.0)
+    step_of_means = jnp.stack([jnp.sum(off_mean, axis=0), jnp.sum(off_ring, axis=0)])
+    means = scene.means + rate * step_of_means
     around = jnp.where(valid[:, None], sightings.look - means[0], 0.0)
     within = jnp.where(linked[:, None], step, 0.0)
     return dataclasses.replace(
