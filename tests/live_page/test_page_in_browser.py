@@ -124,6 +124,7 @@ def test_the_timeline_shows_an_absence(shown):
 def test_the_age_grows_until_the_next_frame(shown):
     shown.show(0)
     shown.wait_for_frames(1)
+    shown.wait_for("document.getElementById('age').textContent.endsWith(' s')")
     age = float(shown.text("#age").removesuffix(" s"))
     assert age >= 0.2
     # How soon depends on the machine, that it does not.
