@@ -7,6 +7,8 @@ Letters: `N` detections, `C` candidates, `K` objects that an undecided detection
 
 from __future__ import annotations
 
+import math
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -27,6 +29,8 @@ from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
 from remind_jax.plus.state import Objects, Stage, Tracklets, Verdicts
 from remind_jax.static import Static
+
+LEAST_BELIEF = 1e-3  # what is believed less, or doubted less, counts as this
 
 # Why a detection became what it became.
 _REASONS = {
@@ -171,9 +175,15 @@ def _calibrate(verdicts: Verdicts, is_own: Bool[Array, "N"], t: th.Confidence) -
         decided = jnp.where(is_own, new, known)
         return jnp.where(verdicts.is_decided, decided, jnp.where(is_own, open_new, open_known))
 
-    low = by_kind(t.known, t.new, t.open_known, t.open_new)
-    high = by_kind(t.known_sure, t.new_sure, t.open_known_sure, t.open_new_sure)
-    return low + (high - low) * verdicts.probability
+    low = _log_odds(by_kind(t.known, t.new, t.open_known, t.open_new))
+    high = _log_odds(by_kind(t.known_sure, t.new_sure, t.open_known_sure, t.open_new_sure))
+    most = math.log(1.0 / LEAST_BELIEF - 1.0)
+    return jax.nn.sigmoid(low + (high - low) * (_log_odds(verdicts.probability) / most + 1.0) / 2.0)
+
+
+def _log_odds(probability: Float[Array, "N"]) -> Float[Array, "N"]:
+    clipped = jnp.clip(probability, LEAST_BELIEF, 1.0 - LEAST_BELIEF)
+    return jnp.log(clipped / (1.0 - clipped))
 
 
 def _list_options(

@@ -258,19 +258,19 @@ class Decision:
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Confidence:
-    """How often answers are right: at belief 0 and at belief 1, linear between (docs/plus.md).
+    """How often answers are right, at least and at most belief (method_plus.md#answers).
 
     The belief is that of the evidence; what it does not know of, it cannot doubt.
     """
 
-    open_known: Real = setting(0.32, "not decided yet, a known object: at belief 0", "probability")
-    open_known_sure: Real = setting(0.97, "the same at belief 1", "probability")
-    open_new: Real = setting(0.38, "not decided yet, a new object: at belief 0", "probability")
-    open_new_sure: Real = setting(0.85, "the same at belief 1", "probability")
-    known: Real = setting(0.54, "decided, a known object: at belief 0", "probability")
-    known_sure: Real = setting(0.99, "the same at belief 1", "probability")
-    new: Real = setting(0.80, "decided, a new object: at belief 0", "probability")
-    new_sure: Real = setting(0.97, "the same at belief 1", "probability")
+    open_known: Real = setting(0.04, "open, a known object: at belief 0.001", "probability")
+    open_known_sure: Real = setting(0.987, "the same at belief 0.999", "probability")
+    open_new: Real = setting(0.28, "open, a new object: at belief 0.001", "probability")
+    open_new_sure: Real = setting(0.925, "the same at belief 0.999", "probability")
+    known: Real = setting(0.13, "decided, a known object: at belief 0.001", "probability")
+    known_sure: Real = setting(0.992, "the same at belief 0.999", "probability")
+    new: Real = setting(0.51, "decided, a new object: at belief 0.001", "probability")
+    new_sure: Real = setting(0.974, "the same at belief 0.999", "probability")
 
 
 @jax.tree_util.register_dataclass
