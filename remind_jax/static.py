@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Literal
 
-import jax.numpy as jnp
+import numpy as np
 
 from remind_jax.errors import ConfigError
 from remind_jax.settings.checks import check_fields
@@ -244,9 +244,9 @@ class Static:
         return ("kmeans", "attention") if self.part_source == "both" else (self.part_source,)
 
     @property
-    def scalar(self) -> jnp.dtype:
+    def scalar(self) -> np.dtype:
         """Type of scores, qualities and thresholds."""
-        return jnp.dtype(self.precision)
+        return np.dtype(self.precision)
 
     def grow(self, **needed: int) -> Static:
         """Doubles the named capacities until they hold what is needed."""

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import remind_jax as rj
+from remind_jax.calibration import calibrate
 from remind_jax.errors import RemindError
 from tests.sources.published import Tensor, sam_masks, ultralytics_results
 
@@ -237,6 +238,17 @@ CALLS = {
     "run progress": lambda: rj.run(
         np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), progress=5
     ),
+    **{
+        f"run {name}={value!r}": lambda name=name, value=value: rj.run(
+            np.stack([IMAGE] * 2),
+            **{"masks": np.zeros((2, 64, 96), int), "progress": False, name: value},
+        )
+        for name, value in (
+            *(("overlay", "x"), ("overlay", 1), ("trace", "yes"), ("overwrite", None)),
+            *(("resume", 0), ("on_live", 5), ("progress", "yes")),
+        )
+    },
+    "live trace": lambda: rj.Tracker(trace=1),
     "run fps": lambda: rj.run(
         np.stack([IMAGE] * 2), masks=np.zeros((2, 64, 96), int), image_fps=NAN, progress=False
     ),
@@ -272,6 +284,12 @@ CALLS = {
     "compare empty": lambda: rj.compare([], []),
     "res frame": lambda: result().to_supervision(99),
     "res frame t": lambda: result().to_supervision("a"),
+    **{
+        f"res save {path!r}"[:40]: lambda path=path: result().save(path)
+        for path in (None, 5, "", "a\0b", b"a", [])
+    },
+    "calibrate option": lambda: calibrate("/nope", nope=1),
+    "sweep option": lambda: rj.sweep("/nope", [{}], nope=1),
     "res load": lambda: rj.Result.load("/nope"),
     "res load none": lambda: rj.Result.load(None),
     "res explain": lambda: result().explain(0, 0),

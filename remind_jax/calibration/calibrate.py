@@ -22,8 +22,9 @@ from remind_jax.config.profiles import MadeFor, place_profile, write_profile
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.files import as_path
 from remind_jax.method import PAPER_METHOD
-from remind_jax.settings.ranges import check_option
+from remind_jax.settings.ranges import check_function, check_option, check_switch
 from remind_jax.sources import Sampling, Source, open_source
+from remind_jax.sources.opening import check_options
 
 CONFIG = "remind"  # what a profile starts from, and whose thresholds fit the reference features
 LEAST = 30  # comparisons of each kind
@@ -95,7 +96,10 @@ def calibrate(
     Raises:
       RemindError: If a scene is not accepted, or the scenes do not hold enough to compare.
     """
+    check_options(source_options, calibrate)
     check_option("seed", seed, 0, MOST_SEED)
+    check_switch("identities", identities)
+    check_function("progress", progress)
     if out is not None:
         _as_profile_path(out)
     opened = open_backbone(backbone, weights=weights, feature_cache=feature_cache)

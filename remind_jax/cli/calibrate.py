@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
-from remind_jax.cli.run import Layout
+from remind_jax.cli.run import Layout, scene_options
 from remind_jax.errors import SourceError
 from remind_jax.files import refuse_file
 from remind_jax.printing.terminal import print_lines
@@ -54,11 +54,7 @@ class Calibrate:
         """Calibrates and reports; returns the exit code."""
         if not self.sources:
             raise SourceError("name the scenes to calibrate on: folders or archives with masks")
-        more = dataclasses.asdict(self.layout)
-        if self.masks is not None:
-            if len(self.sources) > 1:
-                raise SourceError("--masks are those of one scene; leave out the other scenes")
-            more["masks"] = self.masks
+        more = scene_options(self.layout, self.masks, len(self.sources))
         if self.out is not None:
             inputs = (*self.sources, self.masks, self.weights)
             refuse_file(self.out, [path for path in inputs if path is not None])

@@ -173,6 +173,8 @@ def _read_word(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         if info.type is Path and (wrong := check_name(words[0])):
             raise UsageError(f"the path {words[0][:40]!r} cannot be used: {wrong}")
         try:
+            if info.type in (int, float) and not _is_plain(words[0]):
+                raise ValueError
             return info.type(words[0])
         except ValueError:
             raise ValueError(f"{reprlib.repr(words[0])} is no {kind}; give one") from None
@@ -184,6 +186,11 @@ def _read_word(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
         is_instance=lambda value: isinstance(value, info.type),
         str_from_instance=lambda value: [f"{value:g}" if info.type is float else str(value)],
     )
+
+
+def _is_plain(word: str) -> bool:
+    """Whether digits are those of this help: Python reads 1_000 and those of other scripts, too."""
+    return word.isascii() and "_" not in word and word == word.strip()
 
 
 @KINDS.primitive_rule

@@ -26,7 +26,7 @@ from remind_jax.cli.flags import (
 from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
-from remind_jax.errors import RemindError
+from remind_jax.errors import RemindError, SourceError
 from remind_jax.printing.terminal import print_lines, printable
 
 if TYPE_CHECKING:
@@ -176,9 +176,8 @@ class Run:
 
         return open_source(
             self.source,
-            masks=None if self.masks is None else _path_or_none(self.masks),
             sampling=self.sampling,
-            **dataclasses.asdict(self.layout),
+            **scene_options(self.layout, self.masks),
             **self.live_source.as_options(),
         )
 
@@ -209,9 +208,18 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _path_or_none(masks: Path) -> str | Path:
-    """The word 'none' is no path."""
-    return "none" if str(masks) == "none" else masks
+def scene_options(layout: Layout, masks: Path | None, num_scenes: int = 1) -> dict[str, Any]:
+    """How scenes are opened, as options of `open_source`.
+
+    Raises:
+      SourceError: If masks are given for several scenes.
+    """
+    options = dataclasses.asdict(layout)
+    if masks is not None:
+        if num_scenes > 1:
+            raise SourceError("--masks are those of one scene; leave out the other scenes")
+        options["masks"] = "none" if str(masks) == "none" else masks  # the word is no path
+    return options
 
 
 def _fit_for_folder(name: str) -> str:

@@ -13,7 +13,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
 from remind_jax.cli.progress import SweepDisplay
-from remind_jax.cli.run import DEFAULT_FOLDER, Layout
+from remind_jax.cli.run import DEFAULT_FOLDER, Layout, scene_options
 from remind_jax.errors import ConfigError, SweepError, nearest_names
 from remind_jax.files import refuse_folder, writing
 from remind_jax.printing.terminal import print_lines, print_markdown
@@ -172,11 +172,7 @@ class Sweep:
     def _open(self, out: Path, display: SweepDisplay) -> SceneBench:
         from remind_jax.sweeps.bench import SceneBench
 
-        more = dataclasses.asdict(self.layout)
-        if self.masks is not None:
-            if len(self.sources) > 1:
-                raise SweepError("--masks are those of one scene; leave out the other scenes")
-            more["masks"] = self.masks
+        more = scene_options(self.layout, self.masks, len(self.sources))
         return SceneBench(
             list(self.sources),
             config=self.config,

@@ -27,19 +27,21 @@ def explained(verb: Any) -> Iterator[None]:
       UsageError: If the words make no sense.
     """
     try:
-        from tyro import _errors as events
+        from tyro._errors import on_parse_error
     except ImportError:
         yield
         return
 
     def refuse(event: Any) -> None:
         sentence = ""
-        with contextlib.suppress(AttributeError):  # a field that another version lacks
-            sentence = _explain(type(event).__name__, event, verb)
+        # A field that another version lacks, or has otherwise.
+        with contextlib.suppress(AttributeError, LookupError, TypeError):
+            said = _explain(type(event).__name__, event, verb)
+            sentence = said and f"{said} ('{event.prog} --help' shows what there is)"
         if sentence:
-            raise UsageError(f"{sentence} ('{event.prog} --help' shows what there is)")
+            raise UsageError(sentence)
 
-    with events.on_parse_error(refuse):
+    with on_parse_error(refuse):
         yield
 
 

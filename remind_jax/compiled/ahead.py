@@ -17,6 +17,7 @@ HORIZON_S = 40.0  # how far ahead growth is foreseen; a compilation takes less
 WINDOW_S = 30.0  # over which the pace of growth is measured
 SHORTEST_S = 5.0  # what was met in less says nothing about a pace
 SETTLED_S = 20.0  # after which a stream is taken for one that goes on
+PREPARING = "remind-jax prepares capacities"  # name of the thread
 _SAMPLE_S = 0.25  # samples that are kept lie so far apart
 # Python lets another thread run after so long; at its usual 5 ms, a frame that gives way a hundred
 # times while a program is traced takes most of a second.
@@ -91,7 +92,7 @@ class Preparation:
 
         self._wanted = static
         # No daemon: the compiler must not be at work while the process is taken down.
-        self._thread = threading.Thread(target=run, name="remind-jax prepares capacities")
+        self._thread = threading.Thread(target=run, name=PREPARING)
         self._thread.start()
 
     def room_for(self, needed: Static) -> Static:

@@ -17,7 +17,7 @@ from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
 from remind_jax.config.input_options import Input
 from remind_jax.config.keys import THRESHOLDS, flat_keys
-from remind_jax.config.profiles import name_profile, place_profile, read_made_for, read_profile
+from remind_jax.config.profiles import find_made, name_profile, read_made_for, read_profile
 from remind_jax.config.reference_keys import translate
 from remind_jax.errors import ConfigError
 from remind_jax.files import records
@@ -130,22 +130,22 @@ class Config:
             return self
         path, calibrated = find_profile(self.tracker, name), ""
         if fingerprint is not None:
-            made_here = place_profile(self.tracker, name, fingerprint)
-            if made_here.is_file():
+            made_here = find_made(self.tracker, name, fingerprint)
+            if made_here is not None:
                 path, calibrated = made_here, name_profile(name, fingerprint)
         if path is None:
             return self
         mine, published = dict(flatten_fields(self)), dict(flatten_fields(_neutral(self.tracker)))
-        values = read_yaml(path)
-        if calibrated:
-            values = read_profile(path)
+        if not calibrated:
+            values = read_yaml(path)
+        else:
+            values = read_profile(path, self.tracker)
             found = read_made_for(values.pop("profile"), str(path)).name
             if found != calibrated:
                 raise ConfigError(
                     f"'{path}' is a profile of {found}, not of {calibrated}; remove it, or "
                     "calibrate again"
                 )
-            del values["base"]
         profile = flat_keys(values, self.keys, self.tracker, str(path))
         free = {
             key: value

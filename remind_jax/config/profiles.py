@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import reprlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 import msgspec
 
 from remind_jax.errors import ConfigError
-from remind_jax.files import make_folder, records, replace_file, user_cache_folder
+from remind_jax.files import as_path, make_folder, records, replace_file, user_cache_folder
 from remind_jax.files.records import Count, Label, Text
 
 VARIABLE = "REMIND_PROFILES"  # names another folder
@@ -49,14 +50,30 @@ def name_profile(backbone: str, fingerprint: str) -> str:
 
 
 def profile_folder() -> Path:
-    """Where profiles are looked for: as the variable REMIND_PROFILES says, or in the cache."""
+    """Where profiles are looked for: as the variable REMIND_PROFILES says, or in the cache.
+
+    Raises:
+      ConfigError: If the variable names no folder.
+    """
     named = os.environ.get(VARIABLE)
-    return Path(named) if named else user_cache_folder() / "profiles"
+    if not named:
+        return user_cache_folder() / "profiles"
+    folder = as_path(named, f"the folder in {VARIABLE}", ConfigError)
+    is_none = str(folder) == os.devnull  # said on purpose
+    if os.path.lexists(folder) and not folder.is_dir() and not is_none:
+        raise ConfigError(f"{VARIABLE} names '{folder}', which is no folder; give one")
+    return folder
 
 
 def place_profile(tracker: str, backbone: str, fingerprint: str) -> Path:
     """Where the profile of these features is looked for."""
     return profile_folder() / tracker / f"{name_profile(backbone, fingerprint)}.yaml"
+
+
+def find_made(tracker: str, backbone: str, fingerprint: str) -> Path | None:
+    """What lies where the profile of these features is looked for; None if nothing does."""
+    path = place_profile(tracker, backbone, fingerprint)
+    return path if os.path.lexists(path) else None
 
 
 def has_profile(tracker: str, backbone: str) -> bool:
@@ -101,8 +118,12 @@ def write_profile(path: Path, tracker: str, made_for: MadeFor, values: Mapping[s
     replace_file(path, (head + text).encode())
 
 
-def read_profile(path: Path) -> dict[str, Any]:
+def read_profile(path: Path, tracker: str) -> dict[str, Any]:
     """Reads the values of a profile, with `profile` and `thresholds`.
+
+    Args:
+      path: The file.
+      tracker: Name of the configuration that it has to start from.
 
     Raises:
       ConfigError: If it cannot be read or is no profile.
@@ -111,5 +132,11 @@ def read_profile(path: Path) -> dict[str, Any]:
     if set(values) != {"base", "profile", "thresholds"}:
         raise ConfigError(
             f"'{path}' is no profile of 'remind calibrate'; calibrate again, or remove it"
+        )
+    base = values.pop("base")
+    if base != tracker:
+        raise ConfigError(
+            f"'{path}', `base`: found {reprlib.repr(base)}, a profile that lies there starts from "
+            f"{tracker!r}; calibrate again, or remove it"
         )
     return values

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+import re
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import yaml
 
 from remind_jax.errors import RemindError
+
+_PLAIN = re.compile(
+    r"[-+]?(0|[1-9][0-9]*|[0-9]*\.[0-9]*|[0-9.]+[eE][-+]?[0-9]+|\.(inf|Inf|INF))|\.(nan|NaN|NAN)"
+)
 
 
 class _Loader(yaml.SafeLoader):
@@ -22,6 +27,25 @@ class _Loader(yaml.SafeLoader):
                 None, None, f"the key {twice!r} stands twice", node.start_mark
             )
         return super().construct_mapping(node, deep)
+
+
+def _decimal(construct: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Numbers as people write them: YAML would take 010 for 8, 1:30 for 90 and 1_000 for 1000."""
+
+    def checked(loader: _Loader, node: yaml.ScalarNode) -> Any:
+        if not _PLAIN.fullmatch(node.value):
+            said = f"the number {node.value!r} is not written in decimal, as 10 or 2.5 are"
+            raise yaml.constructor.ConstructorError(None, None, said, node.start_mark)
+        return construct(loader, node)
+
+    return checked
+
+
+for _kind, _construct in (
+    ("int", yaml.SafeLoader.construct_yaml_int),
+    ("float", yaml.SafeLoader.construct_yaml_float),
+):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _decimal(_construct))
 
 
 def parse_yaml(text: str, where: str, refused: type[RemindError]) -> Any:

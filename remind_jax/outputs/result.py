@@ -181,7 +181,7 @@ class Result(Printable):
         Raises:
           OutputError: If the folder cannot be made or written.
         """
-        run_dir = Path(run_dir)
+        run_dir = files.as_path(run_dir, "the folder of the run", OutputError)
         files.make_folder(run_dir)
         with store.DetectionsWriter(run_dir / store.DETECTIONS_NAME, self.info.to_json()) as file:
             for tracks in self.tracks:

@@ -44,7 +44,7 @@ from remind_jax.session.memory_file import (
 )
 from remind_jax.session.object_records import ObjectRecords, RememberedObject
 from remind_jax.session.preparation import FramePreparer, Prepared
-from remind_jax.settings.ranges import check_option
+from remind_jax.settings.ranges import check_option, check_switch
 from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS, Static
 from remind_jax.tracks import Tracks
 
@@ -97,6 +97,7 @@ class Tracker:
         Raises:
           ConfigError: If one of them is unknown or does not fit.
         """
+        check_switch("trace", trace)
         self.config = load_config(config)
         if tracker is not None:
             self.config = self.config.with_tracker(tracker)

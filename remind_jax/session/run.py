@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -19,7 +18,6 @@ from remind_jax.errors import (
     OptionError,
     OutputError,
     SourceError,
-    nearest_names,
 )
 from remind_jax.files import as_path
 from remind_jax.live_page.server import LivePage, parse_where
@@ -39,9 +37,9 @@ from remind_jax.session.folder_run import Origin, describe_files, describe_run, 
 from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress, follow_run
-from remind_jax.settings.ranges import check_option
+from remind_jax.settings.ranges import check_function, check_option, check_switch
 from remind_jax.sources import LiveSource, Sampling, Source, open_source
-from remind_jax.sources.opening import NO_MASKS
+from remind_jax.sources.opening import NO_MASKS, check_options
 from remind_jax.sources.source import SampledSource
 
 _MOST_DELAY = 1_000_000  # frames
@@ -140,7 +138,12 @@ def run(
       >>> [tracks.object_id.tolist() for tracks in result.tracks]
       [[0], [0], [0]]
     """
-    _check_options(source_options)
+    check_options(source_options, run)
+    switches = {"overlay": overlay, "trace": trace, "overwrite": overwrite, "resume": resume}
+    for name, value in switches.items():
+        check_switch(name, value)
+    check_function("on_live", on_live)
+    check_function("progress", None if isinstance(progress, bool) else progress)
     _check_resume(out, overwrite, resume, record)
     _check_viewers(out, rerun, mcap)
     if live is not False:
@@ -201,15 +204,6 @@ def run(
         with files.locked(folder):
             viewers = _open_viewers(frames.name, rerun, mcap)
             return run_into(folder, loop, checkpoints, origin, overlay, overwrite, resume, viewers)
-
-
-def _check_options(source_options: Mapping[str, Any]) -> None:
-    """Refuses options that neither a run nor a source has."""
-    known = inspect.signature(open_source).parameters
-    for name in source_options:
-        if name not in known:
-            hint = nearest_names(name, {*known, *inspect.signature(run).parameters})
-            raise ConfigError(f"run has no option '{name}'; {hint}")
 
 
 def _check_resume(out: Any, overwrite: bool, resume: bool, record: Any) -> None:

@@ -160,6 +160,26 @@ def check_order(section: Any, path: str) -> None:
             )
 
 
+def check_switch(name: str, value: Any) -> None:
+    """Checks what is either true or false.
+
+    Raises:
+      OptionError: If it is something else.
+    """
+    if not isinstance(value, bool):
+        raise OptionError(f"'{name}' is {reprlib.repr(value)}; give True or False", name)
+
+
+def check_function(name: str, value: Any) -> None:
+    """Checks what is called later.
+
+    Raises:
+      OptionError: If it cannot be called; None may be left out.
+    """
+    if value is not None and not callable(value):
+        raise OptionError(f"'{name}' is {reprlib.repr(value)}; give a function", name)
+
+
 def check_option(name: str, value: Any, least: float, most: float, *, whole: bool = True) -> None:
     """Checks a number that was given beside the settings, such as a count of frames.
 

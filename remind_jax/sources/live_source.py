@@ -143,11 +143,13 @@ class LiveReader:
     def _start(self) -> Feed:
         reconnect_s, is_folder = self._options.reconnect, self.kind == "folder"
         half_s = reconnect_s / 2 if reconnect_s else WAIT_S
+        duration = self._options.duration
+        folder_s = reconnect_s if duration is None else min(reconnect_s, duration)
         return Feed(
             self._open_capture,
             self.shown,
             reconnect_s=reconnect_s,
-            wait_s=reconnect_s if is_folder else max(1.0, min(WAIT_S, half_s)),
+            wait_s=folder_s if is_folder else max(1.0, min(WAIT_S, half_s)),
             ends_when_silent=is_folder,
             keeps_all=self._options.every_frame,
         )

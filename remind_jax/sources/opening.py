@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,23 @@ DEFAULT_IMAGE_FPS = 30.0
 NO_MASKS = "none"
 MOST_NAME = 1000  # characters
 PACKED = (".zip", ".rar", ".7z")
+
+
+def check_options(options: Mapping[str, Any], function: Callable[..., Any]) -> None:
+    """Refuses options that neither a function nor `open_source` has.
+
+    Args:
+      options: What the function passes on to `open_source`.
+      function: Its options are proposed as well.
+
+    Raises:
+      ConfigError: If there is such an option.
+    """
+    known = inspect.signature(open_source).parameters
+    for name in options:
+        if name not in known:
+            hint = nearest_names(name, {*known, *inspect.signature(function).parameters})
+            raise ConfigError(f"{function.__name__} has no option '{name}'; {hint}")
 
 
 def open_source(

@@ -19,14 +19,17 @@ _JPEG_START, _JPEG_SCAN, _JPEG_END = b"\xff\xd8", 0xDA, b"\xff\xd9"
 _JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # segments that tell the size
 _JPEG_ALONE = {0x01, *range(0xD0, 0xD8)}  # marks without a length
 _TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_WEBP_ANIMATION = 2
 _CUT = "it is cut off or damaged"
+_ANIMATED = "it is an animation, not one picture; give it as a video of its own, or its pictures"
 
 
 def check_picture(data: bytes) -> tuple[int, int]:
     """Height and width of a picture, as its header says.
 
     Raises:
-      UnreadableFrame: If it is no picture of a known kind, without pixels, too large, or cut off.
+      UnreadableFrame: If it is no picture of a known kind, without pixels, too large, cut off, or
+        an animation.
     """
     if not data:
         raise UnreadableFrame("the file is empty")
@@ -59,6 +62,8 @@ def _measure_png(data: bytes) -> tuple[int, int]:
             size = height, width
         elif size is None:
             raise UnreadableFrame("it is damaged")
+        elif kind == b"acTL":
+            raise UnreadableFrame(_ANIMATED)
         elif kind == b"IEND":
             return size
         at += 12 + length
@@ -95,6 +100,8 @@ def _measure_webp(data: bytes) -> tuple[int, int]:
     length, name, kind = struct.unpack_from("<I4s4s", data, 4)
     if name != b"WEBP" or len(data) < length + 8:
         raise UnreadableFrame(_CUT)
+    if kind == b"VP8X" and data[20] & _WEBP_ANIMATION:
+        raise UnreadableFrame(_ANIMATED)
     if kind == b"VP8X":  # the canvas, less one
         return int.from_bytes(data[27:30], "little") + 1, int.from_bytes(data[24:27], "little") + 1
     if kind == b"VP8L":

@@ -17,6 +17,7 @@ from remind_jax.errors import SweepError, nearest_names
 from remind_jax.method import StepHalves, get_method, list_methods
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
+from remind_jax.sources.opening import check_options
 from remind_jax.sweeps.cluster import Cluster
 from remind_jax.sweeps.records import Records, Row, row_key
 from remind_jax.sweeps.result import SweepResult
@@ -62,6 +63,7 @@ class SceneBench:
         Raises:
           RemindError: If a scene or the configuration is not accepted.
         """
+        check_options(source_options, type(self))
         check_option("memory_gib", memory_gib, 1e-3, MOST_GIB, whole=False)
         for name, value, most in (("batch", batch, MOST_BATCH), ("workers", workers, MOST_WORKERS)):
             if value is not None:
@@ -258,6 +260,7 @@ def sweep(
     Raises:
       RemindError: If a scene, a setting or the configuration is not accepted.
     """
+    check_options(source_options, sweep)
     chosen = complete(as_settings(settings), load_config(config))
     bench = SceneBench(
         scenes,

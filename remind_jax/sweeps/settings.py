@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
+import re
 import reprlib
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -35,6 +36,7 @@ _ORIGIN = "a setting of the sweep"
 MOST_SETTINGS = 100_000  # of one sweep
 _MOST_BYTES = 64 << 20  # of a file of settings
 _LARGEST = 3e38  # in single precision
+_DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?")
 _Rows: Any = Annotated[list[dict[str, Any]], msgspec.Meta(max_length=MOST_SETTINGS)]
 
 
@@ -138,9 +140,10 @@ def _read_value(word: str, text: str) -> Value:
     word = word.strip().lower()
     if word in words:
         return words[word]
-    with contextlib.suppress(ValueError):
+    with contextlib.suppress(ValueError):  # of thousands of digits
         value = int(word) if word.lstrip("+-").isdigit() else float(word)
-        if math.isfinite(value) and abs(value) < _LARGEST:
+        is_plain = _DECIMAL.fullmatch(word) is not None  # Python takes 1_000 and other digits too
+        if is_plain and math.isfinite(value) and abs(value) < _LARGEST:
             return value
     raise ConfigError(
         f"{reprlib.repr(word)} in {reprlib.repr(text)} is no value; write 0.5,0.6 or true,false or "

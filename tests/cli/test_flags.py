@@ -85,7 +85,10 @@ def test_options_checked_later_are_told_by_their_flag_too(command, scene):
     ("words", "told"),
     [
         (("--stride", "many"), "'many' is no whole number"),
+        (("--stride", "1_0"), "'1_0' is no whole number"),
+        (("--stride", "٣"), "is no whole number"),
         (("--fps", "fast"), "'fast' is no number"),
+        (("--fps", "1_0.5"), "'1_0.5' is no number"),
         (("--engine", "onnx"), "give 'auto', 'onnxruntime' or 'cv2.dnn'"),
         (("--egnine", "auto"), "--engine"),
     ],

@@ -1,5 +1,8 @@
 """Files of profiles: what they say is checked, and where they are kept."""
 
+import os
+from pathlib import Path
+
 import pytest
 
 from remind_jax.config import load_config, profiles
@@ -44,6 +47,11 @@ def test_a_profile_is_a_configuration(folder):
         ("base: remind\nprofile: 3\nthresholds: {}\n", "is not what 'remind calibrate' writes"),
         ("base: remind\nprofile: {backbone: a, fingerprint: b, x: 1}\nthresholds: {}\n", "`x`"),
         ("base: remind\nprofile: {backbone: a, fingerprint: b}\nthresholds: {no.such: 1}\n", "no"),
+        (
+            "base: plus\nprofile: {backbone: a, fingerprint: b}\nthresholds: {}\n",
+            "`base`: .*'plus'",
+        ),
+        ("base: [remind]\nprofile: {backbone: a, fingerprint: b}\nthresholds: {}\n", "`base`: "),
         ("[", "not valid YAML"),
     ],
 )
@@ -52,4 +60,23 @@ def test_what_is_no_profile_is_refused(folder, text, said):
     path.parent.mkdir(parents=True)
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=said):
+        load_config("remind").for_backbone("a", "b")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [Path.mkdir, os.mkfifo, lambda path: path.symlink_to(path), lambda path: path.symlink_to("/x")],
+)
+def test_what_lies_in_its_place_is_not_passed_over(make):
+    path = profiles.place_profile("remind", "a", "b")
+    path.parent.mkdir(parents=True)
+    make(path)
+    with pytest.raises(ConfigError, match=r"remind/a-"):
+        load_config("remind").for_backbone("a", "b")
+
+
+@pytest.mark.parametrize("named", ["/etc/passwd", "/dev/zero", "x" * 5000])
+def test_the_folder_of_profiles_is_one(named, monkeypatch):
+    monkeypatch.setenv(profiles.VARIABLE, named)
+    with pytest.raises(ConfigError, match=profiles.VARIABLE):
         load_config("remind").for_backbone("a", "b")

@@ -14,6 +14,7 @@ import dataclasses
 import functools
 import resource
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ import cv2
 import numpy as np
 
 import remind_jax as rj
+from remind_jax.compiled.ahead import PREPARING
 
 HEIGHT_PX, WIDTH_PX = 128, 160
 TILE_PX = 36
@@ -134,6 +136,8 @@ def soak(
         spent_ms[index] = 1000 * (_cpu_s() - computed + tracker.compile_s - waited)
         if tracker.has_grown:
             grown_at.append(index)
+        if index == first:
+            _wait_for_programs()
         if index % 50 == 0:
             frames.append(index)
             rss.append(_rss_mib())
@@ -158,6 +162,16 @@ def soak(
         rss_mib=(float(np.array(rss)[after][0]) if after.any() else rss[-1], rss[-1]),
         kib_per_1000=float(slope) * 1024 * 1000,
     )
+
+
+def _wait_for_programs() -> None:
+    """Lets what is compiled in the background end, as it has on a machine that does nothing else.
+
+    Programs for twice of everything are begun once a loop has gone on for twenty seconds.
+    """
+    for thread in threading.enumerate():
+        if thread.name == PREPARING:
+            thread.join()
 
 
 def _cpu_s() -> float:

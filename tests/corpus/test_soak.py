@@ -45,11 +45,8 @@ def test_all_rooms_are_met_and_things_come_and_go():
 @pytest.mark.slow
 @pytest.mark.parametrize("config", ["default", "remind"])
 def test_a_short_soak_stays_within_bounds(config):
-    """Memory is flat, and no frame computes or waits for programs over ten times the median.
-
-    The first part lasts until the programs of larger memories are compiled in the background.
-    """
-    *_, figures = soak(2000, config, fps=30.0, first=1200)
+    """Memory is flat, and no frame computes or waits for programs over ten times the median."""
+    *_, figures = soak(2000, config, fps=30.0)
     assert isinstance(figures, Figures)
     assert figures.grown_at
     assert figures.failures == []

@@ -156,6 +156,11 @@ def test_a_folder_that_stays_empty_is_an_error(robot):
         list(follow(robot, reconnect=0.3))
 
 
+def test_no_longer_than_the_duration_is_waited(robot):
+    with pytest.raises(SourceError, match=r"got no picture with a mask within 0\.2 s"):
+        list(follow(robot, duration=0.2, reconnect=600.0))
+
+
 def test_classes_that_come_later_are_found(robot):
     (robot.masks / "metadata.json").write_text('{"id_to_class": {"1": "cup", "2": "cup"}}')
     robot.write(0)

@@ -94,6 +94,25 @@ def test_impossible_sizes_are_refused(kind, size):
         check_picture(claim(kind, *size))
 
 
+def animated_png():
+    """A picture that says it has two frames."""
+    data, body = encoded("png"), b"acTL" + struct.pack(">II", 2, 0)
+    chunk = struct.pack(">I", 8) + body + struct.pack(">I", zlib.crc32(body))
+    return data[:33] + chunk + data[33:]
+
+
+def animated_webp():
+    """The head of an animation."""
+    body = b"WEBPVP8X" + struct.pack("<I", 10) + bytes([2, 0, 0, 0, 9, 0, 0, 9, 0, 0])
+    return b"RIFF" + struct.pack("<I", len(body)) + body
+
+
+@pytest.mark.parametrize("make", [animated_png, animated_webp])
+def test_an_animation_is_no_picture(make):
+    with pytest.raises(UnreadableFrame, match="it is an animation, not one picture"):
+        check_picture(make())
+
+
 @pytest.mark.parametrize(
     "data", [b"", b"GIF89a", b"<svg/>", b"P6 60000 60000 255\n", b"\xff\xd8\xff", b"RIFF", b"BM"]
 )
