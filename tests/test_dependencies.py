@@ -49,10 +49,14 @@ TOOLS = {
 
 # What is imported without being declared, and why.
 UNDECLARED = {
+    "boxmot": "a tracker of others, in an environment of its own (benchmarks/field_peers)",
     "IPython": "progress in a notebook, which brings it",
+    "norfair": "a tracker of others, in an environment of its own (benchmarks/field_peers)",
     "pandas": "`Result.to_dataframe`, for those who have it",
     "PIL": "writes what the reference of a metric reads, where that is installed",
     "trackeval": "the reference of the metrics, on no package index",
+    "trackers": "trackers of others, in an environment of their own (benchmarks/field_peers)",
+    "ultralytics": "trackers of others, in an environment of their own (benchmarks/field_peers)",
     "transformers": "the reference of the networks, larger than all the rest",
 }
 OURS = {"remind_jax", "remind_ros", "weights_convert", "tests", "benchmarks", "notebooks"}

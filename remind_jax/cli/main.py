@@ -23,6 +23,7 @@ from remind_jax.cli.explain import Explain
 from remind_jax.cli.export import Export
 from remind_jax.cli.features import Features
 from remind_jax.cli.flags import KINDS, UsageError, spell_flag
+from remind_jax.cli.label import Label
 from remind_jax.cli.memory import Memory
 from remind_jax.cli.run import Run
 from remind_jax.cli.sweep import Sweep
@@ -64,6 +65,7 @@ VERBS: dict[str, type[Verb]] = {
     "memory": Memory,
     "explain": Explain,
     "export": Export,
+    "label": Label,
     "eval": Eval,
     "benchmark": Benchmark,
     "sweep": Sweep,

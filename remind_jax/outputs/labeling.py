@@ -94,7 +94,7 @@ def to_mots_png(result: Result) -> bytes:
     Raises:
       OutputError: If there are more classes or identities of a class than the format can number.
     """
-    numbers, names = _mots_numbers(result), _picture_names(result.tracks)
+    numbers, names = _mots_numbers(result), picture_names(result.tracks)
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         labels = "".join(f"{printable(name)}\n" for name in result.class_names)
@@ -201,7 +201,7 @@ def _mots_numbers(result: Result) -> dict[int, int]:
     return numbers
 
 
-def _picture_names(run: Sequence[Tracks]) -> list[str]:
+def picture_names(run: Sequence[Tracks]) -> list[str]:
     """Names of pictures without suffix, that sort as the frames do: those of the source if so."""
     names = [printable(PurePath(tracks.name).stem) for tracks in run]
     if sorted(set(names)) == names:

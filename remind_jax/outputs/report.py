@@ -29,6 +29,7 @@ from remind_jax.outputs.timeline import build_timeline, frame_steps, time_steps
 from remind_jax.tracks import Tracks
 
 REPORT_NAME = "report.html"
+SCRIPT_NAME = "report_page.js"
 # Larger videos stay beside the page: browsers get slow with bigger pages.
 MAX_EMBEDDED_VIDEO_BYTES = 25_000_000
 
@@ -58,17 +59,22 @@ def write_report(
     Raises:
       OutputError: If the page cannot be written.
     """
-    page = render_report(result, sightings, None if video is None else _video_address(video))
+    page = render_report(result, sightings, None if video is None else video_address(video))
     files.replace_file(folder / REPORT_NAME, page.encode("utf-8"))
 
 
 def render_report(result: Result, sightings: Sequence[Sighting], video: str | None) -> str:
     """The page as text; `video` is an address that the page can load, or None."""
+    return render_page(result.info.name, report_data(result, sightings, video), (SCRIPT_NAME,))
+
+
+def render_page(title: str, data: dict[str, Any], scripts: Sequence[str]) -> str:
+    """A page of the template: its data, and scripts that lie beside this module."""
     parts = resources.files("remind_jax.outputs")
     slots = {
-        "title": html.escape(result.info.name),
-        "data": _to_script_json(report_data(result, sightings, video)),
-        "script": parts.joinpath("report_page.js").read_text(encoding="utf-8"),
+        "title": html.escape(title),
+        "data": _to_script_json(data),
+        "script": "\n".join(parts.joinpath(name).read_text(encoding="utf-8") for name in scripts),
     }
     template = parts.joinpath("report_template.html").read_text(encoding="utf-8")
     return _SLOT.sub(lambda match: slots[match[1]], template)
@@ -269,7 +275,7 @@ def _image_from_address(address: str) -> np.ndarray:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def _video_address(video: Path) -> str:
+def video_address(video: Path) -> str:
     """The video itself as an address, or its name if it is too large for the page."""
     with files.writing(video):
         if video.stat().st_size > MAX_EMBEDDED_VIDEO_BYTES:

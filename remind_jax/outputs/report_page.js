@@ -330,12 +330,16 @@ function drawHeader() {
 
 // --- timeline -------------------------------------------------------------------------------
 
-const lanes = [
-  ...run.identities,
-  { name: "ambiguous", marks: run.ambiguous, markColor: "#ffffff" },
-  { name: "provisional", marks: run.provisional, markColor: "#c8cdd4" },
-];
-const laneHeight = Math.max(6, Math.min(22, Math.floor(7000 / lanes.length)));
+let lanes = [], laneHeight = 0;
+
+function layOutLanes() {
+  lanes = [
+    ...run.identities,
+    { name: "ambiguous", marks: run.ambiguous, markColor: "#ffffff" },
+    { name: "provisional", marks: run.provisional, markColor: "#c8cdd4" },
+  ];
+  laneHeight = Math.max(6, Math.min(22, Math.floor(7000 / lanes.length)));
+}
 
 function drawLanes() {
   const canvas = byId("lanes");
@@ -403,14 +407,19 @@ function timeLabel(seconds, step) {
   return `${Math.floor(rounded / 60)}:${rest.padStart(decimals ? 3 + decimals : 2, "0")}`;
 }
 
-function drawTimeline() {
+function drawNames() {
   const style = { height: `${laneHeight}px`, lineHeight: `${laneHeight}px` };
   if (laneHeight < 12) style.fontSize = `${laneHeight}px`;
-  byId("names").append(...lanes.map((lane) => lane.marks
+  byId("names").replaceChildren(...lanes.map((lane) => lane.marks
     ? make("div", { style }, lane.name)
     : make("button", { type: "button", style, title: `Show ${lane.name} at first sight`,
       onclick: () => seek(lane.seen[0][0]) },
     make("span", {}, lane.label), make("b", {}, `\u00a0${lane.id}`))));
+}
+
+function drawTimeline() {
+  layOutLanes();
+  drawNames();
   const track = byId("track");
   track.setAttribute("aria-valuemax", numFrames - 1);
   const at = (event) => {
@@ -463,7 +472,7 @@ function drawTip(event, position) {
 // --- gallery and identities -----------------------------------------------------------------
 
 function drawGallery() {
-  byId("cards").append(...run.identities.map((who) => {
+  byId("cards").replaceChildren(...run.identities.map((who) => {
     const crops = who.sightings.map((crop) => {
       const when = `frame ${frameLabel(crop.position)}`;
       const away = crop.absent_frames ? `${crop.absent_frames} frames away` : "first sight";

@@ -27,6 +27,8 @@ VERBS = {
     "explain": "explain {} --frame 0 --detection 0",
     "export": "export {}",
     "export out": "export run --out {}",
+    "label": "label {}",
+    "label edits": "label run --apply {} --out truth",
     "eval": "eval {0} {0}",
     "eval json": "eval gt.txt gt.txt --json {}",
     "eval table": "eval gt.txt gt.txt --table {}.csv",

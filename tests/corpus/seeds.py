@@ -179,6 +179,17 @@ def run_file(name: str) -> Callable[[Path], Path]:
     return write
 
 
+def _edits(folder: Path) -> Path:
+    num = sum(len(tracks) for tracks in rj.Result.load(run_file("run.json")(folder).parent).tracks)
+    edits = [
+        {"edit": "merge", "id": 2, "into": 7},
+        {"edit": "move", "id": 0, "first": 1, "last": 3, "to": None},
+        {"edit": "assign", "frame": 2, "detection": 0, "to": 9},
+    ]
+    content = {"format": "remind-jax edits", "version": 1, "run": "kitchen", "edits": edits}
+    return tracks.write_json(folder / "edits.json", {**content, "num_detections": num})
+
+
 def config(folder: Path) -> Path:
     path = folder / "config.yaml"
     values = {"base": "default", "decision": {"new": 1.5}, "input": {"ignored_classes": ["wall"]}}
@@ -361,6 +372,14 @@ FORMATS |= {
     "plus trace explained": Format("npz", _traced(make_plus_run, "trace.npz"), _explain),
     "traced run explained": Format("jsonl", _traced(make_plus_run, "detections.jsonl"), _explain),
     "run drawn": Format("json", run_file("run.json"), lambda path: remind("view", path.parent)),
+    "edits of labels": Format(
+        "json",
+        _edits,
+        lambda path: remind(
+            *("label", path.parent / "run", "--apply", path, "--out", path.parent / "truth"),
+            *("--overwrite", "--quiet"),
+        ),
+    ),
     "weights": Format("safetensors", _weights, load_weights),
     "index of shards": Format("json", _index_of_shards, open_weights),
 }

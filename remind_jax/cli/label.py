@@ -1,0 +1,92 @@
+"""`remind label`: a page to correct the identities of a run, and the truth that it makes of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from remind_jax.cli import process
+from remind_jax.cli.flags import quiet_defaults
+from remind_jax.errors import OptionError, OutputError
+from remind_jax.files import refuse_file, refuse_folder
+from remind_jax.printing.terminal import print_lines
+
+
+@quiet_defaults
+@dataclasses.dataclass(frozen=True)
+class Label:
+    """Correct the identities of a run by hand, and write them as truth.
+
+    Two steps:
+      without --apply   writes RUN/label.html, a page to correct identities in
+      with --apply      makes truth for `remind eval` of the edits saved there
+
+    Examples:
+      remind label runs/rooms
+      remind label runs/rooms --apply edits.json --out truth
+      remind label runs/rooms --apply edits.json --out truth.xml --format cvat
+    """
+
+    run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
+    apply: Annotated[Path | None, arg(metavar="EDITS")] = None  # what the page saved
+    # folder (davis) or file to write
+    out: Annotated[Path | None, arg(aliases=["-o"], metavar="TRUTH")] = None
+    # instance maps with classes, or what `remind export` writes
+    format: Annotated[
+        Literal["davis", "cvat", "mots-png", "label-studio"],
+        arg(metavar="davis|cvat|mots-png|label-studio"),
+    ] = "davis"
+    overwrite: bool = False  # replace what is there
+    quiet: bool = False  # say nothing but errors
+
+    def execute(self) -> int:
+        """Writes the page or the truth; returns the exit code."""
+        if self.apply is None:
+            if self.out is not None:
+                raise OptionError(
+                    "'out' is where the truth goes, which the edits make of the run; give --apply "
+                    "EDITS too",
+                    "out",
+                )
+            return self._write_page()
+        if self.out is None:
+            raise OptionError(f"'{self.apply}' is to be applied; say where to, by --out", "out")
+        return self._write_truth(self.apply, self.out)
+
+    def _write_page(self) -> int:
+        from remind_jax.outputs.label_page import write_label_page
+
+        page, result = write_label_page(self.run)
+        if not self.quiet:
+            num = sum(len(tracks) for tracks in result.tracks)
+            print_lines(
+                [
+                    f"{page}: {len(result.objects())} identities, {num} detections; open it in a "
+                    "browser, and apply what it saves with --apply"
+                ]
+            )
+        return process.FINE
+
+    def _write_truth(self, edits_file: Path, out: Path) -> int:
+        from remind_jax.outputs.instance_maps import write_instance_maps
+        from remind_jax.outputs.label_edits import apply_edits, read_edits
+        from remind_jax.outputs.labeling import export
+        from remind_jax.outputs.result import Result
+
+        is_folder = self.format == "davis"
+        (refuse_folder if is_folder else refuse_file)(out, [self.run, edits_file])
+        if out.exists() and not self.overwrite and not (out.is_dir() and not any(out.iterdir())):
+            raise OutputError(f"'{out}' exists; name another place, or allow --overwrite")
+        edits = read_edits(edits_file)
+        truth = apply_edits(Result.load(self.run), edits, str(edits_file))
+        if self.format == "davis":
+            write_instance_maps(truth, out)
+        else:
+            export(truth, self.format, out)
+        if not self.quiet:
+            num = len(truth.objects())
+            print_lines([f"{out}: {num} identities, {len(truth)} frames, {len(edits.edits)} edits"])
+        return process.FINE

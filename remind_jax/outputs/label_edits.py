@@ -1,0 +1,195 @@
+"""What a person corrected in a run: a small file of edits, and the run as they leave it.
+
+Every detection is labeled by one identity or none; at first by the one that the run gave it firmly.
+Edits are applied in their order: evaluation.md#edits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from jaxtyping import Int
+from msgspec import Meta
+
+from remind_jax.decision import NO_ID, Outcome, Reason
+from remind_jax.errors import SourceError
+from remind_jax.files.records import Count, Text, read_json
+from remind_jax.outputs.result import Result
+from remind_jax.outputs.tables import firm_rows
+from remind_jax.tracks import Tracks
+
+FORMAT = "remind-jax edits"
+MOST_EDITS = 1_000_000
+
+Labels = list[Int[np.ndarray, "_"]]  # identity of each detection of each frame, NO_ID for none
+
+
+class Merge(msgspec.Struct, tag="merge", tag_field="edit", forbid_unknown_fields=True, frozen=True):
+    """All detections of an identity belong to another one."""
+
+    id: Count
+    into: Count
+
+
+class Move(msgspec.Struct, tag="move", tag_field="edit", forbid_unknown_fields=True, frozen=True):
+    """The detections of an identity in some frames belong to another one, or to none."""
+
+    id: Count
+    first: Count  # numbers of frames, both included
+    last: Count
+    to: Count | None
+
+
+class Assign(
+    msgspec.Struct, tag="assign", tag_field="edit", forbid_unknown_fields=True, frozen=True
+):
+    """One detection belongs to an identity, or to none."""
+
+    frame: Count
+    detection: Count  # row in its frame
+    to: Count | None
+
+
+Edit = Merge | Move | Assign
+
+
+class Edits(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A file of edits."""
+
+    format: Literal["remind-jax edits"]
+    version: Literal[1]
+    run: Text  # name of the run
+    num_detections: Count  # of the whole run: whether the file is of this run
+    edits: Annotated[list[Edit], Meta(max_length=MOST_EDITS)]
+
+
+def read_edits(path: str | Path) -> Edits:
+    """Reads what the labeling page saved.
+
+    Raises:
+      SourceError: If it cannot be read, or holds no edits.
+    """
+    return read_json(path, Edits)
+
+
+def first_labels(run: Sequence[Tracks]) -> Labels:
+    """The labels of a run before any edit; an identity given twice in a frame labels one."""
+    labels = []
+    for tracks in run:
+        label = np.full(len(tracks), NO_ID, np.int64)
+        rows = firm_rows(tracks)
+        label[rows] = tracks.object_id[rows]
+        labels.append(label)
+    return labels
+
+
+def apply_edits(result: Result, edits: Edits, where: str) -> Result:
+    """The run as its edits leave it: labeled detections are firm, all others have no identity.
+
+    The class of an identity is that of most of its detections.
+
+    Args:
+      result: The run that was labeled.
+      edits: What was corrected.
+      where: Name of the file of edits, for messages.
+
+    Raises:
+      SourceError: If the edits are of another run, name what is not there, or leave an identity
+        twice in a frame.
+    """
+    num = sum(len(tracks) for tracks in result.tracks)
+    if edits.num_detections != num:
+        raise SourceError(
+            f"'{where}' was made for a run of {edits.num_detections} detections ('{edits.run}'), "
+            f"this one has {num}; give the run that was labeled"
+        )
+    labels = first_labels(result.tracks)
+    place = {tracks.frame_index: index for index, tracks in enumerate(result.tracks)}
+    for number, edit in enumerate(edits.edits, 1):
+        if not _apply(edit, labels, place):
+            raise SourceError(
+                f"'{where}', edit {number} ({_say(edit)}): there is no such detection then; save "
+                "the edits anew from the labeling page"
+            )
+    for tracks, label in zip(result.tracks, labels, strict=True):
+        _check_once(tracks, label, where)
+    classes = _classes(result.tracks, labels)
+    labeled = tuple(
+        _relabeled(tracks, label, classes)
+        for tracks, label in zip(result.tracks, labels, strict=True)
+    )
+    return dataclasses.replace(result, tracks=labeled, trace=None)
+
+
+def _apply(edit: Edit, labels: Labels, place: dict[int, int]) -> bool:
+    """Changes the labels; False if there is nothing that the edit speaks of."""
+    if isinstance(edit, Assign):
+        label = labels[place[edit.frame]] if edit.frame in place else np.zeros(0, np.int64)
+        if edit.detection >= len(label):
+            return False
+        label[edit.detection] = NO_ID if edit.to is None else edit.to
+        return True
+    if isinstance(edit, Merge):
+        first, last, to = 0, max(place, default=0), edit.into
+    else:
+        first, last, to = edit.first, edit.last, NO_ID if edit.to is None else edit.to
+    found = False
+    for frame, index in place.items():
+        if first <= frame <= last:
+            rows = labels[index] == edit.id
+            labels[index][rows] = to
+            found = found or bool(rows.any())
+    return found
+
+
+def _say(edit: Edit) -> str:
+    if isinstance(edit, Merge):
+        return f"identity {edit.id} into {edit.into}"
+    if isinstance(edit, Move):
+        return f"identity {edit.id} in frames {edit.first} to {edit.last}"
+    return f"detection {edit.detection} of frame {edit.frame}"
+
+
+def _check_once(tracks: Tracks, label: np.ndarray, where: str) -> None:
+    given, counts = np.unique(label[label != NO_ID], return_counts=True)
+    if (counts > 1).any():
+        twice = int(given[counts > 1][0])
+        rows = " and ".join(str(row) for row in np.flatnonzero(label == twice)[:2])
+        raise SourceError(
+            f"'{where}' leaves identity {twice} twice in frame {tracks.frame_index} (detections "
+            f"{rows}); correct it in the labeling page, which lists such frames"
+        )
+
+
+def _classes(run: Sequence[Tracks], labels: Labels) -> dict[int, str]:
+    votes: dict[int, Counter[str]] = {}
+    for tracks, label in zip(run, labels, strict=True):
+        for row in np.flatnonzero(label != NO_ID):
+            votes.setdefault(int(label[row]), Counter())[tracks.labels[row]] += 1
+    return {identity: counted.most_common(1)[0][0] for identity, counted in votes.items()}
+
+
+def _relabeled(tracks: Tracks, label: np.ndarray, classes: dict[int, str]) -> Tracks:
+    is_labeled = label != NO_ID
+    num = len(tracks)
+    return dataclasses.replace(
+        tracks,
+        object_id=label.astype(tracks.object_id.dtype),
+        outcome=np.where(is_labeled, Outcome.MATCH, Outcome.DROPPED).astype(tracks.outcome.dtype),
+        reason=np.full(num, Reason.ASSIGNED, tracks.reason.dtype),
+        pending_id=np.full(num, NO_ID, tracks.pending_id.dtype),
+        score=np.where(is_labeled, 1.0, 0.0).astype(tracks.score.dtype),
+        confidence=np.where(is_labeled, 1.0, 0.0).astype(tracks.confidence.dtype),
+        candidate_id=np.full_like(tracks.candidate_id, NO_ID),
+        candidate_score=np.zeros_like(tracks.candidate_score),
+        labels=tuple(
+            classes[int(one)] if one != NO_ID else own
+            for one, own in zip(label, tracks.labels, strict=True)
+        ),
+    )

@@ -1,0 +1,73 @@
+import json
+
+import pytest
+
+from remind_jax.cli.main import main
+from remind_jax.metrics import evaluate
+from tests.outputs.fake_run import make_run
+
+
+@pytest.fixture
+def run(tmp_path):
+    make_run()[1].save(tmp_path / "run")
+    return tmp_path / "run"
+
+
+@pytest.fixture
+def edits(tmp_path):
+    result = make_run()[1]
+    content = {
+        "format": "remind-jax edits",
+        "version": 1,
+        "run": result.info.name,
+        "num_detections": sum(len(tracks) for tracks in result.tracks),
+        "edits": [{"edit": "move", "id": 3, "first": 26, "last": 39, "to": 9}],
+    }
+    (tmp_path / "edits.json").write_text(json.dumps(content))
+    return tmp_path / "edits.json"
+
+
+def test_the_page_lies_in_the_folder_of_the_run(run, capsys):
+    assert main(["label", str(run)]) == 0
+    said = "".join(capsys.readouterr().out.split())
+    assert "label.html:6identities" in said
+    page = (run / "label.html").read_text()
+    assert '"labeling":{' in page
+    assert "prepareLabeling();" in page
+    assert "{{" not in page
+
+
+@pytest.mark.parametrize("format", ["davis", "cvat", "mots-png", "label-studio"])
+def test_edits_make_truth_of_the_run(run, edits, tmp_path, format, capsys):
+    truth = tmp_path / "truth"
+    words = ["label", str(run), "--apply", str(edits), "--out", str(truth), "--format", format]
+    assert main(words) == 0
+    assert "7 identities, 40 frames, 1 edits" in " ".join(capsys.readouterr().out.split())
+    assert main(words) == 1
+    assert "exists; name another place" in " ".join(capsys.readouterr().err.split())
+    assert main([*words, "--overwrite", "--quiet"]) == 0
+    if format == "davis":
+        assert main(["eval", str(truth), str(truth), "--quiet"]) == 0
+        assert evaluate(truth, truth).scores()["IDF1"] == 1
+        assert evaluate(truth, run).scores()["IDF1"] < 1
+
+
+def test_truth_needs_a_place_and_edits(run, edits, tmp_path, capsys):
+    assert main(["label", str(run), "--apply", str(edits)]) == 2
+    assert "--out" in capsys.readouterr().err
+    assert main(["label", str(run), "--out", str(tmp_path / "truth")]) == 2
+    assert "--apply" in capsys.readouterr().err
+
+
+def test_inputs_are_not_replaced(run, edits, tmp_path, capsys):
+    words = ["label", str(run), "--apply", str(edits), "--overwrite", "--out"]
+    assert main([*words, str(run)]) == 1
+    assert main([*words, str(edits), "--format", "cvat"]) == 1
+    assert main([*words, str(run / "detections.jsonl"), "--format", "cvat"]) == 1
+    assert main([*words, str(tmp_path)]) == 1
+    assert capsys.readouterr().err.count("input") >= 4
+
+
+def test_a_folder_without_run_is_told(tmp_path, capsys):
+    assert main(["label", str(tmp_path)]) == 1
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
