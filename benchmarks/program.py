@@ -1,8 +1,8 @@
 """What the compiled step of every method consists of, and where it comes from.
 
-    python benchmarks/program.py                          all methods that come in two programs
+    python benchmarks/program.py                          all methods
     python benchmarks/program.py --methods plus --where 20
-    python benchmarks/program.py --traced --json rows.json
+    python benchmarks/program.py --traced --json rows.json    with the programs that trace
 
 Counts are exact and the same on every machine with one version of JAX: equations of the traced
 program (those of loops and branches included), lines of StableHLO, fusions and loops of the
@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import collections
 import dataclasses
+import itertools
 import re
 import sys
 import time
@@ -32,11 +33,10 @@ from benchmarks.rows import show_rows
 from remind_jax.compiled.frame_step import options_of
 from remind_jax.compiled.programs import known_options
 from remind_jax.masks.reduction import pad_masks, reduce_masks
-from remind_jax.method import Method, get_method
+from remind_jax.method import Method, get_method, list_methods
 from remind_jax.observation import FrameFeats
 from remind_jax.static import Static
 
-METHODS = ("plus", "remind")
 STATIC = Static(feature_dim=177)
 PATCHES = (30, 40)  # rows and columns of a frame of 640x480 pixels
 PATCH_PX = 16
@@ -84,13 +84,27 @@ def example_input(method: Method) -> tuple[FrameFeats, Any, Any]:
     return feats, pad_masks(nothing, STATIC.num_detections), observed
 
 
-def halves_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[..., Any], tuple]]:
-    """Name, function and arguments of the two programs of a method."""
-    assert method.halves is not None
-    describe = method.halves.describe
-    decide: Any = method.halves.decide_traced if traced else method.halves.decide
+def programs_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[..., Any], tuple]]:
+    """Name, function and arguments of the programs of a method: two, or one where it has no halves.
+
+    With `traced`, only the one that decides, and none where the method has no trace.
+    """
+    if traced and method.step_traced is None:
+        return
     thresholds = jax.tree.map(jnp.asarray, method.thresholds())
     given = example_input(method)
+    if method.halves is None:
+        step: Any = method.step_traced if traced else method.step
+
+        def advance(state: Any, given: Any, thresholds: Any) -> Any:
+            feats, masks, observed = given
+            more = {} if method.observe is None else {"observed": observed}
+            return step(state, feats, masks, static=STATIC, thresholds=thresholds, **more)
+
+        yield "step", advance, (method.init(STATIC), given, thresholds)
+        return
+    describe = method.halves.describe
+    decide: Any = method.halves.decide_traced if traced else method.halves.decide
 
     def describe_frame(given: Any, thresholds: Any) -> Any:
         return describe(*given, static=STATIC, thresholds=thresholds)
@@ -98,7 +112,8 @@ def halves_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[...,
     def decide_frame(state: Any, seen: Any, thresholds: Any) -> Any:
         return decide(state, seen, static=STATIC, thresholds=thresholds)
 
-    yield "describe", describe_frame, (given, thresholds)
+    if not traced:
+        yield "describe", describe_frame, (given, thresholds)
     seen = jax.jit(describe_frame)(given, thresholds)
     yield "decide", decide_frame, (method.init(STATIC), seen, thresholds)
 
@@ -204,10 +219,10 @@ def _time_runs(compiled: Any, arguments: tuple, repeats: int = 20) -> float:
 
 def measure_all(names: list[str], traced: bool, num_places: int) -> Iterator[dict[str, Any]]:
     """A row per program, and, if wanted, rows that say where its instructions come from."""
-    for name in names:
+    for name, with_trace in itertools.product(names, (False, True) if traced else (False,)):
         method = get_method(name)
-        for half, function, arguments in halves_of(method, traced):
-            shown = f"{name}, {half}{', traced' if traced and half == 'decide' else ''}"
+        for part, function, arguments in programs_of(method, with_trace):
+            shown = f"{name}, {part}{', traced' if with_trace else ''}"
             measured = measure(shown, method, function, arguments)
             yield measured.row
             for counter in (measured.modules, measured.lines):
@@ -220,7 +235,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
+    names = list_methods()
+    parser.add_argument("--methods", nargs="+", default=names, choices=names)
     parser.add_argument("--traced", action="store_true")
     parser.add_argument("--where", type=int, default=0, metavar="N")
     parser.add_argument("--json", type=Path)

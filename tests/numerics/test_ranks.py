@@ -1,7 +1,8 @@
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from remind_jax.numerics.ranks import count_before, rank_rising
+from remind_jax.numerics.ranks import count_before, largest, rank_rising
 
 
 def test_marked_entries_before_each():
@@ -16,3 +17,15 @@ def test_places_are_those_of_a_stable_sort_by_several_keys():
     expected = np.argsort(np.lexsort((place, second, first)))
     found = rank_rising([jnp.array(first), jnp.array(-1.0 * -second)])
     np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("axis", [0, 1, -1])
+@pytest.mark.parametrize("dtype", [np.float32, np.int32, bool])
+def test_the_largest_value_and_its_place_are_found_together(dtype, axis):
+    rng = np.random.default_rng(3)
+    values = rng.integers(0, 3, (7, 9)).astype(dtype)  # many are equal
+    if dtype is np.float32:
+        values[2], values[:, 4] = -np.inf, -np.inf
+    value, place = largest(jnp.asarray(values), axis)
+    np.testing.assert_array_equal(value, values.max(axis=axis))
+    np.testing.assert_array_equal(place, values.argmax(axis=axis))

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Status
+from remind_jax.numerics.ranks import largest
 from remind_jax.remind.thresholds.association import Diagnosis
 
 NUM_CHANNELS = 4  # the original counts object, background, ring prototypes and parts
@@ -37,10 +38,10 @@ def top_two(
 ) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"]]:
     """The first best column of each row, its score and the second best score (0 if none)."""
     masked = jnp.where(counted, scores, -jnp.inf)
-    best = jnp.argmax(masked, axis=-1)
+    top, best = largest(masked)
     rest = jnp.where(jnp.arange(scores.shape[-1]) == best[..., None], -jnp.inf, masked)
     finite = lambda x: jnp.where(jnp.isfinite(x), x, 0.0)  # noqa: E731
-    return best, finite(jnp.max(masked, axis=-1)), finite(jnp.max(rest, axis=-1))
+    return best, finite(top), finite(jnp.max(rest, axis=-1))
 
 
 def find_anchors(
@@ -86,7 +87,8 @@ def diagnose(
       margin: How the lead of the best candidate enters the confidence.
       t: Thresholds.
     """
-    some = jnp.any(counted, axis=1)
+    count = jnp.sum(counted, axis=1)
+    some = count > 0
     _, top, second = top_two(scores, counted)
     gap = top - second
     near = counted & (scores >= (top - jnp.maximum(0.0, t.close))[:, None])
@@ -96,7 +98,6 @@ def diagnose(
     status = jnp.where(clear, Status.STRONG, status)
     status = jnp.where(some, status, Status.WEAK)
 
-    count = jnp.sum(counted, axis=1)
     rest = jnp.sum(jnp.where(counted, scores, 0.0), axis=1) - top
     others = jnp.where(count > 1, rest / jnp.maximum(1, count - 1), 0.0)
     small = jnp.maximum(t.small, _TINY)

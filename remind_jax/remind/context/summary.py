@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.ranks import largest
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.thresholds.context import Influence, Sets
@@ -212,9 +213,9 @@ def _class_top_two(
 ) -> tuple[Float[Array, "O"], Float[Array, "O"]]:
     """Largest and second value, not below 0, within the class of each object."""
     masked = jnp.where(same, value[None], 0.0)
-    best = jnp.argmax(masked, axis=1)
+    top, best = largest(masked)
     rest = jnp.where(jnp.arange(value.shape[0]) == best[:, None], 0.0, masked)
-    return jnp.max(masked, axis=1), jnp.max(rest, axis=1)
+    return top, jnp.max(rest, axis=1)
 
 
 def _relative(value: Float[Array, "O"], best: Float[Array, "O"]) -> Float[Array, "O"]:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.ranks import largest
 from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.disambiguation.distance_evidence import (
     INFORMATIVENESS_FLOOR,
@@ -107,7 +108,7 @@ def find_voters(
     best = masked.shape[1] - 1 - jnp.argmax(masked[:, ::-1], axis=1)
     claims = pair_ok & (jnp.arange(masked.shape[1]) == best[:, None])
     claimed = jnp.where(claims, masked, -jnp.inf)
-    holder, top = jnp.argmax(claimed, axis=0).astype(jnp.int32), jnp.max(claimed, axis=0)
+    top, holder = largest(claimed, axis=0)
     limit = num if static.soft_anchors == 0 else static.soft_anchors
     ranked, backwards = jax.lax.top_k(top[::-1], min(limit, top.shape[0]))
     soft_slot = (top.shape[0] - 1 - backwards).astype(jnp.int32)

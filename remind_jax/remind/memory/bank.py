@@ -26,6 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.pooling import to_unit
+from remind_jax.numerics.ranks import largest
 from remind_jax.remind.memory.prototypes import (
     STABLE,
     WORK,
@@ -246,15 +247,15 @@ def _meet(
     """
     one = jnp.ones((), banks.qualities.dtype)
     cosines = similarities(banks, vector)
-    at = jnp.argmax(cosines, axis=1).astype(jnp.int32)
+    cosine, at = largest(cosines)
     if quality is None:
         free = jnp.where(used, -jnp.inf, cosines[WORK])
         redirect = c.one_to_one & used[at[WORK]] & (banks.size[WORK] > 1)
-        redirect = redirect & jnp.isfinite(jnp.max(free))
-        other = jnp.argmax(free).astype(jnp.int32)
+        other_cosine, other = largest(free)
+        redirect = redirect & jnp.isfinite(other_cosine)
         at = columns(jnp.where(redirect, other, at[WORK]), at[STABLE])
+        cosine = columns(jnp.where(redirect, other_cosine, cosine[WORK]), cosine[STABLE])
     old = jax.vmap(entry)(banks, at)
-    cosine = jnp.take_along_axis(cosines, at[:, None], axis=1)[:, 0]
     close = present & (cosine >= c.refresh.duplicate)
     # A stable duplicate hides the work bank from the whole, but not from parts.
     in_stable = jnp.zeros_like(present) if quality is None else close[STABLE]

@@ -18,6 +18,7 @@ from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.ranks import largest
 
 WORK, STABLE = 0, 1  # fresh prototypes, and those that proved themselves
 _QUALITY_RATE_MIN, _QUALITY_RATE_MAX = 0.08, 0.30
@@ -111,8 +112,8 @@ def confidence(bank: Bank, promote_hits: Int[Array, ""]) -> Float[Array, "..."]:
 
 def nearest(bank: Bank, vector: Float[Array, "D"]) -> tuple[Int[Array, ""], Float[Array, ""]]:
     """The most similar prototype and its cosine, -inf for an empty bank (method.md#banks)."""
-    similarity = similarities(bank, vector)
-    return jnp.argmax(similarity).astype(jnp.int32), jnp.max(similarity)
+    cosine, index = largest(similarities(bank, vector))
+    return index, cosine
 
 
 def similarities(bank: Bank, vector: Float[Array, "D"]) -> Float[Array, "... S"]:
@@ -230,5 +231,5 @@ def closest_pair(
     both = live(bank)[:, None] & live(bank)[None]
     upper = jnp.triu(jnp.ones((slots, slots), bool), 1) & both
     flat = jnp.where(upper, cosine, -1.0).ravel()
-    index = jnp.argmax(flat).astype(jnp.int32)
-    return jnp.max(flat), index // slots, index % slots, jnp.where(both, cosine, -1.0)
+    most, index = largest(flat)
+    return most, index // slots, index % slots, jnp.where(both, cosine, -1.0)

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.ranks import largest
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.thresholds.outcome import Competition
@@ -87,7 +88,7 @@ def find_competitions(
 
     # The founding detection and the one that holds the parent share the entry.
     founder = seed & ((holder == row[:, None]) | (row == row[:, None]))
-    present, source = jnp.any(founder, axis=1), jnp.argmax(founder, axis=1)
+    present, source = largest(founder)
     score = jnp.where(present, jnp.maximum(mine, theirs)[source], 0.0)
     pair = [jnp.where(present, named, NO_SLOT) for named in (parent[source], width + source)]
     entries = Undecided(

@@ -22,6 +22,7 @@ from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.components import connect
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.ranks import largest
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.outcome import Stability
@@ -77,8 +78,8 @@ def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabiliz
 
     def solve() -> tuple[Array, Array]:
         kept = _solve_greedily(table, parts, fragile, t)
-        has = jnp.any(kept, axis=1)
-        return has, jnp.where(has, jnp.argmax(kept, axis=1).astype(jnp.int32), NO_SLOT)
+        has, place = largest(kept)
+        return has, jnp.where(has, place, NO_SLOT)
 
     def leave() -> tuple[Array, Array]:
         return jnp.ones_like(fragile), slot_after
@@ -157,7 +158,7 @@ def _compare_assignments(
     before = (degree < degree[:, None]) | ((degree == degree[:, None]) & (row < row[:, None]))
     place = jnp.sum(in_part[:, None] & before, axis=2)
     at_place = (place[:, None] == member[:, None]) & in_part[:, None]  # [R, M, N]
-    dets, inside = jnp.argmax(at_place, axis=2), jnp.any(at_place, axis=2)
+    inside, dets = largest(at_place)
     own = jnp.where(inside, slot[dets], parts.edge.shape[1])
     own_place = jnp.sum(own[:, None] < own[:, :, None], axis=2)
     is_object = (own_place[:, None] == member[:, None]) & inside[:, None]
@@ -241,9 +242,10 @@ def _solve_greedily(
 
     def best_other(scores: Float[Array, "X Y"]) -> Float[Array, "X Y"]:
         """Largest score of the other pairs in the same row."""
-        is_best = jnp.arange(scores.shape[1]) == jnp.argmax(scores, axis=1)[:, None]
+        top, place = largest(scores)
+        is_best = jnp.arange(scores.shape[1]) == place[:, None]
         rest = jnp.max(jnp.where(is_best, -jnp.inf, scores), axis=1, keepdims=True)
-        return jnp.where(is_best, rest, jnp.max(scores, axis=1, keepdims=True))
+        return jnp.where(is_best, rest, top[:, None])
 
     rival = jnp.maximum(best_other(masked), best_other(masked.T).T)
     stands = (table.pairs.gate == Gate.PASS_MATCH_THR) | (known >= rival + t.keep_margin)
