@@ -15,6 +15,7 @@ from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
 BUDGET_SHARE = 0.75  # of the memory of the device; the rest is for frames, masks and the network
 GIB = 2**30
 MOST_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
+MOST_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
 
 
@@ -45,7 +46,7 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
       feature_dim: Width of the features, where `static` does not say it yet.
     """
     if method.count_bytes is None:
-        return MOST_DETECTIONS
+        return max(static.num_detections, MOST_UNCOUNTED)
     empty = dataclasses.replace(
         static, num_objects=1, num_pending=1, feature_dim=static.feature_dim or feature_dim
     )

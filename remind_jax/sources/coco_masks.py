@@ -111,9 +111,10 @@ class CocoMasks:
                 unfit = error
                 self._leave_out(entry.source_index, place, error)
                 continue
-            num_bytes += crop.nbytes
+            fitted = fit_crops(crop, frame_size)
+            num_bytes += max(crop.nbytes, fitted.nbytes)
             require_bytes(num_bytes, len(rows), frame_size, where)
-            cut.append(crop)
+            cut.append(fitted)
             kept.append(place)
         if unfit is not None and not kept:
             raise unfit
@@ -133,7 +134,7 @@ class CocoMasks:
 
     def _cut(self, row: Row, frame_size: tuple[int, int]) -> Crops:
         if row.segmentation:
-            return fit_crops(cut_sound(row.segmentation, frame_size), frame_size)
+            return cut_sound(row.segmentation, frame_size)
         assert row.bbox is not None
         left, top, width, height = row.bbox
         box = np.array([[left, top, left + width, top + height]])

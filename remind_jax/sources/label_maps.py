@@ -179,12 +179,18 @@ def _crops_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Crops:
     """As `masks_of`."""
     from scipy.ndimage import find_objects  # takes long, and few maps are that crowded
 
-    known, numbers = np.asarray(ids), np.empty(labels.shape, np.int32)
-    rows = max(1, _CHUNK_PX // labels.shape[1])
-    for start in range(0, len(labels), rows):
-        some = labels[start : start + rows]
-        place = np.searchsorted(known, some).clip(max=len(known) - 1)
-        numbers[start : start + rows] = np.where(known[place] == some, place + 1, 0)
+    known = np.asarray(ids)
+    if labels.dtype.kind == "u" and labels.dtype.itemsize <= 2:
+        number_of = np.zeros(1 << 8 * labels.dtype.itemsize, np.int32)
+        number_of[known] = np.arange(1, len(known) + 1)
+        numbers = number_of[labels]
+    else:
+        numbers = np.empty(labels.shape, np.int32)
+        rows = max(1, _CHUNK_PX // labels.shape[1])
+        for start in range(0, len(labels), rows):
+            some = labels[start : start + rows]
+            place = np.searchsorted(known, some).clip(max=len(known) - 1)
+            numbers[start : start + rows] = np.where(known[place] == some, place + 1, 0)
     boxes = find_objects(numbers, len(ids))
     areas = [box[0].stop - box[0].start for box in boxes], [b[1].stop - b[1].start for b in boxes]
     require_bytes(int(np.prod(areas, axis=0).sum()), len(ids), labels.shape, "its instance map")

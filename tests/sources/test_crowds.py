@@ -140,6 +140,20 @@ def test_a_tracker_takes_no_more_than_it_has_memory_for(monkeypatch):
     assert f"static.num_detections={most + 1}" in skipped.reason
 
 
+def test_masks_of_much_larger_pictures_are_counted_as_such(images, tmp_path, monkeypatch):
+    monkeypatch.setattr(crops, "MOST_MASK_BYTES", 100_000)
+    side = [HEIGHT * 5, WIDTH * 5]
+    code = {"size": side, "counts": [1, side[0] * side[1] - 1]}
+    (tmp_path / "masks.json").write_text(json.dumps([{"image_id": 0, "segmentation": code}]))
+    source = rj.open_source(images, masks=tmp_path / "masks.json")
+    assert [frame.source_index for frame in source] == [1]
+    assert "1 detections in 100x90 pixels" in source.skipped[0].reason
+
+
+def test_a_method_that_does_not_count_its_bytes_has_a_bound_as_well():
+    assert rj.Tracker(tracker="iou").most_detections == memory_budget.MOST_UNCOUNTED
+
+
 def test_no_frame_asks_for_more_than_is_meant_for_it():
     tracker = rj.Tracker()
     most = tracker.most_detections
