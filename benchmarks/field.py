@@ -33,7 +33,8 @@ from remind_jax.errors import RemindError
 from remind_jax.files import user_cache_folder
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "field.md"
-NUM_SEEDS = 3
+NUM_SEEDS = 2
+_LEAST_ANSWERED = 0.7  # of the questions
 
 
 def answer_ours(trials: list[Trial], out: Path, names: tuple[str, ...]) -> dict[str, str]:
@@ -90,7 +91,10 @@ def _is_answered(answers: Path, trials: list[Trial]) -> bool:
 
 
 def score(trials: list[Trial], contenders: dict[str, Path]) -> list[dict[str, Any]]:
-    """Rows: contender, question, scores over seeds; and over the questions that all answered."""
+    """Rows: contender, question, scores over seeds; and over the questions that all answered.
+
+    Who answered few questions has no rows.
+    """
     outcomes: dict[tuple[str, Any], list[Outcome]] = defaultdict(list)
     for trial in trials:
         truth = truth_of(trial)
@@ -100,6 +104,13 @@ def score(trials: list[Trial], contenders: dict[str, Path]) -> list[dict[str, An
                 outcomes[name, trial.question].append(judge(trial, truth, np.load(file)))
     num_seeds = Counter(trial.question for trial in trials)
     answered = {key: some for key, some in outcomes.items() if len(some) == num_seeds[key[1]]}
+    counts = Counter(name for name, _ in answered)
+    contenders = {
+        name: folder
+        for name, folder in contenders.items()
+        if counts[name] >= _LEAST_ANSWERED * len(num_seeds)
+    }
+    answered = {key: some for key, some in answered.items() if key[0] in contenders}
     rows = []
     for (name, question), some in answered.items():
         asked = {"varied": question.varied, "world": question.world, "value": question.value}
@@ -135,11 +146,14 @@ def run(given: argparse.Namespace) -> dict[str, Any]:
             title = f"{tracker} ({name}), {setting.replace('-', ' ')}"
             contenders[title] = out / "answers" / name / key
             about[title] = {"setting": setting, "peer": name, **told}
+    rows = score(trials, contenders)
+    scored = {row["contender"] for row in rows}
     return {
         "version": rj.__version__,
         "seeds": list(seeds),
-        "rows": score(trials, contenders),
-        "contenders": about,
+        "rows": rows,
+        "contenders": {name: told for name, told in about.items() if name in scored},
+        "unfinished": [name for name in about if name not in scored],
         "versions": {name: report["versions"] for name, report in reports.items()},
         "absent": absent,
     }

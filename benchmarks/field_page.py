@@ -52,7 +52,8 @@ def _rows(result: Result, varied: str, world: str, contender: str = "") -> list[
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [heads, ["---", *["---:"] * (len(heads) - 1)], *rows]
+    aligned = "---:" if len(heads) > 2 else "---"
+    lines = [heads, ["---", *[aligned] * (len(heads) - 1)], *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
@@ -112,6 +113,7 @@ def _peer_table(result: Result) -> str:
         name: about["error"] for name, about in result["contenders"].items() if about.get("error")
     }
     rows += [(name, f"failed: {why}") for name, why in failed.items()]
+    rows += [(name, "not finished, left out") for name in result.get("unfinished", ())]
     return _table(("package", "versions"), rows)
 
 
@@ -177,7 +179,7 @@ def _draw(result: Result, score: str, label: str, file: Path) -> None:
         axis.spines[["top", "right"]].set_visible(False)
         axis.set_xscale("log")
         values = sorted({row["value"] for row in _rows(result, varied, world)})
-        axis.set_xticks(values, [f"{value:g}" for value in values])
+        axis.set_xticks(values, [f"{value:,g}" for value in values], fontsize=8)
         axis.minorticks_off()
         if varied == _LIGHT:
             axis.invert_xaxis()

@@ -25,15 +25,6 @@ SETTINGS: dict[str, tuple[str, Options]] = {
     "BoT-SORT.published": ("botsort", {}),
     "BoT-SORT.for-ever": ("botsort", _BOT),
     "BoT-SORT.open": ("botsort", {**_BOT, "proximity_thresh": 1.0}),
-    "DeepOCSORT.published": ("deepocsort", {}),
-    "DeepOCSORT.for-ever": ("deepocsort", _AGE),
-    "DeepOCSORT.open": (
-        "deepocsort",
-        {**_AGE, "asso_func": "centroid", "iou_threshold": 0.0, "min_hits": 1},
-    ),
-    "StrongSORT.published": ("strongsort", {}),
-    "StrongSORT.for-ever": ("strongsort", _AGE),
-    "StrongSORT.open": ("strongsort", {**_AGE, "n_init": 1}),
     "OccluBoost.published": ("occluboost", {}),
     "OccluBoost.for-ever": ("occluboost", _OCCLU),
     "OccluBoost.open": (
@@ -46,6 +37,15 @@ SETTINGS: dict[str, tuple[str, Options]] = {
             "min_box_area": 0,
             "aspect_ratio_thresh": 1e6,
         },
+    ),
+    "StrongSORT.published": ("strongsort", {}),
+    "StrongSORT.for-ever": ("strongsort", _AGE),
+    "StrongSORT.open": ("strongsort", {**_AGE, "n_init": 1}),
+    "DeepOCSORT.published": ("deepocsort", {}),
+    "DeepOCSORT.for-ever": ("deepocsort", _AGE),
+    "DeepOCSORT.open": (
+        "deepocsort",
+        {**_AGE, "asso_func": "centroid", "iou_threshold": 0.0, "min_hits": 1},
     ),
 }
 

@@ -286,7 +286,8 @@ function answer(to) {
     add({ edit: "move", id, first: whole ? 0 : run.frames[first].frame,
       last: whole ? lastFrame : run.frames[last].frame, to: into });
   }
-  say(`${inWords(edits.at(-1))}.`);
+  const done = inWords(edits.at(-1));
+  say(`${done[0].toUpperCase()}${done.slice(1)}.`);
 }
 
 /** Positions of the visit of an identity around one. */
@@ -359,8 +360,9 @@ function prepareLabeling() {
   make("p", { id: "label-picked" }), make("p", { id: "label-actions" }), asked,
   make("p", { id: "label-said", role: "status" }), make("p", { id: "label-conflicts" }),
   make("p", { class: "faint" }, make("span", { id: "label-count" }), ". Pick a detection: a click " +
-    "in the video or the list, or 1 to 9; frames: , and . The browser keeps the edits; what counts " +
-    "is the file that is saved."),
+    "in the video or the list, or 1 to 9; frames: , and . Names in the video are those of the run, " +
+    "numbers at the boxes those of the labels. The browser keeps the edits; what counts is the " +
+    "file that is saved."),
   make("datalist", { id: "label-known" })));
   if (run.video) {
     video.controls = false;
