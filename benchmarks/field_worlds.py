@@ -125,7 +125,7 @@ class Trial:
 
 def questions(quick: bool = False) -> tuple[Question, ...]:
     """All points of all plots; `quick`: few of each."""
-    absences, of_same = ((1, 30, 100), (30,)) if quick else (ABSENCES, ABSENCES_OF_SAME)
+    absences, of_same = ((1, 30), (30,)) if quick else (ABSENCES, ABSENCES_OF_SAME)
     alike, light = ((4,), (0.1,)) if quick else (ALIKE, LIGHT)
     return (
         *(Question("absence", SAME, n) for n in of_same),
