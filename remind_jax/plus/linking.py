@@ -37,7 +37,7 @@ from remind_jax.solvers.assignment_in_graph import assign_in_graph
 class Links:
     """What may go on with what, by a motion of the image."""
 
-    place: Float[Array, "T 10"]  # `place` of the tracklets, where they should be now
+    place: Float[Array, "T 11"]  # `place` of the tracklets, where they should be now
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
 
@@ -100,11 +100,23 @@ def advance_tracklets(
     origin: Int[Array, "N"],
     frame: Int[Array, ""],
     next_id: Int[Array, ""],
+    shift: Float[Array, ""],
     doubt: Float[Array, ""],
     t: th.Linking,
     mobile: th.Mobility,
 ) -> tuple[Tracklets, Int[Array, ""], Float[Array, "N D"]]:
     """Continues, starts and drops tracklets.
+
+    Args:
+      tracklets: Tracklets, carried to this frame.
+      sightings: Detections.
+      origin: The tracklet that each of them goes on with, NO_SLOT for the first of a new one.
+      frame: Number of this frame.
+      next_id: Next free id.
+      shift: How far the image moved since the last frame.
+      doubt: How little that is believed, [0, 1].
+      t: Memory lengths.
+      mobile: What own movement is.
 
     Returns:
       Tracklets: those of the detections, in their order, then those of the frames before, of which
@@ -125,9 +137,9 @@ def advance_tracklets(
     rate = rate * jnp.stack([linked, sightings.has_ring], axis=1)
     rate = jnp.pad(rate, ((0, 0), (0, 1)))
     step = seen - before
-    drift, num_moves = follow_movement(old, linked, sightings, frame, doubt, mobile)
+    moved, num_moves = follow_movement(old, linked, sightings, frame, shift, doubt, mobile)
     belief = jnp.where(linked, old.belief, 0.0)[:, None]
-    place = [sightings.box, sightings.center, sightings.size[:, None], drift, belief]
+    place = [sightings.box, sightings.center, sightings.size[:, None], moved, belief]
     here = Tracklets.of(
         alive=sightings.valid,
         class_id=sightings.class_id,

@@ -26,7 +26,7 @@ from remind_jax.plus.state import Objects, Scene, Tracklets
 def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
     """How far each tracklet will move of its own in a frame, as far as that is known."""
     length = jnp.sqrt(squared_length(tracklets.drift))
-    share = jnp.maximum(length - t.noise, 0.0) / jnp.maximum(length, 1e-6)
+    share = speed_of(tracklets, t) / jnp.maximum(length, 1e-6)
     known = tracklets.num_moves >= t.least
     return t.weight * jnp.where(known, share, 0.0)[:, None] * tracklets.drift
 
@@ -36,9 +36,10 @@ def follow_movement(
     linked: Bool[Array, "N"],
     sightings: Sightings,
     frame: Int[Array, ""],
+    shift: Float[Array, ""],
     doubt: Float[Array, ""],
     t: th.Mobility,
-) -> tuple[Float[Array, "N 2"], Int[Array, "N"]]:
+) -> tuple[Float[Array, "N 3"], Int[Array, "N"]]:
     """Smoothed own movement of each detection's tracklet, and how many movements are in it.
 
     Where the image motion is doubted, what most detections of a frame share is that of the camera.
@@ -49,22 +50,32 @@ def follow_movement(
       linked: Detections that go on with one.
       sightings: Detections.
       frame: Number of this frame.
-      doubt: How little the image motion is believed, [0, 1].
+      shift: How far the image moved since the last one.
+      doubt: How little that is believed, [0, 1].
       t: How much is averaged.
+
+    Returns:
+      Own movement, the length of that of the image meanwhile, and their number.
     """
     whole = ~(before.touched | sightings.touches)
     moves = linked & whole & (before.last == frame - 1)
     movement = sightings.center - before.center + expect_step(before, t)
-    movement -= doubt * medians(movement.T, moves)[None]
+    shared = doubt * medians(movement.T, moves)
+    shift = jnp.broadcast_to(shift + jnp.sqrt(squared_length(shared)), moves.shape)
+    movement = jnp.concatenate([movement - shared, shift[:, None]], axis=1)
     num_moves = jnp.where(linked, before.num_moves, 0) + moves
     rate = moves / jnp.clip(num_moves, 1, t.samples)
-    drift = jnp.where(linked[:, None], before.drift, 0.0)
-    return drift + rate[:, None] * (movement - drift), num_moves
+    smoothed = jnp.where(linked[:, None], before.place[:, 7:10], 0.0)
+    return smoothed + rate[:, None] * (movement - smoothed), num_moves
 
 
 def speed_of(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T"]:
-    """Length of the own movement per frame, beyond what things at rest seem to have."""
-    return jnp.maximum(jnp.sqrt(squared_length(tracklets.drift)) - t.noise, 0.0)
+    """Length of the own movement per frame, beyond what things at rest seem to have.
+
+    What is nearer or farther than the rest moves otherwise than the image, before a moving camera.
+    """
+    noise = t.noise + t.noise_rate * tracklets.image_shift
+    return jnp.maximum(jnp.sqrt(squared_length(tracklets.drift)) - noise, 0.0)
 
 
 def first_speed(tracklets: Tracklets, scene: Scene, t: th.Mobility) -> Float[Array, "T"]:

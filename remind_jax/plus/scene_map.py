@@ -35,6 +35,12 @@ def doubt_of(motion: Motion, t: th.Motion) -> Float[Array, ""]:
     return 1.0 - jnp.clip(trust, 0.0, 1.0)
 
 
+def shift_of(motion: Motion, frame_center: Float[Array, "2"]) -> Float[Array, ""]:
+    """How far the image moved: its center."""
+    moved = turned(frame_center, motion.matrix[:, :2]) + motion.matrix[:, 2] - frame_center
+    return jnp.sqrt(squared_length(moved))
+
+
 def move_map(
     objects: Objects,
     pairs: Pairs,
@@ -50,7 +56,7 @@ def move_map(
     """
     turn, shift = motion.matrix[:, :2], motion.matrix[:, 2]
     new_center = turned(frame_center, turn) + shift
-    moved = jnp.sqrt(squared_length(new_center - frame_center))
+    moved = shift_of(motion, frame_center)
     position = turned(objects.position - frame_center, turn / zoom_of(turn)) + new_center
 
     doubt = doubt_of(motion, t)

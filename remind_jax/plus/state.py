@@ -121,7 +121,7 @@ class Tracklets(Table):
     """Uninterrupted sights of something, carried along with the image."""
 
     wholes: Int[Array, "T 12"]
-    place: Float[Array, "T 10"]  # box, center, size, own movement and belief
+    place: Float[Array, "T 11"]  # box, center, size, own movement, that of the image, and belief
     looks: Float[Array, "T 3 D"]
 
     alive = Column("wholes", truth=True)
@@ -158,13 +158,18 @@ class Tracklets(Table):
         return self.place[:, 7:9]
 
     @property
+    def image_shift(self) -> Float[Array, "T"]:
+        """How far the image moved per frame meanwhile."""
+        return self.place[:, 9]
+
+    @property
     def belief(self) -> Float[Array, "T"]:
         """Probability of its object when it was decided."""
-        return self.place[:, 9]
+        return self.place[:, 10]
 
     def believed(self, belief: Float[Array, "T"]) -> Tracklets:
         """With other beliefs."""
-        place = jnp.concatenate([self.place[:, :9], belief[:, None]], axis=1)
+        place = jnp.concatenate([self.place[:, :10], belief[:, None]], axis=1)
         return dataclasses.replace(self, place=place)
 
     @property
@@ -342,7 +347,7 @@ def no_tracklets(num: int, dim: int) -> Tracklets:
         named=zeros(num, bool),
         leans_new=zeros(num, bool),
         id=full(num, NO_ID, np.int32),
-        place=full((num, 10), (0, 0, 0, 0, 0, 0, 1, 0, 0, 0), np.float32),
+        place=full((num, 11), (0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0), np.float32),
         looks=zeros((num, 3, dim), np.float32),
     )
 

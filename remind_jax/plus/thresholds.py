@@ -77,7 +77,8 @@ class Mobility:
     """
 
     weight: Real = setting(1.0, "of the speeds of objects; 0: nothing moves of its own", "weight")
-    noise: Real = setting(0.07, "own movement per frame that things at rest seem to have", "length")
+    noise: Real = setting(0.01, "own movement per frame that things at rest seem to have", "length")
+    noise_rate: Real = setting(0.4, "more of it, per length that the image moves", "share")
     samples: Whole = setting(16, "the own movement of a tracklet averages about this many",
         "movements")
     least: Whole = setting(3, "of them from which on it counts", "movements")
@@ -85,7 +86,7 @@ class Mobility:
     prior: Real = setting(4.0, "weight of the speed of the scene in that of a new object",
         "frames")
     rate: Real = setting(0.05, "what a frame changes of the speed of the scene", "share")
-    half: Real = setting(0.05, "speed of an object that is by half one that moves", "length")
+    half: Real = setting(0.02, "speed of an object that is by half one that moves", "length")
     best: Real = setting(6.0, "most evidence of looks of an object that moves", "log odds")
     gain: Real = setting(1.0, "log odds of an object that moves, in place of those of its place",
         "log odds")

@@ -45,7 +45,13 @@ from remind_jax.plus.linking import (
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.own_movement import first_speed, learn_speeds
-from remind_jax.plus.scene_map import center_variance, correct_map, doubt_of, move_map
+from remind_jax.plus.scene_map import (
+    center_variance,
+    correct_map,
+    doubt_of,
+    move_map,
+    shift_of,
+)
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
@@ -158,6 +164,7 @@ def _advance(
         origin,
         frame,
         state.next_id,
+        shift_of(motion, sightings.frame_center),
         doubt_of(motion, t.motion),
         t.linking,
         t.mobility,

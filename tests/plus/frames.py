@@ -49,11 +49,8 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
     empty = jax.tree.map(jnp.asarray, no_tracklets(room, DIM))
     begun = empty.replaced(
         alive=put(empty.alive, seen.valid),
-        place=put(
-            empty.place,
-            jnp.concatenate(
-                [seen.box, seen.center, seen.size[:, None], jnp.zeros((num, 3))], axis=1
-            ),
+        place=empty.place.at[:num, :7].set(
+            jnp.concatenate([seen.box, seen.center, seen.size[:, None]], axis=1)
         ),
         class_id=put(empty.class_id, seen.class_id),
         last=put(empty.last, jnp.full(num, frame)),

@@ -61,8 +61,9 @@ def test_looks_are_smoothed_and_new_tracklets_are_numbered():
     now = dataclasses.replace(before, look=before.look + 1.0)
     origin = jnp.array([0, NO_SLOT, 2])
     after, next_id, step = advance_tracklets(
-        tracklets, now, origin, jnp.int32(1), jnp.int32(7), jnp.float32(1), T.linking, T.mobility
-    )
+        tracklets, now, origin, jnp.int32(1), jnp.int32(7), jnp.float32(0), jnp.float32(1),
+        T.linking, T.mobility,
+    )  # fmt: skip
     assert after.age[:3].tolist() == [2, 1, 2]
     assert after.id[:3].tolist() == [0, 7, 2]
     assert next_id == 8
@@ -82,6 +83,7 @@ def test_a_missed_tracklet_may_resume_for_some_frames(gap, waits):
         jnp.full(3, NO_SLOT),
         jnp.int32(gap),
         jnp.int32(3),
+        jnp.float32(0),
         jnp.float32(1),
         T.linking,
         T.mobility,

@@ -26,8 +26,17 @@ WALK = np.array([0.3, 0.0])
 STILL = motion((0.0, 0.0), 1.0)
 
 
-def follow(steps: np.ndarray, frames: int = 12, touches: tuple[bool, ...] = (False,) * 3):
-    """Tracklets of three things that make these steps per frame before a camera at rest."""
+def follow(
+    steps: np.ndarray,
+    frames: int = 12,
+    touches: tuple[bool, ...] = (False,) * 3,
+    shift: float = 0.0,
+    doubt: float = 1.0,
+):
+    """Tracklets of three things that make these steps per frame.
+
+    `shift`: how far the image moves per frame, `doubt`: how little that is believed.
+    """
     tracklets = tracklets_of(detections(START), 0, ROOM)
     origin = jnp.arange(3)
     for frame in range(1, frames):
@@ -42,7 +51,8 @@ def follow(steps: np.ndarray, frames: int = 12, touches: tuple[bool, ...] = (Fal
             origin,
             jnp.int32(frame),
             jnp.int32(9),
-            jnp.float32(1),
+            jnp.float32(shift),
+            jnp.float32(doubt),
             T.linking,
             T.mobility,
         )
@@ -64,6 +74,16 @@ def test_what_moves_among_things_at_rest_is_found_out():
 def test_what_most_share_is_the_camera():
     tracklets = follow(np.array([WALK, WALK, WALK]))
     assert not speed_of(tracklets, T.mobility).any()
+
+
+def test_a_moving_camera_makes_things_at_rest_seem_to_move():
+    """What is near moves more than the image does; that is no movement of its own."""
+    parallax = np.array([[0.05, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    at_rest = follow(parallax, shift=0.0, doubt=0.0)
+    panning = follow(parallax, shift=0.2, doubt=0.0)
+    assert speed_of(at_rest, T.mobility)[0] > 0.03
+    assert speed_of(panning, T.mobility).tolist()[:3] == [0, 0, 0]
+    np.testing.assert_allclose(panning.image_shift[:3], 0.2, rtol=1e-5)
 
 
 def test_the_border_of_the_frame_is_no_movement():
@@ -157,7 +177,7 @@ def test_an_unlinked_detection_begins_at_rest():
     tracklets = follow(np.array([WALK, 0 * WALK, 0 * WALK]))
     fresh, _, _ = advance_tracklets(
         tracklets, detections(START), jnp.full(3, NO_SLOT), jnp.int32(12), jnp.int32(9),
-        jnp.float32(1), T.linking, T.mobility,
+        jnp.float32(0), jnp.float32(1), T.linking, T.mobility,
     )  # fmt: skip
     assert not fresh.drift[:3].any()
     assert not fresh.num_moves[:3].any()
