@@ -67,10 +67,14 @@ def count_occupied(state: PlusState) -> tuple[Int[Array, ""], int]:
     return jnp.sum(state.objects.exists) + jnp.sum(state.tracklets.is_open), 0
 
 
-# A sum over a long axis is one kernel together with what it adds up; otherwise it is three. What is
-# the same in all turns of a loop stays part of what reads it; moved out, it would be a kernel.
+# A sum over a long axis is one kernel together with what it adds up; otherwise it is three. Sums
+# and products are no kernels of a library. What is the same in all turns of a loop stays part of
+# what reads it; moved out, it would be a kernel.
 COMPILER_OPTIONS = {
-    "cpu": {"xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion"}
+    "cpu": {
+        "xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion",
+        "xla_cpu_experimental_ynn_fusion_type": "",
+    }
 }
 
 METHOD = Method(

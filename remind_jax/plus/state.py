@@ -252,7 +252,7 @@ class Verdicts(Table):
     option_belief = Column("option_reals")  # probability beside all others and a new object
 
     @property
-    def option_parts(self) -> Float[Array, "N C 9"]:
+    def option_parts(self) -> Float[Array, "*frames N C 9"]:
         """Of `PARTS` in the log odds."""
         return self.option_reals[..., 2:]
 
