@@ -41,7 +41,7 @@ def boxes_of(masks: np.ndarray) -> np.ndarray:
 
 def as_filled(masks: np.ndarray) -> np.ndarray:
     """Boxes in place of masks."""
-    return fill_boxes(boxes_of(masks), masks.shape[1:])
+    return np.asarray(fill_boxes(boxes_of(masks), masks.shape[1:]))
 
 
 def as_ellipses(masks: np.ndarray) -> np.ndarray:

@@ -116,4 +116,4 @@ def test_boxes_must_be_finite():
 
 
 def test_box_the_wrong_way_round_is_empty():
-    assert not fill_boxes(np.array([[9.0, 9.0, 3.0, 3.0]]), SIZE).any()
+    assert not np.asarray(fill_boxes(np.array([[9.0, 9.0, 3.0, 3.0]]), SIZE)).any()
