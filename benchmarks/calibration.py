@@ -10,7 +10,6 @@ left out. IDF1, returns that got the old identity in their first frame, and iden
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -18,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.features import compare, find, print_head, print_row
+from benchmarks.features import compare, find, parser_of, print_head, print_row
 from remind_jax.backbone.registry import DEFAULT_BACKBONE
 from remind_jax.benchmark.contenders import Contender
 from remind_jax.calibration import calibrate
@@ -46,12 +45,7 @@ def _with(config: Config, other: Config) -> Config:
 
 def main() -> None:
     """Parses the command line, runs and prints Markdown."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("root", type=Path)
-    parser.add_argument("--scene", action="append", default=[], metavar="NAME")
-    parser.add_argument("--backbone", action="append", required=True, metavar="NAME")
+    parser = parser_of(__doc__)
     parser.add_argument("--on", type=Path, nargs="+", default=[], metavar="SCENES")
     given = parser.parse_args()
     scenes = find(given.root, given.scene)

@@ -102,14 +102,20 @@ def find(root: Path, names: Sequence[str]) -> tuple[Scene, ...]:
     return tuple(scene for scene in select_scenes(find_scenes(root), names) if scene.has_masks)
 
 
-def main() -> None:
-    """Parses the command line, runs and prints Markdown."""
+def parser_of(description: str | None) -> argparse.ArgumentParser:
+    """Scenes and backbones on the command line."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("root", type=Path)
     parser.add_argument("--scene", action="append", default=[], metavar="NAME")
     parser.add_argument("--backbone", action="append", required=True, metavar="NAME")
+    return parser
+
+
+def main() -> None:
+    """Parses the command line, runs and prints Markdown."""
+    parser = parser_of(__doc__)
     parser.add_argument("--methods", nargs="*", default=list(METHODS), metavar="NAME")
     given = parser.parse_args()
     scenes = find(given.root, given.scene)

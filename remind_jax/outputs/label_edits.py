@@ -24,7 +24,6 @@ from remind_jax.outputs.result import Result
 from remind_jax.outputs.tables import firm_rows
 from remind_jax.tracks import Tracks
 
-FORMAT = "remind-jax edits"
 MOST_EDITS = 1_000_000
 
 Labels = list[Int[np.ndarray, "_"]]  # identity of each detection of each frame, NO_ID for none

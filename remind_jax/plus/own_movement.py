@@ -65,7 +65,8 @@ def follow_movement(
     movement = jnp.concatenate([movement - shared, shift[:, None]], axis=1)
     num_moves = jnp.where(linked, before.num_moves, 0) + moves
     rate = moves / jnp.clip(num_moves, 1, t.samples)
-    smoothed = jnp.where(linked[:, None], before.place[:, 7:10], 0.0)
+    smoothed = jnp.concatenate([before.drift, before.image_shift[:, None]], axis=1)
+    smoothed = jnp.where(linked[:, None], smoothed, 0.0)
     return smoothed + rate[:, None] * (movement - smoothed), num_moves
 
 

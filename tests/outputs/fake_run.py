@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import numpy as np
 
 from remind_jax.decision import Outcome, Reason, Status
@@ -9,6 +12,7 @@ from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_info import Event, RunInfo
+from remind_jax.outputs.writer import RunWriter
 from remind_jax.tracks import Tracks
 
 LABELS = ("cup", "cup", "book", "potted plant", "teddy bear", "chair")
@@ -160,3 +164,11 @@ def _place(
     if number % 3 == 1:
         return ((xs - x) / half_w) ** 2 + ((ys - y) / half_h) ** 2 <= 1
     return (np.abs(xs - x) <= half_w) & (np.abs(ys - y) <= half_h)
+
+
+def write_run(folder: Path, frames: Sequence[Frame], result: Result) -> None:
+    """The folder of a run, as `remind run` writes it."""
+    with RunWriter(folder, result.info, overwrite=True) as writer:
+        for frame, tracks in zip(frames, result.tracks, strict=True):
+            writer.add(frame, tracks)
+        writer.finish(result)

@@ -9,9 +9,8 @@ import pytest
 from remind_jax.outputs.label_edits import apply_edits, read_edits
 from remind_jax.outputs.label_page import LABEL_PAGE_NAME, write_label_page
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.writer import RunWriter
 from tests.headless_browser import needs_browser, open_browser
-from tests.outputs.fake_run import make_run
+from tests.outputs.fake_run import make_run, write_run
 from tests.outputs.test_report_in_browser import find, wait_for
 
 NUM_FRAMES = 60  # odd objects are away in frames 20 to 39
@@ -24,10 +23,7 @@ pytestmark = needs_browser
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     frames, result = make_run(NUM_FRAMES, size=SIZE)
-    with RunWriter(folder, result.info, overwrite=True) as writer:
-        for frame, tracks in zip(frames, result.tracks, strict=True):
-            writer.add(frame, tracks)
-        writer.finish(result)
+    write_run(folder, frames, result)
     write_label_page(folder)
     return folder
 

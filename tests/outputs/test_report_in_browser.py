@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from remind_jax.outputs import report
-from remind_jax.outputs.writer import RunWriter
 from tests.headless_browser import needs_browser, open_browser
-from tests.outputs.fake_run import make_run
+from tests.outputs.fake_run import make_run, write_run
 from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run
 
 NUM_FRAMES = 60
@@ -26,10 +25,7 @@ pytestmark = needs_browser
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     frames, result = make_run(NUM_FRAMES, size=(240, 320))
-    with RunWriter(folder, result.info, overwrite=True) as writer:
-        for frame, tracks in zip(frames, result.tracks, strict=True):
-            writer.add(frame, tracks)
-        writer.finish(result)
+    write_run(folder, frames, result)
     return folder
 
 
@@ -240,10 +236,7 @@ def test_a_large_video_is_played_from_beside_the_page(browser, folder, monkeypat
 def traced(tmp_path_factory):
     folder = tmp_path_factory.mktemp("traced")
     frames, result = make_traced_run()
-    with RunWriter(folder, result.info, overwrite=True) as writer:
-        for frame, tracks in zip(frames, result.tracks, strict=True):
-            writer.add(frame, tracks)
-        writer.finish(result)
+    write_run(folder, frames, result)
     return folder, result
 
 
