@@ -21,7 +21,8 @@ def coming_ids(state: PlusState) -> Int[np.ndarray, "open"]:
 def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids"]) -> PlusState:
     """The memory without some objects: their rows, relations and tracklets are those of `empty`.
 
-    What was learned about all objects together stays; nothing of it shows a single one.
+    What was learned about all objects together stays but for the last frames' looks that are not
+    summed up yet; nothing of it shows a single object.
 
     Args:
       state: The memory.
@@ -50,4 +51,9 @@ def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids
         objects=clear(gone, state.objects, empty.objects),
         pairs=jax.tree.map(clear_pairs, state.pairs, empty.pairs),
         tracklets=clear(held, state.tracklets, empty.tracklets),
+        scene=dataclasses.replace(
+            state.scene,
+            recent=empty.scene.recent,
+            recent_fade=empty.scene.recent_fade,
+        ),
     )

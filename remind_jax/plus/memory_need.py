@@ -9,6 +9,7 @@ NUMBER = 4  # bytes
 # Numbers that are held at once, of the memory and of what a frame needs for the time being.
 PAIR_OF_OBJECTS = 9  # six are kept
 OF_OBJECT_AND_DETECTION = 10  # cosines with each kept look, and what is made of them
+PAIR_OF_FEATURES = 6  # two scatters, and what three frames add to one
 PAIR_OF_DETECTIONS = 12  # each detection with the four tracklets of each slot
 
 
@@ -20,11 +21,12 @@ def count_bytes(static: Static) -> int:
     """
     objects, detections, dim = static.num_objects, static.num_detections, static.feature_dim
     per_object = 2 * BANK_SLOTS * (dim + white_dim(static))
-    per_detection = 24 * dim + 4 * NUM_WITNESSES * NUM_CANDIDATES**2
+    per_detection = 30 * dim + 4 * NUM_WITNESSES * NUM_CANDIDATES**2
     return NUMBER * (
         PAIR_OF_OBJECTS * objects**2
         + per_object * objects
         + OF_OBJECT_AND_DETECTION * objects * detections
         + per_detection * detections
         + PAIR_OF_DETECTIONS * detections**2
+        + PAIR_OF_FEATURES * dim**2
     )

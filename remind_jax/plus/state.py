@@ -1,7 +1,8 @@
 """The memory of REMIND plus as one fixed-capacity pytree.
 
 Letters: `O` object slots, `K` kept looks per object, `D` feature dimension, `E` directions that
-looks are compared in, `T` tracklets (those of this frame's `N` detections first), `C` candidates.
+looks are compared in, `T` tracklets (those of this frame's `N` detections first), `C` candidates,
+`F` frames from one renewal of the whitening to the next.
 Lengths are in frame units. Ids, never slots, are shown outside.
 """
 
@@ -21,13 +22,20 @@ from remind_jax.decision import Decisions, Overflow, no_decisions
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.constant_arrays import eye, full, zeros
-from remind_jax.plus.static import BANK_SLOTS, NUM_CANDIDATES, num_tracklets, white_dim
+from remind_jax.plus.static import (
+    BANK_SLOTS,
+    NUM_CANDIDATES,
+    REFRESH_FRAMES,
+    num_tracklets,
+    white_dim,
+)
 from remind_jax.static import Static
 
 UNRELATED = 1000.0  # spread of a relation that is not known
 NOTHING_KNOWN = np.array([0, 0, UNRELATED, 0], np.float32)  # `Pairs.lies` of no relation
 NO_RELATION = UNRELATED / 10  # from this spread on nothing is known
 LONG_AGO = -1_000_000  # a frame before all others
+SUMMED = -1.0  # `Scene.recent_fade` of a frame that is in the scatters
 # Kinds of evidence: those that a candidate has alone, those that it has from what else is in view,
 # and what is given back to one that may have been moved. Together they are its log odds.
 PARTS = (
@@ -202,6 +210,10 @@ class Scene(Table):
     weights: Float[Array, "4"]
     total: Float[Array, "D D"]  # scatter of looks about the mean
     within: Float[Array, "D D"]  # scatter of looks within tracklets
+    # Of both, the vectors of the last frames, and what each of these frames leaves of the sums
+    # before it; SUMMED: the frame is in them.
+    recent: Float[Array, "2 F N D"]
+    recent_fade: Float[Array, "2 F"]
     basis: Float[Array, "D E"]  # orthonormal, main directions of the total scatter
     whitener: Float[Array, "E D"]
     white_mean: Float[Array, "D"]  # subtracted before whitening
@@ -308,6 +320,8 @@ def init(static: Static) -> PlusState:
             weights=real(4),
             total=real(dim, dim),
             within=real(dim, dim),
+            recent=real(2, REFRESH_FRAMES, static.num_detections, dim),
+            recent_fade=real(2, REFRESH_FRAMES, value=SUMMED),
             basis=cast(Array, _any_basis(dim, white)),
             whitener=eye(white, dim),
             white_mean=real(dim),

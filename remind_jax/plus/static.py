@@ -8,6 +8,7 @@ MISSED_FRAMES = 3  # a tracklet survives this many frames without a detection
 COMPARED_DIM = 64  # looks are compared in at most this many main directions
 BANK_SLOTS = 8  # remembered looks per object
 NUM_CANDIDATES = 8  # objects that an open tracklet is compared with at length
+REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
 NUM_WITNESSES = 64  # other detections that one is weighed together with, the nearest of a crowd
 
 

@@ -171,7 +171,7 @@ def _advance(
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # Which differences of looks matter in this scene?
-    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, t.looks)
+    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, frame, t.looks)
     scene, objects = renew_whitening(scene, objects, frame, t.looks)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)

@@ -5,7 +5,8 @@ Rule: method_plus.md#whitening.
 What varies within a tracklet (light, view, blur) says little about identity. Looks are compared by
 cosine after whitening with the scatter within tracklets, in the main directions of all looks.
 
-Letters: `N` detections, `D` feature dimension, `E` compared directions.
+Letters: `N` detections, `D` feature dimension, `E` compared directions, `F` frames from one renewal
+to the next.
 """
 
 from __future__ import annotations
@@ -15,17 +16,18 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.control_flow import count_up
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.small_matrices import diagonal, orthonormalize, root_of_inverse
-from remind_jax.plus.state import Objects, Scene
+from remind_jax.plus.state import SUMMED, Objects, Scene
+from remind_jax.plus.static import REFRESH_FRAMES
 
-REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
-EAGER_FRAMES = 5  # and in each of the first ones
+EAGER_FRAMES = 5  # the whitening is renewed in each of the first frames
 _TINY = 1e-9
 
 
@@ -40,15 +42,19 @@ def learn_scatter(
     sightings: Sightings,
     step: Float[Array, "N D"],
     linked: Bool[Array, "N"],
+    frame: Int[Array, ""],
     t: th.Looks,
 ) -> Scene:
     """Takes the looks and backgrounds of a frame into the statistics.
+
+    What the scatters are sums of is noted only: `renew_whitening` sums it up when it is due.
 
     Args:
       scene: Statistics so far.
       sightings: Detections.
       step: Look minus the smoothed look of its tracklet before.
       linked: Detections that continue a tracklet.
+      frame: Number of this frame.
       t: Memory lengths.
     """
     valid = sightings.valid
@@ -65,33 +71,55 @@ def learn_scatter(
     means = scene.means + rate * step_of_means
     around = jnp.where(valid[:, None], sightings.look - means[0], 0.0)
     within = jnp.where(linked[:, None], step, 0.0)
+    place = frame % REFRESH_FRAMES
+    teaches = (np.arange(REFRESH_FRAMES) == place) & (counts[2:, None] > 0)
     return dataclasses.replace(
         scene,
         means=means,
         weights=weights,
-        total=scene.total * fade[2] + _scatter(around),
-        within=scene.within * fade[3] + _scatter(within),
+        recent=lax.dynamic_update_index_in_dim(
+            scene.recent, jnp.stack([around, within]), place, axis=1
+        ),
+        recent_fade=jnp.where(teaches, fade[2:, None], scene.recent_fade),
     )
 
 
 def renew_whitening(
     scene: Scene, objects: Objects, frame: Int[Array, ""], t: th.Looks
 ) -> tuple[Scene, Objects]:
-    """Every third frame: whitens anew, what is remembered included."""
+    """Every third frame: sums up the scatters and whitens anew, what is remembered included."""
     due = (frame < EAGER_FRAMES) | (frame % REFRESH_FRAMES == 0)
     due &= scene.total_weight > 0
 
-    def renew() -> _Whitening:
-        renewed = _refit(scene, t)
+    def renew(_: Array, before: _Whitening) -> _Whitening:
+        total = _sum_up(before.total, scene.recent[0], scene.recent_fade[0])
+        within = _sum_up(before.within, scene.recent[1], scene.recent_fade[1])
+        renewed = _refit(dataclasses.replace(scene, total=total, within=within), t)
         white = jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, objects.bank), 0.0)
-        return _Whitening(renewed.basis, renewed.whitener, renewed.white_mean, white)
+        return _Whitening(
+            total, within, renewed.basis, renewed.whitener, renewed.white_mean, white
+        )
 
-    # Only what is made anew goes through the branch: it would copy the rest.
-    before = _Whitening(scene.basis, scene.whitener, scene.white_mean, objects.white_bank)
-    now = branch(due, renew, lambda: before)
+    # Only what is made anew is handed on, and by a loop of one turn or none: a branch would copy
+    # what stays.
+    before = _Whitening(
+        scene.total,
+        scene.within,
+        scene.basis,
+        scene.whitener,
+        scene.white_mean,
+        objects.white_bank,
+    )
+    now = count_up(due.astype(jnp.int32), renew, before)
     return (
         dataclasses.replace(
-            scene, basis=now.basis, whitener=now.whitener, white_mean=now.white_mean
+            scene,
+            total=now.total,
+            within=now.within,
+            recent_fade=jnp.where(due, SUMMED, scene.recent_fade),
+            basis=now.basis,
+            whitener=now.whitener,
+            white_mean=now.white_mean,
         ),
         dataclasses.replace(objects, white_bank=now.white_bank),
     )
@@ -100,6 +128,8 @@ def renew_whitening(
 class _Whitening(NamedTuple):
     """What is renewed; fields as in `Scene` and `Objects`."""
 
+    total: Float[Array, "D D"]
+    within: Float[Array, "D D"]
     basis: Float[Array, "D E"]
     whitener: Float[Array, "E D"]
     white_mean: Float[Array, "D"]
@@ -140,5 +170,11 @@ def _refit(scene: Scene, t: th.Looks) -> Scene:
     )
 
 
-def _scatter(vectors: Float[Array, "N D"]) -> Float[Array, "D D"]:
-    return jnp.matmul(vectors.T, vectors, precision="highest")
+def _sum_up(
+    scatter: Float[Array, "D D"], recent: Float[Array, "F N D"], fade: Float[Array, "F"]
+) -> Float[Array, "D D"]:
+    """The scatter with the frames that are not in it yet, in their order."""
+    for place in (*range(1, REFRESH_FRAMES), 0):  # the frame of a renewal is the last one
+        added = jnp.matmul(recent[place].T, recent[place], precision="highest")
+        scatter = jnp.where(fade[place] == SUMMED, scatter, scatter * fade[place] + added)
+    return scatter

@@ -29,7 +29,7 @@ from remind_jax.session.object_pictures import MOST_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start

@@ -4,32 +4,39 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.plus.whitening import learn_scatter, renew_whitening, whiten
+from remind_jax.plus import whitening
+from remind_jax.plus.whitening import whiten
 from tests.plus.frames import T, detections, empty_state, objects_of
 
+learn_scatter = jax.jit(whitening.learn_scatter)
+renew_whitening = jax.jit(whitening.renew_whitening)
 LIGHT = np.array([1.0, 0.0, 0.0])  # what varies within tracklets
 KIND = np.array([0.0, 1.0, 0.0])  # what tells objects apart
 
 
-def learned(frames: int = 60):
-    """Statistics of three objects whose looks wander along `LIGHT`."""
+def learned(frames: int = 61):
+    """Statistics of three objects whose looks wander along `LIGHT`, without the last renewal."""
     rng = np.random.default_rng(0)
-    scene = empty_state().scene
-    for _ in range(frames):
+    state = empty_state()
+    scene = state.scene
+    for frame in map(jnp.int32, range(frames)):
         wander = rng.normal(size=3)[:, None] * LIGHT
         looks = np.array([[-1.0], [0.0], [1.0]]) * KIND + wander
         seen = detections(np.zeros((3, 2)), looks)
         step = jnp.asarray(wander, jnp.float32)
-        scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), T.looks)
+        scene = learn_scatter(scene, seen, step, jnp.ones(3, bool), frame, T.looks)
+        if frame < frames - 1:
+            scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
     return scene
 
 
 def test_what_varies_within_tracklets_counts_less():
     state = empty_state()
-    scene, _ = renew_whitening(learned(), state.objects, jnp.int32(0), T.looks)
+    scene, _ = renew_whitening(learned(), state.objects, jnp.int32(60), T.looks)
     base = whiten(scene, jnp.asarray(KIND, jnp.float32))
     by_light = whiten(scene, jnp.asarray(KIND + 0.5 * LIGHT, jnp.float32))
     by_kind = whiten(scene, jnp.asarray(0.5 * KIND + 0.5 * LIGHT, jnp.float32))
@@ -41,11 +48,27 @@ def test_what_varies_within_tracklets_counts_less():
 
 def test_what_is_remembered_is_whitened_anew_when_it_is_due():
     objects = objects_of([KIND])
-    scene, renewed = renew_whitening(learned(), objects, jnp.int32(6), T.looks)
+    scene, renewed = renew_whitening(learned(), objects, jnp.int32(60), T.looks)
     np.testing.assert_allclose(renewed.white_bank[0, 0], whiten(scene, objects.bank[0, 0]))
-    same, unchanged = renew_whitening(learned(), objects, jnp.int32(7), T.looks)
+    same, unchanged = renew_whitening(learned(), objects, jnp.int32(61), T.looks)
     np.testing.assert_array_equal(unchanged.white_bank, objects.white_bank)
     np.testing.assert_array_equal(same.whitener, learned().whitener)
+
+
+def test_scatters_are_the_sums_over_all_frames_however_late_they_are_summed():
+    state, rng = empty_state(), np.random.default_rng(1)
+    scene, total, within = state.scene, np.zeros((3, 3)), np.zeros((3, 3))
+    for frame in map(jnp.int32, range(13)):
+        looks, step = rng.normal(size=(2, 3, 3)).astype(np.float32)
+        seen = detections(np.zeros((3, 2)), looks)
+        linked = jnp.arange(3) < frame % 4
+        scene = learn_scatter(scene, seen, jnp.asarray(step), linked, frame, T.looks)
+        around, moved = looks - np.asarray(scene.mean), step[np.asarray(linked)]
+        total = total * T.looks.scatter_decay**3 + around.T @ around
+        within = within * T.looks.scatter_decay ** len(moved) + moved.T @ moved
+        scene, _ = renew_whitening(scene, state.objects, frame, T.looks)
+    np.testing.assert_allclose(scene.total, total, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(scene.within, within, rtol=1e-4, atol=1e-4)
 
 
 def test_empty_slots_teach_nothing():
@@ -53,7 +76,7 @@ def test_empty_slots_teach_nothing():
     nan = jnp.full((3, 3), jnp.nan)
     nobody = jnp.zeros(3, bool)
     nothing = detections(np.zeros((3, 2)), nan, ring=nan, valid=nobody, has_ring=nobody)
-    after = learn_scatter(scene, nothing, nan, nobody, T.looks)
+    after = learn_scatter(scene, nothing, nan, nobody, jnp.int32(0), T.looks)
     for field in dataclasses.fields(scene):
         np.testing.assert_array_equal(getattr(after, field.name), getattr(scene, field.name))
 
@@ -61,7 +84,8 @@ def test_empty_slots_teach_nothing():
 def test_the_mean_background_is_that_of_detections_that_have_one():
     rings = jnp.asarray([[1.0, 2, 3], [3.0, 2, 1], [9.0, 9, 9]])
     seen = detections(np.zeros((3, 2)), ring=rings, has_ring=jnp.array([True, True, False]))
-    scene = learn_scatter(empty_state().scene, seen, rings, jnp.zeros(3, bool), T.looks)
+    nobody, now = jnp.zeros(3, bool), jnp.int32(0)
+    scene = learn_scatter(empty_state().scene, seen, rings, nobody, now, T.looks)
     np.testing.assert_allclose(scene.ring_mean, [2.0, 2.0, 2.0], rtol=1e-6)
     assert scene.num_rings == 2
     assert scene.num_looks == 3
