@@ -16,7 +16,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, settle_types
+from remind_jax.compiled.frame_step import options_of, settle_types
 from remind_jax.compiled.programs import (
     Recipe,
     Shapes,
@@ -185,8 +185,8 @@ def _compile(
     assert method.halves is not None
     states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
     run = functools.partial(follow, halves=method.halves, static=static)
-    # Every core has settings of its own, and kernels are not shared between them.
-    options = ONE_FRAME_OPTIONS.get(jax.default_backend(), {})
+    # Those of a single run: every core has settings of its own, and sums are added up alike.
+    options = options_of(method)
     if (where := _shardings()) is None:
         return _compile_kept(run, method.halves.decide, states, shapes, structure, options)
     settings, frame, answers = where
