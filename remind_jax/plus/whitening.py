@@ -96,9 +96,7 @@ def renew_whitening(
         within = _sum_up(before.within, scene.recent[1], scene.recent_fade[1])
         renewed = _refit(dataclasses.replace(scene, total=total, within=within), t)
         white = jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, objects.bank), 0.0)
-        return _Whitening(
-            total, within, renewed.basis, renewed.whitener, renewed.white_mean, white
-        )
+        return _Whitening(total, within, renewed.basis, renewed.whitener, renewed.white_mean, white)
 
     # Only what is made anew is handed on, and by a loop of one turn or none: a branch would copy
     # what stays.
