@@ -80,6 +80,7 @@ def _look_ahead_only_when_asked(request, monkeypatch):
     if "looks_ahead" not in request.fixturenames:
         monkeypatch.setattr(ahead.Forecast, "needed", lambda self, static: static)
         monkeypatch.setattr(ahead, "SETTLED_S", float("inf"))
+        monkeypatch.setattr(ahead, "SETTLED_FRAMES", float("inf"))
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import dataclasses
 import logging
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from remind_jax.static import Static
 
@@ -16,7 +16,8 @@ PRESSED = 3 / 4  # share of a capacity from which on the next one is prepared
 HORIZON_S = 40.0  # how far ahead growth is foreseen; a compilation takes less
 WINDOW_S = 30.0  # over which the pace of growth is measured
 SHORTEST_S = 5.0  # what was met in less says nothing about a pace
-SETTLED_S = 20.0  # after which a stream is taken for one that goes on
+SETTLED_S = 20.0  # after which a stream is taken for one that goes on,
+SETTLED_FRAMES = 200  # or after so many frames
 PREPARING = "remind-jax prepares capacities"  # name of the thread
 _SAMPLE_S = 0.25  # samples that are kept lie so far apart
 # Python lets another thread run after so long; at its usual 5 ms, a frame that gives way a hundred
@@ -34,11 +35,13 @@ class Forecast:
     def __init__(self) -> None:
         self._past: collections.deque[tuple[float, Occupied]] = collections.deque()
         self._begun_s: float | None = None
+        self._num_frames = 0
 
     def add(self, time_s: float, occupied: Occupied) -> None:
         """Takes note of the slots that were in use at a time, in seconds of any clock."""
         if self._begun_s is None:
             self._begun_s = time_s
+        self._num_frames += 1
         while len(self._past) > 1 and self._past[1][0] <= time_s - WINDOW_S:
             self._past.popleft()
         if len(self._past) > 1 and time_s - self._past[-2][0] < _SAMPLE_S:
@@ -48,7 +51,10 @@ class Forecast:
     @property
     def is_settled(self) -> bool:
         """Whether the stream has gone on for a while."""
-        return self._begun_s is not None and self._past[-1][0] - self._begun_s >= SETTLED_S
+        if self._begun_s is None:
+            return False
+        lasted_s = self._past[-1][0] - self._begun_s
+        return lasted_s >= SETTLED_S or self._num_frames >= SETTLED_FRAMES
 
     def needed(self, static: Static) -> Static:
         """`static` with the next capacity wherever the present one will not last."""
@@ -71,13 +77,25 @@ class Preparation:
 
     def __init__(self) -> None:
         self._ready: list[Static] = []
+        self._planned: Static | None = None
         self._failed: set[Static] = set()
         self._wanted: Static | None = None  # what the thread prepares
         self._thread: threading.Thread | None = None
 
+    def plan(self, ready: Sequence[Static]) -> None:
+        """Takes capacities that were prepared on purpose; nothing that the last holds is begun.
+
+        Args:
+          ready: Capacities at hand, the largest last.
+        """
+        self._ready += [static for static in ready if static not in self._ready]
+        self._planned = ready[-1]
+
     def start(self, static: Static, prepare: Callable[[Static], None]) -> None:
-        """Prepares these capacities, unless others are in preparation, or these were before."""
+        """Prepares these capacities, unless others are in preparation, or these need not be."""
         if self._is_busy() or static in self._failed or static in self._ready:
+            return
+        if self._planned is not None and holds(self._planned, static):
             return
 
         def run() -> None:

@@ -22,6 +22,7 @@ import jax
 from jax.core import Tracer
 
 from remind_jax.compiled import kept
+from remind_jax.compiled.freed_memory import return_freed_memory
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 # Nearly all of a compilation is spent on machine code. On a CPU, level 1 takes a fifth off it, and
@@ -95,6 +96,7 @@ def get_program(recipe: Recipe) -> Program:
                 _programs.pop(key, None)
             future.set_exception(error)
             raise
+        return_freed_memory()
     program = future.result()
     _waited.seconds = waited_s() + time.perf_counter() - start
     return program

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import numbers
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -98,6 +98,15 @@ class Announcements:
     def waits(self, object_id: int) -> bool:
         """Whether it is an object that was not announced."""
         return object_id >= self.known_below and object_id not in self.ids
+
+    def among(self, object_ids: Collection[int]) -> Announcements:
+        """Without the counts of what memory has no more: a number that was let go never comes back.
+
+        Args:
+          object_ids: Of what memory has.
+        """
+        counts = {one: count for one, count in self.counts.items() if one in object_ids}
+        return dataclasses.replace(self, counts=counts)
 
     def number(self, object_ids: Iterable[int]) -> dict[int, int]:
         """A number for each of these, for explanations.

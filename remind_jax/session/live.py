@@ -49,6 +49,7 @@ from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS, Static
 from remind_jax.tracks import Tracks
 
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
+_FEW_TOLD = 256  # objects whose records are kept, whether memory still has them or not
 
 
 class Tracker:
@@ -132,6 +133,7 @@ class Tracker:
         self.announcements = self._announce_nothing()
         self.records = ObjectRecords()
         self._is_new_session = False
+        self._most_told = _FEW_TOLD
         self.decided: Tracks | None = None  # the last frame, by ids of the memory
         self.merges: list[tuple[int, int]] = []  # objects that turned out to be others in it
         self.events: list[Event] = []  # of the last frame
@@ -490,7 +492,19 @@ class Tracker:
                 self.events.append(Event(decided.frame_index, "merged", message))
         pictured = image if self.config.input.keep_pictures else None
         self.records.note(as_announced(self.announcements, decided), pictured)
+        self._tell_less()
         return tracks
+
+    def _tell_less(self) -> None:
+        """Lets go of what is told of objects that memory has no more, before it becomes much."""
+        if self._num_told() > self._most_told:
+            saved = self._saved()
+            self.records.keep(saved.object_ids())
+            self.announcements = self.announcements.among(saved.known_ids())
+            self._most_told = max(_FEW_TOLD, 2 * self._num_told())
+
+    def _num_told(self) -> int:
+        return self.records.num_records + len(self.announcements.counts)
 
     def _saved(self) -> SavedMemory:
         """The memory as it is now."""

@@ -62,10 +62,14 @@ class SavedMemory:
     announced: Announcements | None = None  # None: all objects, under their own ids
     records: ObjectRecords = dataclasses.field(default_factory=ObjectRecords)
 
+    def known_ids(self) -> set[int]:
+        """The ids of its objects and of those that are coming to be."""
+        return get_method(self.tracker).known_ids(self.state)
+
     def object_ids(self) -> set[int]:
         """The ids of its objects, as announced."""
         announced = self.announced or Announcements()
-        return {announced.id_of(one) for one in get_method(self.tracker).known_ids(self.state)}
+        return {announced.id_of(one) for one in self.known_ids()}
 
 
 def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False) -> None:
@@ -92,7 +96,7 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
         "records": json.dumps(records),
     }
     if memory.announced is not None:
-        header["announced"] = json.dumps(memory.announced.to_json())
+        header["announced"] = json.dumps(memory.announced.among(memory.known_ids()).to_json())
     header["sha256"] = _checksum(header, leaves)
     with files.replacing(path, SafetensorError, durably=durably) as partial:
         save_file(leaves, partial, metadata=header)

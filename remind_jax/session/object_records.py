@@ -287,6 +287,20 @@ class ObjectRecords:
         self.merged_into = {one: merged[one] for one in merged if one not in members}
         return members
 
+    @property
+    def num_records(self) -> int:
+        """Objects that there is a record of, those that memory has no more among them."""
+        return len(self._records)
+
+    def keep(self, ids: Collection[int]) -> None:
+        """Lets the records of other objects go, but for those that people named or merged.
+
+        Args:
+          ids: Of objects that memory still has.
+        """
+        kept = {*ids, *self.names, *self.merged_into, *self.merged_into.values()}
+        self._records = {one: record for one, record in self._records.items() if one in kept}
+
     def next_session(self) -> None:
         """Before the first frame of another session."""
         self.session += 1

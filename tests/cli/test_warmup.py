@@ -23,7 +23,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_what_was_warmed_up_is_loaded_later(command, folder):
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
-    done = command("warmup", size, "--objects", "6", "--set", *scenes.STATIC)
+    done = command("warmup", size, "--objects", "0", "--set", *scenes.STATIC)
     assert done.code == 0, done.stderr
     assert size in done.stdout
     assert str(folder) in done.stdout
@@ -46,5 +46,5 @@ def test_a_size_that_is_none_is_refused(command, size):
 def test_nothing_is_kept_if_so_wished(command, monkeypatch):
     monkeypatch.setenv(kept.VARIABLE, "off")
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
-    done = command("warmup", size, "--objects", "6", "--set", *scenes.STATIC)
+    done = command("warmup", size, "--objects", "0", "--set", *scenes.STATIC)
     assert "nothing is kept" in done.stdout

@@ -8,7 +8,14 @@ import threading
 
 import pytest
 
-from remind_jax.compiled.ahead import SETTLED_S, SHORTEST_S, Forecast, Preparation, holds
+from remind_jax.compiled.ahead import (
+    SETTLED_FRAMES,
+    SETTLED_S,
+    SHORTEST_S,
+    Forecast,
+    Preparation,
+    holds,
+)
 from remind_jax.static import Static
 
 STATIC = Static(num_detections=16, num_objects=64, num_pending=32)
@@ -64,6 +71,15 @@ def test_a_stream_is_settled_after_a_while():
     assert seen.is_settled
 
 
+def test_a_quick_stream_is_settled_after_some_frames():
+    seen = Forecast()
+    occupied = {"num_detections": 1, "num_objects": 1, "num_pending": 0}
+    for index in range(SETTLED_FRAMES):
+        assert not seen.is_settled
+        seen.add(index / 1000, occupied)
+    assert seen.is_settled
+
+
 def test_few_samples_are_kept_however_many_frames_there_are():
     seen = Forecast()
     for index in range(10_000):
@@ -106,6 +122,19 @@ def test_the_least_that_suffices_is_taken():
     needed = STATIC.grow(num_objects=65)
     assert preparation.room_for(needed) == needed
     assert preparation.room_for(STATIC.grow(num_objects=129)).num_objects == 256
+
+
+def test_what_was_planned_is_not_prepared_again():
+    preparation, tries = Preparation(), []
+    ready = [STATIC, STATIC.grow(num_objects=65), STATIC.grow(num_objects=129, num_pending=33)]
+    preparation.plan(ready)
+    preparation.start(STATIC.grow(num_pending=33), tries.append)  # held by the last
+    assert preparation.room_for(STATIC.grow(num_objects=65)) == ready[1]
+    assert preparation.room_for(STATIC.grow(num_pending=33)) == ready[2]
+    assert tries == []
+    preparation.start(STATIC.grow(num_objects=257), tries.append)
+    preparation.finish()
+    assert tries == [STATIC.grow(num_objects=257)]
 
 
 def test_nobody_waits_for_too_little():

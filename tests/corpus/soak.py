@@ -1,6 +1,6 @@
 """A robot's loop for hours, in minutes: does memory stay flat, and does no frame take too long?
 
-python -m tests.corpus.soak --frames 10000 --config default [--fps 30]
+python -m tests.corpus.soak --frames 10000 --config default [--fps 30] [--unprepared]
 
 Small frames of rooms that are met one after the other, and again and again later on; things in
 them come and go. Capacities grow several times in the first part. A frame took as long as its
@@ -14,7 +14,6 @@ import dataclasses
 import functools
 import resource
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +22,6 @@ import cv2
 import numpy as np
 
 import remind_jax as rj
-from remind_jax.compiled.ahead import PREPARING
 
 HEIGHT_PX, WIDTH_PX = 128, 160
 TILE_PX = 36
@@ -109,19 +107,27 @@ def picture(index: int, first: int) -> tuple[np.ndarray, rj.Detections]:
 
 
 def soak(
-    num_frames: int, config: str, fps: float, *, first: int = 1000, warm_up: int = 100
+    num_frames: int,
+    config: str,
+    fps: float = float("inf"),
+    *,
+    is_prepared: bool = True,
+    first: int = 1000,
+    warm_up: int = 100,
 ) -> Iterator[str | Figures]:
     """Tracks so many frames; tells how far it is, and in the end what was found.
 
     Args:
       num_frames: Frames.
       config: Name of a configuration.
-      fps: Frames of the camera in a second.
+      fps: Frames of the camera in a second; without it, frames come as fast as they are taken.
+      is_prepared: Whether the tracker is told before what comes.
       first: Frames in which memory may grow.
       warm_up: Frames that may take longer.
     """
     tracker = rj.Tracker(config)
-    tracker.warm_up((HEIGHT_PX, WIDTH_PX), num_objects=4 * NUM_ROOMS, num_detections=CROWD)
+    if is_prepared:
+        tracker.warm_up((HEIGHT_PX, WIDTH_PX), num_objects=4 * NUM_ROOMS, num_detections=CROWD)
     spent_ms, wall_ms, grown_at = np.zeros(num_frames), np.zeros(num_frames), []
     frames, rss = [], []
     due = time.perf_counter()
@@ -136,8 +142,6 @@ def soak(
         spent_ms[index] = 1000 * (_cpu_s() - computed + tracker.compile_s - waited)
         if tracker.has_grown:
             grown_at.append(index)
-        if index == first:
-            _wait_for_programs()
         if index % 50 == 0:
             frames.append(index)
             rss.append(_rss_mib())
@@ -164,16 +168,6 @@ def soak(
     )
 
 
-def _wait_for_programs() -> None:
-    """Lets what is compiled in the background end, as it has on a machine that does nothing else.
-
-    Programs for twice of everything are begun once a loop has gone on for twenty seconds.
-    """
-    for thread in threading.enumerate():
-        if thread.name == PREPARING:
-            thread.join()
-
-
 def _cpu_s() -> float:
     """Seconds that this thread computed."""
     return time.thread_time()
@@ -189,9 +183,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--config", default="default")
-    parser.add_argument("--fps", type=float, default=30.0)
+    parser.add_argument("--fps", type=float, default=float("inf"))
+    parser.add_argument("--unprepared", action="store_true")
     options = parser.parse_args()
-    for told in soak(options.frames, options.config, options.fps):
+    told_before = not options.unprepared
+    for told in soak(options.frames, options.config, options.fps, is_prepared=told_before):
         print(told, flush=True)
         if isinstance(told, Figures):
             failures = told.failures

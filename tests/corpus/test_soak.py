@@ -46,7 +46,7 @@ def test_all_rooms_are_met_and_things_come_and_go():
 @pytest.mark.parametrize("config", ["default", "remind"])
 def test_a_short_soak_stays_within_bounds(config):
     """Memory is flat, and no frame computes or waits for programs over ten times the median."""
-    *_, figures = soak(2000, config, fps=30.0)
+    *_, figures = soak(2000, config)
     assert isinstance(figures, Figures)
     assert figures.grown_at
     assert figures.failures == []

@@ -13,6 +13,7 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.files.records import decode_json
 from remind_jax.method import list_methods
+from remind_jax.session import live
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
 from remind_jax.session.object_pictures import Picture, Pictures, best_of, fit_into
@@ -216,6 +217,26 @@ def test_records_are_read_back(tracker):
     again = ObjectRecords.from_file(filed, data)
     assert again.objects() == tracker.records.objects()
     assert again.to_file({0, 1, 2})[0] == content
+
+
+def test_records_of_what_memory_lost_do_not_pile_up(tracker, monkeypatch):
+    monkeypatch.setattr(live, "_FEW_TOLD", 4)
+    tracker._most_told = 4
+    for index in range(3):  # what was never to be seen again
+        tracker.records.note(seen(index, list(range(100 + 20 * index, 120 + 20 * index))), None)
+        tracker.update(*scenes.picture(FRAMES + index))
+        assert tracker.records.num_records == 3
+    assert [one.object_id for one in tracker.objects()] == [0, 1, 2]
+
+
+def test_what_people_said_of_a_lost_object_is_kept():
+    records = ObjectRecords()
+    records.note(seen(0, [1, 2, 3, 4, 5]), None)
+    records.rename(2, "Bob")
+    records.merge(3, [4])
+    records.keep({1})
+    assert [one.object_id for one in records.objects()] == [1, 2, 3]
+    assert records.split(3) == (4,)
 
 
 def test_records_of_what_memory_lost_are_not_written(tracker):
