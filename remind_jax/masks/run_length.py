@@ -14,7 +14,7 @@ import numpy as np
 from hotcoco import mask as coco
 from jaxtyping import Bool, Float, Int, Integer, UInt8
 
-from remind_jax.crops import Crops
+from remind_jax.crops import Crops, cut_runs
 from remind_jax.frame import Rle
 
 # More characters to a number overflow 64 bits; no picture is that large.
@@ -85,6 +85,12 @@ def encode_polygon(corners: Float[np.ndarray, "P 2"], frame_size: tuple[int, int
 def decode_mask(rle: Rle) -> UInt8[np.ndarray, "H W"]:
     """The mask as pixels, 1 inside."""
     return coco.decode(rle)
+
+
+def cut_masks(rles: Sequence[Rle], frame_size: tuple[int, int]) -> Crops:
+    """The masks of sound codes as boxes; nothing of the size of the picture is made."""
+    cut = [cut_runs(read_runs(rle), frame_size[0]) for rle in rles]
+    return Crops(frame_size, tuple(corner for corner, _ in cut), tuple(mask for _, mask in cut))
 
 
 def mask_box(rle: Rle) -> tuple[int, int, int, int]:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax.masks.run_length import decode_mask
+from remind_jax.masks.run_length import cut_masks
 from remind_jax.outputs.drawing import (
     NO_IMAGE_GRAY,
     fit_image,
@@ -165,10 +165,7 @@ def crop_detection(
 ) -> UInt8[np.ndarray, "S S 3"]:
     """A square around a detection with some margin, its mask outlined; gray outside the frame."""
     height, width = tracks.frame_size
-    if image is None:
-        image = np.full((height, width, 3), NO_IMAGE_GRAY, np.uint8)
-    image = fit_image(image, height, width)
-    left, top, right, bottom = tracks.boxes[row]
+    left, top, right, bottom = map(float, tracks.boxes[row])
     side = max(1.3 * max(right - left, bottom - top), 24.0)
     # Maps crop pixels to frame pixels; one warp cuts out and resizes without copies of the frame.
     scale = side / size_px
@@ -178,8 +175,20 @@ def crop_detection(
             [0, scale, (top + bottom - side) / 2 + (scale - 1) / 2],
         ]
     )
-    crop = _sample(image, matrix, size_px, NO_IMAGE_GRAY)
-    mask = _sample(decode_mask(tracks.rles[row]) * np.uint8(255), matrix, size_px, 0)
+    # What the square may read of the frame: its pixels are averaged with their neighbors.
+    margin = 2 * scale + 2
+    rows, columns = (
+        slice(max(0, math.floor(start - margin)), min(end, math.ceil(start + side + margin)))
+        for start, end in ((matrix[1, 2], height), (matrix[0, 2], width))
+    )
+    matrix[:, 2] -= columns.start, rows.start
+    if image is None:
+        crop = np.full((size_px, size_px, 3), NO_IMAGE_GRAY, np.uint8)
+    else:
+        image = fit_image(image, height, width)
+        crop = _sample(image[rows, columns], matrix, size_px, NO_IMAGE_GRAY)
+    inside = cut_masks([tracks.rles[row]], (height, width)).region(0, rows, columns)
+    mask = _sample(inside * np.uint8(255), matrix, size_px, 0)
     contours, _ = cv2.findContours(
         (mask > 127).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
     )
@@ -190,11 +199,14 @@ def crop_detection(
 
 
 def _sample(image: np.ndarray, matrix: np.ndarray, size_px: int, border: int) -> np.ndarray:
-    shrinks = matrix[0, 0] > 2
-    if shrinks:  # averaging first keeps small crops of large objects free of moire
-        factor = float(1 / matrix[0, 0])
-        image = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-        matrix = np.array([[1, 0, matrix[0, 2] * factor], [0, 1, matrix[1, 2] * factor]])
+    scale = matrix[0, 0]
+    if scale > 2:  # averaging first keeps small crops of large objects free of moire
+        height, width = image.shape[:2]
+        size = max(1, round(width / scale)), max(1, round(height / scale))
+        factors = np.array(size) / (width, height)
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        starts = (matrix[:, 2] + 0.5) * factors - 0.5
+        matrix = np.column_stack([np.diag(scale * factors), starts])
     return cv2.warpAffine(
         image,
         matrix,

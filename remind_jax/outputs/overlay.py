@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -15,11 +16,12 @@ import numpy as np
 from av.error import FFmpegError
 from jaxtyping import UInt8
 
+from remind_jax.crops import nearest_places
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import SourceError
 from remind_jax.files import writing
 from remind_jax.frame import Rle, frame_of
-from remind_jax.masks.run_length import decode_mask, mask_box
+from remind_jax.masks.run_length import cut_masks, encode_masks
 from remind_jax.outputs.drawing import (
     AMBIGUOUS,
     DISCARDED,
@@ -36,6 +38,8 @@ from remind_jax.outputs.trails import draw_trails
 from remind_jax.tracks import Tracks
 
 _TINT = 0.42
+# Of a frame of the video; larger ones are drawn smaller: what an encoder takes goes by the pixels.
+MOST_PIXELS = 4096 * 2304
 # A seek decodes from the last key frame on: one per second keeps clicks in the report quick.
 _KEY_FRAME_EVERY_S = 1.0
 
@@ -113,6 +117,31 @@ def draw_overlay(
     return canvas
 
 
+def draw_for_video(
+    image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks
+) -> UInt8[np.ndarray, "h w 3"]:
+    """As `draw_overlay`, at most `MOST_PIXELS` large."""
+    height, width = tracks.frame_size
+    if height * width <= MOST_PIXELS:
+        return draw_overlay(image, tracks)
+    scale = math.sqrt(MOST_PIXELS / (height * width))
+    size = max(1, int(scale * height)), max(1, int(scale * width))
+    if image is not None:
+        image = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)
+    return draw_overlay(image, _smaller(tracks, size))
+
+
+def _smaller(tracks: Tracks, size: tuple[int, int]) -> Tracks:
+    """The tracks as if the frame had this size."""
+    (height, width), (rows, columns) = tracks.frame_size, size
+    masks = cut_masks(tracks.rles, tracks.frame_size)
+    masks = masks.sampled(nearest_places(height, rows), nearest_places(width, columns))
+    factors = np.array([columns / width, rows / height] * 2, np.float32)
+    return dataclasses.replace(
+        tracks, frame_size=size, boxes=tracks.boxes * factors, rles=encode_masks(masks)
+    )
+
+
 def detection_color(tracks: Tracks, row: int) -> Color:
     """Color of a detection: its identity's, white if ambiguous, light gray if provisional."""
     if tracks.object_id[row] != NO_ID:
@@ -132,10 +161,11 @@ def _is_discarded(tracks: Tracks, row: int) -> bool:
 
 def _draw_mask(canvas: np.ndarray, rle: Rle, ink: Color, thin: bool) -> None:
     """Tints the mask unless it is only to be outlined, and draws its outline with a dark rim."""
-    left, top, width, height = mask_box(rle)
+    crops = cut_masks([rle], (canvas.shape[0], canvas.shape[1]))
+    (left, top), mask = crops.corners[0], crops.windows[0].view(np.uint8)
+    height, width = mask.shape
     if not width or not height:
         return
-    mask = np.ascontiguousarray(decode_mask(rle)[top : top + height, left : left + width])
     if not thin:
         region = canvas[top : top + height, left : left + width]
         tinted = (region * (1 - _TINT) + np.multiply(ink, _TINT)).astype(np.uint8)

@@ -160,7 +160,7 @@ class RunWriter:
         self._csv.add(tracks)
         self._sightings.add(frame.image, tracks)
         if self._video is not None:
-            self._video.add(overlay.draw_overlay(frame.image, tracks))
+            self._video.add(overlay.draw_for_video(frame.image, tracks))
         for viewer in self._viewers:
             viewer.add(frame, tracks)
 
@@ -274,7 +274,7 @@ def _draw_overlay_again(
             for image, tracks in zip(images, result.tracks, strict=True):
                 collector.add(image, tracks)
                 if video is not None:
-                    video.add(overlay.draw_overlay(image, tracks))
+                    video.add(overlay.draw_for_video(image, tracks))
         if partial.exists():
             with files.writing(folder / OVERLAY_NAME):
                 partial.replace(folder / OVERLAY_NAME)

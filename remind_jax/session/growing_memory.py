@@ -13,6 +13,7 @@ import jax
 
 from remind_jax.compiled.ahead import Forecast, Preparation
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
+from remind_jax.compiled.freed_memory import return_freed_memory
 from remind_jax.compiled.packing import Packed
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
@@ -30,6 +31,10 @@ _CAPACITIES = {
     "objects": "num_objects",
     "undecided tracks": "num_pending",
 }
+
+# Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
+# touch more and more of its pages.
+_RETURN_EVERY = 1000
 
 _log = logging.getLogger("remind_jax")
 
@@ -59,6 +64,7 @@ class GrowingMemory:
         self.preparation = Preparation()
         self._method = method
         self._forecast = Forecast()
+        self._num_steps = 0
         self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
 
     def forget(self) -> None:
@@ -122,6 +128,9 @@ class GrowingMemory:
             self.make_room(
                 num_objects=int(readout.overflow.objects), num_pending=int(readout.overflow.pending)
             )
+        self._num_steps += 1
+        if self._num_steps % _RETURN_EVERY == 0:
+            return_freed_memory()
         self.has_grown = self.static != before
         self.trace = jax.device_get(trace)
         self._look_ahead(frame_feats, prepared, thresholds, readout.occupied)

@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import (
+    cut_masks,
     decode_mask,
     encode_label_map,
     encode_masks,
@@ -31,6 +32,14 @@ def test_label_maps_become_the_codes_of_their_masks(labels: np.ndarray):
     assert list(codes) == [i for i in np.unique(labels).tolist() if i > 0]
     for number, code in codes.items():
         assert code == encode_masks(labels[None] == number)[0]
+
+
+@given(LABELS)
+def test_cut_masks_are_the_decoded_ones(labels: np.ndarray):
+    planes = np.array([labels == number for number in range(4)])
+    cut = cut_masks(encode_masks(planes), (labels.shape[0], labels.shape[1]))
+    np.testing.assert_array_equal(np.asarray(cut), planes)
+    assert cut.nbytes <= planes.size
 
 
 @given(st.lists(LABELS, min_size=1, max_size=5))

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from remind_jax.outputs.drawing import NO_IMAGE_GRAY
 from remind_jax.outputs.gallery import (
     CROP_PX,
     MAX_SIGHTINGS,
@@ -120,6 +121,30 @@ def test_crop_shows_the_object_in_its_middle():
     quarter = CROP_PX // 4
     assert (small[quarter:-quarter, quarter:-quarter] == (10, 200, 30)).all()
     assert (small[:8] == 0).all()
+
+
+def test_a_crop_of_a_large_object_shows_what_the_whole_frame_would():
+    """Shrunk many times, at a corner of the frame."""
+    rng = np.random.default_rng(0)
+    image = np.kron(rng.integers(0, 255, (12, 12, 3), np.uint8), np.ones((100, 100, 1), np.uint8))
+    mask = np.zeros((1, 1200, 1200), bool)
+    mask[0, 300:, 300:] = True
+    crop = crop_detection(image, make_tracks(0, mask, [{"object_id": 0}]), 0, 39)
+    # The square has a side of 1170 pixels, 30 to each of the crop, and starts at 165; the outline
+    # lies at the fifth.
+    for row in range(10, 30):
+        for column in range(10, 30):
+            top, left = 165 + 30 * row, 165 + 30 * column
+            shown = image[top : top + 30, left : left + 30].reshape(-1, 3).mean(axis=0)
+            assert np.abs(crop[row, column] - shown).max() < 60, (row, column)
+    assert (crop[38] == NO_IMAGE_GRAY).all()  # beyond the frame
+
+
+@pytest.mark.parametrize("shape", [(4000, 16), (16, 4000)])
+def test_a_crop_of_a_long_narrow_frame_is_cut(shape):
+    image = np.full((*shape, 3), 90, np.uint8)
+    crop = crop_detection(image, make_tracks(0, np.ones((1, *shape), bool), [{"object_id": 0}]), 0)
+    assert crop.shape == (CROP_PX, CROP_PX, 3)
 
 
 def test_gallery_without_identities_is_a_picture():

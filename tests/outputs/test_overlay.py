@@ -4,8 +4,9 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
+from remind_jax.outputs import overlay
 from remind_jax.outputs.drawing import NO_IMAGE_GRAY, identity_color
-from remind_jax.outputs.overlay import OverlayVideo, draw_overlay, is_playable
+from remind_jax.outputs.overlay import OverlayVideo, draw_for_video, draw_overlay, is_playable
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
 
@@ -49,6 +50,18 @@ def test_discarded_detections_are_only_outlined():
     assert (drawn[100:140, 60:140] == 60).all()
     assert (drawn[80, 60:140] != 60).all()
     assert (drawn[:78] == 60).all()  # no label
+
+
+@pytest.mark.parametrize("image", [None, np.full((200, 200, 3), 100, np.uint8)])
+def test_a_large_frame_is_drawn_smaller_in_videos(image, monkeypatch):
+    tracks = one_square(object_id=4)
+    np.testing.assert_array_equal(draw_for_video(image, tracks), draw_overlay(image, tracks))
+    monkeypatch.setattr(overlay, "MOST_PIXELS", 5000)
+    drawn = draw_for_video(image, tracks).astype(int)
+    assert drawn.shape == (70, 70, 3)
+    ground, color = drawn[65, 65], np.array(identity_color(4))
+    assert (np.sign(drawn[40, 35] - ground) == np.sign(color - ground)).all()
+    assert (drawn[63:] == ground).all()
 
 
 def test_frames_without_image_are_grey():
