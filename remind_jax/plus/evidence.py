@@ -181,7 +181,7 @@ def shortlist(
         _ring_evidence(here, objects, scene, t.looks) * (1.0 - moves),
         _place_evidence(sightings, objects, pairs, t.place),
         jnp.broadcast_to(t.mobility.gain * moves, admitted.shape),
-        jnp.broadcast_to(_crowd_evidence(admitted, t.decision)[:, None], admitted.shape),
+        _crowd_evidence(admitted, t.decision)[:, None] * (1.0 + t.mobility.crowd * moves),
         jnp.broadcast_to(jnp.where(waiting, -t.decision.held, 0.0)[None], admitted.shape),
     )
     ranked = jnp.where(admitted, sum(parts), -jnp.inf)

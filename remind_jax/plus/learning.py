@@ -22,6 +22,7 @@ from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.observation import Sightings
+from remind_jax.plus.own_movement import forgetting_speed
 from remind_jax.plus.plane import log_ratios, mean_sizes
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.small_matrices import diagonal
@@ -148,7 +149,7 @@ def learn_relations(
     both_exist = objects.exists[:, None] & objects.exists[None, :]
     accepted = one_visible & both_exist & ~jnp.eye(len(row), dtype=bool)
     # A relation is forgotten as fast as its objects move.
-    speed = mobile.weight * objects.speed
+    speed = forgetting_speed(objects, mobile)
     aged = pairs.spread + (speed[:, None] + speed[None, :]) / scale
     aged = jnp.where(aged < t.spread_max, aged, UNRELATED)
     accepted &= (spread <= aged + t.spread_slack) & (spread < t.spread_max)

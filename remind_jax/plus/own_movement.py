@@ -115,6 +115,11 @@ def learn_speeds(
     )
 
 
+def forgetting_speed(objects: Objects, t: th.Mobility) -> Float[Array, "O"]:
+    """By how much the error of each object's place grows in a frame, for what moves of its own."""
+    return t.forgetting * t.weight * objects.speed
+
+
 def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
     """How far an object is one that moves of its own, [0, 1); 0 at rest."""
     speed = t.weight * speed

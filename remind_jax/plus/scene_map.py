@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
+from remind_jax.plus.own_movement import forgetting_speed
 from remind_jax.plus.plane import medians, squared_length, turned, zoom_of
 from remind_jax.plus.small_matrices import diagonal
 from remind_jax.plus.state import Objects, Pairs
@@ -62,7 +63,7 @@ def move_map(
     doubt = doubt_of(motion, t)
     shift_variance = (t.shift_error + t.shift_error_rate * moved + t.shift_error_lost * doubt) ** 2
     turn_variance = (t.turn_error * (1.0 + t.turn_error_lost * doubt)) ** 2
-    own_error = t.own_error + t.own_error_rate * moved + mobile.weight * objects.speed
+    own_error = t.own_error + t.own_error_rate * moved + forgetting_speed(objects, mobile)
     age = jnp.clip(frame - 1 - objects.last, 0, MAX_AGE).astype(jnp.float32)
     arm = jnp.clip(position - frame_center, -t.reach, t.reach)
     # The lesser age makes shared errors grow like a bias and keeps the covariance positive.

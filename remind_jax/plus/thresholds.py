@@ -35,7 +35,8 @@ class Linking:
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
-    least: Real = setting(-2.0, "links score more than this", "log odds")
+    missed: Real = setting(0.5, "loss of a tracklet that was missed in the last frame", "log odds")
+    least: Real = setting(-2.5, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
         "frames")
 
@@ -88,8 +89,12 @@ class Mobility:
     rate: Real = setting(0.05, "what a frame changes of the speed of the scene", "share")
     half: Real = setting(0.02, "speed of an object that is by half one that moves", "length")
     best: Real = setting(6.0, "most evidence of looks of an object that moves", "log odds")
-    gain: Real = setting(1.0, "log odds of an object that moves, in place of those of its place",
+    gain: Real = setting(1.5, "log odds of an object that moves, in place of those of its place",
         "log odds")
+    crowd: Real = setting(1.0, "more of the loss by `decision.crowd` for an object that moves",
+        "share")
+    forgetting: Real = setting(2.0, "places and relations are lost so many times as fast as that",
+        "factor")
 
 
 @jax.tree_util.register_dataclass
