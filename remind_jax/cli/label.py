@@ -51,6 +51,9 @@ class Label:
                     "EDITS too",
                     "out",
                 )
+            if self.overwrite or self.format != "davis":
+                name = "overwrite" if self.overwrite else "format"
+                raise OptionError(f"'{name}' is for the truth; give --apply EDITS too", name)
             return self._write_page()
         if self.out is None:
             raise OptionError(f"'{self.apply}' is to be applied; say where to, by --out", "out")

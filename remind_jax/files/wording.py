@@ -129,7 +129,7 @@ def _say_invalid(content: Any, said: str, record: Any) -> str:
         return f"{place}: {said[:1].lower()}{said[1:]} as a key; rename it"
     found = _value_at(content, steps)
     shown = f"{said[:1].lower()}{said[1:]}" if found is _UNSEEN else f"found {show(found)}"
-    allowed = " or ".join(dict.fromkeys(map(_say_kind, kinds)))
+    allowed = " or ".join(dict.fromkeys(map(_say_kind, _join_literals(kinds))))
     return f"{place}: {shown}, allowed is {allowed or said.lower()}; correct or remove it"
 
 
@@ -149,7 +149,9 @@ def _kinds_at(kind: inspect.Type, steps: list[tuple[str, str]]) -> list[inspect.
         return [kind]
     (name, index), rest = steps[0], steps[1:]
     below: inspect.Type | None = None
-    if name and isinstance(kind, inspect.StructType):
+    if name and isinstance(kind, inspect.StructType) and name == kind.tag_field:
+        below = inspect.LiteralType((kind.tag,))
+    elif name and isinstance(kind, inspect.StructType):
         below = next((f.type for f in kind.fields if f.encode_name == name), None)
     elif index and isinstance(kind, inspect.DictType):
         below = kind.value_type
@@ -158,6 +160,13 @@ def _kinds_at(kind: inspect.Type, steps: list[tuple[str, str]]) -> list[inspect.
     elif index and isinstance(kind, (inspect.ListType, inspect.VarTupleType)):
         below = kind.item_type
     return [] if below is None else _kinds_at(below, rest)
+
+
+def _join_literals(kinds: list[inspect.Type]) -> list[inspect.Type]:
+    """Kinds of which those that are values are one."""
+    values = [v for kind in kinds if isinstance(kind, inspect.LiteralType) for v in kind.values]
+    rest = [kind for kind in kinds if not isinstance(kind, inspect.LiteralType)]
+    return [inspect.LiteralType(tuple(values)), *rest] if values else rest
 
 
 def _value_at(content: Any, steps: list[tuple[str, str]]) -> Any:

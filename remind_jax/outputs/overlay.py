@@ -223,7 +223,9 @@ def _free_spot(
 
 
 def is_playable(path: Path) -> bool:
-    """Whether a video is there and was closed properly."""
+    """Whether a video is there, a file, and was closed properly."""
+    if not path.is_file():  # a pipe would be waited for
+        return False
     try:
         with av.open(str(path)) as container:
             return bool(container.streams.video)

@@ -18,9 +18,12 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_START, _JPEG_SCAN, _JPEG_END = b"\xff\xd8", 0xDA, b"\xff\xd9"
 _JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # segments that tell the size
 _JPEG_ALONE = {0x01, *range(0xD0, 0xD8)}  # marks without a length
-_TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
+_TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_KIND = 256, 257, 254
+_TIFF_BESIDE = 0b101  # kinds of pages that are no picture of their own: a smaller copy, a mask
+_TIFF_MOST_PAGES = 64  # that are looked at
 _WEBP_ANIMATION = 2
 _CUT = "it is cut off or damaged"
+_PAGES = "it has several pages, not one picture; give each as a picture of its own"
 _ANIMATED = "it is an animation, not one picture; give it as a video of its own, or its pictures"
 
 
@@ -28,8 +31,8 @@ def check_picture(data: bytes) -> tuple[int, int]:
     """Height and width of a picture, as its header says.
 
     Raises:
-      UnreadableFrame: If it is no picture of a known kind, without pixels, too large, cut off, or
-        an animation.
+      UnreadableFrame: If it is no picture of a known kind, without pixels, too large, cut off, an
+        animation, or of several pages.
     """
     if not data:
         raise UnreadableFrame("the file is empty")
@@ -121,15 +124,35 @@ def _measure_bmp(data: bytes) -> tuple[int, int]:
 
 
 def _measure_tiff(data: bytes) -> tuple[int, int]:
+    """The size of the first page; only the first is decoded."""
     order = "<" if data[:2] == b"II" else ">"
     (at,) = struct.unpack_from(f"{order}I", data, 4)
+    tags, following = _read_tiff_page(data, order, at)
+    for _ in range(_TIFF_MOST_PAGES):
+        if not following:
+            break
+        try:
+            page, following = _read_tiff_page(data, order, following)
+        except struct.error:  # behind the picture
+            break
+        if not page.get(_TIFF_KIND, 0) & _TIFF_BESIDE:
+            raise UnreadableFrame(_PAGES)
+    return tags.get(_TIFF_HEIGHT, 0), tags.get(_TIFF_WIDTH, 0)
+
+
+def _read_tiff_page(data: bytes, order: str, at: int) -> tuple[dict[int, int], int]:
+    """Size and kind of a page by their tags, and where the next page begins; 0 without one."""
     (count,) = struct.unpack_from(f"{order}H", data, at)
-    sides = {_TIFF_WIDTH: 0, _TIFF_HEIGHT: 0}
+    tags: dict[int, int] = {}
     for entry in range(at + 2, at + 2 + 12 * count, 12):
         tag, kind = struct.unpack_from(f"{order}HH", data, entry)
-        if tag in sides:
-            (sides[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, entry + 8)
-    return sides[_TIFF_HEIGHT], sides[_TIFF_WIDTH]
+        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_KIND):
+            (tags[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, entry + 8)
+    try:
+        (following,) = struct.unpack_from(f"{order}I", data, at + 2 + 12 * count)
+    except struct.error:
+        following = 0
+    return tags, following
 
 
 _KINDS = (

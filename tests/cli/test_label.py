@@ -1,4 +1,5 @@
 import json
+import os
 
 import pytest
 
@@ -55,8 +56,9 @@ def test_edits_make_truth_of_the_run(run, edits, tmp_path, format, capsys):
 def test_truth_needs_a_place_and_edits(run, edits, tmp_path, capsys):
     assert main(["label", str(run), "--apply", str(edits)]) == 2
     assert "--out" in capsys.readouterr().err
-    assert main(["label", str(run), "--out", str(tmp_path / "truth")]) == 2
-    assert "--apply" in capsys.readouterr().err
+    for words in (["--out", str(tmp_path / "truth")], ["--format", "cvat"], ["--overwrite"]):
+        assert main(["label", str(run), *words]) == 2
+        assert "--apply" in capsys.readouterr().err
 
 
 def test_inputs_are_not_replaced(run, edits, tmp_path, capsys):
@@ -71,3 +73,9 @@ def test_inputs_are_not_replaced(run, edits, tmp_path, capsys):
 def test_a_folder_without_run_is_told(tmp_path, capsys):
     assert main(["label", str(tmp_path)]) == 1
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_pipe_in_place_of_the_video_is_not_waited_for(run, capsys):
+    os.mkfifo(run / "overlay.mp4")
+    assert main(["label", str(run)]) == 0
+    assert "label.html" in capsys.readouterr().out

@@ -78,6 +78,11 @@ VERBS: dict[str, Format] = {
     "view": Format(
         "jsonl", seeds.run_file("detections.jsonl"), lambda path: remind("view", path.parent)
     ),
+    "label": Format(
+        "jsonl",
+        seeds.run_file("detections.jsonl"),
+        lambda path: remind("label", path.parent, "--quiet"),
+    ),
     "config validate": Format(
         "yaml", seeds.config, lambda path: remind("config", "validate", path)
     ),

@@ -106,6 +106,17 @@ def test_edits_of_another_run_are_refused(result):
         apply_edits(result, edits, "e")
 
 
+def test_an_unknown_kind_of_edit_is_told_from_those_that_there_are(tmp_path):
+    good = {"format": "remind-jax edits", "version": 1, "run": "a", "num_detections": 3}
+    for kind in ("paint", 5):
+        (tmp_path / "e.json").write_text(json.dumps({**good, "edits": [{"edit": kind, "id": 1}]}))
+        with pytest.raises(SourceError) as caught:
+            read_edits(tmp_path / "e.json")
+        said = f"row 1, `edit`: found {json.dumps(kind)}, allowed is one of "
+        assert said in str(caught.value)
+        assert all(f'"{name}"' in str(caught.value) for name in ("merge", "move", "assign"))
+
+
 @pytest.mark.parametrize(
     "change",
     [

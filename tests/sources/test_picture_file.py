@@ -41,6 +41,48 @@ def test_sizes_are_those_of_the_pixels(kind):
     assert check_picture(encoded(kind)) == decode_image(encoded(kind)).shape[:2] == (7, 19)
 
 
+def paged(num: int, kind: int | None = None) -> bytes:
+    """A TIFF of so many pages; the later ones are of a kind, if that is said."""
+    pages = [making.picture(number, (7, 19)) for number in range(num)]
+    ok, data = cv2.imencodemulti(".tiff", pages)
+    assert ok
+    data = bytearray(data.tobytes())
+    (at,) = struct.unpack_from("<I", data, 4)
+    while at:
+        (count,) = struct.unpack_from("<H", data, at)
+        entries = range(at + 2, at + 2 + 12 * count, 12)
+        (next_at,) = struct.unpack_from("<I", data, at + 2 + 12 * count)
+        for entry in entries:
+            (tag,) = struct.unpack_from("<H", data, entry)
+            if tag == 254 and kind is not None and len(pages) < num:
+                struct.pack_into("<I", data, entry + 8, kind)
+        at = next_at
+        pages = pages[1:]
+    return bytes(data)
+
+
+def test_several_pages_are_no_picture():
+    for num in (2, 100):
+        with pytest.raises(UnreadableFrame, match="several pages"):
+            check_picture(paged(num))
+
+
+@pytest.mark.parametrize("kind", [1, 4, 5])
+def test_smaller_copies_and_masks_lie_beside_a_picture(kind):
+    data = paged(3, kind)
+    assert data != paged(3)
+    assert check_picture(data) == decode_image(data).shape[:2] == (7, 19)
+
+
+def test_pages_in_a_circle_are_read_to_an_end():
+    data = bytearray(paged(1))
+    (at,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, at)
+    struct.pack_into("<I", data, at + 2 + 12 * count, at)
+    with pytest.raises(UnreadableFrame, match="several pages"):
+        check_picture(bytes(data))
+
+
 @given(
     kind=st.sampled_from(list(KINDS)),
     keep=st.floats(0, 1),
