@@ -63,7 +63,7 @@ class HubConnection:
         *,
         name: str,
         by_hand: str,
-        begin: Callable[[int | None], None],
+        begin: Callable[[str, int | None], None],
         quiet: bool,
     ) -> None:
         """Fetches a file, or the rest of it, and checks it.
@@ -73,7 +73,7 @@ class HubConnection:
           partial: Where it is written; what is there already counts as received.
           name: Of the network, for messages.
           by_hand: Half a sentence: how it comes here without a connection.
-          begin: Called with the number of bytes once the server agrees to give them.
+          begin: Called once the server agrees, with where the file comes from and its bytes.
           quiet: Show no progress.
 
         Raises:
@@ -89,7 +89,7 @@ class HubConnection:
             with _silenced():
                 address, num_bytes = self._ask(published)
                 _check_room(partial, num_bytes)
-                begin(num_bytes)
+                begin(self._origin(published), num_bytes)
                 headers = self._headers(published)
                 with _progress(name, num_bytes, quiet) as show:
                     self._receive_all(address, headers, partial, num_bytes, show)
@@ -118,6 +118,10 @@ class HubConnection:
             address, timeout=self._constants.HF_HUB_ETAG_TIMEOUT, **_IDENTITY
         )
         return address, told.size or published.num_bytes
+
+    def _origin(self, published: PublishedWeights) -> str:
+        """Where a file comes from, by the server that is asked: a mirror has its own name."""
+        return published.address or f"{self._constants.ENDPOINT}/{published.repository}"
 
     def _headers(self, published: PublishedWeights) -> dict[str, str]:
         """The token is for the hub alone; redirected elsewhere, the library's client drops it."""

@@ -107,10 +107,10 @@ def _bring(name: str, published: PublishedWeights, quiet: bool) -> Path:
     if in_cache is not None and published.sha256 in (None, sha256_of(in_cache)):
         return in_cache
 
-    def begin(num_bytes: int | None) -> None:
+    def begin(origin: str, num_bytes: int | None) -> None:
         terms = TERMS[VARIANTS[name].family]
         _say(
-            f"fetching the weights of '{name}' ({mib(num_bytes)}) from {published.page}; they are "
+            f"fetching the weights of '{name}' ({mib(num_bytes)}) from {origin}; they are "
             f"under the {terms.license} license ({terms.license_url}) and kept in "
             f"'{default_folder()}'",
             quiet,

@@ -19,7 +19,8 @@ from remind_jax.calibration.views import Views, compare_views
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields, nest
 from remind_jax.config.profiles import MadeFor, place_profile, write_profile
-from remind_jax.errors import ConfigError, SourceError
+from remind_jax.detectors import DetectorOptions, as_detector
+from remind_jax.errors import ConfigError, OptionError, SourceError
 from remind_jax.files import as_path
 from remind_jax.method import PAPER_METHOD
 from remind_jax.settings.ranges import check_function, check_option, check_switch
@@ -69,6 +70,8 @@ def calibrate(
     backbone: str | Backbone = DEFAULT_BACKBONE,
     weights: str | Path | None = None,
     feature_cache: str | Path | None = None,
+    detector: Any = None,
+    detector_options: DetectorOptions | None = None,
     identities: bool = False,
     out: str | Path | None = None,
     seed: int = 0,
@@ -81,10 +84,14 @@ def calibrate(
     Runs with this backbone and the configuration `remind` use them from then on.
 
     Args:
-      scenes: One source with images and masks, or a list of them (`open_source`).
+      scenes: One source with images and masks, or a list of them (`open_source`); images are
+        enough if there is a detector.
       backbone: What features thresholds are wanted for.
       weights: Converted weight file of the backbone.
       feature_cache: Folder of features that are kept and reused; none if left out.
+      detector: ONNX segmentation model, or a function from an RGB frame to instances; used instead
+        of the masks of the scenes.
+      detector_options: Thresholds and class lists of the detector.
       identities: Compare returns by the identities of the masks, where all scenes have them; else
         ends of tracklets, which needs no labels.
       out: File to write instead, to be given as a configuration.
@@ -102,6 +109,10 @@ def calibrate(
     check_function("progress", progress)
     if out is not None:
         _as_profile_path(out)
+    if detector is not None and identities:
+        reason = "'identities' are those of masks; leave out 'detector'"
+        raise OptionError(reason, "identities", "detector")
+    finder = as_detector(detector, detector_options)
     opened = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
     reference = open_backbone(DEFAULT_BACKBONE, feature_cache=feature_cache)
     sources = [
@@ -112,7 +123,7 @@ def calibrate(
     for source in sources:
         if progress is not None:
             progress(source.name)
-        seen.append(read_scene(source, config, (reference, opened)))
+        seen.append(read_scene(source, config, (reference, opened), finder))
     compared, evidence = choose_comparisons(seen, seed, identities)
     same = np.concatenate([one.same for one in compared])
     made_for = MadeFor(

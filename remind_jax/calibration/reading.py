@@ -19,6 +19,7 @@ from remind_jax.calibration.comparisons import NONE, Sightings
 from remind_jax.calibration.tracklets import link_boxes
 from remind_jax.calibration.views import Views
 from remind_jax.config import Config
+from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
 from remind_jax.frame import NO_INSTANCE, Frame
 from remind_jax.masks.reduction import pad_masks
@@ -44,14 +45,19 @@ class SceneViews:
 
 
 def read_scene(
-    source: Source, config: Config, backbones: Sequence[Backbone], most_bytes: int = MOST_BYTES
+    source: Source,
+    config: Config,
+    backbones: Sequence[Backbone],
+    detector: Detector | None = None,
+    most_bytes: int = MOST_BYTES,
 ) -> SceneViews:
     """Describes all detections; of a long scene those of every second, fourth, ... frame.
 
     Args:
-      source: Frames with images and masks.
+      source: Frames with images, and masks unless there is a detector.
       config: The paper's tracker; parts are not merged.
       backbones: What features come from.
+      detector: Finds what is in view instead of the masks of the source.
       most_bytes: Memory that views may take.
 
     Raises:
@@ -65,6 +71,8 @@ def read_scene(
     for number, frame in enumerate(source):
         if frame.image is None:
             raise SourceError(f"'{source.name}' has no images; give scenes with images and masks")
+        if detector is not None:
+            frame = dataclasses.replace(frame, detections=detector(frame.image))
         prepared = [one.prepare(frame) for one in describers]
         frames.append(_Boxes.of(prepared[0]))
         if number % stride or not len(prepared[0].detections):
@@ -78,7 +86,8 @@ def read_scene(
             kept = {one: views for one, views in kept.items() if one % stride == 0}
             num_bytes = sum(views.num_bytes for both in kept.values() for views in both)
     if not kept:
-        raise SourceError(f"'{source.name}' has no detections; give scenes with images and masks")
+        asked = "scenes with images and masks" if detector is None else "scenes where it finds some"
+        raise SourceError(f"'{source.name}' has no detections; give {asked}")
     return _collect(source.name, kept, frames)
 
 

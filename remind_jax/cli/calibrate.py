@@ -10,7 +10,14 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
+from remind_jax.cli.flags import (
+    BackboneName,
+    DetectionFlags,
+    SamplingFlags,
+    past_the_parser,
+    quiet_defaults,
+    refuse_flags,
+)
 from remind_jax.cli.run import Layout, scene_options
 from remind_jax.errors import SourceError
 from remind_jax.files import refuse_file
@@ -25,22 +32,25 @@ _SHOWN = ("matching.match", "matching.min_visual", "appearance.duplicate")
 class Calibrate:
     """Fit the thresholds of the paper's tracker ('--config remind') to a backbone.
 
-    Takes scenes with masks; nothing has to be labeled.
+    Takes scenes with masks, or any video and a detector; nothing has to be labeled.
 
     Runs with '--config remind' and this backbone find the profile.
 
     Examples:
       remind calibrate rooms/ --backbone dinov2-vits14
+      remind calibrate rooms.mp4 --detector yolo11n-seg.onnx --backbone dinov2-vits14
       remind calibrate a/ b/ --backbone onnx:encoder.onnx --identities
       remind calibrate rooms/ --backbone dinov2-vits14 --out dinov2.yaml
     """
 
-    # folders or archives with images and masks; a minute of video with several objects is enough
+    # folders or archives with images and masks, or videos for a detector; a minute with several
+    # objects in view is enough
     sources: Annotated[Positional[tuple[Path, ...]], arg(metavar="SCENE ...")]
     backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights; found or fetched if left out
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     masks: Path | None = None  # of the scene, if there is one only and its layout holds none
+    detector: Path | None = None  # ONNX segmentation export, instead of masks
     # compare objects that return, by what the masks say; else ends of tracklets, without labels
     identities: bool = False
     out: Path | None = None  # YAML file to write; where runs look for it if left out
@@ -48,26 +58,32 @@ class Calibrate:
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON
     sampling: SamplingFlags = dataclasses.field(default_factory=SamplingFlags)
+    detection: DetectionFlags = dataclasses.field(default_factory=DetectionFlags)
     layout: Layout = dataclasses.field(default_factory=Layout)
 
     def execute(self) -> int:
         """Calibrates and reports; returns the exit code."""
         if not self.sources:
             raise SourceError("name the scenes to calibrate on: folders or archives with masks")
+        if self.detector is None:
+            refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         more = scene_options(self.layout, self.masks, len(self.sources))
         if self.out is not None:
-            inputs = (*self.sources, self.masks, self.weights)
+            inputs = (*self.sources, self.masks, self.weights, self.detector)
             refuse_file(self.out, [path for path in inputs if path is not None])
         from remind_jax.backbone.opening import obtain_named
         from remind_jax.calibration import calibrate
 
         obtain_named(self.backbone, self.weights, quiet=self.quiet)
-        with RunLine(self.backbone, None, is_shown=not self.quiet):
+        shown = RunLine(self.backbone, None, is_shown=not self.quiet)
+        with past_the_parser(), shown:
             made = calibrate(
                 list(self.sources),
                 backbone=self.backbone,
                 weights=self.weights,
                 feature_cache=self.feature_cache,
+                detector=self.detector,
+                detector_options=None if self.detector is None else self.detection,
                 identities=self.identities,
                 out=self.out,
                 seed=self.seed,

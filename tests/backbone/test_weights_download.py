@@ -90,7 +90,7 @@ class TestFetching:
         assert (out, err.count("\n")) == ("", 1)
         assert "Apache-2.0" in err
         assert TERMS["dinov2"].license_url in err
-        assert "0.7 MiB" in err
+        assert f"(0.7 MiB) from {published.hub.address}/{REPOSITORY};" in err  # no other server
 
     def test_quiet_is_quiet(self, published, capfd):
         open_backbone(NAME, quiet=True)

@@ -12,7 +12,7 @@ from remind_jax.calibration.calibrate import ENDS, RETURNS, choose_comparisons
 from remind_jax.calibration.comparisons import Sightings
 from remind_jax.calibration.reading import SceneViews, read_scene
 from remind_jax.config import load_config, profiles
-from remind_jax.errors import ConfigError, SourceError
+from remind_jax.errors import ConfigError, OptionError, SourceError
 from remind_jax.frame import Detections, Frame
 
 SIZE, PATCH = 96, 16
@@ -92,6 +92,26 @@ def test_the_reference_features_keep_the_shipped_profile():
     found = rj.calibrate([list(frames())])
     shipped = load_config("remind").for_backbone("patch-statistics").thresholds
     assert found.to_config().thresholds == shipped
+
+
+def test_a_detector_takes_the_place_of_masks(found, tmp_path):
+    given = list(frames())
+    by_image = {one.image.tobytes(): one.detections for one in given}
+    bare = [dataclasses.replace(one, detections=None) for one in given]
+    with pytest.raises(SourceError, match="mask"):
+        rj.calibrate([bare], backbone=COLORS, out=tmp_path / "none.yaml")
+    seen = rj.calibrate(
+        [bare],
+        backbone=COLORS,
+        detector=lambda image: by_image[image.tobytes()],
+        out=tmp_path / "seen.yaml",
+    )
+    assert seen.thresholds == found.thresholds
+    nothing = np.zeros((0, SIZE, SIZE), bool)
+    with pytest.raises(SourceError, match="give scenes where it finds some"):
+        rj.calibrate([bare], backbone=COLORS, detector=lambda image: nothing)
+    with pytest.raises(OptionError, match="'identities' are those of masks"):
+        rj.calibrate([bare], detector=lambda image: nothing, identities=True)
 
 
 def test_a_profile_of_other_features_is_refused(found):
