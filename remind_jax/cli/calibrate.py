@@ -38,7 +38,7 @@ class Calibrate:
 
     Examples:
       remind calibrate rooms/ --backbone dinov2-vits14
-      remind calibrate rooms.mp4 --detector yolo11n-seg.onnx --backbone dinov2-vits14
+      remind calibrate rooms.mp4 --detector m.onnx --backbone dinov2-vits14
       remind calibrate a/ b/ --backbone onnx:encoder.onnx --identities
       remind calibrate rooms/ --backbone dinov2-vits14 --out dinov2.yaml
     """

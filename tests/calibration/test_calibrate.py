@@ -96,7 +96,7 @@ def test_the_reference_features_keep_the_shipped_profile():
 
 def test_a_detector_takes_the_place_of_masks(found, tmp_path):
     given = list(frames())
-    by_image = {one.image.tobytes(): one.detections for one in given}
+    by_image = {np.asarray(one.image).tobytes(): one.detections for one in given}
     bare = [dataclasses.replace(one, detections=None) for one in given]
     with pytest.raises(SourceError, match="mask"):
         rj.calibrate([bare], backbone=COLORS, out=tmp_path / "none.yaml")
