@@ -157,6 +157,7 @@ def test_changing_frame_size_is_skipped_and_reported(command, scene):
     assert "48x48" in summary["skipped"][0]["reason"]
 
 
+@pytest.mark.slow
 def test_more_than_the_capacity_grows_and_changes_no_identity(command, tmp_path, caplog):
     """The fourth object comes while three are remembered; only who debugs reads of it."""
     caplog.set_level(logging.DEBUG, "remind_jax")

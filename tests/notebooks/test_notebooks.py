@@ -123,6 +123,7 @@ def run_source(source: Path) -> None:
     assert done.returncode == 0, done.stderr[-3000:]
 
 
+@pytest.mark.slow
 @of_each(quick=True)
 def test_source_runs(source):
     run_source(source)

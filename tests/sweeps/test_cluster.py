@@ -107,6 +107,7 @@ def break_down(scene, settings, config, memory_gib, batch):
     raise ZeroDivisionError("no such luck")
 
 
+@pytest.mark.slow
 def test_tasks_go_over_two_nodes_and_survive_a_killed_worker(two_nodes, tmp_path, monkeypatch):
     monkeypatch.setattr("remind_jax.sweeps.cluster.run_task", stand_in)
     settings = draw(SPACE, 16, seed=2)

@@ -82,6 +82,7 @@ def test_a_batch_without_room_to_grow_gives_no_answers():
     assert answers is not None
 
 
+@pytest.mark.slow
 def test_batches_and_their_order_change_nothing(swept):
     again = sweep(SCENES, SETTINGS[::-1], config=CONFIG, batch=4)
     np.testing.assert_array_equal(again.table()[::-1], swept.table())
