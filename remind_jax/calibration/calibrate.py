@@ -118,7 +118,7 @@ def calibrate(
     sources = [
         open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
     ]
-    config = load_config(CONFIG).for_backbone(DEFAULT_BACKBONE)
+    config = start_for(opened)
     seen: list[SceneViews] = []
     for source in sources:
         if progress is not None:
@@ -138,6 +138,19 @@ def calibrate(
     )
     found = estimate_from([scene.views for scene in seen], compared, config)
     return Calibration(made_for, found).save(out)
+
+
+def start_for(backbone: Backbone) -> Config:
+    """What the profile of a backbone is made from (calibration.md#the-map).
+
+    Thresholds of the reference features, but for other features the published weight of the
+    background: less is for patch statistics, whose objects and parts tell more.
+    """
+    config = load_config(CONFIG).for_backbone(DEFAULT_BACKBONE)
+    if backbone.identity == open_backbone(DEFAULT_BACKBONE).identity:
+        return config
+    published = load_config(CONFIG).thresholds.similarity.background_weight
+    return config.updated({"thresholds": {"similarity": {"background_weight": published}}})
 
 
 def choose_comparisons(

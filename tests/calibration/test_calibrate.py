@@ -8,7 +8,7 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.backbone.registry import Backbone, get_backbone
-from remind_jax.calibration.calibrate import ENDS, RETURNS, choose_comparisons
+from remind_jax.calibration.calibrate import ENDS, RETURNS, choose_comparisons, start_for
 from remind_jax.calibration.comparisons import Sightings
 from remind_jax.calibration.reading import SceneViews, read_scene
 from remind_jax.config import load_config, profiles
@@ -112,6 +112,15 @@ def test_a_detector_takes_the_place_of_masks(found, tmp_path):
         rj.calibrate([bare], backbone=COLORS, detector=lambda image: nothing)
     with pytest.raises(OptionError, match="'identities' are those of masks"):
         rj.calibrate([bare], detector=lambda image: nothing, identities=True)
+
+
+def test_other_features_start_with_the_published_weight_of_the_background():
+    shipped = load_config("remind").for_backbone("patch-statistics")
+    assert start_for(get_backbone("patch-statistics")) == shipped
+    changed = start_for(COLORS).difference(shipped)
+    assert [(key, value) for key, value, _ in changed] == [
+        ("thresholds.similarity.background_weight", 0.25)
+    ]
 
 
 def test_a_profile_of_other_features_is_refused(found):
