@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+_SHORT = 1e-12  # length of a vector without a direction
 _UNROLL = 8  # additions per turn of the loop
 
 
@@ -33,6 +34,12 @@ def multiply(left: Float[Array, "..."], right: Float[Array, "..."]) -> Float[Arr
     """
     product = left * right
     return jnp.where(jnp.isnan(product), 0.0, product)
+
+
+def unit(vectors: Float[Array, "*B D"]) -> Float[Array, "*B D"]:
+    """Vectors scaled to unit length, each number divided; one shorter than 1e-12 becomes zero."""
+    norm = jnp.sqrt(jnp.sum(vectors * vectors, axis=-1, keepdims=True))
+    return jnp.where(norm < _SHORT, 0.0, divide(vectors, jnp.maximum(norm, _SHORT)))
 
 
 def divide(numerator: Float[Array, "*#B"], denominator: Float[Array, "*#B"]) -> Float[Array, "*B"]:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Int
 
 from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.columns import columns
 from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.observation import Descriptors, Masks
 from remind_jax.remind.association.assignment import Assignment
@@ -53,10 +54,17 @@ def decide(
     comparison, pairs = table.comparison, table.pairs
     candidate_id, rows = rank_candidates(objects, comparison, static.num_candidates)
 
-    def take(values: Array) -> Array:
-        shown = look_up_in_rows(values, rows)
-        return jnp.where(candidate_id != NO_ID, shown, jnp.zeros((), values.dtype))
+    def take(*values: Array) -> Array:
+        """Values of the candidates, side by side: they are looked up at once."""
+        shown = look_up_in_rows(columns(*values), rows)
+        return jnp.where((candidate_id != NO_ID)[..., None], shown, 0)
 
+    reals = take(comparison.score, pairs.score_final, pairs.bonus)
+    eligible, plausible, gate = jnp.moveaxis(
+        take(pairs.eligible.astype(jnp.int32), table.plausible.astype(jnp.int32), pairs.gate),
+        -1, 0,
+    )  # fmt: skip
+    owners = objects.id_of(columns(settlement.slot, assignment.slot, settlement.guarded))
     is_ambiguous = settlement.ambiguous.present[:, None]
     doubts = settlement.doubts
     option = jnp.where(is_ambiguous, settlement.ambiguous.slot, doubts.support)
@@ -64,7 +72,7 @@ def decide(
     return Decisions.of(
         outcome=jnp.where(usable, outcome, given).astype(jnp.int32),
         reason=jnp.where(usable, reason, why).astype(jnp.int32),
-        object_id=objects.id_of(settlement.slot),
+        object_id=owners[:, 0],
         pending_id=jnp.full_like(rows[:, 0], NO_ID),
         score=jnp.where(usable, score, 0.0),
         status=jnp.where(masks.valid, evidence.status, Status.NONE),
@@ -75,19 +83,19 @@ def decide(
         num_close=evidence.num_close,
         lock=assignment.lock,
         source=jnp.where(settlement.slot >= 0, settlement.source, 0).astype(jnp.int32),
-        assigned_id=objects.id_of(assignment.slot),
-        guarded_id=objects.id_of(settlement.guarded),
+        assigned_id=owners[:, 1],
+        guarded_id=owners[:, 2],
         is_anchor=jnp.any(anchors, axis=1),
         option_id=named_ids(objects, option, settlement.reserved_id),
         option_score=jnp.where(option >= 0, option_score, 0.0),
         option_blocked=doubts.blocked,
         candidate_id=candidate_id,
-        candidate_score=take(comparison.score),
-        candidate_final=take(pairs.score_final),
-        candidate_eligible=take(pairs.eligible),
-        candidate_plausible=take(table.plausible),
-        candidate_gate=take(pairs.gate),
-        candidate_bonus=take(pairs.bonus),
+        candidate_score=reals[..., 0],
+        candidate_final=reals[..., 1],
+        candidate_eligible=eligible > 0,
+        candidate_plausible=plausible > 0,
+        candidate_gate=gate,
+        candidate_bonus=reals[..., 2],
         num_bad_patches=descriptors.num_bad_patches,
     )
 

@@ -102,7 +102,7 @@ def remember(
     )
     slot = jnp.where(settlement.slot >= 0, settlement.slot, new_slot)
     slot = jnp.where(fits, slot, slots)
-    sights = _count(slot, slots) + _count(founder_slot, slots)
+    sights = _count(jnp.stack([slot, founder_slot]), slots)
     objects = mark_seen(objects, sights, now, t.lifecycle)
     spared = (sights > 0) | _protected(objects, items)
     objects, forgotten = mark_missed(objects, objects.exists & ~spared & fits, t.lifecycle)
@@ -161,8 +161,8 @@ def remember(
     return updated
 
 
-def _count(slot: Int[Array, "N"], slots: int) -> Int[Array, "O"]:
-    return jnp.sum(slot[:, None] == jnp.arange(slots), axis=0, dtype=jnp.int32)
+def _count(slot: Int[Array, "2 N"], slots: int) -> Int[Array, "O"]:
+    return jnp.sum(slot[..., None] == jnp.arange(slots), axis=(0, 1), dtype=jnp.int32)
 
 
 def _undecided(

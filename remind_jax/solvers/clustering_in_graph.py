@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch, repeat
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.solvers.assignment_in_graph import double_precision
 
 _ROWS = 64  # of a block; the last one of a set is filled up with rows that do not count
@@ -129,7 +130,7 @@ def _list_blocks(
     num, size = members.shape
     each, at_once = -(-size // _ROWS), _blocks_at_once(num)
     listed = jnp.sort(jnp.where(members, jnp.arange(size, dtype=jnp.int32)[None], size), axis=1)
-    blocks = (count + _ROWS - 1) // _ROWS
+    blocks = lax.div(count + _ROWS - 1, jnp.int32(_ROWS))
     end = _sum_up_to(blocks)
     start = end - blocks
     index = jnp.arange(-(-num * each // at_once) * at_once, dtype=jnp.int32)
@@ -234,15 +235,13 @@ def _measure(
         nearest = jnp.min(jnp.where(distance <= least[:, None], cluster, clusters - 1), axis=1)
         reached = jnp.where(valid, least, 0.0)
 
-        top = jnp.max(reached, axis=1)
+        relabeled = jnp.where(placing, NO_SLOT, nearest)
+        moves = (relabeled != labels) & valid
+        top, moved, apart, inertia = _sum_up_blocks(reached, moves, mine)
         top_point = jnp.min(jnp.where(reached == top[:, None], point, last), axis=1)
-        apart = jnp.max(jnp.where(mine, top[None], 0.0), axis=1)
         is_top = mine & (top[None] == apart[:, None])
         farthest = jnp.min(jnp.where(is_top, top_point[None], last), axis=1)
         farther = apart > found.apart
-
-        relabeled = jnp.where(placing, NO_SLOT, nearest)
-        moves = jnp.any((relabeled != labels) & valid, axis=1)
 
         def add() -> tuple[Array, Array]:
             inside = ((nearest[:, None] == cluster) & valid[:, None]).astype(rows.dtype)
@@ -257,15 +256,15 @@ def _measure(
         return _Found(
             turn=found.turn + 1,
             labels=lax.dynamic_update_slice_in_dim(found.labels, relabeled, at, axis=0),
-            moved=found.moved | jnp.any(mine & moves[None], axis=1),
+            moved=found.moved | moved,
             farthest=jnp.where(farther, farthest, found.farthest),
             apart=jnp.where(farther, apart, found.apart),
-            inertia=_add_inertia(found.inertia, reached, mine),
+            inertia=_add(found.inertia, inertia),
             number=number,
             sums=sums,
         )
 
-    turns = (held.num_blocks + at_once - 1) // at_once
+    turns = lax.div(held.num_blocks + at_once - 1, jnp.int32(at_once))
     nothing = _Found(
         turn=jnp.int32(0),
         labels=state.labels,
@@ -284,13 +283,33 @@ def _no_inertia(num: int) -> Float[Array, "N"]:
         return jnp.zeros(num, jnp.float64)
 
 
-def _add_inertia(
-    inertia: Float[Array, "N"], reached: Float[Array, "S B"], mine: Bool[Array, "N S"]
-) -> Float[Array, "N"]:
-    """Adds the squared distances in float64, so that the inertias of restarts can be compared."""
+def _add(inertia: Float[Array, "N"], more: Float[Array, "N"]) -> Float[Array, "N"]:
     with double_precision():
-        of_blocks = jnp.sum(reached.astype(jnp.float64), axis=1)
-        return inertia + jnp.sum(jnp.where(mine, of_blocks[None], 0.0), axis=1)
+        return inertia + more
+
+
+def _sum_up_blocks(
+    reached: Float[Array, "S B"], moves: Bool[Array, "S B"], mine: Bool[Array, "N S"]
+) -> tuple[Float[Array, "S"], Bool[Array, "N"], Float[Array, "N"], Float[Array, "N"]]:
+    """Squared distances and changed labels of the blocks that were read.
+
+    Distances are added in float64, so that the inertias of restarts can be compared.
+
+    Returns:
+      Largest distance of each block; of each set: whether some label changed, the largest
+      distance, and the sum of all.
+    """
+    with double_precision():
+        exact = reached.astype(jnp.float64)
+        top, moved, total = reduce_together(("max", exact), ("any", moves), ("sum", exact), axis=1)
+        moved, apart, inertia = reduce_together(
+            ("any", mine & moved),
+            ("max", jnp.where(mine, top, 0.0)),
+            ("sum", jnp.where(mine, total, 0.0)),
+            axis=1,
+        )
+        top, apart = top.astype(reached.dtype), apart.astype(reached.dtype)
+    return top, moved, apart, inertia
 
 
 def _means(found: _Found) -> Float[Array, "N K D"]:

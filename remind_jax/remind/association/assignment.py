@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Lock
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, top_two
+from remind_jax.numerics.reductions import pick_in_rows
+from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, rank_two
 from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.thresholds.association import Matching
@@ -73,9 +74,7 @@ def associate(
         column = assign(
             pairs.score_assign, allowed, class_id, dummy, t.dummies, solver=static.solver
         )
-    at = jnp.maximum(column, 0)
-    final = jnp.take_along_axis(pairs.score_final, at[:, None], axis=1)[:, 0]
-    visual = jnp.take_along_axis(score, at[:, None], axis=1)[:, 0]
+    final, visual = pick_in_rows(column, pairs.score_final, score)
     accepted = (column != NO_SLOT) & (final >= t.match) & (visual >= t.min_visual)
     solved = jnp.where(accepted, column, NO_SLOT)  # method.md#acceptance
     return Assignment(
@@ -106,8 +105,8 @@ def lock_pairs(
 
     def propose(open_pairs: Bool[Array, "X Y"], scores: Float[Array, "X Y"]) -> Array:
         """Each row proposes its best column; of the proposals to a column the best stands."""
-        best, top, second = top_two(scores, open_pairs)
-        ok = jnp.any(open_pairs, axis=1) & wins(top, second)
+        best, top, second, number = rank_two(scores, open_pairs)
+        ok = (number > 0) & wins(top, second)
         proposed = ok[:, None] & (jnp.arange(scores.shape[1]) == best[:, None])
         winner = jnp.argmax(jnp.where(proposed, top[:, None], -jnp.inf), axis=0)
         return proposed & (jnp.arange(scores.shape[0])[:, None] == winner[None])

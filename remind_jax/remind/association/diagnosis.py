@@ -14,6 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import Status
 from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.thresholds.association import Diagnosis
 
 NUM_CHANNELS = 4  # the original counts object, background, ring prototypes and parts
@@ -37,11 +39,19 @@ def top_two(
     scores: Float[Array, "*B O"], counted: Bool[Array, "*B O"]
 ) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"]]:
     """The first best column of each row, its score and the second best score (0 if none)."""
+    return rank_two(scores, counted)[:3]
+
+
+def rank_two(
+    scores: Float[Array, "*B O"], counted: Bool[Array, "*B O"]
+) -> tuple[Int[Array, "*B"], Float[Array, "*B"], Float[Array, "*B"], Int[Array, "*B"]]:
+    """As `top_two`, with the number of columns that count."""
     masked = jnp.where(counted, scores, -jnp.inf)
     top, best = largest(masked)
     rest = jnp.where(jnp.arange(scores.shape[-1]) == best[..., None], -jnp.inf, masked)
+    second, number = reduce_together(("max", rest), ("sum", counted), axis=-1)
     finite = lambda x: jnp.where(jnp.isfinite(x), x, 0.0)  # noqa: E731
-    return best, finite(top), finite(jnp.max(rest, axis=-1))
+    return best, finite(top), finite(second), number
 
 
 def find_anchors(
@@ -51,9 +61,8 @@ def find_anchors(
 
     At most one detection per object: the better one, the first among equals.
     """
-    best, top, second = top_two(scores, candidate)
-    clear = jnp.any(candidate, axis=1)
-    clear = clear & (top >= t.anchor_score) & (top - second >= t.anchor_margin)
+    best, top, second, number = rank_two(scores, candidate)
+    clear = (number > 0) & (top >= t.anchor_score) & (top - second >= t.anchor_margin)
     claims = clear[:, None] & (jnp.arange(scores.shape[1]) == best[:, None])
     winner = jnp.argmax(jnp.where(claims, top[:, None], -jnp.inf), axis=0)
     return claims & (jnp.arange(scores.shape[0])[:, None] == winner[None])
@@ -87,25 +96,26 @@ def diagnose(
       margin: How the lead of the best candidate enters the confidence.
       t: Thresholds.
     """
-    count = jnp.sum(counted, axis=1)
-    some = count > 0
-    _, top, second = top_two(scores, counted)
-    gap = top - second
+    _, top, second, count = rank_two(scores, counted)
+    some, gap = count > 0, top - second
     near = counted & (scores >= (top - jnp.maximum(0.0, t.close))[:, None])
-    num_close = jnp.where(some, jnp.maximum(1, jnp.sum(near, axis=1)), 0)
+    num_near, total = reduce_together(
+        ("sum", near), ("sum", jnp.where(counted, scores, 0.0)), axis=1
+    )
+    num_close = jnp.where(some, jnp.maximum(1, num_near), 0)
     clear = (top >= t.strong_score) & (gap >= t.strong_gap) & (num_close <= 1)
     status = jnp.where(top >= t.ambiguous_score, Status.AMBIGUOUS, Status.WEAK)
     status = jnp.where(clear, Status.STRONG, status)
     status = jnp.where(some, status, Status.WEAK)
 
-    rest = jnp.sum(jnp.where(counted, scores, 0.0), axis=1) - top
+    rest = total - top
     others = jnp.where(count > 1, rest / jnp.maximum(1, count - 1), 0.0)
     small = jnp.maximum(t.small, _TINY)
     distinct = jnp.maximum(0.0, top - others) / jnp.maximum(1.0 - others, small)
     temperature = jnp.where(t.temperature > small, t.temperature, t.temperature_least)
-    lead = 1.0 / (1.0 + jnp.exp((second - top) / jnp.maximum(temperature, _TINY)))
+    lead = 1.0 / (1.0 + jnp.exp(divide(second - top, jnp.maximum(temperature, _TINY))))
     covered = num_terms.astype(top.dtype) / NUM_CHANNELS
-    covered = jnp.minimum(1.0, covered / jnp.maximum(_EPS, t.coverage_target))
+    covered = jnp.minimum(1.0, divide(covered, jnp.maximum(_EPS, t.coverage_target)))
     value = top * lead * _margin(gap, top, margin, t) * jnp.clip(covered, 0.0, 1.0)
     value = jnp.clip(value * jnp.clip(distinct, 0.0, 1.0), 0.0, 1.0)
     return Evidence(
@@ -125,5 +135,5 @@ def _margin(gap: Array, top: Array, kind: str, t: Diagnosis) -> Float[Array, "N"
     if kind.startswith("linear"):
         return jnp.clip(value, 0.0, 1.0)
     scale = jnp.where(t.gap_scale <= small, t.gap_scale_least, t.gap_scale)
-    slope = (value - t.gap_center) / jnp.maximum(scale, _TINY)
+    slope = divide(value - t.gap_center, jnp.maximum(scale, _TINY))
     return 1.0 / (1.0 + jnp.exp(-jnp.clip(slope, -50.0, 50.0)))

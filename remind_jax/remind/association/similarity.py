@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.rounding import divide
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.memory.prototypes import Bank, confidence, mean_quality
@@ -176,9 +177,9 @@ def comparable_score(
 def count_terms(comparison: Comparison) -> Int[Array, "N"]:
     """Terms that are present between each detection and its best candidate, under "auto"."""
     best = jnp.argmax(jnp.where(comparison.candidate, comparison.score, -jnp.inf), axis=1)
-    present = comparison.auto.present & comparison.candidate
-    counts = jnp.sum(present, axis=0)
-    return jnp.take_along_axis(counts, best[:, None], axis=1)[:, 0]
+    is_best = best[:, None] == jnp.arange(comparison.candidate.shape[1])
+    present = comparison.auto.present & comparison.candidate & is_best
+    return jnp.sum(present, axis=(0, 2), dtype=jnp.int32)
 
 
 def compare_channels(
@@ -292,7 +293,7 @@ def _find_nearest(
         return turn + 1, best, winner
 
     nothing = (jnp.full(shape, -jnp.inf, jnp.float32), jnp.zeros(shape, jnp.int32))
-    turns = (jnp.max(bank.size) + width - 1) // width
+    turns = jax.lax.div(jnp.max(bank.size) + width - 1, jnp.int32(width))
     _, best, winner = repeat(lambda found: found[0] < turns, read_some, (jnp.int32(0), *nothing))
     return best.astype(bank.quality_sum.dtype), winner
 
@@ -389,7 +390,7 @@ def _join_rings(rings: Score, t: Similarity) -> Score:
     total = jnp.sum(shares)
     shares = jnp.where(total > 1e-12, shares / jnp.maximum(total, 1e-12), 0.5)
     inner, outer = rings.value
-    joint = (shares[0] * inner + shares[1] * outer) / (shares[0] + shares[1])
+    joint = divide(shares[0] * inner + shares[1] * outer, shares[0] + shares[1])
     both = rings.present[0] & rings.present[1]
     return Score(jnp.where(both, joint, inner + outer), rings.present[0] | rings.present[1])
 
@@ -426,15 +427,16 @@ def weighted_mean(
 
     Rules: method.md#visual-score, method.md#first-view.
     """
-    nominal = [t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight]
-    nominal = jnp.stack(nominal[: len(value)])
-    counted = present & (nominal > 0)[:, None, None]
-    weights = jnp.where(counted, weights, 0.0)
-    silent = t.nominal_if_silent & (sum(weights) <= _NO_WEIGHT)
-    weights = jnp.where(silent & counted, nominal[:, None, None], weights)
+    nominal = (t.object_weight, t.background_weight, t.parts_weight, t.ring_prototypes_weight)
+    terms = range(len(value))
+    # Term by term, so that nothing but the mean is written down.
+    counted = [present[term] & (nominal[term] > 0) for term in terms]
+    own = [jnp.where(counted[term], weights[term], 0.0) for term in terms]
+    silent = t.nominal_if_silent & (sum(own) <= _NO_WEIGHT)
     total, weight = jnp.zeros(value.shape[1:], value.dtype), jnp.zeros(value.shape[1:], value.dtype)
     for term in [term for term in _SUMMED if term < len(value)]:
-        total = total + weights[term] * jnp.where(counted[term], value[term], 0.0)
-        weight = weight + weights[term]
+        share = jnp.where(silent & counted[term], nominal[term], own[term])
+        total = total + share * jnp.where(counted[term], value[term], 0.0)
+        weight = weight + share
     mean = jnp.where(weight > _NO_WEIGHT, total / jnp.maximum(weight, _NO_WEIGHT), 0.0)
     return jnp.where(t.renormalize, mean, total)

@@ -43,4 +43,5 @@ def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -
         )
 
     # In a batch as many chunks as the fullest member needs, at the same rows of all.
-    return jax.lax.fori_loop(0, batch_max((used + length - 1) // length), step, results)
+    chunks = jax.lax.div(used + length - 1, jnp.int32(length))
+    return jax.lax.fori_loop(0, batch_max(chunks), step, results)

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.summary import Context
 from remind_jax.remind.thresholds.context import Influence as Rules
 
@@ -86,7 +87,7 @@ def weigh_influence(context: Context, exists: Bool[Array, "O"], t: Rules) -> Inf
     weights = jnp.maximum(_TINY, t.local_weight + t.global_weight)
     support = t.local_weight * _local_support(context, t)
     support = support + t.global_weight * _global_support(context, inside, t)
-    support = jnp.clip(support / weights, 0.0, 1.0)
+    support = jnp.clip(divide(support, weights), 0.0, 1.0)
     contradicted = ~inside & (c.kept_count > 0) & (c.pruning >= t.contradiction_min_pruning)
     contradicted = contradicted & (c.strength >= t.contradiction_min_strength)
     contradicted = contradicted & (s.kernel_relative <= t.contradiction_max_support)
@@ -120,9 +121,9 @@ def _local_support(context: Context, t: Rules) -> Float[Array, "O"]:
     counts = s.covered & (s.kernel >= t.local_min_kernel)
     counts = counts & (s.hits >= t.local_min_hits) & (s.hit_share >= t.local_min_hit_share)
     least = t.local_min_hit_share
-    hits = jnp.clip((s.hit_share - least) / jnp.maximum(_TINY, 1.0 - least), 0.0, 1.0)
+    hits = jnp.clip(divide(s.hit_share - least, jnp.maximum(_TINY, 1.0 - least)), 0.0, 1.0)
     enough = jnp.maximum(1, t.local_min_hits).astype(hits.dtype)
-    count = jnp.clip(s.hits.astype(hits.dtype) / enough, 0.0, 1.0)
+    count = jnp.clip(divide(s.hits.astype(hits.dtype), enough), 0.0, 1.0)
     reference = jnp.maximum(jnp.maximum(_TINY, context.classes.best_kernel), t.local_min_kernel)
     kernel = jnp.clip(s.kernel / reference, 0.0, 1.0)
     support = t.local_hits_weight * hits + t.local_count_weight * count
@@ -134,7 +135,7 @@ def _global_support(context: Context, inside: Bool[Array, "O"], t: Rules) -> Flo
     """Support by the rank within the class, [0, 1]."""
     s, c = context.standing, context.classes
     above = lambda value: jnp.clip(  # noqa: E731
-        (value - t.neutral) / jnp.maximum(_TINY, 1.0 - t.neutral), 0.0, 1.0
+        divide(value - t.neutral, jnp.maximum(_TINY, 1.0 - t.neutral)), 0.0, 1.0
     )
     selective = t.selectivity_weight * above(s.hypothesis_relative) * (0.5 + 0.5 * c.selectivity)
     support = t.pruned_weight * c.pruning + t.rank_weight * above(s.kernel_relative) + selective

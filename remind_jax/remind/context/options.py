@@ -106,7 +106,7 @@ def support_by_kernel(
     counted = (link >= t.min_link) & in_kernel[:, :, None]
     count = jnp.sum(counted, axis=1, dtype=jnp.int32)
     total = sum_in_order(jnp.moveaxis(link, 1, 0), jnp.moveaxis(counted, 1, 0))
-    support = total / jnp.maximum(count, 1).astype(total.dtype)
+    support = divide(total, jnp.maximum(count, 1).astype(total.dtype))
     has_kernel = jnp.any(in_kernel, axis=1)
     return jnp.where(has_kernel[:, None], support, maturity[at][None]), has_kernel
 

@@ -76,8 +76,9 @@ def select_children(
     is_leader = jnp.any(leads & (index[:, None] == leader), axis=1)
     best, rest = jax.lax.top_k(jnp.where(is_leader, -jnp.inf, value), live.shape[0])
     # Leaders in front, then the rest.
-    row, num_leads = jnp.arange(live.shape[0]), jnp.sum(leads)
-    ahead = leads & (count_before(leads) == row[:, None])
+    row, before = jnp.arange(live.shape[0]), count_before(leads)
+    num_leads = before[-1] + leads[-1]
+    ahead = leads & (before == row[:, None])
     front = jnp.sum(jnp.where(ahead, leader, 0), axis=1, dtype=jnp.int32)
     behind = jnp.maximum(row - num_leads, 0)
     child = jnp.where(row < num_leads, front, rest[behind])
@@ -105,6 +106,7 @@ def number_sets(
     same = (key[:, None] == key[None]) & child.valid[:, None] & child.valid[None]
     first = jnp.argmax(same, axis=1)
     leads = child.valid & (first == index)
-    number, num_sets = count_before(leads), jnp.sum(leads, dtype=jnp.int32)
+    number = count_before(leads)
+    num_sets = number[-1] + leads[-1]
     origin = jnp.sum(jnp.where(leads & (number == index[:, None]), index, 0), axis=1)
     return jnp.where(child.valid, number[first], 0), origin, num_sets

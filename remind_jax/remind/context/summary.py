@@ -15,6 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.hypotheses import Hypotheses
 from remind_jax.remind.thresholds.context import Influence, Sets
@@ -85,17 +87,19 @@ def summarize(
     kernels = find_kernels(hypotheses, same, view.anchors, static)
     link = view.conditional.T
     counted = kernels & (link >= sets.min_link)
-    hits = jnp.sum(counted, axis=1, dtype=jnp.int32)
+    hits, links, num_kernel = reduce_together(
+        ("sum", counted), ("sum", jnp.where(counted, link, 0.0)), ("sum", kernels), axis=1
+    )
     scalar = link.dtype
     count = hits.astype(scalar)
-    kernel = jnp.sum(jnp.where(counted, link, 0.0), axis=1) / jnp.maximum(count, 1.0)
-    share = count / jnp.maximum(jnp.sum(kernels, axis=1, dtype=jnp.int32), 1).astype(scalar)
+    kernel = links / jnp.maximum(count, 1.0)
+    share = count / jnp.maximum(num_kernel, 1).astype(scalar)
     covered = exists & (hits >= t.min_hits) & (share >= t.min_hit_share)
 
     place = jnp.arange(hypotheses.score.shape[0])
     heeded = (place < sets.prior_sets) | (sets.prior_sets <= 0)
     score = jnp.where(hypotheses.members & heeded[:, None], hypotheses.score[:, None], 0.0)
-    prior, support_sum = jnp.max(score, axis=0), jnp.sum(score, axis=0)
+    prior, support_sum = reduce_together(("max", score), ("sum", score), axis=0)
     close = hypotheses.valid & (hypotheses.score >= hypotheses.score[0] * (1 - sets.shortlist_loss))
     strength = _mix(kernel, prior, t.strength_kernel_weight, t.strength_prior_weight, clip=False)
     best_kernel, best_prior, best_sum, best_strength = _class_max(
@@ -122,7 +126,7 @@ def summarize(
     lead = (best_relative - second) / jnp.maximum(_TINY, best_relative)
     classes = ClassSummary(
         kept_count=kept,
-        pruning=jnp.where(exists, jnp.clip(1.0 - kept.astype(scalar) / size, 0.0, 1.0), 0.0),
+        pruning=jnp.where(exists, jnp.clip(1.0 - divide(kept.astype(scalar), size), 0.0, 1.0), 0.0),
         strength=jnp.clip(best_strength, 0.0, 1.0),
         selectivity=jnp.where(best_relative > 0.0, jnp.clip(lead, 0.0, 1.0), 0.0),
         best_kernel=best_kernel,
@@ -168,7 +172,7 @@ def find_kernels(
     room = (static.set_kernel or slots) - jnp.sum(anchors, dtype=jnp.int32)
     enters = foreign & ((before == 0) | (before < room))
     back = jnp.argsort(order)
-    exists = jnp.diagonal(same)
+    exists = same.reshape(-1)[:: slots + 1]  # in steps: the diagonal without a look-up
     return (enters[:, back] | anchors[None]) & exists[:, None]
 
 
@@ -233,5 +237,6 @@ def _mix(
 ) -> Float[Array, "O"]:
     """Weighted mean of two values; weights without a sum count as they are."""
     total = first_weight + second_weight
-    mean = (first_weight * first + second_weight * second) / jnp.where(total > _TINY, total, 1.0)
+    weighted = first_weight * first + second_weight * second
+    mean = divide(weighted, jnp.where(total > _TINY, total, 1.0))
     return jnp.clip(mean, 0.0, 1.0) if clip else mean

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.influence import Influence
 from remind_jax.remind.memory.cooccurrence import neighbor_rank, ranked_neighbors
@@ -124,7 +125,7 @@ def _contradicts_neighbors(
     num_seen = jnp.sum(seen, axis=1, dtype=jnp.int32)
     # Counts are small whole numbers: exact whatever the precision of the product.
     common = jnp.matmul(seen.astype(jnp.float32), expected.T.astype(jnp.float32))
-    share = common.astype(scalar) / jnp.maximum(num_expected, 1).astype(scalar)
+    share = divide(common.astype(scalar), jnp.maximum(num_expected, 1).astype(scalar))
     mature = 1.0 - jnp.exp(-_MATURITY_RATE * episodes.astype(scalar)) >= _LEAST_MATURITY
     informative = (
         (episodes >= t.local_min_episodes) & (num_expected >= t.local_min_expected) & mature

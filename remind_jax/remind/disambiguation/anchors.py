@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.disambiguation.distance_evidence import (
     INFORMATIVENESS_FLOOR,
@@ -156,11 +158,16 @@ def choose_anchors(
     chosen = valid & (rank < limit) & (score >= floor)
     room = max(FEWEST_ANCHORS, static.group_anchors)
     at_rank = chosen & (rank == jnp.arange(room)[:, None])
-    voter = jnp.argmax(at_rank, axis=1)
-    same, found = same_slot[voter], jnp.any(at_rank, axis=1)
+    (found, voter), place, rated = reduce_together(
+        ("top", at_rank),
+        ("sum", jnp.where(at_rank, voters.place, 0)),
+        ("sum", jnp.where(at_rank, quality, 0.0)),
+        axis=1,
+    )
+    same = same_slot[voter]
     again = jnp.any(jnp.tril(same[:, voter] & found, -1), axis=1)
     votes = jnp.where(found & ~again, jnp.sum(same & valid, axis=1, dtype=jnp.int32), 0)
-    return Anchors(votes, voter, voters.place[voter], quality[voter])
+    return Anchors(votes, voter, place, rated)
 
 
 def rate_anchors(
@@ -186,29 +193,32 @@ def rate_anchors(
     history = _rate_history(edges, orders, t)
     gap = relations.gap[group.detection[:, None], voters.place]
     real = group.is_detection[:, None]
-    span = jnp.max(jnp.where(real, gap, -jnp.inf), axis=0)
-    span = span - jnp.min(jnp.where(real, gap, jnp.inf), axis=0)
-    frame = rate_difference(span, t.span_ref, t)
+    farthest, nearest = reduce_together(
+        ("max", jnp.where(real, gap, -jnp.inf)), ("min", jnp.where(real, gap, jnp.inf)), axis=0
+    )
+    frame = rate_difference(farthest - nearest, t.span_ref, t)
     weight = t.history_weight + t.frame_weight
     weighted = t.history_weight * history + t.frame_weight * frame
-    mean = weighted / jnp.where(weight > TINY, weight, 1.0)
+    mean = divide(weighted, jnp.where(weight > TINY, weight, 1.0))
     return jnp.where(weight > TINY, mean, 0.5 * (history + frame))
 
 
 def _rate_history(edges: KnownDistances, orders: PairOrders, t: KnownSets) -> Float[Array, "V"]:
     """How well anchors used to separate the candidates."""
     usable = edges.has_gap
-    count = jnp.sum(usable, axis=0)
-
-    def mean(value: Float[Array, "U V"]) -> Float[Array, "V"]:
-        return jnp.sum(jnp.where(usable, value, 0.0), axis=0) / jnp.maximum(1, count)
-
-    span = jnp.max(jnp.where(usable, edges.distance, -jnp.inf), axis=0)
-    span = span - jnp.min(jnp.where(usable, edges.distance, jnp.inf), axis=0)
+    count, support, reliability, farthest, nearest = reduce_together(
+        ("sum", usable),
+        ("sum", jnp.where(usable, edges.support, 0.0)),
+        ("sum", jnp.where(usable, edges.reliability, 0.0)),
+        ("max", jnp.where(usable, edges.distance, -jnp.inf)),
+        ("min", jnp.where(usable, edges.distance, jnp.inf)),
+        axis=0,
+    )
+    span, number = farthest - nearest, jnp.maximum(1, count)
     clear = rate_difference(jnp.where(count > 1, span, 0.0), t.span_ref, t)
     clear = jnp.where(count > 1, clear, jnp.where(count == 1, SINGLE_EDGE, 0.0))
-    informative = 1.0 - t.support_penalty * mean(edges.support)
-    base = clear * mean(edges.reliability) * jnp.maximum(INFORMATIVENESS_FLOOR, informative)
+    informative = 1.0 - t.support_penalty * (support / number)
+    base = clear * (reliability / number) * jnp.maximum(INFORMATIVENESS_FLOOR, informative)
 
     num = edges.distance.shape[0]
     once = jnp.asarray(np.triu(np.ones((num, num), bool), 1))[..., None]
@@ -217,8 +227,10 @@ def _rate_history(edges: KnownDistances, orders: PairOrders, t: KnownSets) -> Fl
     robust = jnp.where(recommends, orders.robustness, -jnp.inf).reshape(num * num, -1)
     robust = jax.lax.top_k(robust.T, num * (num - 1) // 2)[0]
     counted = jnp.isfinite(robust) & (jnp.arange(robust.shape[1]) < t.max_pairs)
-    num_counted = jnp.maximum(1, jnp.sum(counted, axis=1))
-    order = jnp.sum(jnp.where(counted, robust, 0.0), axis=1) / num_counted
+    num_counted, order = reduce_together(
+        ("sum", counted), ("sum", jnp.where(counted, robust, 0.0)), axis=1
+    )
+    order = order / jnp.maximum(1, num_counted)
     apart = jnp.where(measured, jnp.abs(edges.distance[:, None] - edges.distance), 0.0)
     num_measured = jnp.maximum(1, jnp.sum(measured, axis=(0, 1)))
     separation = rate_difference(jnp.sum(apart, axis=(0, 1)) / num_measured, t.span_ref, t)

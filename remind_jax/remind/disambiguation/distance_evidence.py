@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.memory.distances import DistanceGraph, Edges
 from remind_jax.remind.thresholds.known_sets import KnownSets
 
@@ -62,7 +63,7 @@ def rate_difference(
 
     Rule: method.md#voter-usefulness.
     """
-    scaled = jnp.maximum(0.0, value) / jnp.maximum(_TINY_REF, reference * t.strength_scale)
+    scaled = divide(jnp.maximum(0.0, value), jnp.maximum(_TINY_REF, reference * t.strength_scale))
     return (1.0 - jnp.exp(-scaled)) ** t.strength_power
 
 

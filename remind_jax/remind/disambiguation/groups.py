@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.components import connect
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.disambiguation.distance_evidence import (
     AGREEMENT_BASE,
     AGREEMENT_CONTACT,
@@ -74,11 +75,11 @@ def form_groups(
     same = candidates[:, :, None] == candidates[:, None, :]
     earlier = jnp.tril(jnp.ones((width, width), bool), -1)
     distinct = filled & ~jnp.any(same & earlier & filled[:, None, :], axis=2)
-    takes_part = jnp.sum(distinct, axis=1) >= 2
+    num_distinct, some = reduce_together(("sum", distinct), ("any", stored), axis=1)
+    takes_part = num_distinct >= 2
 
     near = measure_affinity(slot, stored, relations, edge_table, contact, t) >= t.link_score
     linked = near | _share_candidates(candidates, filled)
-    some = jnp.any(stored, axis=1)
     other_class = class_id[:, None] != class_id
     linked = linked & ~(other_class & some[:, None] & some)
     reach = connect(linked & takes_part[:, None] & takes_part)
@@ -91,14 +92,8 @@ def form_groups(
 
     member = root == jnp.arange(num)[:, None]
 
-    each = jnp.stack(
-        [
-            takes_part,
-            jnp.sum(fresh, axis=1),
-            jnp.sum(fresh & stored, axis=1),
-            takes_part & ~some,
-        ]
-    )
+    num_fresh, num_fresh_stored = reduce_together(("sum", fresh), ("sum", fresh & stored), axis=1)
+    each = jnp.stack([takes_part, num_fresh, num_fresh_stored, takes_part & ~some])
     counts = jnp.sum(jnp.where(member, each[:, None], 0), axis=2, dtype=jnp.int32)
     num_detections, num_candidates, num_stored, num_unknown = counts
     small = (num_detections <= static.group_size) & (num_candidates <= static.group_candidates)

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.errors import ConfigError
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.disambiguation.anchors import Anchors, Group
 from remind_jax.remind.disambiguation.distance_evidence import (
     TINY,
@@ -199,10 +200,10 @@ def vote_by_pairs(
     """
     first, second = np.triu_indices(group.detection.shape[0], 1)
     seen = relations.distance[group.detection[:, None], anchors.place]  # [G, A]
-    one, other = seen[first][:, None, None], seen[second][:, None, None]
+    one, other = seen[np.stack([first, second])][:, :, None, None]
     apart, nearer = jnp.abs(one - other), one < other  # [P, 1, 1, A]
     expected = jnp.abs(edges.distance[:, None] - edges.distance)  # [U, U, A]
-    separation = jnp.maximum(apart, expected) / jnp.maximum(_TINY_REF, t.span_ref)
+    separation = divide(jnp.maximum(apart, expected), jnp.maximum(_TINY_REF, t.span_ref))
     separation = jnp.minimum(1.0, separation)
     vote = (nearer == (edges.distance[:, None] < edges.distance)).astype(seen.dtype)
     # The candidate given to the nearer detection, is it the lower of the two?
@@ -210,12 +211,12 @@ def vote_by_pairs(
     lower = nearer == (index[:, None] < index)[..., None]
     order = jnp.where(lower, orders.first, 1.0 - orders.first)
     known = (1.0 - t.order_weight) * vote + t.order_weight * order
-    off = jnp.abs(apart - orders.margin) / jnp.maximum(_TINY_REF, t.margin_ref)
+    off = divide(jnp.abs(apart - orders.margin), jnp.maximum(_TINY_REF, t.margin_ref))
     known = (1.0 - t.margin_weight) * known + t.margin_weight * jnp.exp(-off)
     robust = jnp.where(orders.seen, jnp.maximum(ROBUSTNESS_FLOOR, orders.robustness), 1.0)
     weight = 0.5 * (edges.reliability[:, None] + edges.reliability) * (separation * robust)
     usable = edges.usable[:, None] & edges.usable & (anchors.votes > 0)
-    real = group.is_detection[first] & group.is_detection[second]
+    real = jnp.all(group.is_detection[np.stack([first, second])], axis=0)
     usable = usable & real[:, None, None, None] & (separation > TINY) & (weight > TINY)
     return jnp.where(orders.seen, known, vote), jnp.where(usable, weight, 0.0)
 

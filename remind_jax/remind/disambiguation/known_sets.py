@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.disambiguation.anchors import (
     FEWEST_ANCHORS,
@@ -24,6 +25,8 @@ from remind_jax.remind.disambiguation.anchors import (
     rate_anchors,
 )
 from remind_jax.remind.disambiguation.distance_evidence import (
+    KnownDistances,
+    PairOrders,
     read_edges,
     read_orders,
     tabulate_edges,
@@ -189,7 +192,7 @@ def _solve_group(
     )
     quality = rate_anchors(group, voters, edges, orders, relations, t)
     anchors = choose_anchors(group, voters, quality, static, t)
-    edges, orders = jax.tree.map(lambda field: field[..., anchors.voter], (edges, orders))
+    edges, orders = _of_voters(anchors.voter, edges, orders)
     vote, weight = vote_by_pairs(group, anchors, edges, orders, relations, t)
     visual = known_score[group.detection[:, None], slot]
     best = settle(score_assignments(group, vote, weight, anchors, visual, t), t)
@@ -214,6 +217,25 @@ def _solve_group(
     }
     proposed = jnp.where(jnp.any(place, axis=1), given, proposed)
     return proposed, dataclasses.replace(outcome, **written)
+
+
+def _of_voters(
+    voter: Int[Array, "A"], edges: KnownDistances, orders: PairOrders
+) -> tuple[KnownDistances, PairOrders]:
+    """What is remembered from some of the voters, all fields in one reduction."""
+    is_voter = voter[:, None] == jnp.arange(edges.distance.shape[-1])
+    leaves, structure = jax.tree.flatten((edges, orders))
+    kinds = ["any" if leaf.dtype == bool else "sum" for leaf in leaves]
+    found = reduce_together(
+        *((kind, jnp.where(is_voter, leaf[..., None, :], 0).astype(leaf.dtype))
+          for kind, leaf in zip(kinds, leaves, strict=True)), axis=-1,
+    )  # fmt: skip
+    # Edges do not depend on the first of two candidates.
+    picked = [
+        leaf[0] if known.ndim < leaf.ndim else leaf
+        for leaf, known in zip(found, leaves, strict=True)
+    ]
+    return jax.tree.unflatten(structure, picked)
 
 
 def _conclude(

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -147,7 +148,7 @@ def observe_several(
     present: Bool[Array, "K C N"],
     permit: Permit,
     now: Int[Array, ""],
-    channel: Channel,
+    channels: Sequence[Channel],
     patch_merge: Float[Array, ""] | None = None,
 ) -> Bank:
     """Shows unrated observations to each bank in turn; proven work prototypes feed the stable bank.
@@ -158,21 +159,23 @@ def observe_several(
       present: False leaves the banks as they are.
       permit: What the update of each detection may do.
       now: Frame.
-      channel: How the channels learn.
+      channels: How each channel learns.
       patch_merge: For patches of a ring: cosine from which on the closest pair of a stable bank is
         joined.
     """
 
     def show(carry: tuple[Bank, Array], one: tuple[Array, Array]):
+        # Joined here, for what enters a loop from outside is written down.
+        channel = side_by_side(*channels)
+        if patch_merge is not None:
+            feeds_later = jnp.zeros_like(channel.promotes)
+            channel = dataclasses.replace(channel, promotes=feeds_later)
         banks, used = _observe(*carry, *one, None, permit, now, channel)
         if patch_merge is not None:
             banks = _feed_patches(banks, *one, permit, now, channel, patch_merge)
         return (banks, used), None
 
     used = jnp.zeros((*present.shape[1:], banks.embedding.shape[-2]), bool)
-    if patch_merge is not None:
-        feeds_later = jnp.zeros_like(channel.promotes)
-        channel = dataclasses.replace(channel, promotes=feeds_later)
     return jax.lax.scan(show, (banks, used), (vector, present))[0][0]
 
 
@@ -389,7 +392,9 @@ def make_room(
     """Frees one slot: joins the closest pair, or gives up the weakest prototype."""
     cosine, i, j, all_cosines = closest_pair(bank)
     joins = cosine >= merge
-    joined = merge_entries(entry(bank, i), entry(bank, j), now, cap)
+    both = jax.vmap(entry, (None, 0))(bank, columns(i, j))
+    left, right = (jax.tree.map(lambda leaf, side=side: leaf[side], both) for side in (0, 1))
+    joined = merge_entries(left, right, now, cap)
     gone = jnp.where(joins, j, weakest(bank, all_cosines, redundant))
     return Edit(i, joined, joins, gone, jnp.ones_like(joins))
 

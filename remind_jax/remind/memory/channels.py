@@ -11,6 +11,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.rounding import divide
 from remind_jax.observation import Descriptors
 from remind_jax.remind.memory.bank import (
     Channel,
@@ -37,7 +38,8 @@ def appearance_quality(patch_sum: Float[Array, "N"], t: Appearance) -> Float[Arr
       t: Thresholds of the appearance banks.
     """
     span = t.patches_full - t.patches_min
-    ramp = jnp.clip((patch_sum - t.patches_min) / jnp.where(span > 0, span, 1.0), 0.0, 1.0)
+    ramp = divide(patch_sum - t.patches_min, jnp.where(span > 0, span, 1.0))
+    ramp = jnp.clip(ramp, 0.0, 1.0)
     quality = jnp.where(span > 0, ramp, (patch_sum >= t.patches_full).astype(ramp.dtype))
     trimmed = jnp.minimum(1.0, t.trimmed_base + (1.0 - t.trimmed_base) * quality)
     return jnp.stack([quality, trimmed], axis=-1)
@@ -50,8 +52,9 @@ def ring_quality(
     low = jnp.stack([t.inner_min_patches, t.outer_min_patches])
     high = jnp.stack([t.inner_full_patches, t.outer_full_patches])
     count = ring_patches.astype(mask_quality.dtype)
-    size = jnp.clip((count - low) / jnp.maximum(high - low, 1e-12), 0.0, 1.0)
-    solid = (mask_quality - t.min_mask_quality) / jnp.maximum(1.0 - t.min_mask_quality, 1e-12)
+    size = jnp.clip(divide(count - low, jnp.maximum(high - low, 1e-12)), 0.0, 1.0)
+    solid = mask_quality - t.min_mask_quality
+    solid = divide(solid, jnp.maximum(1.0 - t.min_mask_quality, 1e-12))
     return jnp.clip(0.7 * size + 0.3 * jnp.clip(solid, 0.0, 1.0)[:, None], 0.0, 1.0)
 
 
@@ -148,7 +151,7 @@ def observe_parts(
     )
     # [N C K ...] to [K C N ...]
     vector, present = jnp.swapaxes(d.parts, 0, 2), jnp.swapaxes(d.parts_valid, 0, 2)
-    channels = side_by_side(*[channel] * banks.size.shape[1])
+    channels = [channel] * banks.size.shape[1]
     return observe_several(banks, vector, present, permit, now, channels)
 
 
@@ -171,7 +174,7 @@ def observe_ring_prototypes(
     vector, present = jnp.swapaxes(patches.vector, 0, 2), jnp.swapaxes(patches.valid, 0, 2)
     return observe_several(
         banks, vector, present & b.enabled, permit, now, 
-        side_by_side(*channels), t.ring_prototypes.stable_merge,
+        channels, t.ring_prototypes.stable_merge,
     )  # fmt: skip
 
 

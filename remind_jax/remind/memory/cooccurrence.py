@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int, Num
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.set_order import copied_size, iteration_rank
 from remind_jax.remind.thresholds.relations import Cooccurrence as Rules
@@ -70,11 +71,14 @@ def gather_sightings(
     """
     num = slot.shape[0]
     shows = slot[:, None] == jnp.arange(num_objects)
-    rank = jnp.where(shows, order[:, None], jnp.iinfo(jnp.int32).min)
-    visible = jnp.any(shows, axis=0)
-    detection = jnp.where(visible, jnp.argmax(rank, axis=0), num).astype(jnp.int32)
+    (last, at), first = reduce_together(
+        ("top", jnp.where(shows, order[:, None], jnp.iinfo(jnp.int32).min)),
+        ("min", jnp.where(shows, order[:, None], jnp.iinfo(jnp.int32).max)),
+        axis=0,
+    )
+    visible = last > jnp.iinfo(jnp.int32).min
+    detection = jnp.where(visible, at, num)
     chosen = shows & (detection == jnp.arange(num)[:, None])
-    first = jnp.min(jnp.where(shows, order[:, None], jnp.iinfo(jnp.int32).max), axis=0)
     place = jnp.sum(first[:, None] < first, axis=0, dtype=jnp.int32)
     return Sightings(
         row=jnp.where(jnp.any(chosen, axis=1), slot, num_objects).astype(jnp.int32),
@@ -147,14 +151,19 @@ def _decide_episodes(
     """
     first = graph.episodes == 0
     forced = (t.force_frames > 0) & ~first & (frame - graph.last_episode >= t.force_frames)
-    common = jnp.sum(around & graph.context, axis=1, dtype=graph.weight.dtype)
-    union = jnp.sum(around | graph.context, axis=1, dtype=graph.weight.dtype)
+    common, union, again = reduce_together(
+        ("sum", around & graph.context),
+        ("sum", around | graph.context),
+        ("all", around == graph.pending_context),
+        axis=1,
+    )
+    common, union = common.astype(graph.weight.dtype), union.astype(graph.weight.dtype)
     overlap = jnp.where(union > 0, common / jnp.maximum(1.0, union), 1.0)
 
     open_ = allowed & ~forced & ~first
     same = open_ & (overlap >= t.same_context)
     other = open_ & ~same
-    again = (graph.pending_hits > 0) & jnp.all(around == graph.pending_context, axis=1)
+    again = (graph.pending_hits > 0) & again
     hits = jnp.where(again, graph.pending_hits + 1, 1)
     settled = other & (hits >= t.debounce_frames)
     accepted = (allowed & (forced | first)) | settled

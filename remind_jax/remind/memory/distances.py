@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.columns import Column, Table, columns
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.cooccurrence import Sightings
 from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.perception.relations import Contact, Relations
@@ -203,11 +204,14 @@ def _condense(pending: PendingRelations) -> _Episode:
         jnp.stack([gap, center_distance, distance], axis=-2),
         jnp.stack([has_gap, live, live], axis=-2),
     )
+    some_gap, total_support = reduce_together(
+        ("any", has_gap), ("sum", jnp.where(live, support, 0.0)), axis=-1
+    )
     return _Episode(
         gap=medians[..., 0],
-        has_gap=jnp.any(has_gap, axis=-1),
+        has_gap=some_gap,
         center_distance=medians[..., 1],
-        support=jnp.sum(jnp.where(live, support, 0.0), axis=-1) / size,
+        support=total_support / size,
         contact=jnp.argmax(votes * len(Contact) + kinds, axis=-1).astype(jnp.int32),
         distance=medians[..., 2],
     )
@@ -222,10 +226,11 @@ def _median(values: Float[Array, "... K"], live: Bool[Array, "... K"]) -> Float[
     before = (other < one) | ((other == one) & (place < place[:, None]))
     rank = jnp.sum(before & live[..., None, :], axis=-1, dtype=jnp.int32)
 
-    def pick(position: Array) -> Array:
-        return jnp.sum(jnp.where(live & (rank == position), values, 0.0), axis=-1)
+    def at(position: Array) -> Array:
+        return jnp.where(live & (rank == position), values, 0.0)
 
-    return 0.5 * (pick((size - 1) // 2) + pick(size // 2))
+    low, high = reduce_together(("sum", at((size - 1) // 2)), ("sum", at(size // 2)), axis=-1)
+    return 0.5 * (low + high)
 
 
 def _learn_edges(edges: Edges, episode: _Episode, takes_part: Bool[Array, "N O"]) -> Edges:

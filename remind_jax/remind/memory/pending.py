@@ -236,9 +236,10 @@ def open_tracks(
     slots = tracks.kind.shape[0]
     fresh = (items.kind != Kind.FREE) & (joined == NO_SLOT)
     free = tracks.kind == Kind.FREE
-    taken = fresh[:, None] & free & (count_before(fresh)[:, None] == count_before(free))
+    turn, place = count_before(fresh), count_before(free)
+    taken = fresh[:, None] & free & (turn[:, None] == place)
     opened = jnp.min(jnp.where(taken, jnp.arange(slots, dtype=jnp.int32), slots), axis=1)
-    needed = jnp.sum(~free, dtype=jnp.int32) + jnp.sum(fresh, dtype=jnp.int32)
+    needed = slots - (place[-1] + free[-1]) + turn[-1] + fresh[-1]
     return jnp.where(joined == NO_SLOT, opened, joined), needed
 
 

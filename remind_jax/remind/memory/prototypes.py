@@ -12,6 +12,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NEVER
@@ -19,6 +20,8 @@ from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.pooling import dot, to_unit
 from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.rounding import divide
 
 WORK, STABLE = 0, 1  # fresh prototypes, and those that proved themselves
 _QUALITY_RATE_MIN, _QUALITY_RATE_MAX = 0.08, 0.30
@@ -106,7 +109,8 @@ def mean_quality(bank: Bank) -> Float[Array, "..."]:
 def confidence(bank: Bank, promote_hits: Int[Array, ""]) -> Float[Array, "..."]:
     """How far each prototype has proved itself, [0, 1] (method.md#prototype-quality)."""
     needed = jnp.where(promote_hits > 0, promote_hits, 4)
-    share = jnp.minimum(1.0, bank.hits / needed.astype(bank.quality_sum.dtype))
+    scalar = bank.quality_sum.dtype
+    share = jnp.minimum(1.0, divide(bank.hits.astype(scalar), needed.astype(scalar)))
     return jnp.clip(share * jnp.maximum(mean_quality(bank), bank.quality_recent), 0.0, 1.0)
 
 
@@ -127,11 +131,14 @@ def entry(bank: Bank, index: Int[Array, ""]) -> Bank:
     """One prototype as a bank without the slot axis."""
     is_here = (jnp.arange(bank.counts.shape[0]) == index)[:, None]
     # Of a batch, a look-up would write its indices down first; short rows are chosen by a mask.
-    of_records = lambda leaf: jnp.sum(jnp.where(is_here, leaf, 0), axis=0, dtype=leaf.dtype)  # noqa: E731
+    wide = jnp.pad(bank.qualities, ((0, 0), (0, bank.counts.shape[1] - bank.qualities.shape[1])))
+    counts, qualities = reduce_together(
+        ("sum", jnp.where(is_here, bank.counts, 0)), ("sum", jnp.where(is_here, wide, 0)), axis=0
+    )
     return Bank(
         embedding=bank.embedding[index],
-        counts=of_records(bank.counts),
-        qualities=of_records(bank.qualities),
+        counts=counts,
+        qualities=qualities[: bank.qualities.shape[1]],
         size=bank.size,
     )
 
@@ -158,15 +165,16 @@ def change(bank: Bank, edit: Edit, arrival: Bank, adds: Bool[Array, ""]) -> Bank
     """The bank after an edit, with a prototype added at the end; the caller made room for it."""
     slots = bank.embedding.shape[0]
     place = jnp.arange(slots)
-    source = jnp.minimum(place + (edit.removes & (place >= edit.gone)), slots - 1)
-    is_replaced = (source == edit.at) & edit.replaces
+    shifts = edit.removes & (place >= edit.gone)
+    is_replaced = (place + shifts == edit.at) & edit.replaces
     end = bank.size - edit.removes.astype(jnp.int32)
     is_added = (place == end) & adds
 
     def choose(old: Array, value: Array, added: Array) -> Array:
         """All slots at once, which fuses with its neighbors, where a scatter would not."""
         extra = (1,) * (old.ndim - 1)
-        moved = old.at[source].get(mode="promise_in_bounds")
+        after = jnp.concatenate([old[1:], jnp.zeros_like(old[:1])])
+        moved = jnp.where(shifts.reshape(-1, *extra), after, old)
         kept = jnp.where(is_replaced.reshape(-1, *extra), value, moved)
         return jnp.where(is_added.reshape(-1, *extra), added, kept)
 
@@ -214,7 +222,7 @@ def similarity_rate(
     low, high = jnp.clip(low, 0.0, 1.0), jnp.clip(high, 0.0, 1.0)
     low, high = jnp.minimum(low, high), jnp.maximum(low, high)
     gate = duplicate + margin
-    ramp = jnp.clip((similarity - gate) / jnp.maximum(1e-6, 1.0 - gate), 0.0, 1.0)
+    ramp = jnp.clip(divide(similarity - gate, jnp.maximum(1e-6, 1.0 - gate)), 0.0, 1.0)
     rate = (low + (high - low) * ramp) * jnp.clip(scale, 0.0, 1.0)
     return jnp.where(similarity < gate, 0.0, rate)
 
@@ -229,7 +237,16 @@ def closest_pair(
     cosine = dot(bank.embedding, bank.embedding).astype(bank.qualities.dtype)
     slots = bank.embedding.shape[-2]
     both = live(bank)[:, None] & live(bank)[None]
-    upper = jnp.triu(jnp.ones((slots, slots), bool), 1) & both
-    flat = jnp.where(upper, cosine, -1.0).ravel()
-    most, index = largest(flat)
-    return most, index // slots, index % slots, jnp.where(both, cosine, -1.0)
+    place = jnp.arange(slots, dtype=jnp.int32)
+    row, column = jnp.broadcast_arrays(place[:, None], place[None])
+    value = jnp.where((row < column) & both, cosine, -1.0)
+
+    def better(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
+        earlier = (right[1] < left[1]) | ((right[1] == left[1]) & (right[2] < left[2]))
+        wins = (right[0] > left[0]) | ((right[0] == left[0]) & earlier)
+        return tuple(jnp.where(wins, *pair) for pair in zip(right, left, strict=True))
+
+    nowhere = jnp.int32(slots)
+    start = (jnp.array(-jnp.inf, value.dtype), nowhere, nowhere)
+    most, i, j = lax.reduce((value, row, column), start, better, (0, 1))
+    return most, i, j, jnp.where(both, cosine, -1.0)

@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.pooling import TINY, is_largest, to_unit
+from remind_jax.numerics.pooling import TINY, is_largest
+from remind_jax.numerics.rounding import unit
 from remind_jax.observation import PatchAttention
 from remind_jax.remind.perception.parts import pool_regions, weigh_patches
 from remind_jax.remind.thresholds.perception import AttentionParts
@@ -48,7 +49,7 @@ def find_attention_parts(
     valid = exists & present
     support = jnp.where(valid, jnp.sum(weights, axis=-1), 0.0)
     order = jnp.argsort(~valid, axis=-1, stable=True)
-    vectors = jnp.where(valid[..., None], to_unit(mean), 0.0)
+    vectors = jnp.where(valid[..., None], unit(mean), 0.0)
     return (
         jnp.take_along_axis(vectors, order[..., None], axis=1),
         jnp.take_along_axis(valid, order, axis=1),

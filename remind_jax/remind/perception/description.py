@@ -6,7 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from remind_jax.errors import ConfigError
-from remind_jax.numerics.pooling import keep_typical, pool, to_unit
+from remind_jax.numerics.pooling import keep_typical, pool
+from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.rounding import unit
 from remind_jax.observation import Descriptors, FrameFeats, Masks, PatchAttention
 from remind_jax.remind.perception.attention_parts import find_attention_parts
 from remind_jax.remind.perception.parts import cluster_parts
@@ -51,9 +53,16 @@ def describe(
     parts_kept = jnp.stack([kept[channel] for channel in static.part_channels])[:, None]
 
     # An object that sanitizing left as it was keeps its own selection of patches.
-    unchanged = jnp.all(filled == given, axis=(1, 2), keepdims=True)
+    unchanged, covered, left, patch_sum, num_patches = reduce_together(
+        ("all", (filled == given).reshape(num, -1)),
+        ("any", (given > 0).reshape(num, -1)),
+        ("any", (coverage > 0).reshape(num, -1)),
+        ("sum", coverage.reshape(num, -1)),
+        ("sum", members),
+        axis=1,
+    )
     blocked = jnp.where(
-        unchanged,
+        unchanged[:, None, None],
         given > t.patch_coverage.astype(given.dtype),
         filled > t.ring_object_coverage.astype(filled.dtype),
     )
@@ -67,24 +76,22 @@ def describe(
             features, inside, background, static, thresholds.ring_prototypes
         )
 
-    covered, lost = jnp.any(given > 0, axis=(1, 2)), ~jnp.any(coverage > 0, axis=(1, 2))
+    num_parts, part_support = reduce_together(("sum", parts_valid), ("sum", support), axis=2)
     return Descriptors(
-        appearance=to_unit(jnp.stack([whole, trimmed], axis=1)),
+        appearance=unit(jnp.stack([whole, trimmed], axis=1)),
         appearance_valid=jnp.stack([seen, seen_trimmed], axis=1),
         parts=parts,
         parts_valid=parts_valid & parts_kept,
-        rings=to_unit(ring_mean),
+        rings=unit(ring_mean),
         rings_valid=ring_present,
-        num_patches=jnp.where(
-            t.count_patches, jnp.minimum(jnp.sum(members, axis=-1), t.max_counted_patches), 0
-        ),
-        patch_sum=jnp.sum(coverage, axis=(1, 2)).astype(static.scalar),
-        num_parts=jnp.max(jnp.sum(parts_valid, axis=2), axis=1),
-        part_support=jnp.max(jnp.sum(support, axis=2), axis=1).astype(static.scalar),
+        num_patches=jnp.where(t.count_patches, jnp.minimum(num_patches, t.max_counted_patches), 0),
+        patch_sum=patch_sum.astype(static.scalar),
+        num_parts=jnp.max(num_parts, axis=1),
+        part_support=jnp.max(part_support, axis=1).astype(static.scalar),
         ring_patches=jnp.sum(rings, axis=(2, 3)),
         mask_quality=jnp.where(masks.quality > 0, masks.quality, 1.0).astype(static.scalar),
         class_id=masks.class_id,
-        valid=masks.valid & ~(covered & lost),
+        valid=masks.valid & ~(covered & ~left),
         num_bad_patches=jnp.sum(~finite, dtype=jnp.int32),
         ring_prototypes=prototypes,
     )

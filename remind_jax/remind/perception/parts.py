@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.pooling import TINY, dot, keep_typical, pool, to_unit
+from remind_jax.numerics.pooling import TINY, dot, keep_typical, pool
+from remind_jax.numerics.rounding import unit
 from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.solvers.clustering import kmeans
 from remind_jax.static import Static
@@ -55,7 +56,7 @@ def cluster_parts(
     alone = jnp.minimum(count, static.part_clusters) == 1
     large = (size >= t.part_min_patches) & (support >= t.part_min_support)
     valid = present & (large | (alone & (size > 0)))
-    parts = to_unit(mean)
+    parts = unit(mean)
     if static.part_resembling == "keep":
         return _compact(parts, valid, support)
     return _merge_resembling(
@@ -122,7 +123,7 @@ def _merge_resembling(
         added = support[:, rank, None]
         total = support + added
         both = parts * support[..., None] + new * added[..., None]
-        both = to_unit(both / jnp.where(total > TINY, total, 1.0)[..., None])
+        both = unit(both / jnp.where(total > TINY, total, 1.0)[..., None])
         joined = into & (total > TINY)
         return (
             kept,

@@ -78,7 +78,8 @@ def observe_relations(masks: Masks, mask_relations: MaskRelations, t: Rules) -> 
     truncated = border[:, None] | border[None]
     quality = jnp.where(trusted, 1.0, jnp.where(truncated, 0.0, 0.5)).astype(scalar)
     contact = _contact(gap_px, gap_px / scale, t)
-    apart = jnp.sqrt(jnp.sum((center[:, None] - center[None]) ** 2, axis=-1))
+    across, down = jnp.moveaxis(center[:, None] - center[None], -1, 0)
+    apart = jnp.sqrt(across**2 + down**2)
     valid = masks.valid[:, None] & masks.valid[None] & ~jnp.eye(area.shape[0], dtype=bool)
     return Relations(
         gap=gap_px / scale,
@@ -97,9 +98,11 @@ def relate_boxes(box: Float[Array, "N 4"]) -> tuple[Float[Array, "N N"], Float[A
     low, high = box[:, :2], box[:, 2:]
     apart = jnp.maximum(0.0, jnp.maximum(low[:, None] - high[None], low[None] - high[:, None]))
     common = jnp.minimum(high[:, None], high[None]) - jnp.maximum(low[:, None], low[None])
-    area = jnp.prod(jnp.maximum(0.0, common), axis=-1)
-    gap = jnp.sqrt(jnp.sum(apart**2, axis=-1))
-    return jnp.where(jnp.any(apart > 0, axis=-1), gap, -jnp.sqrt(area)), area
+    across, down = jnp.moveaxis(apart, -1, 0)
+    width, height = jnp.moveaxis(jnp.maximum(0.0, common), -1, 0)
+    area = width * height
+    is_apart = (across > 0) | (down > 0)
+    return jnp.where(is_apart, jnp.sqrt(across**2 + down**2), -jnp.sqrt(area)), area
 
 
 def _contact(gap_px: Float[Array, "N N"], gap: Float[Array, "N N"], t: Rules) -> Int[Array, "N N"]:
@@ -119,9 +122,8 @@ def _support(
     small = jnp.maximum(_TINY, jnp.minimum(area[:, None], area[None]))
     large = jnp.maximum(_TINY, jnp.maximum(area[:, None], area[None]))
     overlap = box_overlap / small
-    in_box = jnp.all(
-        (center[:, None] >= box[None, :, :2]) & (center[:, None] <= box[None, :, 2:]), -1
-    )
+    inside = (center[:, None] >= box[None, :, :2]) & (center[:, None] <= box[None, :, 2:])
+    in_box = inside[..., 0] & inside[..., 1]
     close = contact != Contact.SEPARATE
     support = jnp.maximum(overlap, jnp.where((in_box | in_box.T) & close, _SUPPORT_INSIDE, 0.0))
     rests = (overlap >= _SUPPORT_MIN_OVERLAP) & close

@@ -11,7 +11,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.pooling import TINY, dot, to_unit
+from remind_jax.numerics.pooling import TINY, dot
+from remind_jax.numerics.rounding import unit
 from remind_jax.observation import RingPatches
 from remind_jax.remind.thresholds.perception import RingPrototypes
 from remind_jax.solvers.clustering import kmeans_with_centers
@@ -91,7 +92,7 @@ def _describe_ring(
         heavy / jnp.where(weighs, mass[..., None], 1.0),
         sums / jnp.maximum(size, 1.0)[..., None],
     )
-    center = to_unit(center)
+    center = unit(center)
     cohesion = jnp.sum(sums * center, axis=-1) / jnp.maximum(size, 1.0)
     chosen, valid = _choose_regions(mass, cohesion, size > 0, static, t)
 
@@ -101,7 +102,7 @@ def _describe_ring(
         is_inside = (at[:, None] == chosen[..., None]) & members[:, None]
         vectors = _take_nearest(points, vectors, is_inside, labels)
     # A ring that is not split is described by the mean of its patches, whatever their weight.
-    whole = to_unit(sums[:, 0] / jnp.maximum(size[:, 0], 1.0)[:, None])
+    whole = unit(sums[:, 0] / jnp.maximum(size[:, 0], 1.0)[:, None])
     first = jnp.arange(valid.shape[1]) == 0
     single = (wanted <= 1)[:, None]
     valid = jnp.where(single, first & jnp.any(members, axis=1, keepdims=True), valid)
@@ -130,8 +131,8 @@ def _join_alike(
     Clusters are in one region if a chain of similar ones leads from one to the other.
     """
     num = exists.shape[1]
-    unit = to_unit(centers)
-    cosine = dot(unit, unit).astype(joined.dtype)
+    direction = unit(centers)
+    cosine = dot(direction, direction).astype(joined.dtype)
     both = exists[:, :, None] & exists[:, None]
     reach = ((cosine > joined) & both) | jnp.eye(num, dtype=bool)
     for _ in range(max(1, (num - 1).bit_length())):  # doubles the length of the chains

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.reductions import pick_in_rows, reduce_together
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.memory.objects import Lifecycle, Objects
 from remind_jax.remind.thresholds.outcome import Competition
@@ -53,22 +54,23 @@ def find_competitions(
     holds = slot[:, None] == jnp.arange(width)
     held = jnp.any(holds, axis=0)
     open_parents = table.comparison.candidate & held[None]
-    parent = jnp.argmax(jnp.where(open_parents, known, -jnp.inf), axis=1)
-    has_parent = jnp.any(open_parents, axis=1) & creates & t.enabled
+    (_, parent), has_parent = reduce_together(
+        ("top", jnp.where(open_parents, known, -jnp.inf)), ("any", open_parents), axis=1
+    )
+    has_parent = has_parent & creates & t.enabled
     row = jnp.arange(num)
     holder = jnp.argmax(slot[None] == parent[:, None], axis=1)
 
-    at = lambda table: table[row, parent]  # noqa: E731
+    mine, plausible, eligible = pick_in_rows(parent, known, table.plausible, table.pairs.eligible)
     lifecycle = objects.lifecycle[parent]
     young = (objects.age[parent] <= t.max_parent_age) | ~t.young_only
     is_confirmed = lifecycle == Lifecycle.CONFIRMED
     fit = jnp.where(is_confirmed, t.confirmed_parents, (lifecycle <= Lifecycle.TENTATIVE) & young)
     least = jnp.where(is_confirmed, t.confirmed_min_score, t.min_score)
     widest = jnp.where(is_confirmed, t.confirmed_max_gap, t.max_gap)
-    blocked = at(table.plausible) & ~at(table.pairs.eligible)
+    blocked = plausible & ~eligible
     least = jnp.where(blocked, jnp.minimum(least, t.min_score), least)
     widest = jnp.where(blocked, jnp.maximum(widest, t.max_gap), widest)
-    mine = at(known)
     theirs = known[holder, parent]
     ok = has_parent & fit & (mine >= least) & (theirs >= least)
     ok = ok & (jnp.abs(theirs - mine) <= widest)
@@ -83,8 +85,10 @@ def find_competitions(
     has_rival = (num_plausible >= 2) & (num_supported >= 2) & (num_others >= 1)
     ok = ok & ~jnp.any(has_rival & table.supported[both, parent], axis=0)
     same = ok & (parent == parent[:, None])
-    best = jnp.argmax(jnp.where(same, mine, -jnp.inf), axis=1)
-    seed = ok & (best == row) & ~((jnp.sum(same, axis=1) > 1) & t.single_create)
+    (_, best), num_same = reduce_together(
+        ("top", jnp.where(same, mine, -jnp.inf)), ("sum", same), axis=1
+    )
+    seed = ok & (best == row) & ~((num_same > 1) & t.single_create)
 
     # The founding detection and the one that holds the parent share the entry.
     founder = seed & ((holder == row[:, None]) | (row == row[:, None]))

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import Reason, Status
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.ranks import rank_rising
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.association.diagnosis import admit_by_status, top_two
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.association import Diagnosis, Matching
@@ -123,10 +124,10 @@ def question_births(
     )
 
     blocked = (known != NO_SLOT) & held[jnp.maximum(known, 0)]
-    count = jnp.sum(known != NO_SLOT, axis=1)
-    all_blocked = jnp.any(blocked, axis=1) & (jnp.sum(blocked, axis=1) == count)
-    contextual = (count > 0) & ~all_blocked
-    aligned = (count == 1) & ~jnp.any(blocked, axis=1)
+    count, num_blocked = reduce_together(("sum", known != NO_SLOT), ("sum", blocked), axis=1)
+    some_blocked = num_blocked > 0
+    contextual = (count > 0) & ~(some_blocked & (num_blocked == count))
+    aligned = (count == 1) & ~some_blocked
     aligned = aligned & jnp.where(
         by_hint, known[:, 0] == best_slot, (known[:, 0] == first) & (first == raw_top) & some
     )
@@ -135,7 +136,7 @@ def question_births(
     is_provisional = asked & ~is_ambiguous & (is_parent | ~bad_status)
 
     reason = jnp.where(count > 0, Reason.UNCERTAIN_NEW_WITH_KNOWN_CONTEXT, Reason.UNCERTAIN_NEW)
-    reason = jnp.where(jnp.any(blocked, axis=1), Reason.UNCERTAIN_KNOWN_BLOCKED, reason)
+    reason = jnp.where(some_blocked, Reason.UNCERTAIN_KNOWN_BLOCKED, reason)
     reason = jnp.where(is_parent, Reason.UNCERTAIN_PARENT, reason)
     ambiguous = _as_entries(known, known_score, blocked, is_ambiguous, best, max_candidates)
     return Doubts(
@@ -199,8 +200,10 @@ def _promote(
 
     Rule: method.md#provisional.
     """
-    count = jnp.sum(known != NO_SLOT, axis=1)
-    taken = jnp.any((known != NO_SLOT) & held[jnp.maximum(known, 0)], axis=1)
+    named = known != NO_SLOT
+    count, taken = reduce_together(
+        ("sum", named), ("any", named & held[jnp.maximum(known, 0)]), axis=1
+    )
     lone = (count == 1) & taken
     others = supported & ~to_mask(known, supported.shape[1])
     others = others & (score >= jnp.maximum(t.min_candidate, min_visual))
@@ -226,17 +229,21 @@ def _as_entries(
     named = known != NO_SLOT
     key = jnp.where(named, known_score, -jnp.inf)
     place = rank_rising([-key, -known])
-    order = jnp.argmax(place[:, None] == jnp.arange(known.shape[1])[:, None], axis=2)
-    slots = jnp.take_along_axis(known, order, axis=1)
+    is_at = place[:, None] == jnp.arange(known.shape[1])[:, None]
+    slots, scores, taken = reduce_together(
+        ("sum", jnp.where(is_at, known[:, None], 0)),
+        ("sum", jnp.where(is_at, known_score[:, None], 0.0)),
+        ("any", is_at & blocked[:, None]),
+        axis=2,
+    )
     keep = jnp.arange(known.shape[1]) < max_candidates
     slots = jnp.where(keep, slots, NO_SLOT)
-    taken = jnp.take_along_axis(blocked, order, axis=1) | (slots == NO_SLOT)
+    taken = taken | (slots == NO_SLOT)
     reason = jnp.where(
         jnp.all(taken, axis=1),
         Reason.KNOWN_BUT_AMBIGUOUS_BLOCKED_FALLBACK,
         Reason.KNOWN_BUT_AMBIGUOUS_CONTEXTUAL_FALLBACK,
     )
-    scores = jnp.take_along_axis(known_score, order, axis=1)
     return Undecided(
         present=present,
         slot=slots,

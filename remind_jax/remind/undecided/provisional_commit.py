@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import rank_rising
+from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.numerics.set_order import iteration_rank
 from remind_jax.remind.memory.objects import Objects, add_objects
 from remind_jax.remind.memory.pending import Items, Kind, PendingTracks, dice
@@ -95,8 +96,8 @@ def support_births(
       is_new: Detections that found an object.
     """
     by_id, _ = rank(score, plausible)
-    last = jnp.take_along_axis(score, jnp.maximum(by_id[:, -1:], 0), axis=1)
-    equal, named = plausible & (score == last), to_mask(by_id, score.shape[1])
+    (last,) = pick_in_rows(by_id[:, -1], score)
+    equal, named = plausible & (score == last[:, None]), to_mask(by_id, score.shape[1])
     tie = is_new & (by_id[:, -1] != NO_SLOT) & jnp.any(equal & ~named, axis=1)
 
     def by_set() -> Array:

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.disambiguation.groups import Undecided
@@ -87,10 +88,10 @@ def settle(
     policy = find_ambiguous(table, slot, creates, t.ambiguous)
     entries = prefer(rivalry.entries, prefer(doubtful, policy))
 
-    score = jnp.take_along_axis(table.pairs.score_final, jnp.maximum(slot, 0)[:, None], axis=1)
+    (score,) = pick_in_rows(slot, table.pairs.score_final)
     open_ = _Open(
         slot=slot,
-        score=jnp.where(slot >= 0, score[:, 0], 0.0),
+        score=score,
         source=jnp.where(slot >= 0, MatchOrigin.ASSOCIATION, MatchOrigin.NONE).astype(jnp.int32),
         turn=jnp.zeros_like(slot),
         creates=creates,

@@ -23,6 +23,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.components import connect
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.reductions import pick_in_rows, reduce_together
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.thresholds.outcome import Stability
@@ -52,7 +53,9 @@ class _Components:
 
     root: Int[Array, "N"]  # smallest detection of the component, N for none
     edge: Bool[Array, "N O"]
+    degree: Int[Array, "N"]  # edges of each detection
     objects: Bool[Array, "N O"]  # objects of the component of each detection
+    num_objects: Int[Array, "N"]
     contested: Bool[Array, "N"]  # at least two detections and two objects
 
 
@@ -128,11 +131,13 @@ def _find_components(table: PairTable, slot: Int[Array, "N"]) -> _Components:
     edge = table.pairs.eligible & matched[:, None] & taken[None]
     links = edge.astype(jnp.float32)
     reach = connect((links @ links.T) > 0)
-    linked = jnp.any(edge, axis=1)
-    root = jnp.where(linked, jnp.argmax(reach, axis=1).astype(jnp.int32), num)
+    degree = jnp.sum(edge, axis=1, dtype=jnp.int32)
+    (_, first), size = reduce_together(("top", reach), ("sum", reach), axis=1)
+    root = jnp.where(degree > 0, first, num)
     objects = (reach.astype(jnp.float32) @ links) > 0
-    contested = linked & (jnp.sum(reach, axis=1) >= 2) & (jnp.sum(objects, axis=1) >= 2)
-    return _Components(root, edge, objects, contested)
+    num_objects = jnp.sum(objects, axis=1, dtype=jnp.int32)
+    contested = (degree > 0) & (size >= 2) & (num_objects >= 2)
+    return _Components(root, edge, degree, objects, num_objects, contested)
 
 
 def _compare_assignments(
@@ -148,13 +153,13 @@ def _compare_assignments(
     row, member = jnp.arange(num), jnp.arange(MAX_MEMBERS)
     in_part = parts.root[None] == row[:, None]
     size = jnp.sum(in_part, axis=1)
-    num_objects = jnp.sum(parts.objects & (parts.root == row)[:, None], axis=1)
+    num_objects = jnp.where(parts.root == row, parts.num_objects, 0)
     most = jnp.minimum(t.max_members, MAX_MEMBERS)
     small = (size == num_objects) & (size <= most) & (size >= 2)
 
     # Detections by number of edges, then id. Where there are as many objects, each is that of a
     # detection: objects by id.
-    degree = jnp.sum(parts.edge, axis=1)
+    degree = parts.degree
     before = (degree < degree[:, None]) | ((degree == degree[:, None]) & (row < row[:, None]))
     place = jnp.sum(in_part[:, None] & before, axis=2)
     at_place = (place[:, None] == member[:, None]) & in_part[:, None]  # [R, M, N]
@@ -179,14 +184,16 @@ def _compare_assignments(
     tries = jnp.sum(earlier, axis=-1)
     turn = jnp.sum(tries[:, member, _ORDERS] * _TURNS, axis=-1)
 
-    def best(allowed: Bool[Array, "N Q"]) -> tuple[Array, Array]:
-        top = jnp.max(jnp.where(allowed, total, -jnp.inf), axis=1)
+    def best(allowed: Bool[Array, "N Q"]) -> tuple[Array, Array, Array]:
+        top, number = reduce_together(
+            ("max", jnp.where(allowed, total, -jnp.inf)), ("sum", allowed), axis=1
+        )
         ties = allowed & (total == top[:, None])
-        return jnp.argmin(jnp.where(ties, turn, jnp.iinfo(jnp.int32).max), axis=1), top
+        return jnp.argmin(jnp.where(ties, turn, jnp.iinfo(jnp.int32).max), axis=1), top, number
 
-    first, top = best(feasible)
-    second, next_top = best(feasible & (jnp.arange(len(_ORDERS)) != first[:, None]))
-    several = small & (jnp.sum(feasible, axis=1) >= 2)
+    first, top, number = best(feasible)
+    second, next_top, _ = best(feasible & (jnp.arange(len(_ORDERS)) != first[:, None]))
+    several = small & (number >= 2)
     gap = jnp.where(several, jnp.maximum(0.0, top - next_top), jnp.inf)
     close = several & (gap <= t.assignment_gap)
 
@@ -204,10 +211,10 @@ def _is_fragile(
 ) -> Bool[Array, "N"]:
     """Components with a fragile match that a rival pair beats (method.md#gating-fragile)."""
     known, row, at = table.pairs.score_known, jnp.arange(len(slot)), jnp.maximum(slot, 0)
-    gate, mine = table.pairs.gate[row, at], known[row, at]
+    gate, mine, is_edge = pick_in_rows(slot, table.pairs.gate, known, parts.edge)
     weak = t.rescued_fragile & (gate == Gate.SETS_RESCUE)
     weak = weak | (t.passed_fragile & (gate == Gate.PASS_MATCH_THR))
-    fragile = weak & parts.edge[row, at] & (slot >= 0)
+    fragile = weak & is_edge
     others = parts.edge & (jnp.arange(known.shape[1]) != slot[:, None])
     other_object = jnp.max(jnp.where(others, known, -jnp.inf), axis=1)
     rivals = parts.edge[:, at] & (row[:, None] != row)

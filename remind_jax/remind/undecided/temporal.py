@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.decision import NUM_OPTIONS, Status
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.remind.association.diagnosis import top_two
+from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.rounding import divide
 from remind_jax.remind.association.gating import ContextVerdict, Pairs
 from remind_jax.remind.association.similarity import Comparison, comparable_score
 from remind_jax.remind.disambiguation.groups import Undecided
@@ -87,7 +88,7 @@ def is_close(
 ) -> Bool[Array, "..."]:
     """Whether a score is near the top one, in absolute terms or as a share of it."""
     lack = jnp.maximum(0.0, top - other)
-    share = lack / jnp.maximum(_TINY, jnp.abs(top))
+    share = divide(lack, jnp.maximum(_TINY, jnp.abs(top)))
     return (lack <= gap + slack) | (share <= relative + slack)
 
 
@@ -101,11 +102,14 @@ def judge(
     slack: Float[Array, ""],
 ) -> tuple[Int[Array, "N"], Bool[Array, "N O"], Float[Array, "N"]]:
     """The temporal diagnosis: status, the candidates near the top, and the top score."""
-    _, top, _ = top_two(scores, members)
+    top, some = reduce_together(
+        ("max", jnp.where(members, scores, -jnp.inf)), ("any", members), axis=1
+    )
+    top = jnp.where(jnp.isfinite(top), top, 0.0)
     near = members & (scores >= min_candidate)
     near = near & is_close(top[:, None], scores, gap, relative, slack)
     several = jnp.sum(near, axis=1) >= 2
-    weak = ~jnp.any(members, axis=1) | (top < min_top)
+    weak = ~some | (top < min_top)
     status = jnp.where(several, Status.AMBIGUOUS, Status.STRONG)
     return jnp.where(weak, Status.WEAK, status), near, top
 
