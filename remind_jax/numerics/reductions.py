@@ -31,7 +31,7 @@ def reduce_together(*terms: tuple[Kind, Shaped[Array, "..."]], axis: int) -> tup
     A sum of truth values counts them. Sums are added in the order of the axis. `"top"` gives the
     largest value and its place, the first among equals; NaN is none.
     """
-    kinds = [kind for kind, _ in terms]
+    kinds: list[Kind] = [kind for kind, _ in terms]
     values = jnp.broadcast_arrays(
         *(_counted(value) if kind == "sum" else value for kind, value in terms)
     )
@@ -62,7 +62,7 @@ def pick_in_rows(
 ) -> tuple[Shaped[Array, "N"], ...]:
     """The entry of each row of some tables at a place, 0 where it is not in the row."""
     is_there = index[:, None] == jnp.arange(tables[0].shape[1])
-    terms = [
+    terms: list[tuple[Kind, Array]] = [
         ("any", is_there & table) if table.dtype == bool else ("sum", jnp.where(is_there, table, 0))
         for table in tables
     ]

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.reductions import Kind, reduce_together
 from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.disambiguation.anchors import (
     FEWEST_ANCHORS,
@@ -225,11 +225,11 @@ def _of_voters(
     """What is remembered from some of the voters, all fields in one reduction."""
     is_voter = voter[:, None] == jnp.arange(edges.distance.shape[-1])
     leaves, structure = jax.tree.flatten((edges, orders))
-    kinds = ["any" if leaf.dtype == bool else "sum" for leaf in leaves]
-    found = reduce_together(
-        *((kind, jnp.where(is_voter, leaf[..., None, :], 0).astype(leaf.dtype))
-          for kind, leaf in zip(kinds, leaves, strict=True)), axis=-1,
-    )  # fmt: skip
+    terms: list[tuple[Kind, Array]] = [
+        ("any", is_voter & leaf) if leaf.dtype == bool else ("sum", jnp.where(is_voter, leaf, 0))
+        for leaf in (leaf[..., None, :] for leaf in leaves)
+    ]
+    found = reduce_together(*terms, axis=-1)
     # Edges do not depend on the first of two candidates.
     picked = [
         leaf[0] if known.ndim < leaf.ndim else leaf
