@@ -303,9 +303,9 @@ def _sum_up_blocks(
         exact = reached.astype(jnp.float64)
         top, moved, total = reduce_together(("max", exact), ("any", moves), ("sum", exact), axis=1)
         moved, apart, inertia = reduce_together(
-            ("any", mine & moved),
-            ("max", jnp.where(mine, top, 0.0)),
-            ("sum", jnp.where(mine, total, 0.0)),
+            ("any", mine & moved[None]),
+            ("max", jnp.where(mine, top[None], 0.0)),
+            ("sum", jnp.where(mine, total[None], 0.0)),
             axis=1,
         )
         top, apart = top.astype(reached.dtype), apart.astype(reached.dtype)

@@ -225,12 +225,15 @@ def _of_voters(
     """What is remembered from some of the voters, all fields in one reduction."""
     is_voter = voter[:, None] == jnp.arange(edges.distance.shape[-1])
     leaves, structure = jax.tree.flatten((edges, orders))
-    terms: list[tuple[Kind, Array]] = [
-        ("any", is_voter & leaf) if leaf.dtype == bool else ("sum", jnp.where(is_voter, leaf, 0))
-        for leaf in (leaf[..., None, :] for leaf in leaves)
-    ]
-    found = reduce_together(*terms, axis=-1)
+
+    def of_voters(leaf: Array) -> tuple[Kind, Array]:
+        picks = is_voter.reshape(*(1,) * (leaf.ndim - 1), *is_voter.shape)
+        leaf = leaf[..., None, :]
+        return ("any", picks & leaf) if leaf.dtype == bool else ("sum", jnp.where(picks, leaf, 0))
+
     # Edges do not depend on the first of two candidates.
+    terms = [of_voters(leaf if leaf.ndim > 2 else leaf[None]) for leaf in leaves]
+    found = reduce_together(*terms, axis=-1)
     picked = [
         leaf[0] if known.ndim < leaf.ndim else leaf
         for leaf, known in zip(found, leaves, strict=True)
