@@ -20,7 +20,7 @@
 # * what the memory contains: banks of prototypes, which objects are seen together, and how far apart;
 # * how layout decides where appearance cannot.
 #
-# The video is the tour of notebook 01, rendered here. The tracker is that of the paper,
+# The video is a tour like that of notebook 01, rendered here. The tracker is that of the paper,
 # `config="remind"`. The default decides by other evidence; the same calls explain it
 # ([Explain](../docs/explain.md)).
 
@@ -44,7 +44,7 @@ BLUE, ORANGE, GREEN, PINK, GRAY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "0
 work = Path(tempfile.mkdtemp())
 
 options = SceneOptions(
-    name="tour", seed=7, width=480, height=352, frames=60, absence_frames=20, objects_per_room=7,
+    name="tour", seed=12, width=480, height=352, frames=60, absence_frames=20, objects_per_room=7,
     lookalikes=(LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical")),
     light_drop=0.3, min_mask_px=300,
 )  # fmt: skip
