@@ -31,6 +31,7 @@ COMPILER_OPTIONS = {"cpu": {"xla_backend_optimization_level": 1}}
 # The older emitters of fused operations: programs as quick as those of the newer ones, in two
 # thirds of the time and half of the memory.
 LIGHT_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_use_fusion_emitters": False}}
+_MUCH_S = 0.5  # programs that are made faster leave little memory behind
 _MOST_PROGRAMS = 64  # that a process holds; the least recently used one goes first
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
@@ -96,7 +97,8 @@ def get_program(recipe: Recipe) -> Program:
                 _programs.pop(key, None)
             future.set_exception(error)
             raise
-        return_freed_memory()
+        if time.perf_counter() - start > _MUCH_S:
+            return_freed_memory()
     program = future.result()
     _waited.seconds = waited_s() + time.perf_counter() - start
     return program

@@ -15,8 +15,8 @@ from tests.cli import scenes
 from tests.session.test_live import CONFIG, frames
 
 
-def squares(index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two new objects every four frames, at places of their own."""
+def squares(index: int) -> tuple[np.ndarray, Detections]:
+    """Two new objects every four frames, at places of their own, each of a class of its own."""
     image, labels = scenes.picture(0, ())
     for which in (0, 1):
         thing = 2 * (index // 4) + which
@@ -25,7 +25,9 @@ def squares(index: int) -> tuple[np.ndarray, np.ndarray]:
         window = np.s_[top : top + 64, left : left + 64]
         image[window] = np.kron(rng.integers(0, 255, (4, 4, 3)), np.ones((16, 16, 1)))
         labels[window] = 1 + thing
-    return image, labels
+    present = np.unique(labels[labels > 0])
+    masks = labels == present[:, None, None]
+    return image, Detections.create(masks, [f"thing {thing}" for thing in present])
 
 
 def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same(
