@@ -82,7 +82,6 @@ def score_links(
         - t.distance * relative
         + t.look * (cosine - t.look_middle)
         - t.size * log_ratio
-        - t.missed * (gap > 1)
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]

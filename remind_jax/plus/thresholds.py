@@ -35,8 +35,7 @@ class Linking:
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
-    missed: Real = setting(0.5, "loss of a tracklet that was missed in the last frame", "log odds")
-    least: Real = setting(-2.5, "links score more than this", "log odds")
+    least: Real = setting(-2.0, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
         "frames")
 
