@@ -92,7 +92,7 @@ class Mobility:
         "log odds")
     crowd: Real = setting(1.0, "more of the loss by `decision.crowd` for an object that moves",
         "share")
-    forgetting: Real = setting(2.0, "places and relations are lost so many times as fast as that",
+    forgetting: Real = setting(2.0, "errors of places and relations grow by this times the speed",
         "factor")
 
 

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 import pytest
 
+from remind_jax.compiled import programs
 from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, options_of
 from remind_jax.compiled.programs import (
     KeptFunction,
@@ -49,6 +50,17 @@ def test_seconds_of_waiting_are_counted(folder):
     before = waited_s()
     run(Counted())
     assert waited_s() > before
+
+
+@pytest.mark.parametrize(("much_s", "num_returns"), [(0.0, 1), (1e9, 0)])
+def test_memory_goes_back_after_programs_that_take_long_to_make(monkeypatch, much_s, num_returns):
+    returns: list[None] = []
+    monkeypatch.setattr(programs, "_MUCH_S", much_s)
+    monkeypatch.setattr(programs, "return_freed_memory", lambda: returns.append(None))
+    recipe = Recipe("sum", Counted(), shapes_of(PAIR), f"memory {much_s}", is_kept=False)
+    get_program(recipe)
+    get_program(recipe)
+    assert len(returns) == num_returns
 
 
 def test_a_failure_is_raised_and_not_kept(folder):
