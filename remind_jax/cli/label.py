@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, OutputError
-from remind_jax.files import refuse_file, refuse_folder
+from remind_jax.files import refuse_file, refuse_folder, remove_unfinished
 from remind_jax.printing.terminal import print_lines
 
 
@@ -81,7 +81,9 @@ class Label:
 
         is_folder = self.format == "davis"
         (refuse_folder if is_folder else refuse_file)(out, [self.run, edits_file])
-        if out.exists() and not self.overwrite and not (out.is_dir() and not any(out.iterdir())):
+        if is_folder and out.is_dir():
+            remove_unfinished(out)
+        if out.exists() and not self.overwrite and not _is_empty(out):
             raise OutputError(f"'{out}' exists; name another place, or allow --overwrite")
         edits = read_edits(edits_file)
         truth = apply_edits(Result.load(self.run), edits, str(edits_file))
@@ -93,3 +95,8 @@ class Label:
             num = len(truth.objects())
             print_lines([f"{out}: {num} identities, {len(truth)} frames, {len(edits.edits)} edits"])
         return process.FINE
+
+
+def _is_empty(path: Path) -> bool:
+    """Whether it is a folder in which, and below which, no files are."""
+    return path.is_dir() and not any(not below.is_dir() for below in path.rglob("*"))

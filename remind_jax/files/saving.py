@@ -7,6 +7,7 @@ import functools
 import os
 import platform
 import re
+import shutil
 import sys
 import threading
 from collections.abc import Iterator
@@ -111,6 +112,46 @@ def replacing(path: Path, *also: type[Exception], durably: bool = False) -> Iter
             partial.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def replacing_folder(path: Path, beside: Path) -> Iterator[Path]:
+    """A folder to fill, which takes the place of another one when the block is left well.
+
+    Args:
+      path: The other one, all of which goes; need not be there.
+      beside: A folder of the same disk, which holds the new one until then; need not be there.
+
+    Raises:
+      OutputError: If it cannot be written; all is then as it was before.
+    """
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"cannot write '{path}': it is a file; name a folder")
+    folders = (beside, path.parent)
+    made = [folder for folder in folders if not folder.exists()]
+    for folder in folders:
+        make_folder(folder)
+    partial = beside / f"{path.name}.{_writer()}.part"
+    former = partial.with_suffix(".former")  # not swept up: it may be all that there is
+    try:
+        partial.mkdir()
+        yield partial
+        if path.exists():
+            path.rename(former)
+        partial.rename(path)
+    except OSError as error:
+        raise OutputError(
+            f"cannot write '{path}': {error.strerror or error}; nothing there was changed, make "
+            "room or choose another output folder"
+        ) from error
+    finally:
+        if former.exists() and not path.exists():  # stopped between the two
+            former.rename(path)
+        for folder in (partial, former):
+            shutil.rmtree(folder, ignore_errors=True)
+        for folder in reversed(made):
+            with contextlib.suppress(OSError):
+                folder.rmdir()  # if nothing came into it
+
+
 def remove_unfinished(folder: Path) -> None:
     """Removes what processes of this machine that are no more were still writing.
 
@@ -120,7 +161,7 @@ def remove_unfinished(folder: Path) -> None:
         found = _UNFINISHED.fullmatch(path.name)
         if found and found[1] == _machine() and not _is_running(int(found[2])):
             with contextlib.suppress(OSError):
-                path.unlink()
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def _writer() -> str:

@@ -20,6 +20,7 @@ from remind_jax.outputs.labeling import picture_names
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.tables import firm_rows, masks_without_overlap
 from remind_jax.printing.terminal import printable
+from remind_jax.tracks import Tracks
 
 METADATA_NAME = "metadata.json"
 _MOST_8_BIT = 254  # 255 is void in 8-bit truth
@@ -28,13 +29,14 @@ _MOST_8_BIT = 254  # 255 is void in 8-bit truth
 def write_instance_maps(result: Result, folder: str | Path) -> None:
     """Writes the firm identities of a run; shared pixels go to the higher confidence.
 
+    The maps come to be all at once, or none.
+
     Raises:
-      OutputError: If an identity is beyond 16 bits, maps of something else are there, or the folder
-        cannot be written.
+      OutputError: If an identity is beyond 16 bits, something else lies where the maps go, or the
+        folder cannot be written.
     """
     name = PurePath(printable(result.info.name)).name or "run"
     maps = Path(folder) / "Annotations" / name
-    files.make_folder(maps)
     classes = {
         int(tracks.object_id[row]) + 1: printable(tracks.labels[row])
         for tracks in result.tracks
@@ -45,20 +47,26 @@ def write_instance_maps(result: Result, folder: str | Path) -> None:
         raise OutputError(
             f"identity {most - 1} does not fit into instance maps of 16 bits; write cvat instead"
         )
-    names = picture_names(result.tracks)
-    others = {path.stem for path in maps.glob("*.png")} - set(names)
+    pictures = [f"{picture}.png" for picture in picture_names(result.tracks)]
+    others = {path.name for path in maps.iterdir()} - set(pictures) if maps.is_dir() else set()
     if others:
         raise OutputError(
-            f"'{maps}' holds '{min(others)}.png', which is no map of this run; name another folder"
+            f"'{maps}' holds '{min(others)}', which is no map of this run; name another folder"
         )
     dtype = np.uint8 if most <= _MOST_8_BIT else np.uint16
-    for tracks, picture in zip(result.tracks, names, strict=True):
-        drawn = np.zeros(tracks.frame_size, dtype)
-        rows = firm_rows(tracks)
-        for row, rle in zip(rows, masks_without_overlap(tracks, rows), strict=True):
-            if rle is not None:
-                drawn[decode_mask(rle).astype(bool)] = int(tracks.object_id[row]) + 1
-        files.replace_file(maps / f"{picture}.png", cv2.imencode(".png", drawn)[1].tobytes())
-    content = {"sequence": name, "id_to_class": {str(k): v for k, v in sorted(classes.items())}}
-    text = json.dumps(content, ensure_ascii=False, indent=1) + "\n"
-    files.replace_file(Path(folder) / METADATA_NAME, text.encode("utf-8"))
+    with files.replacing_folder(maps, Path(folder)) as unfinished:
+        for tracks, picture in zip(result.tracks, pictures, strict=True):
+            (unfinished / picture).write_bytes(_draw(tracks, dtype))
+        content = {"sequence": name, "id_to_class": {str(k): v for k, v in sorted(classes.items())}}
+        text = json.dumps(content, ensure_ascii=False, indent=1) + "\n"
+        files.replace_file(Path(folder) / METADATA_NAME, text.encode("utf-8"))
+
+
+def _draw(tracks: Tracks, dtype: type[np.unsignedinteger]) -> bytes:
+    """The map of a frame as a PNG."""
+    drawn = np.zeros(tracks.frame_size, dtype)
+    rows = firm_rows(tracks)
+    for row, rle in zip(rows, masks_without_overlap(tracks, rows), strict=True):
+        if rle is not None:
+            drawn[decode_mask(rle).astype(bool)] = int(tracks.object_id[row]) + 1
+    return cv2.imencode(".png", drawn)[1].tobytes()
