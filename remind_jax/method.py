@@ -107,7 +107,7 @@ class Method:
     # On the host: `remove(state, empty, ids)` takes objects out of memory, with all that only they
     # left behind; `empty` is the memory without any. Left out, it cannot.
     remove: Callable[[Any, Any, np.ndarray], Any] | None = None
-    # Ids that were answered for what is no object in memory yet: `coming_ids(state)`.
+    # On the host: ids that were answered for what is no object in memory yet, `coming_ids(state)`.
     coming_ids: Callable[[Any], Iterable[int]] | None = None
     # On the host: phrases about what is wrong with a memory that was read from a file,
     # `find_faults(state)`, beyond what holds for every method (`session.memory_checks`).
@@ -157,12 +157,15 @@ class Method:
             raise ConfigError(
                 f"tracker '{self.name}' cannot forget single objects; start without the memory"
             )
-        return self.remove(state, self.init(static), np.array(list(object_ids), int))
+        state, empty = jax.device_get((state, self.init(static)))
+        return self.remove(state, empty, np.array(list(object_ids), int))
 
     def known_ids(self, state: Any) -> set[int]:
         """Ids of all objects in memory, and of those that are coming to be."""
+        # On the host: of arrays on a device, a program would be compiled for every column.
+        state = jax.device_get(state)
         coming = () if self.coming_ids is None else self.coming_ids(state)
-        return {int(one) for one in (*np.asarray(state.objects.id), *coming) if one >= 0}
+        return {int(one) for one in (*state.objects.id, *coming) if one >= 0}
 
     def count_occupied(self, state: Any) -> tuple[Any, Any]:
         """Slots of objects and of pending tracks that are in use."""

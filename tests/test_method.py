@@ -146,3 +146,16 @@ def test_wrong_names_are_refused(counter):
         register_method(dataclasses.replace(counter))
     register_method(counter)  # a notebook cell that is run twice
     assert list_methods()[0] == load_config().tracker == "plus"
+
+
+@pytest.mark.parametrize("name", list_methods())
+def test_reading_the_ids_of_a_memory_compiles_nothing(name, caplog):
+    """A live loop does so within a frame."""
+    method = get_method(name)
+    # Capacities that no other test uses: nothing is compiled for them yet.
+    state = method.init(Static(num_objects=19, num_pending=11, num_detections=7, feature_dim=5))
+    with jax.log_compiles():
+        assert method.known_ids(state) == set()
+        assert not caplog.records
+        jax.jit(lambda ids: ids + 17)(state.next_id)  # what would be seen
+    assert caplog.records

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from remind_jax.decision import NO_ID, Decisions
 from remind_jax.frame import Detections, Frame, Rle
 from remind_jax.masks.relations import box_of
 from remind_jax.masks.run_length import encode_masks
+from remind_jax.outputs.run_info import Event
+from remind_jax.session.preparation import Prepared
 from remind_jax.tracks import Tracks
 
 
@@ -87,6 +90,25 @@ def read_tracks(
         instance_ids=detections.instance_ids,
         rles=outlines.rles,
     )
+
+
+def note_omissions(
+    prepared: Prepared, decisions: Decisions, ignored_classes: Sequence[str]
+) -> list[Event]:
+    """What of a frame nothing was decided about."""
+    index, num, omitted = prepared.frame.index, len(prepared.detections), []
+    if prepared.num_ignored and not num:
+        message = (
+            f"all {prepared.num_ignored} detections are of ignored classes "
+            f"({', '.join(ignored_classes)}); see input.ignored_classes"
+        )
+        omitted.append(Event(index, "ignored", message))
+    if bad := int(decisions.num_bad_patches):
+        message = f"{bad} patches were left out for a feature that is not finite"
+        omitted.append(Event(index, "features", message))
+    if empty := num - int(np.sum(np.asarray(prepared.masks.valid[:num]))):
+        omitted.append(Event(index, "dropped", f"{empty} empty masks were dropped"))
+    return omitted
 
 
 def _name_candidates(d: Decisions) -> tuple[np.ndarray, np.ndarray]:

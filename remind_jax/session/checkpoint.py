@@ -90,10 +90,10 @@ class Checkpoints:
         num, memory = 0, self.folder / MEMORY_NAME
         self._start = journal.header["start"]
         if memory.exists():
-            announced_before = tracker.announcements
+            announced_before = tracker.identities.announcements
             tracker.load(memory)
             # What was announced since the beginning is found out again, frame by frame.
-            tracker.announcements = announced_before
+            tracker.identities.announcements = announced_before
             num = int(tracker.state.frame) - self._start
         steps = journal.steps(num)
         self._journal = journal.go_on(num)

@@ -159,7 +159,7 @@ class FrameLoop:
                     f"('{step.tracks.name}'), which was done already; give the whole source, or "
                     "start the run anew with --overwrite"
                 )
-            tracks = self._tracker.repeat(step.tracks, step.merges)
+            tracks = self._tracker.identities.repeat(step.tracks, step.merges)
             self._hand_on(upcoming.frame, step, writer)
             self._collect(step, tracks)
         if self._before:
@@ -209,12 +209,12 @@ class FrameLoop:
         self._note_end()
         self._note_drops()
         self._note_unannounced()
-        announced = self._tracker.announcements
+        announced = self._tracker.identities.announcements
         archive = self._archive
         if archive is not None and not announced.is_identity:
             archive = archive.renumbered(announced.number)
         return Result(
-            tracks=tuple(self._tracker.answer(decided) for decided in self._decided),
+            tracks=tuple(self._tracker.identities.answer(decided) for decided in self._decided),
             info=info,
             timings_ms={stage: times.tolist() for stage, times in self._timings.items()},
             first_frame_ms=self._first_frame_ms,
@@ -257,19 +257,19 @@ class FrameLoop:
 
     def _take(self, upcoming: Upcoming, writer: RunWriter | None) -> None:
         """Decides about a frame."""
-        tracker, prepared = self._tracker, upcoming.prepared
+        tracker, prepared, told = self._tracker, upcoming.prepared, self._tracker.identities
         assert prepared is not None
         start = time.perf_counter()
         tracks = tracker.advance(prepared)
         if self.view is not None:
-            self.view.show(upcoming.frame, tracks, tracker.decided, tracker.merges)
+            self.view.show(upcoming.frame, tracks, told.decided, told.merges)
         tracked = time.perf_counter()
         first_ms: float | None = None
         age_ms = self._age_ms(upcoming.frame)
         if self._first_frame_ms is None:
             took_ms = sum(prepared.stage_ms.values()) + 1000 * (tracked - start)
             first_ms = age_ms.get("age", took_ms)
-        decided = tracker.decided
+        decided = told.decided
         assert decided is not None
         step = Step(
             tracks=decided,
@@ -277,7 +277,7 @@ class FrameLoop:
             timings_ms={**tracker.stage_ms, **age_ms},
             compile_s=self._compile_s + tracker.compile_s,
             first_frame_ms=first_ms,
-            merges=tracker.merges,
+            merges=told.merges,
             evidence=None if self._delayed is None else self._delayed.evidence(tracker.state),
             events=(*tracker.events, *self._news(tracks.frame_index)),
             has_grown=tracker.has_grown,
@@ -318,7 +318,7 @@ class FrameLoop:
         while len(self._waiting) > num_waiting:
             frame, decided = self._waiting.popleft()
             if writer is not None:
-                writer.add(frame, self._tracker.answer(decided))
+                writer.add(frame, self._tracker.identities.answer(decided))
             self._decided.append(decided)
             self._last_index = decided.frame_index
 
@@ -376,7 +376,8 @@ class FrameLoop:
 
     def _note_unannounced(self) -> None:
         """Reports objects that were not announced."""
-        num, after = len(self._tracker.announcements.counts), self._tracker.announce_after
+        told = self._tracker.identities
+        num, after = len(told.announcements.counts), told.announce_after
         if num and self._last_index is not None:
             message = (
                 f"{plural(num, 'object')} without an id: detected fewer than {after} times "

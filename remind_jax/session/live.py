@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +22,17 @@ from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, load_config
 from remind_jax.crops import require_few
-from remind_jax.decision import NO_ID, Decisions
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.files import as_path
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
 from remind_jax.outputs.run_info import Event
-from remind_jax.session.announcement import Announcements, announce, as_announced, choose_after
-from remind_jax.session.answers import Outlines, read_tracks
+from remind_jax.session.announcement import choose_after
+from remind_jax.session.answers import note_omissions, read_tracks
 from remind_jax.session.forgetting import forget_object
 from remind_jax.session.frame_features import FrameFeatures
 from remind_jax.session.growing_memory import GrowingMemory
+from remind_jax.session.identities import Identities
 from remind_jax.session.memory_budget import most_detections
 from remind_jax.session.memory_file import (
     SavedMemory,
@@ -42,14 +43,13 @@ from remind_jax.session.memory_file import (
     save_memory,
     static_of,
 )
-from remind_jax.session.object_records import ObjectRecords, RememberedObject
+from remind_jax.session.object_records import RememberedObject
 from remind_jax.session.preparation import FramePreparer, Prepared
 from remind_jax.settings.ranges import check_option, check_switch
 from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS, Static
 from remind_jax.tracks import Tracks
 
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
-_FEW_TOLD = 256  # objects whose records are kept, whether memory still has them or not
 
 
 class Tracker:
@@ -130,12 +130,7 @@ class Tracker:
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
         self._features_given = False
         self._has_profile = False
-        self.announcements = self._announce_nothing()
-        self.records = ObjectRecords()
-        self._is_new_session = False
-        self._most_told = _FEW_TOLD
-        self.decided: Tracks | None = None  # the last frame, by ids of the memory
-        self.merges: list[tuple[int, int]] = []  # objects that turned out to be others in it
+        self.identities = Identities(self.announce_after, static.first_object_id)
         self.events: list[Event] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
         self.compile_s = 0.0  # waited for programs to be compiled or loaded, so far
@@ -143,11 +138,13 @@ class Tracker:
     @property
     def num_objects(self) -> int:
         """Objects in memory."""
-        return 0 if self.state is None else int(np.sum(np.asarray(self.state.objects.id) >= 0))
+        return 0 if self.state is None else int(np.sum(jax.device_get(self.state.objects).id >= 0))
 
     def objects(self) -> tuple[RememberedObject, ...]:
         """What is known of each object in memory that got an id, by rising id."""
-        return () if self.state is None else self.records.objects(self._saved().object_ids())
+        if self.state is None:
+            return ()
+        return self.identities.records.objects(self._saved().object_ids())
 
     def rename(self, object_id: int, name: str) -> None:
         """Gives an object a name, which answers and outputs show from now on; "" takes it back.
@@ -157,7 +154,7 @@ class Tracker:
             object has it.
         """
         with self._alone("advance"):
-            self.records.rename(object_id, name)
+            self.identities.records.rename(object_id, name)
 
     def merge(self, object_id: int, *others: int) -> None:
         """Declares others to be this object: from now on, all of them are answered by its id.
@@ -168,7 +165,7 @@ class Tracker:
           SourceError: If there is no such object, or one is named twice.
         """
         with self._alone("advance"):
-            self.records.merge(object_id, others)
+            self.identities.records.merge(object_id, others)
 
     def split(self, object_id: int) -> tuple[int, ...]:
         """Takes back what `merge` made one with this object; gives the ids of the others.
@@ -177,7 +174,7 @@ class Tracker:
           SourceError: If there is no such object, or nothing was merged into it.
         """
         with self._alone("advance"):
-            return self.records.split(object_id)
+            return self.identities.records.split(object_id)
 
     def forget(self, object_id: int) -> None:
         """Removes an object with all that was merged into it, its looks and its pictures.
@@ -188,7 +185,7 @@ class Tracker:
           SourceError: If there is no such object.
         """
         with self._alone("advance"):
-            self.records.check_known(object_id)
+            self.identities.records.check_known(object_id)
             self._memory.state = forget_object(self._saved(), object_id).state
 
     @property
@@ -235,9 +232,7 @@ class Tracker:
         """Forgets everything; compiled programs stay."""
         self._memory.forget()
         self._preparer = FramePreparer(self.method, self.backbone.patch_px)
-        self.decided = None
-        self.announcements = self._announce_nothing()
-        self.records, self._is_new_session = ObjectRecords(), False
+        self.identities = Identities(self.announce_after, self.static.first_object_id)
 
     def warm_up(
         self, frame_size: tuple[int, int], *, num_objects: int = 0, num_detections: int = 0
@@ -331,7 +326,13 @@ class Tracker:
         described = time.perf_counter()
         self.events = []
         decisions, outlines = self._memory.step(frame_feats, prepared, self.config.thresholds)
-        tracks = self._announce(self._read(prepared, outlines, decisions), prepared.frame.image)
+        decided = read_tracks(prepared.frame, prepared.detections, outlines, decisions)
+        merges = [] if self.method.merges is None else self.method.merges(self.state)
+        pictured = prepared.frame.image if self.config.input.keep_pictures else None
+        known_ids = functools.partial(self.method.known_ids, self.state)
+        tracks, found = self.identities.add(decided, merges, pictured, known_ids)
+        omitted = note_omissions(prepared, decisions, self.config.input.ignored_classes)
+        self.events = [*omitted, *found]
         done = time.perf_counter()
         self.compile_s += waited_s() - waited_before
         self.stage_ms = {
@@ -349,24 +350,10 @@ class Tracker:
         """
         self._preparer.pass_over(frame, self.config)
 
-    def repeat(self, decided: Tracks, merges: Sequence[tuple[int, int]]) -> Tracks:
-        """The answers about a frame that was decided; takes the place of `advance` for such ones.
-
-        Args:
-          decided: By ids of the memory.
-          merges: Objects that turned out to be others in this frame, beside those.
-        """
-        self.decided, self.merges = decided, list(merges)
-        self.announcements = announce(self.announcements, decided, self.announce_after, merges)
-        return self.answer(decided)
-
-    def answer(self, decided: Tracks) -> Tracks:
-        """The answers about a frame that was decided, by what is announced, named and merged."""
-        return self.records.answer(as_announced(self.announcements, decided))
-
     def go_on(self, attention_slots: int) -> None:
         """After `load`: as if the frames that the memory has seen had been seen here."""
-        self._features.attention_slots, self._is_new_session = attention_slots, False
+        self._features.attention_slots = attention_slots
+        self.identities.go_on()
         if not self._features_given:
             self._follow_profile()
 
@@ -419,13 +406,7 @@ class Tracker:
         self._memory.static = static_of(memory, self.config, path)
         self._memory.state = memory.state
         self._preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
-        if memory.announced is not None:
-            self.announcements = memory.announced
-        elif self.announce_after > 1:
-            self.announcements = Announcements.all_below(int(memory.state.next_id))
-        else:
-            self.announcements = Announcements()
-        self.records, self._is_new_session = memory.records, True
+        self.identities.take_up(memory)
 
     def __reduce__(self) -> Any:
         """Refuses to be pickled or copied."""
@@ -454,66 +435,15 @@ class Tracker:
             self.config = self.config.for_backbone(*self.backbone.identity)
             self._has_profile = True
 
-    def _read(self, prepared: Prepared, outlines: Outlines, decisions: Decisions) -> Tracks:
-        """The answers about the frame, as decided; notes what was left out of it."""
-        index, num = prepared.frame.index, len(prepared.detections)
-        if prepared.num_ignored and not num:
-            message = (
-                f"all {prepared.num_ignored} detections are of ignored classes "
-                f"({', '.join(self.config.input.ignored_classes)}); see input.ignored_classes"
-            )
-            self.events.append(Event(index, "ignored", message))
-        if bad := int(decisions.num_bad_patches):
-            message = f"{bad} patches were left out for a feature that is not finite"
-            self.events.append(Event(index, "features", message))
-        if empty := num - int(np.sum(np.asarray(prepared.masks.valid[:num]))):
-            self.events.append(Event(index, "dropped", f"{empty} empty masks were dropped"))
-        return read_tracks(prepared.frame, prepared.detections, outlines, decisions)
-
-    def _announce_nothing(self) -> Announcements:
-        """What is announced of an empty memory."""
-        if self.announce_after <= 1:
-            return Announcements()
-        return Announcements.none(self.static.first_object_id)
-
-    def _announce(self, decided: Tracks, image: np.ndarray | None) -> Tracks:
-        """The answers by what is announced, this frame included; notes objects that became one."""
-        merges = [] if self.method.merges is None else self.method.merges(self.state)
-        before = self.announcements
-        if self._is_new_session:
-            self.records.next_session()
-            self._is_new_session = False
-        tracks = self.repeat(decided, merges)
-        for gone, kept in merges:
-            old, new = before.id_of(gone), self.announcements.id_of(kept)
-            if NO_ID not in (old, new) and old != new:
-                self.records.found_to_be(old, new)
-                message = f"object {old} turned out to be object {new}"
-                self.events.append(Event(decided.frame_index, "merged", message))
-        pictured = image if self.config.input.keep_pictures else None
-        self.records.note(as_announced(self.announcements, decided), pictured)
-        self._tell_less()
-        return tracks
-
-    def _tell_less(self) -> None:
-        """Lets go of what is told of objects that memory has no more, before it becomes much."""
-        if self._num_told() > self._most_told:
-            saved = self._saved()
-            self.records.keep(saved.object_ids())
-            self.announcements = self.announcements.among(saved.known_ids())
-            self._most_told = max(_FEW_TOLD, 2 * self._num_told())
-
-    def _num_told(self) -> int:
-        return self.records.num_records + len(self.announcements.counts)
-
     def _saved(self) -> SavedMemory:
         """The memory as it is now."""
+        announced = self.identities.announcements
         return SavedMemory(
             state=self.state,
             static=self.static,
             class_names=self.class_names,
             backbone=FEATURES_GIVEN if self._features_given else self.backbone.name,
             tracker=self.method.name,
-            announced=None if self.announcements.is_identity else self.announcements,
-            records=self.records,
+            announced=None if announced.is_identity else announced,
+            records=self.identities.records,
         )

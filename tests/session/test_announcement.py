@@ -97,23 +97,11 @@ def test_known_objects_are_announced_at_once():
     assert follow([frame_of(6)], 1, announced)[0][0].object_id.tolist() == [5]
 
 
-def test_counts_of_what_memory_lost_do_not_pile_up():
-    """Ids of false detections: each waits for more that never come."""
-    tracker = rj.Tracker({"tracker": "iou", "static": STATIC}, announce_after=3)
-    image, labels = scenes.picture(0, (1, 2))
-    tracker.update(image, labels)
-    lost = dict.fromkeys(range(1000, 2000), 1)
-    before = tracker.announcements
-    tracker.announcements = dataclasses.replace(before, counts={**before.counts, **lost})
-    tracker.update(image, labels)
-    assert tracker.announcements.counts == {0: 2, 1: 2}
-
-
 def test_counts_of_what_memory_lost_are_not_written(tmp_path):
     tracker = rj.Tracker({"tracker": "iou", "static": STATIC}, announce_after=3)
     tracker.update(*scenes.picture(0, (1, 2)))
-    before = tracker.announcements
-    tracker.announcements = dataclasses.replace(before, counts={**before.counts, 77: 1})
+    before = tracker.identities.announcements
+    tracker.identities.announcements = dataclasses.replace(before, counts={**before.counts, 77: 1})
     tracker.save(tmp_path / "memory.safetensors")
     assert load_memory(tmp_path / "memory.safetensors").announced == before
 

@@ -13,7 +13,6 @@ from remind_jax.decision import NO_ID, Outcome
 from remind_jax.errors import OutputError, RemindError, SourceError
 from remind_jax.files.records import decode_json
 from remind_jax.method import list_methods
-from remind_jax.session import live
 from remind_jax.session.live import Tracker
 from remind_jax.session.memory_file import load_memory
 from remind_jax.session.object_pictures import Picture, Pictures, best_of, fit_into
@@ -212,21 +211,11 @@ def test_what_people_and_tracker_found_alike_stays_one():
 def test_records_are_read_back(tracker):
     tracker.rename(0, "mug")
     tracker.merge(1, 2)
-    content, data = tracker.records.to_file({0, 1, 2})
+    content, data = tracker.identities.records.to_file({0, 1, 2})
     filed = decode_json(json.dumps(content).encode(), FiledRecords, "here")
     again = ObjectRecords.from_file(filed, data)
-    assert again.objects() == tracker.records.objects()
+    assert again.objects() == tracker.identities.records.objects()
     assert again.to_file({0, 1, 2})[0] == content
-
-
-def test_records_of_what_memory_lost_do_not_pile_up(tracker, monkeypatch):
-    monkeypatch.setattr(live, "_FEW_TOLD", 4)
-    tracker._most_told = 4
-    for index in range(3):  # what was never to be seen again
-        tracker.records.note(seen(index, list(range(100 + 20 * index, 120 + 20 * index))), None)
-        tracker.update(*scenes.picture(FRAMES + index))
-        assert tracker.records.num_records == 3
-    assert [one.object_id for one in tracker.objects()] == [0, 1, 2]
 
 
 def test_what_people_said_of_a_lost_object_is_kept():
@@ -241,7 +230,7 @@ def test_what_people_said_of_a_lost_object_is_kept():
 
 def test_records_of_what_memory_lost_are_not_written(tracker):
     tracker.rename(2, "spoon")
-    content, _ = tracker.records.to_file({0, 1})
+    content, _ = tracker.identities.records.to_file({0, 1})
     assert [row["id"] for row in content["objects"]] == [0, 1]
     assert content["names"] == []
 

@@ -1,0 +1,111 @@
+"""The identities that people are told of: announced, recorded, named, and found to be one.
+
+The memory decides about objects under ids of its own; answers speak of what was announced of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+
+import numpy as np
+from jaxtyping import UInt8
+
+from remind_jax.decision import NO_ID
+from remind_jax.outputs.run_info import Event
+from remind_jax.session.announcement import Announcements, announce, as_announced
+from remind_jax.session.memory_file import SavedMemory
+from remind_jax.session.object_records import ObjectRecords
+from remind_jax.tracks import Tracks
+
+_FEW_TOLD = 256  # objects whose records are kept, whether memory still has them or not
+
+
+class Identities:
+    """What is told of the objects of one memory.
+
+    Attributes:
+      announce_after: Detections after which an object gets its id.
+      announcements: Which objects got one so far.
+      records: Of each object that was answered, by announced ids.
+      decided: The last frame, by ids of the memory; None before the first.
+      merges: Objects that turned out to be others in it, beside those; by ids of the memory.
+    """
+
+    def __init__(self, announce_after: int, first_id: int) -> None:
+        """Knows no object yet; the first one announced late will have `first_id`."""
+        self.announce_after = announce_after
+        at_once = announce_after <= 1
+        self.announcements = Announcements() if at_once else Announcements.none(first_id)
+        self.records = ObjectRecords()
+        self.decided: Tracks | None = None
+        self.merges: list[tuple[int, int]] = []
+        self._is_new_session = False
+        self._most_told = _FEW_TOLD
+
+    def take_up(self, memory: SavedMemory) -> None:
+        """Goes on with those of a memory, in a session of its own that begins with the next frame.
+
+        Objects of a memory without announcements were announced under the ids that they have there.
+        """
+        if memory.announced is not None:
+            self.announcements = memory.announced
+        elif self.announce_after > 1:
+            self.announcements = Announcements.all_below(int(memory.state.next_id))
+        else:
+            self.announcements = Announcements()
+        self.records, self._is_new_session = memory.records, True
+
+    def go_on(self) -> None:
+        """After `take_up`: as if the frames of the memory had been of this session."""
+        self._is_new_session = False
+
+    def add(
+        self,
+        decided: Tracks,
+        merges: Sequence[tuple[int, int]],
+        image: UInt8[np.ndarray, "H W 3"] | None,
+        known_ids: Callable[[], Collection[int]],
+    ) -> tuple[Tracks, list[Event]]:
+        """The answers about the next frame, and which objects turned out to be one.
+
+        Args:
+          decided: By ids of the memory.
+          merges: Objects that turned out to be others in this frame, beside those.
+          image: RGB; None if no pictures of objects are to be kept.
+          known_ids: Gives the ids that the memory still has; called only now and then.
+        """
+        before = self.announcements
+        if self._is_new_session:
+            self.records.next_session()
+            self._is_new_session = False
+        answers = self.repeat(decided, merges)
+        events = []
+        for gone, kept in merges:
+            old, new = before.id_of(gone), self.announcements.id_of(kept)
+            if NO_ID not in (old, new) and old != new:
+                self.records.found_to_be(old, new)
+                message = f"object {old} turned out to be object {new}"
+                events.append(Event(decided.frame_index, "merged", message))
+        self.records.note(as_announced(self.announcements, decided), image)
+        if self._num_told() > self._most_told:
+            self._tell_less(known_ids())
+        return answers, events
+
+    def repeat(self, decided: Tracks, merges: Sequence[tuple[int, int]]) -> Tracks:
+        """As `add` for a frame that memory and records know already."""
+        self.decided, self.merges = decided, list(merges)
+        self.announcements = announce(self.announcements, decided, self.announce_after, merges)
+        return self.answer(decided)
+
+    def answer(self, decided: Tracks) -> Tracks:
+        """The answers about a frame that was decided, by what is announced, named and merged."""
+        return self.records.answer(as_announced(self.announcements, decided))
+
+    def _tell_less(self, known_ids: Collection[int]) -> None:
+        """Lets go of what is told of objects that memory has no more, before it becomes much."""
+        self.records.keep({self.announcements.id_of(one) for one in known_ids})
+        self.announcements = self.announcements.among(known_ids)
+        self._most_told = max(_FEW_TOLD, self._num_told() * 5 // 4)
+
+    def _num_told(self) -> int:
+        return self.records.num_records + len(self.announcements.counts)

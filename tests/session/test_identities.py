@@ -1,0 +1,120 @@
+"""What is told of objects: of those that became one, of other sessions, of what memory lost."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+import remind_jax as rj
+from remind_jax.decision import NO_ID
+from remind_jax.session import identities
+from remind_jax.session.announcement import Announcements
+from remind_jax.session.identities import Identities
+from remind_jax.session.memory_file import SavedMemory
+from remind_jax.session.object_records import Sight
+from remind_jax.tracks import Tracks
+from tests.cli import scenes
+from tests.outputs.fake_run import make_tracks
+
+STATIC = {"num_detections": 4, "num_objects": 16}
+
+
+def frame_of(index: int, *ids: int) -> Tracks:
+    """A frame with these objects decided."""
+    masks = np.zeros((len(ids), 48, 64), bool)
+    for place in range(len(ids)):
+        masks[place, 10:30, 5 + 20 * place : 20 + 20 * place] = True
+    return make_tracks(index, masks, [{"object_id": one} for one in ids])
+
+
+def never() -> set[int]:
+    raise AssertionError("the memory was asked though little was told")
+
+
+def test_objects_that_become_one_are_an_event_and_one_record():
+    told = Identities(1, 0)
+    told.add(frame_of(0, 4, 7), [], None, never)
+    answers, events = told.add(frame_of(1, 4), [(7, 4)], None, never)
+    assert [event.message for event in events] == ["object 7 turned out to be object 4"]
+    assert answers.object_id.tolist() == [4]
+    assert told.merges == [(7, 4)]
+    assert [(one.object_id, one.num_frames) for one in told.records.objects()] == [(4, 3)]
+
+
+def test_what_was_never_announced_becomes_another_in_silence():
+    told = Identities(2, 0)
+    told.add(frame_of(0, 4, 7), [], None, never)
+    answers, events = told.add(frame_of(1, 4), [(7, 4)], None, never)
+    assert events == []
+    assert answers.object_id.tolist() == [0]
+
+
+def test_a_frame_that_is_repeated_is_no_second_sight():
+    told = Identities(2, 0)
+    decided = frame_of(0, 4)
+    assert told.add(decided, [], None, never)[0].object_id.tolist() == [NO_ID]
+    assert told.repeat(frame_of(1, 4), []).object_id.tolist() == [0]
+    assert told.answer(decided).object_id.tolist() == [0]
+    assert told.records.num_records == 0
+    assert told.decided is not decided
+
+
+def taken_up(announce_after: int, announced: Announcements | None) -> Identities:
+    """Those of a memory whose next object is number 6."""
+    tracker = rj.Tracker({"tracker": "iou", "static": STATIC})
+    tracker.update(*scenes.picture(0, (1, 2)))
+    state = dataclasses.replace(tracker.state, next_id=np.int32(6))
+    told = Identities(announce_after, 0)
+    told.take_up(SavedMemory(state, tracker.static, (), "none", "iou", announced))
+    return told
+
+
+def test_objects_of_a_memory_are_known_and_its_next_frame_begins_a_session():
+    assert taken_up(1, None).announcements.is_identity
+    late = taken_up(3, None)
+    assert late.announcements == Announcements.all_below(6)
+    known = Announcements(0, {9: 0}, next_id=1)
+    assert taken_up(3, known).announcements is known
+    late.add(frame_of(7, 4), [], None, never)
+    assert late.records.objects()[0].first == Sight(2, 7)
+
+
+def test_a_run_that_goes_on_stays_in_its_session():
+    told = taken_up(1, None)
+    told.go_on()
+    told.add(frame_of(7, 4), [], None, never)
+    assert told.records.objects()[0].first == Sight(1, 7)
+
+
+def test_records_of_what_memory_lost_do_not_pile_up(monkeypatch):
+    monkeypatch.setattr(identities, "_FEW_TOLD", 4)
+    told = Identities(1, 0)
+    for index in range(5):  # things that are seen once, and one that stays
+        told.add(frame_of(index, 1, 100 + index, 200 + index), [], None, lambda: {1})
+        assert told.records.num_records <= 5
+    assert 1 in [one.object_id for one in told.records.objects()]
+
+
+def test_counts_of_what_memory_lost_do_not_pile_up():
+    """Ids of false detections: each waits for more that never come."""
+    tracker = rj.Tracker({"tracker": "iou", "static": STATIC}, announce_after=3)
+    image, labels = scenes.picture(0, (1, 2))
+    tracker.update(image, labels)
+    told = tracker.identities
+    lost = dict.fromkeys(range(1000, 2000), 1)
+    before = told.announcements
+    told.announcements = dataclasses.replace(before, counts={**before.counts, **lost})
+    tracker.update(image, labels)
+    assert told.announcements.counts == {0: 2, 1: 2}
+
+
+def test_a_tracker_that_is_reset_knows_nobody():
+    tracker = rj.Tracker({"tracker": "iou", "static": STATIC}, announce_after=2)
+    for index in range(3):
+        tracker.update(*scenes.picture(index, (1, 2)))
+    assert len(tracker.objects()) == 2
+    tracker.reset()
+    assert tracker.identities.decided is None
+    assert tracker.identities.records.num_records == 0
+    assert tracker.identities.announcements == Announcements.none()
