@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 
 def count_before(marked: Bool[Array, "... K"]) -> Int[Array, "... K"]:
     """Marked entries before each entry."""
-    place = jnp.arange(marked.shape[-1])
-    earlier = place < place[:, None]
+    place = np.arange(marked.shape[-1])
+    earlier = np.expand_dims(place < place[:, None], tuple(range(marked.ndim - 1)))
     return jnp.sum(marked[..., None, :] & earlier, axis=-1, dtype=jnp.int32)
 
 
@@ -52,3 +53,35 @@ def largest(
 
     nowhere = jnp.array(jnp.iinfo(jnp.int32).max, jnp.int32)
     return lax.reduce((values, place), (least, nowhere), better, (axis,))
+
+
+def first_largest(
+    keys: Sequence[Float[Array, "I J"]], among: Bool[Array, "I J"] | None = None
+) -> tuple[Array, ...]:
+    """The largest entry of a table by several keys, of which the first decides first.
+
+    Args:
+      keys: At least one; NaN is never the largest.
+      among: Entries that count, all if not given. The keys of the others must be -inf.
+
+    Returns:
+      Its keys, its row and its column: the first one by rows among equals. Both are past the table
+      where no entry counts.
+    """
+    rows, columns = np.indices(keys[0].shape, np.int32)
+    nowhere = jnp.array(jnp.iinfo(jnp.int32).max, jnp.int32)
+    places = [
+        jnp.asarray(place) if among is None else jnp.where(among, place, nowhere)
+        for place in (rows, columns)
+    ]
+
+    def better(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
+        wins, tie = False, True
+        for one, other in zip(left[:-2], right[:-2], strict=True):
+            wins, tie = wins | (tie & (other > one)), tie & (other == one)
+        for one, other in zip(left[-2:], right[-2:], strict=True):
+            wins, tie = wins | (tie & (other < one)), tie & (other == one)
+        return tuple(jnp.where(wins, *pair) for pair in zip(right, left, strict=True))
+
+    starts = [jnp.array(-jnp.inf, key.dtype) for key in keys]
+    return tuple(lax.reduce((*keys, *places), (*starts, nowhere, nowhere), better, (0, 1)))

@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.numerics.ranks import count_before, largest, rank_rising
+from remind_jax.numerics.ranks import count_before, first_largest, largest, rank_rising
 
 
 def test_marked_entries_before_each():
@@ -29,3 +29,23 @@ def test_the_largest_value_and_its_place_are_found_together(dtype, axis):
     value, place = largest(jnp.asarray(values), axis)
     np.testing.assert_array_equal(value, values.max(axis=axis))
     np.testing.assert_array_equal(place, values.argmax(axis=axis))
+
+
+def test_the_largest_entry_of_a_table_by_several_keys():
+    rng = np.random.default_rng(3)
+    keys = rng.integers(0, 3, (2, 6, 5)).astype(np.float32)  # many are equal
+    among = rng.random((6, 5)) < 0.5
+    order = np.lexsort((np.arange(30), -keys[1].ravel(), -keys[0].ravel()))
+    expected = next(at for at in order if among.flat[at])
+    counted = [jnp.where(among, key, -np.inf) for key in keys]
+    *values, row, column = first_largest(counted, jnp.asarray(among))
+    assert 5 * int(row) + int(column) == expected
+    assert [float(value) for value in values] == [float(key.flat[expected]) for key in keys]
+    assert [int(place) for place in first_largest(counted)[-2:]] == [int(row), int(column)]
+
+
+def test_no_entry_counts():
+    nothing = jnp.full((3, 4), -jnp.inf)
+    _, row, column = first_largest([nothing], jnp.zeros((3, 4), bool))
+    assert row >= 3
+    assert column >= 4

@@ -386,9 +386,10 @@ def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
 
 
 def _join_rings(rings: Score, t: Similarity) -> Score:
-    shares = jnp.maximum(jnp.stack([t.inner_share, t.outer_share]), 0.0)
-    total = jnp.sum(shares)
-    shares = jnp.where(total > 1e-12, shares / jnp.maximum(total, 1e-12), 0.5)
+    shares = [jnp.maximum(share, 0.0) for share in (t.inner_share, t.outer_share)]
+    total = shares[0] + shares[1]
+    some, divisor = total > 1e-12, jnp.maximum(total, 1e-12)
+    shares = [jnp.where(some, share / divisor, 0.5) for share in shares]
     inner, outer = rings.value
     joint = divide(shares[0] * inner + shares[1] * outer, shares[0] + shares[1])
     both = rings.present[0] & rings.present[1]

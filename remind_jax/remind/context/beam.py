@@ -10,6 +10,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
@@ -103,7 +104,7 @@ def empty_beam(num: int, slots: int, static: Static) -> Beam:
         lambda leaf: jnp.broadcast_to(leaf, (width, *leaf.shape)), one
     )
     rows = jnp.zeros(width, jnp.int32)
-    return Beam(sets, rates, jnp.int32(1), rows, detections, jnp.arange(width) == 0)
+    return Beam(sets, rates, jnp.int32(1), rows, detections, jnp.asarray(np.arange(width) == 0))
 
 
 def expand_by_class(

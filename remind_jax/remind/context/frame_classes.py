@@ -12,9 +12,11 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.context.evidence import FrameView, maturity
 from remind_jax.remind.thresholds.context import Sets
 from remind_jax.static import Static
@@ -45,13 +47,13 @@ def group_by_class(view: FrameView, static: Static, t: Sets) -> FrameClasses:
     det_class, det_valid = view.det_class, view.det_valid
     num, slots = det_valid.shape[0], view.exists.shape[0]
     same = (det_class[:, None] == det_class[None]) & det_valid[:, None] & det_valid[None]
-    index = jnp.arange(num)
+    index = np.arange(num, dtype=np.int32)
     first = det_valid & ~jnp.any(same & (index[None] < index[:, None]), axis=1)
     stored = (det_class[:, None] == view.object_class[None]) & view.exists[None]
     pool_size = jnp.minimum(jnp.sum(stored, axis=1, dtype=jnp.int32), static.class_pool)
     known = first & (pool_size > 0)
     _, _, order = jax.lax.sort(
-        (jnp.where(known, pool_size, _LAST), det_class, index.astype(jnp.int32)), num_keys=2
+        (jnp.where(known, pool_size, _LAST), det_class, jnp.asarray(index)), num_keys=2
     )
 
     by_score = jnp.lexsort((-index, -view.det_score))
@@ -91,7 +93,7 @@ def _rank_objects(view: FrameView, t: Sets) -> Int[Array, "O"]:
     slot = jnp.arange(slots, dtype=jnp.int32)
     link = view.conditional
     link = jnp.where((link >= t.min_link) & anchors[:, None] & (slot[:, None] != slot), link, 0.0)
-    best, speaker = jnp.max(link, axis=0), jnp.argmax(link > 0.0, axis=0).astype(jnp.int32)
+    best, (_, speaker) = reduce_together(("max", link), ("top", link > 0.0), axis=0)
     expected = best > 0.0
     group = jnp.where(anchors, 0, jnp.where(expected, 1, 2)).astype(jnp.int32)
     value = jnp.where(expected, best, maturity(view.graph.episodes, t))

@@ -139,7 +139,7 @@ def list_options(
     target = jnp.sum(plausible, axis=1, dtype=jnp.int32)
     target = jnp.minimum(menu.num_detections, jnp.maximum(1, target)).astype(scalar)
 
-    up_to = jnp.arange(most)[:, None, None] < jnp.arange(most + 1)
+    up_to = jnp.asarray(np.arange(most)[:, None, None] < np.arange(most + 1))
     sums = sum_in_order(value.T[:most, :, None], up_to)
     counts = jnp.arange(1, most + 1).astype(scalar)
     chosen = jnp.stack([sums[:, 1:], sums[:, :-1] + value[:, 1:]], axis=-1)

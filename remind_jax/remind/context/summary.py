@@ -164,9 +164,10 @@ def find_kernels(
     """
     slots = anchors.shape[0]
     source = hypotheses.members[: max(1, static.context_hypotheses)]
-    named = jnp.any(source, axis=0) & ~anchors
+    is_member, namer = largest(source, axis=0)
+    named = is_member & ~anchors
     # Members in order of the first hypothesis that names them, then of their slot.
-    order = jnp.lexsort((jnp.arange(slots), jnp.argmax(source, axis=0), ~named))
+    order = jnp.lexsort((jnp.arange(slots), namer, ~named))
     foreign = (named & ~same)[:, order]
     before = jnp.cumsum(foreign, axis=1, dtype=jnp.int32) - foreign
     room = (static.set_kernel or slots) - jnp.sum(anchors, dtype=jnp.int32)

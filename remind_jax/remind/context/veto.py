@@ -9,9 +9,11 @@ import enum
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.remind.context.evidence import FrameView
 from remind_jax.remind.context.influence import Influence
@@ -84,11 +86,14 @@ def expect_neighbors(
     order, known = ranked_neighbors(neighbor_rank(neighbor, keys, graph.edge_order), length)
     link = jnp.take_along_axis(view.conditional, order, axis=1)
     taken = known & (link >= min_link)
-    number = jnp.cumsum(taken, axis=1, dtype=jnp.int32)
-    mass = jnp.cumsum(jnp.where(taken, link, 0.0), axis=1)
+    place = np.arange(length)
+    upto = taken[:, None] & (place <= place[:, None])
+    number, mass = reduce_together(
+        ("sum", upto), ("sum", jnp.where(upto, link[:, None], 0.0)), axis=2
+    )
     enough = (number >= max(1, static.context_hypotheses)) & (mass >= t.local_mass)
     ends = taken & (enough | (number >= static.expected_neighbours))
-    ended_before = jnp.cumsum(ends, axis=1, dtype=jnp.int32) - ends > 0
+    ended_before = jnp.any(ends[:, None] & (place < place[:, None]), axis=2)
     kept = taken & ~ended_before
     return jnp.any((order[..., None] == jnp.arange(slots)) & kept[..., None], axis=1)
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.ranks import count_before
 from remind_jax.numerics.reductions import Kind, reduce_together
 from remind_jax.remind.association.gating import Pairs
 from remind_jax.remind.disambiguation.anchors import (
@@ -124,7 +125,7 @@ def settle_known_sets(
         )  # fmt: skip
         known_score = jnp.where(candidate, pairs.score_known, 0.0)
         pending = groups.fits & groups.closed
-        order = jnp.cumsum(pending, dtype=jnp.int32)
+        order = count_before(pending) + pending
 
         def solve_next(
             number: Int[Array, ""], solved: tuple[Int[Array, "N"], GroupOutcome]

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import jax
@@ -37,6 +37,7 @@ from remind_jax.remind.memory.prototypes import (
     closest_pair,
     count,
     count_quality,
+    entries,
     entry,
     live,
     mean_quality,
@@ -194,16 +195,21 @@ def _observe(
     Comparing all pairs of a bank costs far more than the rest of an update, so it is done for the
     batch as a whole and only if some bank needs it.
     """
-    meet = functools.partial(_meet, now=now)
-    over_detections = jax.vmap(meet, (1, 0, 0, 0, 0, 0, None), (1, 0, 1, 0))
-    over_channels = jax.vmap(over_detections, (1, 0, 0, 0, 0, None, 0), (1, 0, 1, 0))
-    edit, arrival, adds, used = over_channels(
-        banks, used, vector, present, quality, permit, channel
+    # Cosines are found for all banks at once, between the two halves of what is mapped.
+    meet = _over_banks(functools.partial(_meet, now=now), [_BANKS, _BANKS, *_GIVEN], 0)
+    met = meet(banks, similarities(banks, vector), used, vector, present, quality, permit, channel)
+    moved = met.refreshed.embedding[:, :, WORK]
+    judge = _over_banks(
+        functools.partial(_judge, now=now), [_BANKS, _ROWS, _ROWS, *_GIVEN], (1, 0, 1, 0)
     )
+    edit, arrival, adds, used = judge(
+        banks, met, similarities(banks, moved)[STABLE], used, vector, present, quality, permit,
+        channel,
+    )  # fmt: skip
     full = adds & (banks.size >= channel.room.capacity.T[..., None])
-    is_stable = full[STABLE]
 
     def find_room() -> Edit:
+        is_stable = full[STABLE]
         target = _choose(is_stable, banks.stable, banks.work)
         of_channel = lambda pairs: jnp.where(is_stable, pairs[:, 1:], pairs[:, :1])  # noqa: E731
         make = functools.partial(make_room, now=now)
@@ -231,8 +237,32 @@ def _choose(chosen: Bool[Array, "..."], new: T, old: T) -> T:
     )
 
 
+# Axis of the detections and of the channels of what is mapped.
+_BANKS, _ROWS = (1, 1), (0, 0)
+_GIVEN = [*[_ROWS] * 4, (0, None), (None, 0)]  # `used` to `quality`, permit, channel
+
+
+def _over_banks(function: Callable, axes: Sequence[tuple], out_axes: Any) -> Callable:
+    """Maps over the detections, then over the channels."""
+    of_detections, of_channels = zip(*axes, strict=True)
+    return jax.vmap(jax.vmap(function, of_detections, out_axes), of_channels, out_axes)
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Met:
+    """The prototypes that one observation resembles, in the work and in the stable bank."""
+
+    at: Int[Array, "2"]
+    cosine: Float[Array, "2"]
+    in_stable: Bool[Array, ""]  # a duplicate of the stable one
+    in_work: Bool[Array, ""]  # of the work prototype, unless the stable one hides it
+    refreshed: Bank  # both, moved toward the observation
+
+
 def _meet(
     banks: Bank,
+    cosines: Float[Array, "2 S"],
     used: Bool[Array, "S"],
     vector: Float[Array, "D"],
     present: Bool[Array, ""],
@@ -241,15 +271,8 @@ def _meet(
     c: Channel,
     *,
     now: Int[Array, ""],
-) -> tuple[Edit, Bank, Bool[Array, "2"], Bool[Array, "S"]]:
-    """What one observation, rated or a part, means to the two banks of an object.
-
-    Returns:
-      The edit of each bank; what is to enter one of them, and which; and the work prototypes that
-      this detection refreshed. A bank that something enters is not edited otherwise.
-    """
-    one = jnp.ones((), banks.qualities.dtype)
-    cosines = similarities(banks, vector)
+) -> _Met:
+    """Finds what one observation, rated or a part, resembles in the two banks of an object."""
     cosine, at = largest(cosines)
     if quality is None:
         free = jnp.where(used, -jnp.inf, cosines[WORK])
@@ -262,36 +285,74 @@ def _meet(
     close = present & (cosine >= c.refresh.duplicate)
     # A stable duplicate hides the work bank from the whole, but not from parts.
     in_stable = jnp.zeros_like(present) if quality is None else close[STABLE]
-    in_work = close[WORK] & ~in_stable
-    again = in_work & c.refreshes_work
     refresh = functools.partial(_refresh, quality=quality, permit=permit, now=now)
     refreshed = jax.vmap(refresh, (0, 0, None, 0))(old, cosine, vector, c.refresh)
+    return _Met(at, cosine, in_stable, close[WORK] & ~in_stable, refreshed)
 
-    moved = refreshed.work
+
+def _judge(
+    banks: Bank,
+    met: _Met,
+    twins: Float[Array, "S"],
+    used: Bool[Array, "S"],
+    vector: Float[Array, "D"],
+    present: Bool[Array, ""],
+    quality: Float[Array, ""] | None,
+    permit: Permit,
+    c: Channel,
+    *,
+    now: Int[Array, ""],
+) -> tuple[Edit, Bank, Bool[Array, "2"], Bool[Array, "S"]]:
+    """What the observation means to the two banks.
+
+    Args:
+      banks: Those of the object.
+      met: What the observation resembles.
+      twins: Cosines of the work prototype, as moved, with those of the stable bank.
+      used: Work prototypes that this detection refreshed.
+      vector: Unit descriptor.
+      present: False leaves the banks as they are.
+      quality: Observation quality, [0, 1]; None for a part.
+      permit: What the update may do.
+      c: How the channel learns.
+      now: Frame.
+
+    Returns:
+      The edit of each bank; what is to enter one of them, and which; and the work prototypes that
+      this detection refreshed. A bank that something enters is not edited otherwise.
+    """
+    one = jnp.ones((), banks.qualities.dtype)
+    at, in_stable, in_work = met.at, met.in_stable, met.in_work
+    again = in_work & c.refreshes_work
+    moved = met.refreshed.work
     proven = again & permit.insert & c.promotes & (moved.hits >= c.promote_hits)
-    twin, twin_cosine = nearest(banks.stable, moved.embedding)
+    twin_cosine, twin = largest(twins)
     known = twin_cosine >= c.refresh.duplicate[STABLE]
     in_twin = entry(banks.stable, twin)
     founds = present & ~in_stable & ~in_work & permit.insert
     leaves = jnp.zeros_like(proven)
     if quality is None:
-        of_stable = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
-        joined = refresh(in_twin, twin_cosine, moved.embedding, of_stable)
+        rule = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
+        joined = _refresh(
+            in_twin, twin_cosine, moved.embedding, rule, quality=None, permit=permit, now=now
+        )
         has_room = banks.size[WORK] < c.room.capacity[WORK]
-        founds = founds & (has_room | (cosine[WORK] <= c.novel))
+        founds = founds & (has_room | (met.cosine[WORK] <= c.novel))
         arrival = new_entry(jnp.where(founds, vector, moved.embedding), one, now)
     else:
         joined = merge_entries(in_twin, moved, now, c.cap)
         waits = c.stable_waits & ~known & (banks.size[STABLE] >= c.room.capacity[STABLE])
         proven = proven & (mean_quality(moved) >= c.promote_quality) & ~waits
         good = (quality >= c.create_quality) | (c.keeps_first & jnp.all(banks.size == 0))
-        founds = founds & good & (jnp.max(cosine) <= c.novel)
+        founds = founds & good & (jnp.max(met.cosine) <= c.novel)
         arrival = _choose(founds, new_entry(vector, quality, now), moved)
         leaves = proven
     edit = Edit(
         at=columns(at[WORK], jnp.where(in_stable, at[STABLE], twin)),
         value=jax.tree.map(
-            lambda *leaves: jnp.stack(leaves), moved, _choose(in_stable, refreshed.stable, joined)
+            lambda *leaves: jnp.stack(leaves),
+            moved,
+            _choose(in_stable, met.refreshed.stable, joined),
         ),
         replaces=columns(again & ~leaves, in_stable | (proven & known)),
         gone=at,
@@ -392,8 +453,7 @@ def make_room(
     """Frees one slot: joins the closest pair, or gives up the weakest prototype."""
     cosine, i, j, all_cosines = closest_pair(bank)
     joins = cosine >= merge
-    both = jax.vmap(entry, (None, 0))(bank, columns(i, j))
-    left, right = (jax.tree.map(lambda leaf, side=side: leaf[side], both) for side in (0, 1))
+    left, right = entries(bank, i, j)
     joined = merge_entries(left, right, now, cap)
     gone = jnp.where(joins, j, weakest(bank, all_cosines, redundant))
     return Edit(i, joined, joins, gone, jnp.ones_like(joins))

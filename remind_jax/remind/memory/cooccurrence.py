@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int, Num
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
+from remind_jax.numerics.ranks import largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.set_order import copied_size, iteration_rank
@@ -191,13 +192,14 @@ def _entry_order(
     num, slots = sightings.row.shape[0], hit.shape[0]
     others = jnp.sum(sightings.visible, dtype=jnp.int32) - 1
     several = jnp.sum(hit & (graph.count == 0), axis=1) > 1
-    largest = jnp.max(jnp.where(hit & several[:, None], ids, 0))
+    largest_id = jnp.max(jnp.where(hit & several[:, None], ids, 0))
     by_id = jnp.broadcast_to(jnp.arange(slots, dtype=jnp.int32), hit.shape)
 
     def by_hash() -> Array:
         places = jnp.arange(num)
         at = sightings.place == places[:, None]
-        listed = jnp.where(jnp.any(at, axis=1), jnp.argmax(at, axis=1), slots)
+        is_listed, listed = largest(at)
+        listed = jnp.where(is_listed, listed, slots)
         among = places[:-1] + (places[:-1] >= places[:, None])
         rank = jax.vmap(functools.partial(iteration_rank, copied=True), in_axes=(0, None))(
             ids.at[listed].get(mode="fill", fill_value=0)[among], others
@@ -208,7 +210,7 @@ def _entry_order(
 
     if num < 2:
         return by_id
-    return branch(largest >= copied_size(others), by_hash, lambda: by_id)
+    return branch(largest_id >= copied_size(others), by_hash, lambda: by_id)
 
 
 def _count_neighbors(

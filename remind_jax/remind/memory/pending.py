@@ -20,6 +20,7 @@ from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import count_before
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.memory.writing import find_writers, write_column
 from remind_jax.remind.thresholds.outcome import Pending as Rules
 from remind_jax.solvers.assignment import assign
@@ -155,8 +156,9 @@ def _affinity(
     ambiguous = (items.kind == Kind.AMBIGUOUS)[:, None]
     same = (items.kind[:, None] == tracks.kind[None]) & (items.kind != Kind.FREE)[:, None]
     same = same & (items.class_id[:, None] == tracks.class_id[None])
-    overlap, one_sided, neither = dice(items.known_id, tracks.known_id)
-    scores = _score_overlap(items, tracks)
+    (num_items, total_items), (num_tracks, total_tracks) = _add_up(items), _add_up(tracks)
+    overlap, one_sided, neither = dice(items.known_id, tracks.known_id, num_items, num_tracks)
+    scores = _score_overlap(items, tracks, total_items, total_tracks)
     scores = jnp.where(
         neither, jnp.where(~ambiguous & rules.provisional_without_parent, 1.0, 0.0), scores
     )
@@ -189,27 +191,49 @@ def _creation_order(tracks: PendingTracks) -> Int[Array, "P"]:
 
 
 def dice(
-    left: Int[Array, "N K"], right: Int[Array, "P K"]
+    left: Int[Array, "N K"],
+    right: Int[Array, "P K"],
+    num_left: Int[Array, "N"],
+    num_right: Int[Array, "P"],
 ) -> tuple[Float[Array, "N P"], Bool[Array, "N P"], Bool[Array, "N P"]]:
-    """Dice overlap of two sets of ids, whether exactly one is empty, and whether both are."""
+    """Dice overlap of two sets of ids, whether exactly one is empty, and whether both are.
+
+    Args:
+      left: Ids, -1 padding.
+      right: Likewise.
+      num_left: How many ids there are.
+      num_right: Likewise.
+    """
     shared = (left[:, None, :, None] == right[None, :, None, :]) & (left >= 0)[:, None, :, None]
     common = jnp.sum(shared, axis=(2, 3))
-    size_left, size_right = jnp.sum(left >= 0, axis=1)[:, None], jnp.sum(right >= 0, axis=1)[None]
-    total = size_left + size_right
+    total = num_left[:, None] + num_right
     overlap = jnp.where(total > 0, 2.0 * common / jnp.maximum(total, 1), 0.0)
-    empty_left, empty_right = size_left == 0, size_right == 0
+    empty_left, empty_right = (num_left == 0)[:, None], num_right == 0
     return overlap, empty_left != empty_right, empty_left & empty_right
 
 
-def _score_overlap(items: Items, tracks: PendingTracks) -> Float[Array, "N P"]:
+def _add_up(named: Items) -> tuple[Int[Array, "N"], Float[Array, "N"]]:
+    """How many objects each row names, and the sum of their scores."""
+    is_named = named.known_id >= 0
+    return reduce_together(("sum", is_named), ("sum", _scores(named)), axis=1)
+
+
+def _scores(named: Items) -> Float[Array, "N K"]:
+    return jnp.where(named.known_id >= 0, jnp.maximum(named.known_score, 0.0), 0.0)
+
+
+def _score_overlap(
+    items: Items,
+    tracks: PendingTracks,
+    total_items: Float[Array, "N"],
+    total_tracks: Float[Array, "P"],
+) -> Float[Array, "N P"]:
     """Weighted overlap of two score maps over the union of their ids (method.md#pending-joins)."""
-    mine = jnp.where(items.known_id >= 0, jnp.maximum(items.known_score, 0.0), 0.0)
-    theirs = jnp.where(tracks.known_id >= 0, jnp.maximum(tracks.known_score, 0.0), 0.0)
     same = items.known_id[:, None, :, None] == tracks.known_id[None, :, None, :]
     same = same & (items.known_id >= 0)[:, None, :, None]
-    smaller = jnp.minimum(mine[:, None, :, None], theirs[None, :, None, :])
+    smaller = jnp.minimum(_scores(items)[:, None, :, None], _scores(tracks)[None, :, None, :])
     common = jnp.sum(jnp.where(same, smaller, 0.0), axis=(2, 3))
-    total = jnp.sum(mine, axis=1)[:, None] + jnp.sum(theirs, axis=1)[None]
+    total = total_items[:, None] + total_tracks
     return jnp.where(total > _TINY, 2.0 * common / jnp.maximum(total, _TINY), 0.0)
 
 

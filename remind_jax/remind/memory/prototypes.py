@@ -12,14 +12,13 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
 from remind_jax.numerics.pooling import dot, to_unit
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
 
@@ -120,27 +119,43 @@ def nearest(bank: Bank, vector: Float[Array, "D"]) -> tuple[Int[Array, ""], Floa
     return index, cosine
 
 
-def similarities(bank: Bank, vector: Float[Array, "D"]) -> Float[Array, "... S"]:
-    """Cosine of a unit vector with every prototype, -inf in free slots."""
-    shape = bank.embedding.shape
-    cosine = dot(vector[None], bank.embedding.reshape(-1, shape[-1]))[0].reshape(shape[:-1])
+def similarities(bank: Bank, vectors: Float[Array, "*#B D"]) -> Float[Array, "*B S"]:
+    """Cosine of a unit vector with every prototype of its bank, -inf in free slots.
+
+    The banks stay where they are: of a batch, one that is mapped over another axis than the first
+    would be copied. So many banks are compared by one call, not by a map over them.
+    """
+    leading = bank.embedding.shape[:-2]
+    vectors = jnp.broadcast_to(vectors, (*leading, vectors.shape[-1]))
+    cosine = dot(vectors[..., None, :], bank.embedding)[..., 0, :]
     return jnp.where(live(bank), cosine.astype(bank.qualities.dtype), -jnp.inf)
 
 
 def entry(bank: Bank, index: Int[Array, ""]) -> Bank:
     """One prototype as a bank without the slot axis."""
-    is_here = (jnp.arange(bank.counts.shape[0]) == index)[:, None]
+    (one,) = entries(bank, index)
+    return one
+
+
+def entries(bank: Bank, *index: Int[Array, ""]) -> list[Bank]:
+    """Several prototypes, each as a bank without the slot axis."""
+    is_here = (columns(*index) == jnp.arange(bank.counts.shape[0])[:, None])[..., None]
     # Of a batch, a look-up would write its indices down first; short rows are chosen by a mask.
     wide = jnp.pad(bank.qualities, ((0, 0), (0, bank.counts.shape[1] - bank.qualities.shape[1])))
     counts, qualities = reduce_together(
-        ("sum", jnp.where(is_here, bank.counts, 0)), ("sum", jnp.where(is_here, wide, 0)), axis=0
+        ("sum", jnp.where(is_here, bank.counts[:, None], 0)),
+        ("sum", jnp.where(is_here, wide[:, None], 0)),
+        axis=0,
     )
-    return Bank(
-        embedding=bank.embedding[index],
-        counts=counts,
-        qualities=qualities[: bank.qualities.shape[1]],
-        size=bank.size,
-    )
+    return [
+        Bank(
+            embedding=bank.embedding[at],
+            counts=counts[number],
+            qualities=qualities[number, : bank.qualities.shape[1]],
+            size=bank.size,
+        )
+        for number, at in enumerate(index)
+    ]
 
 
 def new_entry(vector: Float[Array, "D"], quality: Float[Array, ""], now: Int[Array, ""]) -> Bank:
@@ -237,16 +252,6 @@ def closest_pair(
     cosine = dot(bank.embedding, bank.embedding).astype(bank.qualities.dtype)
     slots = bank.embedding.shape[-2]
     both = live(bank)[:, None] & live(bank)[None]
-    place = jnp.arange(slots, dtype=jnp.int32)
-    row, column = jnp.broadcast_arrays(place[:, None], place[None])
-    value = jnp.where((row < column) & both, cosine, -1.0)
-
-    def better(left: tuple[Array, ...], right: tuple[Array, ...]) -> tuple[Array, ...]:
-        earlier = (right[1] < left[1]) | ((right[1] == left[1]) & (right[2] < left[2]))
-        wins = (right[0] > left[0]) | ((right[0] == left[0]) & earlier)
-        return tuple(jnp.where(wins, *pair) for pair in zip(right, left, strict=True))
-
-    nowhere = jnp.int32(slots)
-    start = (jnp.array(-jnp.inf, value.dtype), nowhere, nowhere)
-    most, i, j = lax.reduce((value, row, column), start, better, (0, 1))
+    place = np.arange(slots)
+    most, i, j = first_largest([jnp.where((place[:, None] < place) & both, cosine, -1.0)])
     return most, i, j, jnp.where(both, cosine, -1.0)

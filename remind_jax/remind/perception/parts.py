@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.pooling import TINY, dot, keep_typical, pool
+from remind_jax.numerics.ranks import rank_rising
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import unit
 from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.solvers.clustering import kmeans
@@ -104,8 +106,7 @@ def _merge_resembling(
     joins: bool,
 ) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
     """Visits parts by falling support; one that resembles a kept part is dropped or joins it."""
-    order = jnp.argsort(jnp.where(valid, -support, jnp.inf), axis=-1, stable=True)
-    parts, valid, support = (_sort(leaf, order) for leaf in (parts, valid, support))
+    parts, valid, support = _sort(jnp.where(valid, -support, jnp.inf), parts, valid, support)
     ranks = jnp.arange(valid.shape[1])
     similarity = dot(parts, parts)
 
@@ -141,10 +142,22 @@ def _compact(
 ) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
     """The kept parts first, in their order."""
     parts, support = jnp.where(kept[..., None], parts, 0.0), jnp.where(kept, support, 0.0)
-    order = jnp.argsort(~kept, axis=-1, stable=True)
-    return _sort(parts, order), _sort(kept, order), _sort(support, order)
+    return _sort(~kept, parts, kept, support)
 
 
-def _sort(values: Array, order: Int[Array, "N K"]) -> Array:
-    index = order.reshape(order.shape + (1,) * (values.ndim - 2))
-    return jnp.take_along_axis(values, index, axis=1)
+def _sort(
+    key: Shaped[Array, "N K"],
+    parts: Float[Array, "N K D"],
+    marked: Bool[Array, "N K"],
+    support: Float[Array, "N K"],
+) -> tuple[Float[Array, "N K D"], Bool[Array, "N K"], Float[Array, "N K"]]:
+    """The parts of each object by a rising key, equal ones in their order."""
+    place = jnp.arange(key.shape[1])
+    is_at = rank_rising([key])[:, None] == place[:, None]
+    marked, support, at = reduce_together(
+        ("any", is_at & marked[:, None]),
+        ("sum", jnp.where(is_at, support[:, None], 0.0)),
+        ("sum", jnp.where(is_at, place, 0)),
+        axis=2,
+    )
+    return jnp.take_along_axis(parts, at[..., None], axis=1), marked, support

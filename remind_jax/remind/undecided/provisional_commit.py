@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import rank_rising
-from remind_jax.numerics.reductions import pick_in_rows
+from remind_jax.numerics.reductions import pick_in_rows, reduce_together
 from remind_jax.numerics.set_order import iteration_rank
 from remind_jax.remind.memory.objects import Objects, add_objects
 from remind_jax.remind.memory.pending import Items, Kind, PendingTracks, dice
@@ -131,19 +131,23 @@ def claim_origins(
       rules: Least overlap of support.
     """
     slots = tracks.kind.shape[0]
+    num_named = jnp.sum(tracks.known_id >= 0, axis=1, dtype=jnp.int32)
 
     def claim(free: Bool[Array, "P"], one: tuple[Array, Array, Array]):
         born, kind_of, support = one
         same = free & (tracks.class_id == kind_of) & born
-        overlap, _, _ = dice(support[None], tracks.known_id)
-        fits = same & (overlap[0] >= rules.origin_min_overlap)
-        # On equal overlap the later track wins.
-        best = fits & (overlap[0] == jnp.max(jnp.where(fits, overlap[0], -1.0)))
-        latest = jnp.argmax(jnp.where(best, tracks.id, NO_ID))
+        num_support = jnp.sum(support >= 0, dtype=jnp.int32)
+        (overlap,), _, _ = dice(support[None], tracks.known_id, num_support[None], num_named)
+        fits = same & (overlap >= rules.origin_min_overlap)
         alone = same & ~tracks.from_parent
-        named = jnp.any(support >= 0)
+        most, num_alone = reduce_together(
+            ("max", jnp.where(fits, overlap, -1.0)), ("sum", alone), axis=0
+        )
+        # On equal overlap the later track wins.
+        latest = jnp.argmax(jnp.where(fits & (overlap == most), tracks.id, NO_ID))
+        named = num_support > 0
         by_name = fits & (jnp.arange(slots) == latest) & named
-        by_class = alone & ~named & (jnp.sum(alone) == 1)
+        by_class = alone & ~named & (num_alone == 1)
         return free & ~(by_name | by_class), None
 
     waiting = tracks.kind == Kind.PROVISIONAL

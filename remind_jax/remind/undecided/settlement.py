@@ -18,6 +18,7 @@ from remind_jax.observation import Descriptors
 from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.disambiguation.known_sets import GroupOutcome, settle_known_sets
+from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
@@ -79,6 +80,7 @@ def settle(
       t: Thresholds.
     """
     objects, next_id = state.objects, state.next_id
+    exists = objects.exists  # looked up here, not in every pass
     stable = stabilize(table, assignment.slot, t.stability)
     slot = stable.slot
     creates = descriptors.valid & (slot < 0)
@@ -100,7 +102,9 @@ def settle(
     )
 
     def reconcile(open_: _Open, turn: Int[Array, ""]) -> tuple[_Open, tuple[GroupOutcome, Round]]:
-        return _reconcile(open_, turn, table, state, descriptors, relations, static, t)
+        return _reconcile(
+            open_, turn, table, exists, state.distances, descriptors, relations, static, t
+        )
 
     turns = jnp.arange(static.max_passes, dtype=jnp.int32)
     open_, (groups, rounds) = jax.lax.scan(reconcile, open_, turns)
@@ -144,7 +148,8 @@ def _reconcile(
     open_: _Open,
     turn: Int[Array, ""],
     table: PairTable,
-    state: TrackerState,
+    exists: Bool[Array, "O"],
+    distances: DistanceGraph,
     descriptors: Descriptors,
     relations: Relations,
     static: Static,
@@ -162,9 +167,9 @@ def _reconcile(
         open_.turn,
         table.comparison.candidate,
         table.pairs,
-        state.objects.exists,
+        exists,
         relations,
-        state.distances,
+        distances,
         static,
         t.known_sets,
     )

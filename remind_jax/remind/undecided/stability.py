@@ -22,7 +22,7 @@ from remind_jax.decision import Reason
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.components import connect
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.ranks import largest
+from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import pick_in_rows, reduce_together
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.disambiguation.groups import Undecided
@@ -235,15 +235,14 @@ def _solve_greedily(
     known, visual = table.pairs.score_known, table.comparison.score
     edge = parts.edge & fragile[:, None]
     masked = jnp.where(edge, known, -jnp.inf)
-    row, column = jnp.arange(edge.shape[0])[:, None], jnp.arange(edge.shape[1])
+    row, column = np.indices(edge.shape)
 
     def take(_: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         taken, left = carry
-        top = left & (masked == jnp.max(jnp.where(left, masked, -jnp.inf)))
-        top = top & (visual == jnp.max(jnp.where(top, visual, -jnp.inf)))
-        first = jnp.argmax(top)
-        in_row, in_column = row == first // len(column), column == first % len(column)
-        return taken | (top & in_row & in_column), left & ~in_row & ~in_column
+        keys = [jnp.where(left, key, -jnp.inf) for key in (masked, visual)]
+        at_row, at_column = first_largest(keys, left)[-2:]
+        in_row, in_column = row == at_row, column == at_column
+        return taken | (in_row & in_column), left & ~in_row & ~in_column
 
     taken, _ = jax.lax.fori_loop(0, len(fragile), take, (jnp.zeros_like(edge), edge))
 
