@@ -12,7 +12,7 @@ from tests.corpus.soak import (
     NUM_ROOMS,
     PLACES,
     TOUR,
-    VISIT,
+    TOUR_VISIT,
     Figures,
     _background,
     picture,
@@ -20,7 +20,7 @@ from tests.corpus.soak import (
 )
 
 FINE = Figures(
-    num_frames=2000,
+    num_frames=3000,
     num_objects=160,
     median_ms=5.0,
     worst_ms=20.0,
@@ -28,7 +28,7 @@ FINE = Figures(
     worst_wall_ms=200.0,
     num_wall_over=1,
     grown_at=(250,),
-    rss_mib=(500.0, 500.5),
+    rss_mib=(500.0, 500.2),
     kib_per_1000=200.0,
 )
 
@@ -49,14 +49,14 @@ def is_room(part, room, place):
 
 def test_all_rooms_are_met_and_things_come_and_go():
     seen = [picture(index)[1] for index in range(0, 2000, 10)]
-    assert max(map(len, seen[:80])) == CROWD
-    assert {len(frame) for frame in seen[80:]} > {2, 3, 4}
+    assert max(map(len, seen[: TOUR // 10])) == CROWD
+    assert {len(frame) for frame in seen[TOUR // 10 :]} > {2, 3, 4}
     corner = np.s_[:8, :8]  # without things
     met = [
         [room for room in range(NUM_ROOMS) if is_room(picture(index)[0][corner], room, corner)]
-        for index in range(0, TOUR, VISIT)
+        for index in range(0, TOUR, TOUR_VISIT)
     ]
-    assert sorted(met) == [[room] for room in range(NUM_ROOMS)]
+    assert sorted(met) == sorted(3 * [[room] for room in range(NUM_ROOMS)])
     again = picture(37)
     assert np.array_equal(again[0], picture(37)[0])
     assert len(again[1]) == len(PLACES)
@@ -66,7 +66,7 @@ def test_all_rooms_are_met_and_things_come_and_go():
 @pytest.mark.parametrize("config", ["default", "remind"])
 def test_a_short_soak_stays_within_bounds(config):
     """Memory is flat, and no frame computes or waits for programs over ten times the median."""
-    *_, figures = soak(2000, config)
+    *_, figures = soak(3000, config)
     assert isinstance(figures, Figures)
     assert figures.grown_at
     assert figures.failures == []
