@@ -17,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.features import compare, find, parser_of, print_head, print_row
+from benchmarks.features import compare, find, parser_of, print_head, print_row, published
 from remind_jax.backbone.registry import DEFAULT_BACKBONE
 from remind_jax.benchmark.contenders import Contender
 from remind_jax.calibration import calibrate
@@ -30,9 +30,9 @@ SEEDS = range(1, 5)
 
 def contenders(backbone: str, scenes: Sequence[Path], folder: Path) -> Iterator[Contender]:
     """The three sets of thresholds, each for any features."""
-    fixed = load_config({"base": "remind", "backbone_profile": False})
+    fixed = published().config
     by_hand = load_config("remind").for_backbone(DEFAULT_BACKBONE)
-    yield Contender("published", "published", fixed)
+    yield published()
     yield Contender("hand", "chosen for patch statistics", _with(fixed, by_hand))
     found = calibrate(list(scenes), backbone=backbone, out=folder / "profile.yaml")
     yield Contender("calibrated", "calibrated", _with(fixed, found.to_config()))

@@ -4,9 +4,12 @@
 
 ROOT is a folder of scenes with annotations. For each backbone and method: detections with the one
 right identity of their object (IDF1) and returns that got the old identity in their first frame
-(hard recovery), per scene and over all; and CPU milliseconds of the features of a frame. The bank
-runs with several thresholds, a row each, since none fits all features. How well the features tell
-objects apart without any tracker: `nearest_neighbor.py`.
+(hard recovery), per scene and over all; and CPU milliseconds of the features of a frame. `remind`
+has the profile that `remind calibrate` left for the backbone, or that shipped with it. Beside it:
+`remind` with published thresholds, and the bank with several, a row each, since none fits all
+features. How well the features tell objects apart without any tracker: `nearest_neighbor.py`.
+
+With `--out` runs and features are kept, and what is there is not computed again.
 """
 
 from __future__ import annotations
@@ -29,6 +32,8 @@ from remind_jax.benchmark.records import Record
 from remind_jax.benchmark.running import Setup, run_all
 from remind_jax.benchmark.scenes import Scene, find_scenes, select_scenes
 from remind_jax.benchmark.scoring import Scored, by_contender, read_truth, score, summarize
+from remind_jax.config import load_config
+from remind_jax.config.profiles import name_profile
 from remind_jax.session.live import Tracker
 
 METHODS = ("default", "remind")
@@ -38,12 +43,22 @@ TIMED = 9  # frames, the first of which is not counted
 
 
 def compare(
-    backbone: str, scenes: Sequence[Scene], contenders: Sequence[Contender]
+    backbone: str,
+    scenes: Sequence[Scene],
+    contenders: Sequence[Contender],
+    kept: Path | None = None,
 ) -> dict[str, list[Scored]]:
-    """Runs contenders on the features of one backbone; their runs by scene."""
+    """Runs contenders on the features of one backbone; their runs by scene.
+
+    Args:
+      backbone: By name.
+      scenes: With annotations.
+      contenders: With names of their own.
+      kept: Folder where runs of any backbone are kept; nowhere if left out.
+    """
     opened = open_backbone(backbone)
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder)
+        out = Path(folder) if kept is None else kept / name_profile(opened.name, opened.fingerprint)
         setup = Setup(out, opened, feature_cache=out / "features", is_shown=False)
         records = run_all(setup, tuple(scenes), tuple(contenders), say_record)
         truths = {scene.name: read_truth(scene) for scene in scenes}
@@ -92,6 +107,12 @@ def bank(match: float) -> Contender:
     )
 
 
+def published() -> Contender:
+    """`remind` with the thresholds of the paper, whatever the features."""
+    fixed = load_config({"base": "remind", "backbone_profile": False})
+    return Contender("remind-published", "REMIND, published thresholds", fixed)
+
+
 def say_record(record: Record, was_there: bool) -> None:
     """Tells how a run went."""
     print(f"{record.scene}, {record.contender}: {record.error or record.status}", file=sys.stderr)
@@ -117,15 +138,17 @@ def main() -> None:
     """Parses the command line, runs and prints Markdown."""
     parser = parser_of(__doc__)
     parser.add_argument("--methods", nargs="*", default=list(METHODS), metavar="NAME")
+    parser.add_argument("--out", type=Path, metavar="FOLDER")
     given = parser.parse_args()
     scenes = find(given.root, given.scene)
-    contenders = [*make_contenders(given.methods), *(bank(match) for match in BANK_MATCHES)]
+    banks = (bank(match) for match in BANK_MATCHES)
+    contenders = [*make_contenders(given.methods), published(), *banks]
     titles = {contender.name: contender.title for contender in contenders}
     print("IDF1 / hard recovery / identities\n")
     print_head("features,method", scenes, ["CPU ms"])
     for backbone in given.backbone:
         ms = f"{time_features(backbone, scenes[0]):.0f}"
-        for name, runs in compare(backbone, scenes, contenders).items():
+        for name, runs in compare(backbone, scenes, contenders, given.out).items():
             print_row([backbone, titles[name]], runs, [ms])
 
 

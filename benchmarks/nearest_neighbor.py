@@ -1,6 +1,6 @@
 """How well a backbone tells objects apart, without any tracker.
 
-Usage: python benchmarks/nearest_neighbor.py ROOT [--backbone NAME] [--json OUT]
+Usage: python benchmarks/nearest_neighbor.py ROOT [--backbone NAME] [--every 20] [--json OUT]
 
 Every 10th frame of each sequence under ROOT (`JPEGImages`, `Annotations`, `metadata.json`) is
 described; each instance of at least 400 pixels in it becomes one vector, the mean of its patch
@@ -22,7 +22,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from remind_jax.backbone import DEFAULT_BACKBONE, Backbone, get_backbone
+from remind_jax.backbone import DEFAULT_BACKBONE, Backbone
+from remind_jax.backbone.opening import open_backbone
 from remind_jax.errors import SourceError
 
 FRAME_STEP = 10
@@ -69,13 +70,13 @@ class Sightings:
     label: np.ndarray  # [N] class names
 
 
-def read_sightings(folder: Path, patch_px: int) -> Sightings:
-    """Reads every `FRAME_STEP`-th frame, cut about the center to whole patches."""
+def read_sightings(folder: Path, patch_px: int, step: int = FRAME_STEP) -> Sightings:
+    """Reads every `step`-th frame, cut about the center to whole patches."""
     name = folder.name
     classes = json.loads((folder / "metadata.json").read_text())["id_to_class"]
     images, masks, rows = [], [], []
     paths = sorted((folder / "JPEGImages" / name).glob("*.jpg"))
-    for frame in range(0, len(paths), FRAME_STEP):
+    for frame in range(0, len(paths), step):
         image = cv2.cvtColor(_read(paths[frame], cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
         labels_path = folder / "Annotations" / name / f"{paths[frame].stem}.png"
         labels = _read(labels_path, cv2.IMREAD_UNCHANGED)
@@ -156,11 +157,11 @@ def cosine_percentiles(vectors: np.ndarray, sightings: Sightings) -> dict[str, l
     }
 
 
-def measure(root: Path, backbone: Backbone) -> list[dict]:
+def measure(root: Path, backbone: Backbone, step: int = FRAME_STEP) -> list[dict]:
     """One record per sequence under `root` and descriptor."""
     records = []
     for metadata in sorted(root.glob("*/metadata.json")):
-        sightings = read_sightings(metadata.parent, backbone.patch_px)
+        sightings = read_sightings(metadata.parent, backbone.patch_px, step)
         ours, ms_per_frame = describe_with(backbone, sightings)
         descriptors: dict[str, tuple[np.ndarray, float | None]] = {
             backbone.name: (ours, ms_per_frame),
@@ -217,10 +218,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Rank-1 of a backbone's masked mean vectors.")
     parser.add_argument("root", type=Path, help="folder of sequences")
     parser.add_argument("--backbone", default=DEFAULT_BACKBONE)
+    parser.add_argument("--every", type=int, default=FRAME_STEP, metavar="FRAMES")
     parser.add_argument("--json", type=Path, help="where to write the figures")
     arguments = parser.parse_args()
-    backbone = get_backbone(arguments.backbone)
-    records = measure(arguments.root, backbone)
+    backbone = open_backbone(arguments.backbone)
+    records = measure(arguments.root, backbone, arguments.every)
     if not records:
         parser.error(f"no sequence (folder with a metadata.json) in {arguments.root}")
     console = Console()
