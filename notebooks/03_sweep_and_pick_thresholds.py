@@ -163,7 +163,7 @@ axis.set_yticks(range(len(curves)), [curve.name for curve in curves])
 axis.set(xlabel="IDF1, % (mean of the scenes); small numbers: value of the threshold")
 axis.invert_yaxis()
 axis.margins(y=0.15)
-axis.legend(frameon=False, loc="lower right")
+axis.legend(frameon=False, loc="lower left")
 plt.show()
 
 # %% [markdown]
@@ -230,8 +230,9 @@ print(
 # %% [markdown]
 # The gray bars are what tuning on the test scene would claim; the blue ones are what to expect. Where
 # the interval of the gain contains zero, the data do not show that tuning helps, and the default is
-# the better choice: three short tours are too few for tuning. To tune on your own data take ten scenes
-# or more from your rooms and your camera, keep some of them aside, and vary few thresholds.
+# the better choice. Here it begins just above zero, but over three short tours of one renderer, which are
+# too few for tuning. To tune on your own data take ten scenes or more from your rooms and your camera,
+# keep some of them aside, and vary few thresholds.
 #
 # ## On the command line
 #
