@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import repeat
 from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.rounding import divide
@@ -127,13 +128,13 @@ def compare(
     channels = compare_channels(state, descriptors, static, background, promote_hits)
 
     ways = collapse(channels, _WAYS, static, t)
-    columns = ways.authority.shape[-1]
+    width = ways.authority.shape[-1]
     of_objects = jax.tree.map(lambda leaf: leaf[..., :slots], ways)
     # One bank for all candidates of a detection where all have it, stable first
     # (method.md#bank-source).
     everywhere = jnp.all(of_objects.present[: STABLE + 1] | ~candidate, axis=-1)
     source = jnp.where(everywhere[STABLE], STABLE, jnp.where(everywhere[WORK], WORK, AUTO))
-    taken = jnp.where(jnp.arange(columns) < slots, source[..., None], AUTO)
+    taken = jnp.where(jnp.arange(width) < slots, source[..., None], AUTO)
     terms = Terms(
         value=_choose_way(ways.value, taken),
         present=_choose_way(ways.present, taken),
@@ -141,7 +142,7 @@ def compare(
     )
     num_terms = len(terms.value)
     weights = term_weights(quality, terms.authority, t, num_terms)
-    counted = jnp.pad(candidate, ((0, 0), (0, columns - slots)), constant_values=True)
+    counted = jnp.pad(candidate, ((0, 0), (0, width - slots)), constant_values=True)
     score = weighted_mean(terms.value, terms.present & counted, weights, t)
     return Comparison(
         candidate=candidate,
@@ -277,6 +278,8 @@ def _find_nearest(
     *leading, objects, slots, dim = bank.embedding.shape
     width = min(_SLOTS_AT_ONCE, slots)
     shape = (*leading, vectors.shape[1], objects)
+    # Of both banks, or the prototypes would be copied to stand side by side.
+    vectors = jnp.broadcast_to(vectors, (*leading, *vectors.shape[1:]))
 
     def read_some(found: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         turn, best, winner = found
@@ -386,10 +389,10 @@ def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
 
 
 def _join_rings(rings: Score, t: Similarity) -> Score:
-    shares = [jnp.maximum(share, 0.0) for share in (t.inner_share, t.outer_share)]
-    total = shares[0] + shares[1]
-    some, divisor = total > 1e-12, jnp.maximum(total, 1e-12)
-    shares = [jnp.where(some, share / divisor, 0.5) for share in shares]
+    given = [jnp.maximum(share, 0.0) for share in (t.inner_share, t.outer_share)]
+    total = given[0] + given[1]
+    shares = divide(columns(*given), jnp.maximum(total, 1e-12))
+    shares = jnp.where(total > 1e-12, shares, 0.5)
     inner, outer = rings.value
     joint = divide(shares[0] * inner + shares[1] * outer, shares[0] + shares[1])
     both = rings.present[0] & rings.present[1]

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import batch_max, count_up
+from remind_jax.numerics.reductions import reduce_together
 from remind_jax.remind.context.chunks import by_chunks
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.context.member_sets import (
@@ -29,6 +30,7 @@ from remind_jax.remind.context.member_sets import (
 from remind_jax.remind.context.options import VARIANTS
 from remind_jax.remind.thresholds.context import Sets
 
+_OUTSIDE = -1.0  # instead of the number of links of what is not in a set
 _extend = jax.vmap(extend_paths)
 _reach = jax.vmap(reach_members)
 _strengths = jax.vmap(link_strengths, (0, 0, None), out_axes=1)
@@ -100,13 +102,16 @@ def count_links(sets: MemberSet, ranked: Int[Array, "W C"], links: Links, t: Set
     new = jnp.take_along_axis(degree, at, axis=1)[:, None, None]
     new = new + jnp.einsum("kvj,wji->wkvi", chosen, to_chosen)
     is_member = (jnp.arange(slot.shape[1]) < sets.size[:, None])[:, None, None]
-    shape = new.shape[:3]
-    inside = [jnp.broadcast_to(part, (*shape, part.shape[3])) for part in (is_member, taken[None])]
-    inside, degree = jnp.concatenate(inside, axis=3), jnp.concatenate([old, new], axis=3)
-    counts = jnp.stack([degree, degree > 0.0, degree < t.min_links.astype(jnp.float32)])
-    degrees, linked, isolated = jnp.sum(jnp.where(inside, counts, 0.0), axis=4)
+    inside = [jnp.where(is_member, old, _OUTSIDE), jnp.where(taken[None], new, _OUTSIDE)]
+    degree = jnp.concatenate(inside, axis=3)
+    degrees, linked, isolated = reduce_together(
+        ("sum", jnp.maximum(degree, 0.0)),
+        ("sum", degree > 0.0),
+        ("any", (degree > _OUTSIDE) & (degree < t.min_links.astype(jnp.float32))),
+        axis=3,
+    )
     scalar = links.strength.dtype
-    return LinkCounts(degrees.astype(scalar) / 2.0, linked.astype(scalar), isolated > 0.0)
+    return LinkCounts(degrees.astype(scalar) / 2.0, linked.astype(scalar), isolated)
 
 
 def join_chosen(
