@@ -455,20 +455,30 @@ def make_room(
     joins = cosine >= merge
     left, right = entries(bank, i, j)
     joined = merge_entries(left, right, now, cap)
-    gone = jnp.where(joins, j, weakest(bank, all_cosines, redundant))
+    gone = jnp.where(joins, j, weakest(bank, all_cosines, cosine, redundant))
     return Edit(i, joined, joins, gone, jnp.ones_like(joins))
 
 
-def weakest(bank: Bank, cosine: Float[Array, "S S"], redundant: Bool[Array, ""]) -> Int[Array, ""]:
+def weakest(
+    bank: Bank,
+    cosine: Float[Array, "S S"],
+    closest: Float[Array, ""],
+    redundant: Bool[Array, ""],
+) -> Int[Array, ""]:
     """The prototype to give up: the least recently seen of all, or of the most redundant ones.
 
     method.md#bank-room; the first among equals.
+
+    Args:
+      bank: A full one.
+      cosine: Of all pairs, -1 where there is none.
+      closest: The largest one.
+      redundant: Whether redundancy counts.
     """
     alive = live(bank)
     others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)
     redundancy = jnp.max(others, axis=1)
-    redundancy = jnp.where(redundancy > -1.0, redundancy, 0.0)
-    top = jnp.max(jnp.where(alive, redundancy, -jnp.inf))
+    redundancy, top = (jnp.where(one > -1.0, one, 0.0) for one in (redundancy, closest))
     alive = alive & (~redundant | (jnp.abs(redundancy - top) < _TIE))
     oldest = jnp.argmin(jnp.where(alive, bank.last_seen, jnp.iinfo(jnp.int32).max))
     return oldest.astype(jnp.int32)

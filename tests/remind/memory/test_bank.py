@@ -31,19 +31,21 @@ def test_eviction_example_of_the_page(redundant, index):
     cosine, i, j, everything = closest_pair(bank)
     assert (int(i), int(j)) == (0, 1)
     np.testing.assert_allclose(cosine, 0.9, atol=1e-6)
-    assert int(weakest(bank, everything, jnp.bool_(redundant))) == index
+    assert int(weakest(bank, everything, cosine, jnp.bool_(redundant))) == index
 
 
 def test_the_only_prototype_is_the_weakest():
     bank = bank_of(unit(0), slots=1)
+    cosine, _, _, everything = closest_pair(bank)
     for redundant in (YES, NO):
-        assert int(weakest(bank, closest_pair(bank)[3], redundant)) == 0
+        assert int(weakest(bank, everything, cosine, redundant)) == 0
 
 
 def test_opposite_prototypes_are_not_redundant():
     """A largest cosine of -1 counts as 0, so the least recently seen of all is given up."""
     bank = bank_of(unit(0), unit(180), last_seen=(4, 2), slots=2)
-    assert int(weakest(bank, closest_pair(bank)[3], YES)) == 1
+    cosine, _, _, everything = closest_pair(bank)
+    assert int(weakest(bank, everything, cosine, YES)) == 1
 
 
 @pytest.mark.parametrize(("cap", "angle"), [(1, 45.0), (10, np.degrees(np.arctan(0.2)))])
