@@ -196,6 +196,8 @@ def test_files_that_may_not_get_so_large_are_told(run):
 @pytest.mark.skipif(os.name == "nt", reason="no such code of a broken pipe")
 def test_a_reader_that_goes_away_is_no_error(run):
     with label_alone(run, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        assert child.stderr is not None
         child.stdout.close()
         assert child.stderr.read() == ""
         assert child.wait(timeout=120) == process.BROKEN_PIPE
