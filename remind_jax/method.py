@@ -143,6 +143,8 @@ class Method:
 
     def enlarge(self, state: Any, static: Static) -> Any:
         """The memory with the larger capacities of `static`; results do not change."""
+        # On the host, where reading a column compiles nothing: a frame waits for this.
+        state = jax.device_get(state)
         if self.grow is not None:
             return self.grow(state, static)
         return extend(state, self.init(static))

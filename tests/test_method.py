@@ -149,13 +149,16 @@ def test_wrong_names_are_refused(counter):
 
 
 @pytest.mark.parametrize("name", list_methods())
-def test_reading_the_ids_of_a_memory_compiles_nothing(name, caplog):
-    """A live loop does so within a frame."""
+def test_a_frame_waits_for_no_program_when_memory_grows_or_its_ids_are_read(name, caplog):
     method = get_method(name)
     # Capacities that no other test uses: nothing is compiled for them yet.
-    state = method.init(Static(num_objects=19, num_pending=11, num_detections=7, feature_dim=5))
+    small = Static(num_objects=19, num_pending=11, num_detections=7, feature_dim=5)
+    large = dataclasses.replace(small, num_objects=23)
+    state = method.init(small)
+    method.init(large)  # as whoever prepares the programs does
     with jax.log_compiles():
         assert method.known_ids(state) == set()
+        assert method.known_ids(method.enlarge(state, large)) == set()
         assert not caplog.records
         jax.jit(lambda ids: ids + 17)(state.next_id)  # what would be seen
     assert caplog.records

@@ -118,7 +118,7 @@ def init(static: Static) -> TrackerState:
 
 def grow(state: TrackerState, static: Static) -> TrackerState:
     """The same memory with the larger capacities of `static`, on the host."""
-    empty = init(static)
+    empty = jax.device_get(init(static))
     old_objects, new_objects = state.objects.id.shape[0], empty.objects.id.shape[0]
 
     def widen_rows(small: Array, large: Array) -> np.ndarray:
