@@ -93,6 +93,7 @@ def report(
     verdicts: Verdicts,
     belief: Float[Array, "N C"],
     base: Float[Array, "N C"],
+    moves: Float[Array, "N"],
     here: Tracklets,
     present: Bool[Array, "N"],
     num_bad_patches: Int[Array, ""],
@@ -108,6 +109,7 @@ def report(
       verdicts: Decisions.
       belief: Probability of each candidate.
       base: Evidence of each candidate without that of the others in view.
+      moves: How far each answer is an object that moves of its own.
       here: Tracklets of the detections, before the decisions.
       present: Detection slots that hold a mask.
       num_bad_patches: Patches that were left out.
@@ -117,7 +119,7 @@ def report(
     seen = verdicts.tracklet_id != NO_ID
     is_own = verdicts.answer_id == verdicts.tracklet_id
     undecided = seen & ~verdicts.is_decided
-    confidence = jnp.where(seen, _calibrate(verdicts, is_own, t.confidence), 0.0)
+    confidence = jnp.where(seen, _calibrate(verdicts, is_own, moves, t.confidence), 0.0)
     option_id, option_score = _list_options(verdicts, belief, undecided)
     could_be = option_score >= t.decision.possible
     num_close = jnp.sum(could_be, axis=1, dtype=jnp.int32)
@@ -168,7 +170,9 @@ def report(
     return decisions
 
 
-def _calibrate(verdicts: Verdicts, is_own: Bool[Array, "N"], t: th.Confidence) -> Float[Array, "N"]:
+def _calibrate(
+    verdicts: Verdicts, is_own: Bool[Array, "N"], moves: Float[Array, "N"], t: th.Confidence
+) -> Float[Array, "N"]:
     """How often answers of this kind and belief are right."""
 
     def by_kind(known: Array, new: Array, open_known: Array, open_new: Array) -> Array:
@@ -178,7 +182,10 @@ def _calibrate(verdicts: Verdicts, is_own: Bool[Array, "N"], t: th.Confidence) -
     low = _log_odds(by_kind(t.known, t.new, t.open_known, t.open_new))
     high = _log_odds(by_kind(t.known_sure, t.new_sure, t.open_known_sure, t.open_new_sure))
     most = math.log(1.0 / LEAST_BELIEF - 1.0)
-    return jax.nn.sigmoid(low + (high - low) * (_log_odds(verdicts.probability) / most + 1.0) / 2.0)
+    belief = _log_odds(verdicts.probability) / most
+    # Nothing confirms later what was decided of an object that is found elsewhere every time.
+    belief *= 1.0 - t.moving * moves * verdicts.is_decided
+    return jax.nn.sigmoid(low + (high - low) * (belief + 1.0) / 2.0)
 
 
 def _log_odds(probability: Float[Array, "N"]) -> Float[Array, "N"]:

@@ -72,8 +72,9 @@ def weigh_jointly(
 
     base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
     # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
-    # its members would otherwise talk each other into being known.
+    # its members would otherwise talk each other into being known. A rare class tells as looks do.
     looks = shortlist.parts[..., PARTS.index("looks")]
+    looks += t.layout.witness_class * _class_rarity(sightings.class_id, objects)[:, None]
     credible = jax.nn.sigmoid(t.layout.witness_slope * (looks + t.layout.witness))
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
     moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
@@ -191,6 +192,13 @@ def _layout_evidence(
     # What may have moved may have come nearer.
     known = 1.0 / (1.0 + (spread / t.ratio_spread) ** 2)
     return odds + t.ratio_weight * known * jnp.clip(ratio_odds, -2.0, 1.0)
+
+
+def _class_rarity(class_id: Int[Array, "N"], objects: Objects) -> Float[Array, "N"]:
+    """Log of how many objects there are per object of the same class: 0 if all are of one."""
+    alike = objects.exists[None] & (class_id[:, None] == objects.class_id[None])
+    of_class, of_all = jnp.sum(alike, axis=1), jnp.sum(objects.exists)
+    return jnp.log(jnp.maximum(of_all, 1) / jnp.maximum(of_class, 1))
 
 
 def _covisible_evidence(

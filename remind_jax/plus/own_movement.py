@@ -16,6 +16,7 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.plane import medians, squared_length
@@ -124,3 +125,8 @@ def mobility(speed: Float[Array, "O"], t: th.Mobility) -> Float[Array, "O"]:
     """How far an object is one that moves of its own, [0, 1); 0 at rest."""
     speed = t.weight * speed
     return speed / (speed + t.half)
+
+
+def mobility_of(slot: Int[Array, "N"], objects: Objects, t: th.Mobility) -> Float[Array, "N"]:
+    """`mobility` of the object in each slot; 0 for NO_SLOT."""
+    return jnp.where(slot != NO_SLOT, mobility(objects.speed[slot], t), 0.0)

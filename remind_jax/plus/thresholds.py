@@ -87,7 +87,7 @@ class Mobility:
         "frames")
     rate: Real = setting(0.05, "what a frame changes of the speed of the scene", "share")
     half: Real = setting(0.02, "speed of an object that is by half one that moves", "length")
-    best: Real = setting(6.0, "most evidence of looks of an object that moves", "log odds")
+    best: Real = setting(8.0, "most evidence of looks of an object that moves", "log odds")
     gain: Real = setting(1.5, "log odds of an object that moves, in place of those of its place",
         "log odds")
     crowd: Real = setting(1.0, "more of the loss by `decision.crowd` for an object that moves",
@@ -193,6 +193,9 @@ class Layout:
     witness: Real = setting(0.5, "an open partner speaks by half if its looks say minus this ...",
         "log odds")
     witness_slope: Real = setting(2.0, "... and by less, or more, this fast", "per log odd")
+    witness_class: Real = setting(1.0,
+        "what a partner's class adds to its looks, per log of how rare it is among known objects",
+        "factor")
     near_error: Real = setting(0.6, "standard deviation of a relation in sizes", "object sizes")
     rate_error: Real = setting(0.2, "more of it per distance in sizes", "share")
     border_error: Real = setting(0.7, "more of it where a mask touches the border", "object sizes")
@@ -232,7 +235,7 @@ class Decision:
     """Known or new, now or later (method_plus.md#novelty, method_plus.md#decision)."""
 
     new: Real = setting(1.0, "log odds of a new object", "log odds")
-    familiarity: Real = setting(0.8, "weight of how much was new of what came last and is in view",
+    familiarity: Real = setting(1.0, "weight of how much was new of what came last and is in view",
         "weight")
     familiarity_rate: Real = setting(0.2, "what one decision changes of it", "share")
     familiarity_least: Real = setting(0.1, "least share of new objects that is assumed", "share")
@@ -246,7 +249,7 @@ class Decision:
     commit_age: Whole = setting(8, "detections after which a tracklet is decided", "detections")
     early_age: Whole = setting(2, "a clear win is decided from here on", "detections")
     early_margin: Real = setting(4.0, "lead that is a clear win", "log odds")
-    tentative: Real = setting(1.0, "log odds that a new object loses until then", "log odds")
+    tentative: Real = setting(1.5, "log odds that a new object loses until then", "log odds")
     tentative_border: Real = setting(1.0, "more of it for what the border of the frame cuts off",
         "log odds")
     late_frames: Whole = setting(60, "detections for which a new object may turn out to be known",
@@ -276,6 +279,7 @@ class Confidence:
     known_sure: Real = setting(0.992, "the same at belief 0.999", "probability")
     new: Real = setting(0.51, "decided, a new object: at belief 0.001", "probability")
     new_sure: Real = setting(0.974, "the same at belief 0.999", "probability")
+    moving: Real = setting(0.8, "what belief loses once decided, if the object moves", "share")
 
 
 @jax.tree_util.register_dataclass

@@ -44,7 +44,7 @@ from remind_jax.plus.linking import (
 )
 from remind_jax.plus.motion_check import check_motion
 from remind_jax.plus.observation import Motion, Sightings, observe
-from remind_jax.plus.own_movement import first_speed, learn_speeds
+from remind_jax.plus.own_movement import first_speed, learn_speeds, mobility_of
 from remind_jax.plus.scene_map import (
     center_variance,
     correct_map,
@@ -191,9 +191,11 @@ def _advance(
     # Who is who, jointly?
     choice = decide(candidates, weighed[..., 0], rows, here, scene, static.num_objects, t.decision)
     verdicts = conclude(here, objects, rows, candidates, weighed, choice)
+    answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
+    moves = mobility_of(answered, objects, t.mobility)
     decisions = report(
-        verdicts, weighed[..., 1], candidates.base, here, present, sightings.num_bad_patches,
-        static, t,
+        verdicts, weighed[..., 1], candidates.base, moves, here, present,
+        sightings.num_bad_patches, static, t,
     )  # fmt: skip
     # What does that teach?
     scene = learn_familiarity(scene, choice, t.decision)

@@ -16,7 +16,7 @@ from tests.plus.frames import STATIC, T, detections, tracklets_of
 KNOWN, OTHER, OWN = 2, 3, 7
 
 
-def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
+def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True, moves=0.0):
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
     def first(blank, value):
@@ -42,7 +42,8 @@ def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True):
     )
     present = jnp.array([True, False, False])
     base = jnp.zeros_like(beliefs)
-    return report(verdicts, beliefs, base, here, present, jnp.int32(0), STATIC, T)
+    moving = first(jnp.zeros(3), moves)
+    return report(verdicts, beliefs, base, moving, here, present, jnp.int32(0), STATIC, T)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():
@@ -75,6 +76,15 @@ def test_confidence_rises_with_belief_and_is_higher_once_decided():
     assert 0 < low < high < 1
     assert low < decided
     assert report_one([0.6, 0.0]).confidence[1] == 0  # an empty slot
+
+
+def test_less_is_claimed_of_what_moves_once_it_is_decided():
+    still, moving = (
+        report_one([0.99, 0.0], decided=True, moves=moves).confidence[0] for moves in (0.0, 0.8)
+    )
+    assert 0.5 < moving < still - 0.02
+    still, moving = (report_one([0.99, 0.0], moves=moves).confidence[0] for moves in (0.0, 0.8))
+    assert moving == still, "what is open may still be corrected"
 
 
 def test_a_mask_without_usable_features_is_dropped():

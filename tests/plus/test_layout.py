@@ -21,13 +21,16 @@ PLACES = np.array([[1.5, 1.5], [3, 1.2], [4.5, 1.6], [2.2, 3], [4, 3.2]], np.flo
 NUM = len(PLACES)
 
 
-def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+def weigh(
+    looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0), rare: bool = False
+) -> np.ndarray:
     """Log odds that each of five detections is the object that lay there.
 
     Args:
       looks: Log odds of looks of each.
       witness: Threshold.
       moved: Where all of them lie now, from where the objects lay.
+      rare: Three times as many other objects are of another class, instead of the same one.
     """
     state = init(STATIC)
     objects = state.objects.replaced(
@@ -52,6 +55,11 @@ def weigh(looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0))
         cosine=jnp.zeros((num, NUM_CANDIDATES)),
         parts=parts,
     )
+    # Others that are never in view, and of another class if these are of a rare one.
+    rest = np.s_[NUM : 4 * NUM]
+    objects = objects.replaced(
+        id=objects.id.at[rest].set(1), class_id=objects.class_id.at[rest].set(int(rare))
+    )
     t = PlusThresholds()
     t = dataclasses.replace(t, layout=dataclasses.replace(t.layout, witness=witness)).as_arrays()
     nobody = jnp.full(num, NO_SLOT)
@@ -73,6 +81,12 @@ def test_members_that_look_wrong_cannot_talk_each_other_into_being_known():
     new = PlusThresholds().decision.new
     assert np.all(weigh(looks=-3.0, witness=100.0) > new), "else there would be nothing to prevent"
     assert np.all(weigh(looks=-3.0, witness=0.5) < new)
+
+
+def test_members_of_a_rare_class_are_believed_although_they_look_little_alike():
+    common, rare = (weigh(looks=-1.0, witness=0.5, rare=rare) for rare in (False, True))
+    assert np.all(rare > common + 1)
+    assert np.all(weigh(looks=-4.0, witness=0.5, rare=True) < PlusThresholds().decision.new)
 
 
 def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
