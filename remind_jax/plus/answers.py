@@ -27,6 +27,7 @@ from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
+from remind_jax.plus.observation import Sightings
 from remind_jax.plus.state import Objects, Stage, Tracklets, Verdicts
 from remind_jax.static import Static
 
@@ -96,13 +97,14 @@ def report(
     moves: Float[Array, "N"],
     here: Tracklets,
     present: Bool[Array, "N"],
-    num_bad_patches: Int[Array, ""],
+    sightings: Sightings,
     static: Static,
     t: th.PlusThresholds,
 ) -> Decisions:
     """Fills in what all trackers report.
 
-    An open tracklet gets a firm answer where that is more probable than not. Otherwise its options
+    An open tracklet gets a firm answer where that is probable enough; a new object of a few patches
+    must be more so, as most ids of what is never seen again would be theirs. Otherwise its options
     are listed: known objects, and its own new id, which it will have if it is none of them.
 
     Args:
@@ -112,7 +114,7 @@ def report(
       moves: How far each answer is an object that moves of its own.
       here: Tracklets of the detections, before the decisions.
       present: Detection slots that hold a mask.
-      num_bad_patches: Patches that were left out.
+      sightings: Detections.
       static: Capacities.
       t: When an answer is firm, and how often answers are right.
     """
@@ -123,7 +125,9 @@ def report(
     option_id, option_score = _list_options(verdicts, belief, undecided)
     could_be = option_score >= t.decision.possible
     num_close = jnp.sum(could_be, axis=1, dtype=jnp.int32)
-    doubtful = undecided & (confidence < t.decision.firm)
+    is_small = is_own & (sightings.patches < t.decision.small)
+    firm = jnp.where(is_small, t.decision.firm_small, t.decision.firm)
+    doubtful = undecided & (confidence < firm)
     undecided_outcome = jnp.where(
         (num_close <= 1) & ~is_own, int(Outcome.PROVISIONAL_PARENT), int(Outcome.AMBIGUOUS)
     )
@@ -164,7 +168,7 @@ def report(
         is_anchor=seen & (here.slot != NO_SLOT),
         option_id=jnp.where(shown, look_up_in_rows(option_id, first), NO_ID),
         option_score=jnp.where(shown, look_up_in_rows(option_score, first), 0.0),
-        num_bad_patches=num_bad_patches,
+        num_bad_patches=sightings.num_bad_patches,
         **listed,
     )
     return decisions

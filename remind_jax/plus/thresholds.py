@@ -245,6 +245,8 @@ class Decision:
     crowd_free: Real = setting(4.0, "candidates without a loss", "candidates")
     firm: Real = setting(0.5, "least probability of an answer that is given before it is decided",
         "probability")
+    firm_small: Real = setting(0.75, "the same for a new object of few patches", "probability")
+    small: Real = setting(1.5, "sides of a mask in patches below which these are few", "patches")
     possible: Real = setting(0.1, "least probability of what else it could be", "probability")
     commit_age: Whole = setting(8, "detections after which a tracklet is decided", "detections")
     early_age: Whole = setting(2, "a clear win is decided from here on", "detections")
@@ -271,14 +273,14 @@ class Confidence:
     The belief is that of the evidence; what it does not know of, it cannot doubt.
     """
 
-    open_known: Real = setting(0.04, "open, a known object: at belief 0.001", "probability")
-    open_known_sure: Real = setting(0.987, "the same at belief 0.999", "probability")
-    open_new: Real = setting(0.28, "open, a new object: at belief 0.001", "probability")
-    open_new_sure: Real = setting(0.925, "the same at belief 0.999", "probability")
-    known: Real = setting(0.13, "decided, a known object: at belief 0.001", "probability")
-    known_sure: Real = setting(0.992, "the same at belief 0.999", "probability")
-    new: Real = setting(0.51, "decided, a new object: at belief 0.001", "probability")
-    new_sure: Real = setting(0.974, "the same at belief 0.999", "probability")
+    open_known: Real = setting(0.046, "open, a known object: at belief 0.001", "probability")
+    open_known_sure: Real = setting(0.981, "the same at belief 0.999", "probability")
+    open_new: Real = setting(0.19, "open, a new object: at belief 0.001", "probability")
+    open_new_sure: Real = setting(0.942, "the same at belief 0.999", "probability")
+    known: Real = setting(0.008, "decided, a known object: at belief 0.001", "probability")
+    known_sure: Real = setting(0.999, "the same at belief 0.999", "probability")
+    new: Real = setting(0.545, "decided, a new object: at belief 0.001", "probability")
+    new_sure: Real = setting(0.98, "the same at belief 0.999", "probability")
     moving: Real = setting(0.8, "what belief loses once decided, if the object moves", "share")
 
 

@@ -194,9 +194,8 @@ def _advance(
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)
     decisions = report(
-        verdicts, weighed[..., 1], candidates.base, moves, here, present,
-        sightings.num_bad_patches, static, t,
-    )  # fmt: skip
+        verdicts, weighed[..., 1], candidates.base, moves, here, present, sightings, static, t
+    )
     # What does that teach?
     scene = learn_familiarity(scene, choice, t.decision)
     ended = find_ended(tracklets, frame, t.decision)

@@ -16,7 +16,9 @@ from tests.plus.frames import STATIC, T, detections, tracklets_of
 KNOWN, OTHER, OWN = 2, 3, 7
 
 
-def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True, moves=0.0):
+def report_one(
+    belief, *, answer=KNOWN, decided=False, named=False, valid=True, moves=0.0, patches=4.0
+):
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
     def first(blank, value):
@@ -33,8 +35,9 @@ def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True, 
         probability=first(verdicts.probability, of_answer),
         option_id=options,
     )
+    seen = detections([[1, 1], [2, 2], [3, 3]], patches=jnp.full(3, patches))
     here = tracklets_of(
-        detections([[1, 1], [2, 2], [3, 3]]),
+        seen,
         0,
         3,
         named=jnp.array([named, False, False]),
@@ -43,7 +46,7 @@ def report_one(belief, *, answer=KNOWN, decided=False, named=False, valid=True, 
     present = jnp.array([True, False, False])
     base = jnp.zeros_like(beliefs)
     moving = first(jnp.zeros(3), moves)
-    return report(verdicts, beliefs, base, moving, here, present, jnp.int32(0), STATIC, T)
+    return report(verdicts, beliefs, base, moving, here, present, seen, STATIC, T)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():
@@ -76,6 +79,17 @@ def test_confidence_rises_with_belief_and_is_higher_once_decided():
     assert 0 < low < high < 1
     assert low < decided
     assert report_one([0.6, 0.0]).confidence[1] == 0  # an empty slot
+
+
+def test_the_new_id_of_a_small_object_waits_until_it_is_more_certain():
+    small = report_one([0.3, 0.0], answer=OWN, patches=1.0)
+    assert 0.5 < small.confidence[0] < T.decision.firm_small
+    assert small.object_id[0] == NO_ID
+    assert small.outcome[0] == Outcome.AMBIGUOUS
+    assert OWN in small.option_id[0]
+    assert report_one([0.3, 0.0], answer=OWN, patches=4.0).object_id[0] == OWN
+    assert report_one([0.001, 0.0], answer=OWN, patches=1.0).object_id[0] == OWN
+    assert report_one([0.7, 0.0], patches=1.0).object_id[0] == KNOWN, "a known object need not"
 
 
 def test_less_is_claimed_of_what_moves_once_it_is_decided():

@@ -134,8 +134,11 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
         return f"not decided yet, and more likely than not {_answer(e)}; {sure}"
     options = [f"{c.name} ({number(c.probability)})" for c in e.candidates if _could_be(c, t)]
     new = f"new ({number(e.new_probability or 0.0)})"
+    firm = number(d.firm)
+    if e.answer_id == e.tracklet_id:
+        firm += f", a new object of under {number(d.small)} patches from {number(d.firm_small)}"
     return (
-        f"not decided yet and no answer is likely enough ({sure}; firm from {number(d.firm)}): "
+        f"not decided yet and no answer is likely enough ({sure}; firm from {firm}): "
         f"{listing([*options, new], 'or')}"
     )
 
