@@ -197,8 +197,9 @@ def _layout_evidence(
 def _class_rarity(class_id: Int[Array, "N"], objects: Objects) -> Float[Array, "N"]:
     """Log of how many objects there are per object of the same class: 0 if all are of one."""
     alike = objects.exists[None] & (class_id[:, None] == objects.class_id[None])
-    of_class, of_all = jnp.sum(alike, axis=1), jnp.sum(objects.exists)
-    return jnp.log(jnp.maximum(of_all, 1) / jnp.maximum(of_class, 1))
+    of_class = jnp.sum(alike, axis=1, dtype=jnp.float32)
+    of_all = jnp.sum(objects.exists, dtype=jnp.float32)
+    return jnp.log(jnp.maximum(of_all, 1.0) / jnp.maximum(of_class, 1.0))
 
 
 def _covisible_evidence(

@@ -114,6 +114,15 @@ def fill_disk(*args):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+def press_ctrl_c():
+    # Where the tests run in the background of a shell, the signal would be ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("is_there", [True, False])
 @pytest.mark.parametrize(
     ("place", "name", "break_it", "code", "said"),
@@ -129,7 +138,7 @@ def fill_disk(*args):
         (
             cv2,
             "imencode",
-            lambda: signal.raise_signal(signal.SIGINT),
+            press_ctrl_c,
             process.INTERRUPTED,
             "remind: stopped",
         ),
