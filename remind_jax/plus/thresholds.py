@@ -277,10 +277,10 @@ class Confidence:
     open_known_sure: Real = setting(0.981, "the same at belief 0.999", "probability")
     open_new: Real = setting(0.19, "open, a new object: at belief 0.001", "probability")
     open_new_sure: Real = setting(0.942, "the same at belief 0.999", "probability")
-    known: Real = setting(0.008, "decided, a known object: at belief 0.001", "probability")
-    known_sure: Real = setting(0.999, "the same at belief 0.999", "probability")
-    new: Real = setting(0.545, "decided, a new object: at belief 0.001", "probability")
-    new_sure: Real = setting(0.98, "the same at belief 0.999", "probability")
+    known: Real = setting(0.0083, "decided, a known object: at belief 0.001", "probability")
+    known_sure: Real = setting(0.9993, "the same at belief 0.999", "probability")
+    new: Real = setting(0.5453, "decided, a new object: at belief 0.001", "probability")
+    new_sure: Real = setting(0.9803, "the same at belief 0.999", "probability")
     moving: Real = setting(0.8, "what belief loses once decided, if the object moves", "share")
 
 
