@@ -71,6 +71,28 @@ def test_a_live_loop_has_room_ready_for_a_sudden_crowd(looks_ahead, monkeypatch)
     assert tracker.compile_s == waited_s
 
 
+def test_after_a_warm_up_nothing_more_is_compiled(looks_ahead, monkeypatch):
+    """Neither for objects, nor for a crowd, nor for what is settled, until the reserve is full."""
+    monkeypatch.setattr(ahead, "SETTLED_FRAMES", 1)
+    static = {"num_detections": 4, "num_objects": 4, "num_pending": 4}
+    tracker = Tracker({"tracker": "bank", "static": static})
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
+    prepared = set(tracker._memory.frame_step._prepared)
+    monkeypatch.setattr(tracker._memory, "_prepare", None)  # nothing is asked for
+    image, labels = frames(1)[0]
+    crowd = np.zeros((6, *labels.shape), bool)
+    for row, mask in enumerate(crowd):
+        mask[:, 40 * row : 40 * row + 32] = True
+    for masks in (labels, crowd[:4], labels):
+        tracker.update(image, masks)
+    assert (tracker.static.num_detections, tracker.static.num_objects) == (4, 8)
+    assert tracker._memory.preparation._wanted is None
+    tracker.update(image, crowd)
+    assert (tracker.static.num_detections, tracker.static.num_objects) == (8, 16)
+    assert set(tracker._memory.frame_step._prepared) == prepared
+    assert tracker.compile_s == 0.0
+
+
 def test_a_run_prepares_no_reserve(looks_ahead, monkeypatch):
     monkeypatch.setattr(ahead, "SETTLED_S", 0.0)
     static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
