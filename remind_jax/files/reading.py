@@ -12,6 +12,7 @@ from remind_jax.errors import RemindError, is_text
 
 MOST_BYTES = 512 << 20  # of a file that is read whole
 MOST_NAME_BYTES = 255  # of a file or folder, on nearly all disks
+_PART_BYTES = 1 << 20
 _MARKS = {  # byte order marks, the longer ones first
     b"\xff\xfe\x00\x00": "UTF-32",
     b"\x00\x00\xfe\xff": "UTF-32",
@@ -98,7 +99,20 @@ def read_bytes(path: str | Path, most_bytes: int = MOST_BYTES) -> bytes:
     """
     check_regular(path)
     check_size(path, most_bytes)
-    return Path(path).read_bytes()
+    with Path(path).open("rb") as file:
+        said = os.fstat(file.fileno()).st_size
+        data = file.read(said + 1)
+        if len(data) <= said:
+            return data
+        # It grows, or is one of those that the system makes up while they are read.
+        parts, num_bytes = [data], len(data)
+        while part := file.read(_PART_BYTES):
+            parts.append(part)
+            num_bytes += len(part)
+            if num_bytes > most_bytes:
+                why = f"it has over {say_bytes(most_bytes)}, which are not read; split it"
+                raise OSError(errno.EFBIG, why, str(path))
+        return b"".join(parts)
 
 
 def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from pathlib import Path
 
 import pytest
 
 from remind_jax.errors import OutputError
-from remind_jax.files import read_bytes, read_text, saving, say_no_file, user_cache_folder
+from remind_jax.files import (
+    read_bytes,
+    read_text,
+    reading,
+    saving,
+    say_no_file,
+    user_cache_folder,
+)
 
 
 @pytest.mark.parametrize(
@@ -70,6 +78,22 @@ def test_what_is_too_large_is_not_read(tmp_path, read):
     (tmp_path / "small").write_bytes(b"12")
     with pytest.raises(OSError, match="it has 2 bytes, at most 1 bytes"):
         read(tmp_path / "small", most_bytes=1)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs files that the system makes up")
+def test_a_file_that_does_not_say_its_size_is_read_up_to_the_limit():
+    own = Path("/proc/self/maps")
+    assert own.stat().st_size == 0
+    assert b"libc" in read_bytes(own)
+    with pytest.raises(OSError, match="it has over 3 MiB, which are not read"):
+        read_bytes("/proc/self/pagemap", most_bytes=3 << 20)
+
+
+def test_a_file_that_grows_is_read_whole(tmp_path, monkeypatch):
+    (tmp_path / "log").write_bytes(b"x" * 100)
+    grown = os.stat_result((stat.S_IFREG, *[0] * 5, 40, *[0] * 3))
+    monkeypatch.setattr(reading.os, "fstat", lambda number: grown)
+    assert read_bytes(tmp_path / "log") == b"x" * 100
 
 
 def test_why_there_is_no_file_is_said(tmp_path):

@@ -106,8 +106,8 @@ def test_the_state_is_that_of_the_view(page, view):
 def test_the_state_is_answered_when_there_is_news(page, view):
     import threading
 
-    threading.Timer(0.2, view.end).start()
     began = time.monotonic()
+    threading.Timer(0.2, view.end).start()
     state = json.loads(ask(page, "/state.json?after=3")[1])
     assert state["version"] == 4
     assert time.monotonic() - began > 0.1

@@ -12,7 +12,9 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
+from remind_jax.sources.feed import Feed
 from tests.cli.scenes import CLASSES, picture
 
 BOUNDARY = b"frame"
@@ -67,7 +69,6 @@ class Camera(contextlib.AbstractContextManager):
     """A camera that sends pictures at a rate to whoever asks, until it is switched off.
 
     Attributes:
-      is_on: Off, connections are dropped, and refused from then on.
       is_stalled: Connections stay, but nothing is sent.
       num_sent: Pictures sent so far, over all connections.
       asked: Paths and headers of the requests.
@@ -87,6 +88,11 @@ class Camera(contextlib.AbstractContextManager):
         self._over = threading.Event()
         self._server: ThreadingHTTPServer | None = None
         self.port = 0
+
+    @property
+    def is_on(self) -> bool:
+        """Off, connections are dropped, and refused from then on."""
+        return self._server is not None
 
     @property
     def url(self) -> str:
@@ -156,3 +162,9 @@ class Camera(contextlib.AbstractContextManager):
             due += 1 / self.fps
             self._over.wait(max(0.0, due - time.monotonic()))
         handler.close_connection = True
+
+
+def patience_ends_with(camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sources count as lost for too long as soon as the camera is off, however busy the machine."""
+    silent_s = property(lambda feed: 0.0 if camera.is_on else float("inf"))
+    monkeypatch.setattr(Feed, "silent_s", silent_s)

@@ -6,6 +6,7 @@ import gc
 import json
 import threading
 import time
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -26,21 +27,34 @@ def open_live(*args, **options) -> LiveSource:
     return source
 
 
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def drop_out(camera: Camera | RtspCamera) -> None:
+    """Away now, back in more than half a second."""
+    camera.switch_off()
+    threading.Timer(0.6, camera.switch_on).start()
+
+
 def numbers_of(frames: list[rj.Frame]) -> list[int]:
     return [number_in(frame.image) for frame in frames if frame.image is not None]
 
 
 def test_a_slow_reader_gets_the_newest_frame_and_the_gaps_are_counted():
-    frames = []
+    frames, num_arrived = [], 0
     with Camera(fps=50) as camera:
         source = open_live(camera.url)
         for frame in source:
+            assert number_in(frame.image) >= num_arrived - 1, "a frame waited"
             frames.append(frame)
-            behind = camera.num_sent - 1 - number_in(frame.image)
-            time.sleep(0.2)
+            num_arrived = source.status().num_arrived + 3
+            wait_for(lambda least=num_arrived: source.status().num_arrived >= least)
             if len(frames) == 6:
                 source.stop()
-    assert behind <= 25, "frames waited"  # in a queue it would be some 50, or more under load
     numbers = numbers_of(frames)
     gaps = np.diff(numbers)
     assert np.median(gaps) >= 2
@@ -76,16 +90,13 @@ def test_a_camera_that_goes_away_and_comes_back_goes_on():
     frames, news = [], []
     with Camera(fps=30) as camera:
         source = open_live(camera.url, reconnect=60)
-        threads = [threading.Timer(0.4, camera.switch_off), threading.Timer(1.0, camera.switch_on)]
-        for thread in threads:
-            thread.start()
         for frame in source:
             frames.append(frame)
             news += source.take_news()
+            if len(frames) == 5:
+                drop_out(camera)
             if news and len(frames) > 15:
                 source.stop()
-        for thread in threads:
-            thread.join()
     assert len(news) == 1
     assert "came back" in news[0]
     numbers = numbers_of(frames)
@@ -93,13 +104,14 @@ def test_a_camera_that_goes_away_and_comes_back_goes_on():
     assert np.diff([frame.time_s for frame in frames]).max() > 0.3
 
 
-def test_a_camera_that_stays_away_is_an_error_after_its_frames():
+def test_a_camera_that_stays_away_is_an_error_after_its_frames(monkeypatch):
     with Camera(fps=30) as camera:
-        source = open_live(camera.url, reconnect=0.5)
+        cameras.patience_ends_with(camera, monkeypatch)
+        source = open_live(camera.url, reconnect=60)
         frames = iter(source)
         next(frames)
         camera.switch_off()
-        with pytest.raises(SourceError, match=r"did not come back within 0\.5 s; everything unt"):
+        with pytest.raises(SourceError, match="did not come back within 60 s; everything until"):
             list(frames)
 
 
@@ -112,8 +124,12 @@ def test_with_reconnect_0_the_end_of_the_stream_is_the_end():
 def test_duration_ends_a_stream():
     with Camera(fps=30) as camera:
         source = open_live(camera.url, duration=0.5)
-        frames = list(source)
-    assert 0.2 < frames[-1].time_s <= 0.5
+        frames = iter(source)
+        first = next(frames)
+        arrived = time.monotonic() - source.age_s(first)
+        last = [first, *frames][-1]
+        assert time.monotonic() - arrived >= 0.5
+    assert last.time_s <= 0.5
 
 
 def test_duration_ends_a_stream_that_is_silent():
@@ -139,7 +155,8 @@ def test_nothing_counts_before_everything_is_ready():
 
     def get_ready(content):
         seen.append(number_in(content.image))
-        time.sleep(0.3)
+        num_arrived = source.status().num_arrived
+        wait_for(lambda: source.status().num_arrived >= num_arrived + 6)
 
     with Camera(fps=50) as camera:
         source = open_live(camera.url, sampling={"max_frames": 1})
@@ -225,16 +242,13 @@ def test_an_rtsp_camera_drops_out_and_comes_back():
     numbers, news = [], []
     with RtspCamera() as camera:
         source = open_live(camera.url, reconnect=60)
-        threads = [threading.Timer(0.7, camera.switch_off), threading.Timer(1.4, camera.switch_on)]
-        for thread in threads:
-            thread.start()
         for frame in source:
             numbers.append(number_in(frame.image))
             news += source.take_news()
+            if len(numbers) == 5:
+                drop_out(camera)
             if news and len(numbers) > 15:
                 source.stop()
-        for thread in threads:
-            thread.join()
     assert len(news) == 1
     assert news[0].startswith(f"'{camera.url}' was lost for")
     assert (np.diff(numbers) > 0).all()
