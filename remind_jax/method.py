@@ -13,7 +13,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array
 
 from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.static import Static
@@ -74,9 +73,9 @@ class Method:
     thresholds: Callable[[], Any]  # published values of its numbers: a dataclass that is a pytree
     init: Callable[[Static], Any]
     step: Callable[..., Any]
-    # The same memory with larger capacities, on the host; left out, arrays are extended at their
-    # ends.
-    grow: Callable[[Any, Static], Any] | None = None
+    # On the host: `grow(state, empty)` moves a memory into the arrays of a larger, empty one; left
+    # out, each goes to the start of its larger one.
+    grow: Callable[[Any, Any], Any] | None = None
     # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
     # more will be needed; left out, objects are counted.
     occupied: Callable[[Any], tuple[Any, Any]] | None = None
@@ -141,13 +140,22 @@ class Method:
                     "it out or choose another tracker"
                 )
 
-    def enlarge(self, state: Any, static: Static) -> Any:
-        """The memory with the larger capacities of `static`; results do not change."""
+    def make_empty(self, static: Static) -> Any:
+        """The empty memory of these capacities, as arrays of the host that may be written to."""
+        return jax.tree.map(np.array, jax.device_get(self.init(static)))
+
+    def enlarge(self, state: Any, static: Static, empty: Any = None) -> Any:
+        """The memory with the larger capacities of `static`; results do not change.
+
+        Args:
+          state: The memory.
+          static: Capacities.
+          empty: What `make_empty` gave for them, which is used up; made now if left out.
+        """
         # On the host, where reading a column compiles nothing: a frame waits for this.
         state = jax.device_get(state)
-        if self.grow is not None:
-            return self.grow(state, static)
-        return extend(state, self.init(static))
+        empty = self.make_empty(static) if empty is None else empty
+        return (self.grow or extend)(state, empty)
 
     def forget(self, state: Any, object_ids: Iterable[int], static: Static) -> Any:
         """The memory without these objects, on the host; ids that it does not have are left out.
@@ -177,8 +185,8 @@ class Method:
 
 
 def extend(state: Any, empty: Any) -> Any:
-    """A memory in the first slots of an empty one, on the host; nothing overflows there."""
-    return dataclasses.replace(jax.tree.map(widen, state, empty), overflow=empty.overflow)
+    """A memory in the first slots of an empty one of the host; nothing overflows there."""
+    return jax.tree.map(_fill, dataclasses.replace(state, overflow=empty.overflow), empty)
 
 
 def named_leaves(tree: Any) -> list[tuple[str, Any]]:
@@ -187,11 +195,11 @@ def named_leaves(tree: Any) -> list[tuple[str, Any]]:
     return [(jax.tree_util.keystr(path, simple=True, separator="."), leaf) for path, leaf in paths]
 
 
-def widen(small: Array, large: Array) -> np.ndarray:
-    """Values of an array in the first places of a larger one; on the host nothing is compiled."""
-    widened = np.array(large)
-    widened[tuple(slice(0, length) for length in small.shape)] = small
-    return widened
+def _fill(small: np.ndarray, large: np.ndarray) -> np.ndarray:
+    """The larger array with the values of the other in its first places."""
+    if small is not large:  # is filled already
+        large[tuple(slice(0, length) for length in small.shape)] = small
+    return large
 
 
 # "module:attribute" is imported when the method is first asked for.

@@ -123,6 +123,11 @@ class Preparation:
         at_hand = [static for static in self._ready if holds(static, needed)]
         return min(at_hand, key=_capacities, default=needed)
 
+    def following(self, present: Static) -> Static | None:
+        """The least capacities at hand that hold more than these."""
+        larger = [one for one in self._ready if one != present and holds(one, present)]
+        return min(larger, key=_capacities, default=None)
+
     def finish(self) -> None:
         """Waits for what is in preparation."""
         if self._thread is not None:

@@ -116,24 +116,21 @@ def init(static: Static) -> TrackerState:
     return jax.device_put(empty)
 
 
-def grow(state: TrackerState, static: Static) -> TrackerState:
-    """The same memory with the larger capacities of `static`, on the host."""
-    empty = jax.device_get(init(static))
+def grow(state: TrackerState, empty: TrackerState) -> TrackerState:
+    """A memory moved into the arrays of a larger, empty one, on the host."""
     old_objects, new_objects = state.objects.id.shape[0], empty.objects.id.shape[0]
 
-    def widen_rows(small: Array, large: Array) -> np.ndarray:
+    def fill_rows(small: np.ndarray, large: np.ndarray) -> np.ndarray:
         """Rows of objects and rows of pending tracks move apart."""
-        widened, rows = np.array(large), np.asarray(small)
-        pending = rows[:, :, old_objects:]
-        widened[:, :, :old_objects] = rows[:, :, :old_objects]
-        widened[:, :, new_objects : new_objects + pending.shape[2]] = pending
-        return widened
+        pending = small[:, :, old_objects:]
+        large[:, :, :old_objects] = small[:, :, :old_objects]
+        large[:, :, new_objects : new_objects + pending.shape[2]] = pending
+        return large
 
-    widened = map_banks(
-        state, lambda name, banks: jax.tree.map(widen_rows, banks, getattr(empty, name))
+    filled = map_banks(
+        state, lambda name, banks: jax.tree.map(fill_rows, banks, getattr(empty, name))
     )
-    # Banks have their size already: they are copied as they are.
-    return extend(widened, empty)
+    return extend(filled, empty)
 
 
 def map_banks(state: TrackerState, function: Callable[[str, Bank], Bank]) -> TrackerState:

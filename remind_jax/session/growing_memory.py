@@ -24,6 +24,7 @@ from remind_jax.printing.words import listing
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.memory_budget import check_room
 from remind_jax.session.preparation import Prepared
+from remind_jax.session.spare_memory import SpareMemory
 from remind_jax.static import Static
 
 _CAPACITIES = {
@@ -42,7 +43,8 @@ _log = logging.getLogger("remind_jax")
 class GrowingMemory:
     """The memory of a method and its compiled step; results do not depend on capacities.
 
-    Programs for larger capacities are compiled in a thread of their own before they are needed.
+    Programs for larger capacities are compiled in a thread of their own before they are needed, and
+    the memory to move into is made there.
 
     Attributes:
       state: A pytree of arrays; None before the first frame.
@@ -62,6 +64,7 @@ class GrowingMemory:
         self.traced = traced
         self.frame_step = FrameStep(method, traced=traced)
         self.preparation = Preparation()
+        self._spare = SpareMemory(method)
         self._method = method
         self._forecast = Forecast()
         self._num_steps = 0
@@ -95,6 +98,9 @@ class GrowingMemory:
                 self._prepare(frame_feats, prepared, thresholds, reserve)
                 ready.append(reserve)
             self.preparation.plan(ready)
+            following = self.preparation.following(ready[0])
+            if following is not None:
+                self._spare.ask_for(following, is_foreseen=False, waits=True)
         # What tracing left behind takes a tenth of a second to go through: better now than within
         # a frame.
         gc.collect()
@@ -144,7 +150,8 @@ class GrowingMemory:
         check_room(self._method, larger)
         before, self.static = self.static, self.preparation.room_for(larger)
         if self.state is not None:
-            self.state = self._method.enlarge(self.state, self.static)
+            empty = self._spare.take(self.static)
+            self.state = self._method.enlarge(self.state, self.static, empty)
         grown = [
             f"{getattr(self.static, name)} {what}"
             for what, name in _CAPACITIES.items()
@@ -204,10 +211,14 @@ class GrowingMemory:
         )
         try:
             static = self._forecast.needed(self.static)
-            if static == self.static and self.keeps_reserve and self._forecast.is_settled:
+            is_foreseen = static != self.static
+            if not is_foreseen and self.keeps_reserve and self._forecast.is_settled:
                 static = _twice(self.static)
         except ConfigError:
             return  # there is nothing larger; the frame that needs it will tell
+        following = self.preparation.following(self.static)
+        if following is not None:
+            self._spare.ask_for(following, is_foreseen=is_foreseen)
         if static != self.static:
             # The size of this frame is that of the next ones.
             self.preparation.start(

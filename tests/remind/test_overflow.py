@@ -9,7 +9,8 @@ import numpy as np
 
 from remind_jax.decision import Outcome
 from remind_jax.remind.memory.pending import Kind
-from remind_jax.remind.state import TrackerState, grow
+from remind_jax.remind.method import METHOD
+from remind_jax.remind.state import TrackerState
 from tests import tiny_world as world
 
 SEED = 2
@@ -53,6 +54,8 @@ def test_undecided_tracks_alone_overflow_and_change_nothing_else():
     chex.assert_trees_all_equal(unchanged, before)
 
     # With room for them the tracks move as a whole, and the strangers with them.
-    grown = grow(before, dataclasses.replace(world.STATIC, num_pending=2 * len(before.pending.id)))
+    grown = METHOD.enlarge(
+        before, dataclasses.replace(world.STATIC, num_pending=2 * len(before.pending.id))
+    )
     assert count_tracks(grown) == world.STATIC.num_pending
     np.testing.assert_array_equal(grown.pending.id[: world.STATIC.num_pending], before.pending.id)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.remind.state import grow, init
+from remind_jax.remind.method import METHOD
+from remind_jax.remind.state import init
 from remind_jax.remind.tracker import step_traced
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests import tiny_world as world
@@ -72,11 +73,12 @@ def test_banks_fill_up_to_their_capacities(steps):
 def test_they_survive_growth_and_files(steps, tmp_path):
     state = steps[-1][0]
     path = tmp_path / "memory.safetensors"
-    save_memory(path, SavedMemory(state, STATIC, ("box",), "test"))
+    names = tuple(f"class {number}" for number in range(int(state.objects.class_id.max()) + 1))
+    save_memory(path, SavedMemory(state, STATIC, names, "test"))
     kept = load_memory(path).state
     chex.assert_trees_all_equal(kept, state)
     larger = dataclasses.replace(STATIC, num_objects=11)
-    grown = grow(kept, larger).ring_prototypes
+    grown = METHOD.enlarge(kept, larger).ring_prototypes
     assert grown is not None
     for ours, theirs in zip(
         jax.tree.leaves(grown), jax.tree.leaves(state.ring_prototypes), strict=True

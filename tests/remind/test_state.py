@@ -12,7 +12,8 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.remind.state import TrackerState, grow, init
+from remind_jax.remind.method import METHOD
+from remind_jax.remind.state import TrackerState, init
 from tests.tiny_world import STATIC
 
 WIDER = dataclasses.replace(STATIC, num_objects=13, num_pending=11)
@@ -33,7 +34,7 @@ def fill(state: TrackerState) -> TrackerState:
 
 def test_growing_keeps_everything():
     small, empty = fill(init(STATIC)), init(WIDEST)
-    large = grow(small, WIDEST)
+    large = METHOD.enlarge(small, WIDEST)
     assert jax.tree.map(jnp.shape, large) == jax.tree.map(jnp.shape, empty)
     objects, pending = STATIC.num_objects, STATIC.num_pending
     for name in ("wholes", "parts"):
@@ -51,7 +52,7 @@ def test_growing_keeps_everything():
 
 
 def test_what_is_added_is_empty():
-    large, empty = grow(fill(init(STATIC)), WIDEST), init(WIDEST)
+    large, empty = METHOD.enlarge(fill(init(STATIC)), WIDEST), init(WIDEST)
     objects, pending = STATIC.num_objects, STATIC.num_pending
     assert (large.objects.id[objects:] == NO_ID).all()
     assert not large.objects.exists[objects:].any()
@@ -68,14 +69,18 @@ def test_what_is_added_is_empty():
 
 def test_growing_in_steps_is_growing_at_once():
     small = fill(init(STATIC))
-    chex.assert_trees_all_equal(grow(grow(small, WIDER), WIDEST), grow(small, WIDEST), strict=True)
+    chex.assert_trees_all_equal(
+        METHOD.enlarge(METHOD.enlarge(small, WIDER), WIDEST),
+        METHOD.enlarge(small, WIDEST),
+        strict=True,
+    )
     overflow = init(STATIC).overflow
     chex.assert_trees_all_equal(
-        grow(small, STATIC), dataclasses.replace(small, overflow=overflow), strict=True
+        METHOD.enlarge(small, STATIC), dataclasses.replace(small, overflow=overflow), strict=True
     )
 
 
-@pytest.mark.parametrize("make", [init, lambda static: grow(fill(init(STATIC)), static)])
+@pytest.mark.parametrize("make", [init, lambda static: METHOD.enlarge(fill(init(STATIC)), static)])
 def test_no_two_leaves_share_a_buffer(make):
     """Each is donated to the step, which may happen only once."""
     leaves = jax.tree.leaves(make(WIDEST))

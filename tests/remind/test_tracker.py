@@ -17,7 +17,8 @@ import pytest
 from remind_jax.compiled.frame_step import settle_types
 from remind_jax.decision import Decisions, Outcome, Reason
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.remind.state import TrackerState, grow, init
+from remind_jax.remind.method import METHOD
+from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.tracker import step
 from remind_jax.static import Static
 from tests import tiny_world as world
@@ -103,7 +104,7 @@ def sweep(frames, states) -> TrackerState:
     the world itself, another one under other thresholds, and strangers who meet a full memory.
     """
     scenes = [frames[:NUM_SWEPT], OTHER_FRAMES, STRANGERS * NUM_SWEPT]
-    memories = [init(LARGER), init(LARGER), grow(states[-1], LARGER)]
+    memories = [init(LARGER), init(LARGER), METHOD.enlarge(states[-1], LARGER)]
     settings = (world.THRESHOLDS, OTHER_THRESHOLDS, world.THRESHOLDS)
 
     def track(state: TrackerState, scene: world.Frame, thresholds: Any) -> TrackerState:
@@ -125,13 +126,13 @@ def sweep(frames, states) -> TrackerState:
 
 def test_capacities_scan_and_vmap_change_nothing(states, sweep):
     for t, state in enumerate(states[:NUM_SWEPT]):
-        assert_same_state(grow(state, LARGER), row(sweep, 0, t))
+        assert_same_state(METHOD.enlarge(state, LARGER), row(sweep, 0, t))
 
 
 def test_scenes_and_thresholds_of_a_sweep_are_those_of_a_loop(sweep):
     loop = world.run(OTHER_FRAMES, thresholds=OTHER_THRESHOLDS)
     for t, state in enumerate(loop):
-        assert_same_state(grow(state, LARGER), row(sweep, 1, t))
+        assert_same_state(METHOD.enlarge(state, LARGER), row(sweep, 1, t))
     published = world.run(OTHER_FRAMES)
     assert any(
         (a.decisions.outcome != b.decisions.outcome).any()
@@ -143,7 +144,7 @@ def test_scenes_and_thresholds_of_a_sweep_are_those_of_a_loop(sweep):
 def test_capacities_alone_change_nothing(frames, states):
     padded = world.run(world.pad(frames, LARGER.num_detections), LARGER)
     for small, large in zip(states, padded, strict=True):
-        assert_same_state(grow(small, LARGER), large)
+        assert_same_state(METHOD.enlarge(small, LARGER), large)
 
 
 @pytest.mark.slow
@@ -182,7 +183,7 @@ def test_large_capacities_change_nothing(frames):
     few, many = world.run(padded, medium), world.run(padded, large)
     for small, big in zip(few, many, strict=True):
         assert_same(world.decided(small), world.decided(big))
-    assert_same_state(grow(few[-1], large), many[-1])
+    assert_same_state(METHOD.enlarge(few[-1], large), many[-1])
 
 
 @pytest.mark.parametrize("start", [0, 15])

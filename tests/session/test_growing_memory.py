@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from remind_jax.compiled import ahead
 from remind_jax.compiled.ahead import Forecast
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
+from remind_jax.method import Method
 from remind_jax.session import growing_memory
 from remind_jax.session.live import Tracker
+from remind_jax.static import Static
 from tests.cli import scenes
 from tests.session.test_live import CONFIG, frames
 
@@ -91,6 +95,36 @@ def test_after_a_warm_up_nothing_more_is_compiled(looks_ahead, monkeypatch):
     assert (tracker.static.num_detections, tracker.static.num_objects) == (8, 16)
     assert set(tracker._memory.frame_step._prepared) == prepared
     assert tracker.compile_s == 0.0
+
+
+def test_a_frame_that_grows_finds_its_room_made(looks_ahead, monkeypatch):
+    """After a warm-up, and after every growth; what is decided is the same without."""
+    make, made_by = Method.make_empty, []
+
+    def note(method: Method, static: Static):
+        made_by.append((static.num_objects, threading.current_thread() is threading.main_thread()))
+        return make(method, static)
+
+    def follow(tracker: Tracker) -> list[list[int]]:
+        ids = []
+        for index in range(12):
+            image, labels = squares(index)
+            numbers = sorted({*labels.flat} - {0})  # of things, each of a class of its own
+            masks = Detections.create([labels == n for n in numbers], [f"{n}" for n in numbers])
+            ids.append(tracker.update(image, masks).object_id.tolist())
+            if (thread := tracker._memory._spare._thread) is not None:
+                thread.join()
+        return ids
+
+    monkeypatch.setattr(Method, "make_empty", note)
+    static = {"num_detections": 4, "num_objects": 2, "num_pending": 4}
+    tracker = Tracker({"tracker": "bank", "static": static})
+    tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
+    seen = follow(tracker)
+    assert tracker.static.num_objects == 8
+    assert made_by == [(4, False), (8, False), (16, False)]
+    roomy = Tracker({"tracker": "bank", "static": {**static, "num_objects": 8}})
+    assert seen == follow(roomy)
 
 
 def test_a_run_prepares_no_reserve(looks_ahead, monkeypatch):
