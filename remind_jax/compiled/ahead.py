@@ -91,11 +91,20 @@ class Preparation:
         self._ready += [static for static in ready if static not in self._ready]
         self._planned = ready[-1]
 
-    def start(self, static: Static, prepare: Callable[[Static], None]) -> None:
-        """Prepares these capacities, unless others are in preparation, or these need not be."""
+    def start(
+        self, static: Static, prepare: Callable[[Static], None], *, is_for_good: bool = False
+    ) -> None:
+        """Prepares these capacities, unless others are in preparation, or these need not be.
+
+        Args:
+          static: Capacities.
+          prepare: Prepares them.
+          is_for_good: What fills them up stays, so that it is worth while although something
+            larger is at hand, which every step would take longer with.
+        """
         if self._is_busy() or static in self._failed or static in self._ready:
             return
-        if self._planned is not None and holds(self._planned, static):
+        if not is_for_good and self._planned is not None and holds(self._planned, static):
             return
 
         def run() -> None:

@@ -124,7 +124,7 @@ class FrameStep:
 
     def _make(self, structure: Any, shapes: Any, static: Static) -> _Programs:
         method, halves = self._method, self._halves
-        state = method.init(static)
+        state = jax.eval_shape(functools.partial(method.init, static))  # takes no memory
         readout = jax.eval_shape(functools.partial(_read_out, method), state)
         example: FrameInput = jax.tree.unflatten(structure, shapes)
         if halves is None:

@@ -81,7 +81,8 @@ class GrowingMemory:
         """Compiles or loads what such frames need, for up to `num_objects` objects at least.
 
         With a number of objects, that is all that a loop will need: every capacity on the way, and
-        twice of everything for what comes suddenly. Nothing is compiled then until that is full.
+        for what comes suddenly twice of the detections and undecided tracks, with room for as many
+        more objects. Nothing is compiled then until that is full, or so many tracks stay undecided.
 
         Raises:
           SourceError: If so many do not fit this machine.
@@ -94,7 +95,10 @@ class GrowingMemory:
             self._prepare(frame_feats, prepared, thresholds, static)
         if num_objects:
             with contextlib.suppress(ConfigError, SourceError):  # nothing larger, or no room for it
-                reserve = _twice(static)
+                reserve = static.grow(
+                    num_detections=static.num_detections + 1, num_pending=static.num_pending + 1
+                )
+                reserve = reserve.grow(num_objects=num_objects + reserve.num_detections)
                 self._prepare(frame_feats, prepared, thresholds, reserve)
                 ready.append(reserve)
             self.preparation.plan(ready)
@@ -224,6 +228,7 @@ class GrowingMemory:
             self.preparation.start(
                 static,
                 lambda static: self._prepare(frame_feats, prepared, thresholds, static),
+                is_for_good=is_foreseen and static.num_pending > self.static.num_pending,
             )
 
 

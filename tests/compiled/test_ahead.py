@@ -54,6 +54,18 @@ def test_what_is_met_at_once_is_no_pace():
     assert forecast((0.0, 0), (SHORTEST_S / 2, 20)) == STATIC
 
 
+def test_what_fills_up_for_good_is_prepared_beside_a_larger_plan():
+    preparation, done = Preparation(), []
+    reserve, exact = STATIC.grow(num_objects=256, num_pending=64), STATIC.grow(num_pending=64)
+    preparation.plan([STATIC, reserve])
+    preparation.start(exact, done.append)
+    preparation.finish()
+    assert (done, preparation.room_for(exact)) == ([], reserve)
+    preparation.start(exact, done.append, is_for_good=True)
+    preparation.finish()
+    assert (done, preparation.room_for(exact)) == ([exact], exact)
+
+
 def test_an_old_pace_is_forgotten():
     early = [(second / 2, second) for second in range(40)]
     late = [(20.0 + second, 40) for second in range(60)]

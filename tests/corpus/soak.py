@@ -3,10 +3,10 @@
 python -m tests.corpus.soak --frames 10000 --config default [--fps 30] [--unprepared]
 
 Small frames of rooms that are met one after the other, and again and again later on; things in
-them come and go. Capacities grow several times in the first part. A frame took as long as its
-thread and the device computed and it waited for programs; what other processes of the machine take
-is told apart. What is prepared meanwhile counts for the frame as well, so that without a
-preparation, where that goes on for seconds, the device is left out.
+them come and go. Capacities grow several times in the first part. How long a frame takes is the
+lesser of two times, as neither is less than that: what this process computes meanwhile, with the
+device and what is prepared in the background; and the time on the wall without what its thread
+waited for a processor. What other processes of the machine take is told apart.
 """
 
 from __future__ import annotations
@@ -16,13 +16,11 @@ import dataclasses
 import functools
 import resource
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
-import jax
 import numpy as np
 
 import remind_jax as rj
@@ -138,8 +136,6 @@ def soak(
     tracker = rj.Tracker({"base": config, "static": {"num_objects": FIRST_OBJECTS}})
     if is_prepared:
         tracker.warm_up((HEIGHT_PX, WIDTH_PX), num_objects=4 * NUM_ROOMS, num_detections=CROWD)
-    compiled_s = _note_compilations()
-    clock = time.process_time if is_prepared else time.thread_time
     spent_ms, wall_ms, grown_at = np.zeros(num_frames), np.zeros(num_frames), []
     frames, rss = [], []
     due = time.perf_counter()
@@ -147,13 +143,12 @@ def soak(
         image, detections = picture(index)
         time.sleep(max(0.0, due - time.perf_counter()))
         due = max(due, time.perf_counter() - 1.0) + 1 / fps
-        start, computed, waited = time.perf_counter(), clock(), tracker.compile_s
-        compiled_before = sum(compiled_s)
+        start, computed, delayed = time.perf_counter(), time.process_time(), _delay_s()
         tracks = tracker.update(image, detections)
         _ = [tracks.display_name(row) for row in range(len(tracks))]
         wall_ms[index] = 1000 * (time.perf_counter() - start)
-        waited = max(tracker.compile_s - waited, sum(compiled_s) - compiled_before)
-        spent_ms[index] = 1000 * (clock() - computed + waited)
+        own_ms = wall_ms[index] - 1000 * (_delay_s() - delayed)
+        spent_ms[index] = min(1000 * (time.process_time() - computed), own_ms)
         if tracker.has_grown:
             grown_at.append(index)
         if index % 50 == 0:
@@ -185,17 +180,12 @@ def soak(
     )
 
 
-def _note_compilations() -> list[float]:
-    """A list that gets the seconds of every compilation that this thread waits for from now on."""
-    seconds: list[float] = []
-    mine = threading.current_thread()
-
-    def note(event: str, duration: float, **_: object) -> None:
-        if event.endswith("backend_compile_duration") and threading.current_thread() is mine:
-            seconds.append(duration)
-
-    jax.monitoring.register_event_duration_secs_listener(note)
-    return seconds
+def _delay_s() -> float:
+    """Seconds that this thread could have run and no processor was free; 0 where nobody counts."""
+    try:
+        return int(Path("/proc/thread-self/schedstat").read_text().split()[1]) / 1e9
+    except OSError:
+        return 0.0
 
 
 def _rss_mib() -> float:
