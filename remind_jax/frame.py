@@ -10,7 +10,7 @@ import math
 import numbers
 import operator
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -218,6 +218,7 @@ def check_frame(frame: Any) -> None:
                 f"the image of frame '{frame.name}' is {frame.image.dtype} of shape "
                 f"{frame.image.shape}; give RGB, uint8 [H, W, 3]"
             )
+        check_size(frame.image.shape[:2])
     if frame.features is not None:
         what = f"the features of frame '{frame.name}'"
         _check_array(what, frame.features, 3, "fV", "numbers [rows, columns, width]")
@@ -302,6 +303,11 @@ def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:
 def _as_labels(labels: Any) -> tuple[str, ...]:
     if isinstance(labels, str):
         raise SourceError(f"labels are one text, {labels!r}; give one name per mask in a list")
+    if isinstance(labels, Set | Mapping):
+        raise SourceError(
+            f"labels are a {type(labels).__name__}, which has no order; give one name per mask in "
+            "a list"
+        )
     try:
         names = tuple(labels)
     except TypeError:

@@ -144,6 +144,12 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
         _complain_of_memory(str(error))
         return process.ERROR
     except Exception as error:
+        if isinstance(error, PermissionError) and error.filename is not None:
+            process.complain(
+                f"'{error.filename}' may not be read or written by this user; allow it, or choose "
+                "another place"
+            )
+            return process.ERROR
         if "RESOURCE_EXHAUSTED" in str(error):  # as the compiler says it
             _complain_of_memory(first_line(error))
             return process.ERROR

@@ -22,6 +22,10 @@ def host_array(values: Any, what: str) -> np.ndarray:
     Raises:
       SourceError: If they lie where NumPy cannot read them, or make no array.
     """
+    if isinstance(values, np.ma.MaskedArray):
+        raise SourceError(
+            f"{what} are a masked array, parts of which are no values; fill them, by .filled(0)"
+        )
     if isinstance(values, np.ndarray):
         return values
     if getattr(values, "requires_grad", False) is True:

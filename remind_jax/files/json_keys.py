@@ -22,30 +22,32 @@ def say_twice(data: bytes, *, is_shallow: bool = False) -> str:
 
     Args:
       data: JSON that is sound otherwise.
-      is_shallow: Look at the outermost mapping only.
+      is_shallow: Look at mappings outside of lists only.
     """
     if data.count(b":") < 2 or len(data) > MOST_BYTES:
         return ""
     found: list[bool] = []
 
     def look(pairs: list[tuple[str, Any]]) -> None:
-        is_twice = len({key for key, _ in pairs}) < len(pairs)
-        if is_twice or is_shallow:
-            found[:] = [is_twice]  # the outermost mapping ends last
+        if len({key for key, _ in pairs}) < len(pairs):
+            found[:] = [True]
 
     try:
         json.loads(data, object_pairs_hook=look)
     except (ValueError, RecursionError):
         return ""
     is_list = data.lstrip()[:1] == b"["
-    if not any(found) or (is_shallow and is_list):
+    if not found or (is_shallow and is_list):
         return ""
-    place, key = _locate(data.decode("utf-8"), 1 if is_shallow else None)
+    located = _locate(data.decode("utf-8"), is_shallow)
+    if located is None:
+        return ""
+    place, key = located
     return f"{place_in_words(place)}: the key {show(key)} stands twice; remove one"
 
 
-def _locate(text: str, most_depth: int | None) -> tuple[str, str]:
-    """Path of the first mapping with a key that stands twice, and that key."""
+def _locate(text: str, is_shallow: bool) -> tuple[str, str] | None:
+    """Path of the first mapping with a key that stands twice, and that key; see `say_twice`."""
     keys: list[set[str] | None] = []  # of the open mappings; None for lists
     path: list[str] = []
     last = ""
@@ -59,7 +61,7 @@ def _locate(text: str, most_depth: int | None) -> tuple[str, str]:
             path.pop()
         elif token == ":":
             known, key = keys[-1], json.loads(last)
-            if known is not None and key in known and len(keys) <= (most_depth or len(keys)):
+            if known is not None and key in known and not (is_shallow and None in keys):
                 return "$" + "".join(path[:-1]), key
             if known is not None:
                 known.add(key)
@@ -68,4 +70,4 @@ def _locate(text: str, most_depth: int | None) -> tuple[str, str]:
             path[-1] = f"[{int(path[-1][1:-1]) + 1}]"
         else:
             last = token
-    return "$", ""
+    return None

@@ -31,6 +31,15 @@ def as_path(value: Any, what: str, refused: type[RemindError]) -> Path:
         raise refused(f"{what} is of type {type(value).__name__}; give a path")
     if wrong := check_name(value):
         raise refused(f"{what} '{str(value)[:40]}' cannot be used: {wrong}")
+    try:
+        os.lstat(value)
+    except PermissionError as error:
+        raise refused(
+            f"{what} '{value}' lies in a folder that this user may not enter; allow it, or choose "
+            "another one"
+        ) from error
+    except OSError:
+        pass  # there is nothing yet, or it will be told what is wrong with it
     return Path(value)
 
 

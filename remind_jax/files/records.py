@@ -17,7 +17,7 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar
 import msgspec
 from msgspec import Meta, inspect
 
-from remind_jax.errors import RemindError, SourceError, first_line
+from remind_jax.errors import RemindError, SourceError, first_line, is_text
 from remind_jax.files import json_keys, reading
 from remind_jax.files.json_keys import say_twice
 from remind_jax.files.wording import place_in_words, say_invalid
@@ -297,6 +297,11 @@ def _check_values(value: Any, where: str, refused: Family) -> None:
             open_values += [(f"{place}.{key}", depth + 1, part) for key, part in found.items()]
         elif isinstance(found, (list, tuple)):
             open_values += [(f"{place}[{i}]", depth + 1, part) for i, part in enumerate(found)]
+        elif isinstance(found, str) and not is_text(found):
+            raise refused(
+                f"{where}{place_in_words(place)}: found {found[:40]!r}, which is no text in UTF-8; "
+                "correct it"
+            )
         elif isinstance(found, float) and not math.isfinite(found):
             raise refused(f"{where}{_say_number(place)}: found {found}, give a finite number")
         elif isinstance(found, int) and abs(found) > MOST_INTEGER:

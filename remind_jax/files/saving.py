@@ -60,8 +60,10 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
+        leads_nowhere = folder.is_symlink() and not folder.exists()
+        why = "it is a link that leads nowhere" if leads_nowhere else error.strerror
         raise OutputError(
-            f"cannot make the output folder '{folder}': {error.strerror}; choose another one"
+            f"cannot make the output folder '{folder}': {why}; choose another one"
         ) from error
     if not os.access(folder, os.W_OK | os.X_OK):
         raise OutputError(f"the output folder '{folder}' may not be written to; choose another one")

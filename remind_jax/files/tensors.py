@@ -192,8 +192,12 @@ def _member_header(
         if version not in ((1, 0), (2, 0), (3, 0)):
             raise ValueError(f"an array has version {version} of the format")
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else _read_long_header
-        shape, _, dtype = read(file)
-        if any(side < 0 for side in shape) or len(shape) > MOST_DIMENSIONS:
+        try:
+            shape, _, dtype = read(file)
+        except (ArithmeticError, MemoryError, RecursionError, SyntaxError, TypeError) as error:
+            raise ValueError("the header of an array is damaged") from error
+        # True is a whole number to Python.
+        if any(type(side) is not int or side < 0 for side in shape) or len(shape) > MOST_DIMENSIONS:
             raise ValueError(f"an array has shape {shape}")
         return shape, dtype, file.tell()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import re
 from collections.abc import Callable, Hashable
 from typing import Any
@@ -20,9 +21,11 @@ class _Loader(yaml.SafeLoader):
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         """Refuses a key that stands twice."""
-        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-        twice = next((key for place, key in enumerate(keys) if key in keys[:place]), None)
-        if twice is not None and twice != "<<":
+        keys = collections.Counter(
+            key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)
+        )
+        twice = next((key for key, count in keys.items() if count > 1 and key != "<<"), None)
+        if twice is not None:
             raise yaml.constructor.ConstructorError(
                 None, None, f"the key {twice!r} stands twice", node.start_mark
             )
@@ -60,7 +63,7 @@ def parse_yaml(text: str, where: str, refused: type[RemindError]) -> Any:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         raise refused(f"{where}{place} is not valid YAML: {error.problem}; correct it") from error
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
         said = " ".join(str(error).split())
         raise refused(f"{where} is not valid YAML: {said}; correct it") from error
     except RecursionError as error:

@@ -16,6 +16,7 @@ from remind_jax.files.host_array import host_array
 from remind_jax.frame import Detections, Frame
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.detections import ClassNaming, detections_from
+from remind_jax.sources.features import read_part
 from remind_jax.sources.image_folder import decode_image
 from remind_jax.sources.label_maps import (
     Unlabelled,
@@ -132,7 +133,20 @@ def open_stored_maps(
     def convert(labels: Integer[np.ndarray, "H W"], frame_size: tuple[int, int]) -> Detections:
         return detections_in(fit_plane(labels, frame_size, f"a map in '{file}'"), classes)
 
-    return ArrayMasks(list(maps), convert)
+    return ArrayMasks(_StoredMaps(maps), convert)
+
+
+class _StoredMaps(Sequence[np.ndarray]):
+    """Instance maps one by one, of a file that may be changed meanwhile."""
+
+    def __init__(self, maps: np.ndarray) -> None:
+        self._maps = maps
+
+    def __len__(self) -> int:
+        return len(self._maps)
+
+    def __getitem__(self, index: Any) -> Any:
+        return read_part(self._maps, index)
 
 
 def _length(items: Iterable[Any]) -> int | None:

@@ -23,6 +23,7 @@ from msgspec import Meta
 from remind_jax.errors import SourceError
 from remind_jax.files.records import Count, Label, decode_json, decode_rows
 from remind_jax.sources.file_tree import FileTree, read_bytes, require_inside
+from remind_jax.sources.source import UnreadableFrame
 
 _Labels = dict[str, msgspec.Raw]  # by the id of an instance
 _MaybeLabel: Any = Optional[Label]  # noqa: UP045  (one kind, as a value)
@@ -93,7 +94,11 @@ def find_metadata(tree: FileTree, candidates: Sequence[str], sequence: str) -> M
     """
     for path in candidates:
         if tree.has_file(path):
-            found = parse_metadata(tree.read(path), tree.locate(path), sequence)
+            try:
+                data = tree.read(path)
+            except UnreadableFrame as error:
+                raise SourceError(f"'{tree.locate(path)}' {error}") from error
+            found = parse_metadata(data, tree.locate(path), sequence)
             if found != Metadata():
                 return found
     return Metadata()

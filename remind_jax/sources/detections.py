@@ -184,9 +184,9 @@ def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarra
     if array.dtype.kind not in "buif":
         raise SourceError(f"masks are {array.dtype}; give booleans or numbers, non-zero inside")
     planes = array[None] if array.ndim == 2 else array
-    require_few(len(planes), "a frame")
     if planes.ndim != 3:
         raise SourceError(f"masks have shape {array.shape}; give [N, H, W]")
+    require_few(len(planes), "a frame")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise SourceError("masks hold NaN or infinity; give booleans or finite numbers")
     if array.dtype.kind == "f":

@@ -12,10 +12,12 @@
 from __future__ import annotations
 
 import functools
+import mmap
 import tokenize
 import warnings
 from collections.abc import Generator, Mapping
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -30,7 +32,7 @@ from remind_jax.sources.label_maps import (
     instance_ids_in,
     require_classes,
 )
-from remind_jax.sources.source import Content, Entry, Report, say_size
+from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame, say_size
 
 FEATURE_SUFFIXES = (".npz", ".npy")
 FREE_BYTES = 1 << 30  # of arrays, however small their file is; a .npy file stays on disk
@@ -91,7 +93,7 @@ class FeatureReader:
 
     def _read(self, index: int) -> Content:
         with np.errstate(over="ignore"):
-            features = np.asarray(self._arrays["features"][index], np.float32)
+            features = np.asarray(read_part(self._arrays["features"], index), np.float32)
         image = self._arrays["images"][index] if "images" in self._arrays else None
         detections = None
         if "masks" in self._arrays:
@@ -129,6 +131,20 @@ def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
         ) from error
     except tokenize.TokenError as error:
         raise SourceError(f"'{path}' cannot be read as a NumPy file: it is damaged") from error
+
+
+def read_part(array: np.ndarray, index: int) -> np.ndarray:
+    """One frame of an array, which may lie in a file.
+
+    Raises:
+      UnreadableFrame: If the file was cut short meanwhile; to read it would end the process.
+    """
+    if isinstance(array, np.memmap) and isinstance(array.base, mmap.mmap):
+        file = cast(mmap.mmap, array.base)
+        if file.size() < array.offset + array.nbytes:
+            raise UnreadableFrame("its file was cut short while it was read; write files anew")
+        return np.array(array[index])
+    return array[index]
 
 
 def _check_arrays(arrays: Mapping[str, np.ndarray], file: str) -> None:

@@ -8,15 +8,20 @@ from pathlib import PurePosixPath
 
 import cv2
 import numpy as np
-from jaxtyping import UInt, UInt8
+from jaxtyping import Num, UInt8
 
 from remind_jax.errors import SourceError, first_line
 from remind_jax.frame import SkippedFrame
 from remind_jax.sources.file_tree import FileTree, join, require_inside
-from remind_jax.sources.picture_file import check_picture
+from remind_jax.sources.picture_file import check_color, check_picture
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
+# Pictures as well, which are not read.
+OTHER_SUFFIXES = (
+    *(".heic", ".heif", ".avif", ".jxl", ".jp2", ".exr", ".hdr", ".ppm", ".pgm", ".tga"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2"),
+)
 
 
 class ImageReader:
@@ -43,8 +48,10 @@ class ImageReader:
         fps: float,
         file_names: Sequence[str] | None = None,
     ) -> None:
+        self._others: list[str] = []
         if file_names is None:
             file_names = list_images(tree, folder)
+            self._others = _list_by_kind(tree, folder, OTHER_SUFFIXES)
         else:
             for file_name in file_names:
                 require_inside(file_name, f"'{tree.locate(folder)}'")
@@ -70,13 +77,21 @@ class ImageReader:
             path = join(self._folder, name)
             read = functools.partial(_read, self._tree, path)
             yield Entry(index, index * self._interval_s, name, read)
+        if self._others:
+            suffix = PurePosixPath(self._others[0]).suffix
+            reason = f"pictures of the kind {suffix} are not read; convert them to PNG or JPEG"
+            report(SkippedFrame(self._others[0], reason, count=len(self._others)))
         if self._tree.is_cut_off:
             report(SkippedFrame("rest", "the archive is cut off or damaged", count=0))
 
 
 def list_images(tree: FileTree, folder: str) -> list[str]:
     """Names of the pictures directly in a folder."""
-    return [n for n in tree.files_in(folder) if PurePosixPath(n).suffix.lower() in IMAGE_SUFFIXES]
+    return _list_by_kind(tree, folder, IMAGE_SUFFIXES)
+
+
+def _list_by_kind(tree: FileTree, folder: str, suffixes: tuple[str, ...]) -> list[str]:
+    return [n for n in tree.files_in(folder) if PurePosixPath(n).suffix.lower() in suffixes]
 
 
 def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
@@ -89,13 +104,15 @@ def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
 
 
-def decode_pixels(data: bytes, mode: int) -> UInt[np.ndarray, "H W *C"]:
+def decode_pixels(data: bytes, mode: int) -> Num[np.ndarray, "H W *C"]:
     """Decodes an image file by OpenCV, in one of its modes of reading.
 
     Raises:
       UnreadableFrame: If it is damaged or too large.
     """
     check_picture(data)
+    if mode == cv2.IMREAD_COLOR:
+        check_color(data)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
     except (cv2.error, MemoryError) as error:

@@ -6,6 +6,7 @@ where it finds damage. Fields are those of the specifications of PNG, JPEG, WebP
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 
@@ -15,10 +16,14 @@ MOST_PIXELS = 1 << 26  # 8192 x 8192
 MOST_SIDE = 1 << 16
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_JPEG_START, _JPEG_SCAN, _JPEG_END = b"\xff\xd8", 0xDA, b"\xff\xd9"
+_JPEG_START, _JPEG_SCAN, _JPEG_END = b"\xff\xd8", 0xDA, 0xD9
+_JPEG_MOST_SCANS = 100  # a picture that gets sharper has some ten; each takes as long as a picture
 _JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # segments that tell the size
 _JPEG_ALONE = {0x01, *range(0xD0, 0xD8)}  # marks without a length
+_JPEG_MARK = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")  # what ends the data of a scan
 _TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_KIND = 256, 257, 254
+_TIFF_BITS, _TIFF_FORMAT = 258, 339
+_TIFF_WHOLE = 1  # format of samples: whole numbers without a sign, as they are if it is left out
 _TIFF_BESIDE = 0b101  # kinds of pages that are no picture of their own: a smaller copy, a mask
 _TIFF_MOST_PAGES = 64  # that are looked at
 _WEBP_ANIMATION = 2
@@ -51,6 +56,26 @@ def check_picture(data: bytes) -> tuple[int, int]:
     return height, width
 
 
+def check_color(data: bytes) -> None:
+    """Makes sure that a sound picture holds brightness, and no measures or numbers.
+
+    Raises:
+      UnreadableFrame: If its samples are floats, have a sign or more than 16 bits, in a TIFF.
+    """
+    if not data.startswith((b"II*\0", b"MM\0*")):
+        return
+    order = "<" if data[:2] == b"II" else ">"
+    (at,) = struct.unpack_from(f"{order}I", data, 4)
+    tags, _ = _read_tiff_page(data, order, at)
+    bits, kind = tags.get(_TIFF_BITS, 1), tags.get(_TIFF_FORMAT, _TIFF_WHOLE)
+    if bits > 16 or kind != _TIFF_WHOLE:
+        names = {_TIFF_WHOLE: "whole numbers", 2: "numbers with a sign", 3: "floats"}
+        raise UnreadableFrame(
+            f"its samples are {names.get(kind, 'of a kind')} of {bits} bits; give whole numbers of "
+            "8 or 16 bits without a sign"
+        )
+
+
 def _measure_png(data: bytes) -> tuple[int, int]:
     """Goes through all chunks, comparing their checksums."""
     size: tuple[int, int] | None = None
@@ -73,9 +98,9 @@ def _measure_png(data: bytes) -> tuple[int, int]:
 
 
 def _measure_jpeg(data: bytes) -> tuple[int, int]:
-    """Goes through all segments up to the scan, and looks for the end after it.
+    """Goes through all segments and scans, and looks for the end after them.
 
-    A preview inside of a segment has an end mark of its own; within the scan none can occur by
+    A preview inside of a segment has an end mark of its own; within a scan none can occur by
     chance. OpenCV 4 fills what is missing with gray instead.
     """
     size: tuple[int, int] | None = None
@@ -94,8 +119,21 @@ def _measure_jpeg(data: bytes) -> tuple[int, int]:
             height, width = struct.unpack_from(">HH", data, at + 5)
             size = height, width
         at += 2 + length
-    if size is None or data.find(_JPEG_END, at) < 0:
+    num_scans = 0
+    while found := _JPEG_MARK.search(data, at):
+        at, mark = found.end(), data[found.end() - 1]
+        num_scans += mark == _JPEG_SCAN
+        if mark == _JPEG_END:
+            break
+        (length,) = struct.unpack_from(">H", data, at)
+        if mark != _JPEG_SCAN and at + length <= len(data):
+            at += length
+    if size is None or found is None:
         raise UnreadableFrame(_CUT)
+    if num_scans > _JPEG_MOST_SCANS:
+        raise UnreadableFrame(
+            f"it has {num_scans} scans, at most {_JPEG_MOST_SCANS} are read; write it anew"
+        )
     return size
 
 
@@ -141,13 +179,17 @@ def _measure_tiff(data: bytes) -> tuple[int, int]:
 
 
 def _read_tiff_page(data: bytes, order: str, at: int) -> tuple[dict[int, int], int]:
-    """Size and kind of a page by their tags, and where the next page begins; 0 without one."""
+    """What a page says of itself by tags, and where the next page begins; 0 without one."""
     (count,) = struct.unpack_from(f"{order}H", data, at)
     tags: dict[int, int] = {}
     for entry in range(at + 2, at + 2 + 12 * count, 12):
-        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
-        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_KIND):
-            (tags[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, entry + 8)
+        tag, kind, number = struct.unpack_from(f"{order}HHI", data, entry)
+        if tag in (_TIFF_WIDTH, _TIFF_HEIGHT, _TIFF_KIND, _TIFF_BITS, _TIFF_FORMAT):
+            place = entry + 8
+            if kind == 3 and number > 2:  # of every channel; they do not fit here
+                (place,) = struct.unpack_from(f"{order}I", data, place)
+            (value,) = struct.unpack_from(order + ("H" if kind == 3 else "I"), data, place)
+            tags[tag] = max(value, tags.get(tag, 0))  # of one that stands twice, either is read
     try:
         (following,) = struct.unpack_from(f"{order}I", data, at + 2 + 12 * count)
     except struct.error:

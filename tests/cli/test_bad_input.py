@@ -211,3 +211,12 @@ def test_output_folder_with_files_is_left_alone(command, scene, tmp_path, monkey
     outcome = command("run", scene[0], "--masks", scene[1], "--out", "out")
     assert_refused(outcome, "out", "not empty", "--overwrite")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
+
+
+def test_what_this_user_may_not_touch_is_told(command, scene, monkeypatch):
+    def refuse(folder, *rest):
+        raise PermissionError(13, "Permission denied", str(folder))
+
+    monkeypatch.setattr("remind_jax.session.run.check_folder", refuse)
+    outcome = command("run", scene[0], "--masks", scene[1], "--out", "out")
+    assert_refused(outcome, "'out' may not be read or written by this user; allow it, or choose")

@@ -45,6 +45,11 @@ def test_arrays_elsewhere_are_refused_with_what_to_do(given, place):
         host_array(given, "masks")
 
 
+def test_a_masked_array_is_refused():
+    with pytest.raises(SourceError, match=r"masks are a masked array, .* fill them, by \.filled"):
+        host_array(np.ma.masked_array(np.ones((1, 2, 2)), mask=True), "masks")
+
+
 def test_ragged_values_make_no_array():
     with pytest.raises(SourceError, match=r"^boxes make no array: .*; give one array of numbers$"):
         host_array([[1, 2], [3]], "boxes")

@@ -11,6 +11,7 @@ import pytest
 
 from remind_jax.errors import OutputError
 from remind_jax.files import (
+    as_path,
     read_bytes,
     read_text,
     reading,
@@ -94,6 +95,17 @@ def test_a_file_that_grows_is_read_whole(tmp_path, monkeypatch):
     grown = os.stat_result((stat.S_IFREG, *[0] * 5, 40, *[0] * 3))
     monkeypatch.setattr(reading.os, "fstat", lambda number: grown)
     assert read_bytes(tmp_path / "log") == b"x" * 100
+
+
+def test_a_path_that_may_not_be_reached_is_refused(tmp_path, monkeypatch):
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(reading.os, "lstat", refuse)
+        with pytest.raises(OutputError, match="the file 'd/x' lies in a folder that this user may"):
+            as_path("d/x", "the file", OutputError)
+    assert as_path(tmp_path / "none" / "x", "the file", OutputError) == tmp_path / "none" / "x"
 
 
 def test_why_there_is_no_file_is_said(tmp_path):

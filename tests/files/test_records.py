@@ -176,6 +176,7 @@ def test_an_empty_yaml_is_an_empty_mapping(tmp_path):
         ({"number": 1, "score": float("nan")}, "`score`: found nan, give a finite number"),
         ({"number": 1, "named": {"a": float("inf")}}, r"`named.a`: found inf"),
         ({"number": 10**30}, "found an integer of"),
+        ({"number": 1, "named": {"a": "\ud800"}}, r"`named.a`: found '\\ud800', which is no text"),
         ({"number": "1"}, '`number`: found "1", allowed is an integer from 0 to 5'),
     ],
 )
@@ -213,6 +214,17 @@ TWICE = {
 def test_a_key_that_stands_twice_is_refused_with_its_place(text):
     with pytest.raises(SourceError, match=re.escape(TWICE[text])):
         decode_json(text.encode(), dict[str, Any], "'x'")
+
+
+def test_keys_of_a_mapping_are_compared_where_its_values_are_decoded_later():
+    class Held(msgspec.Struct):
+        names: dict[str, msgspec.Raw] = {}
+        rows: list[msgspec.Raw] = []
+
+    with pytest.raises(SourceError, match=re.escape("'x', `names`: the key \"1\" stands twice")):
+        decode_json(b'{"names": {"1": "cup", "1": "mug"}}', Held, "'x'")
+    held = decode_json(b'{"names": {"1": "cup"}, "rows": [{"a": 1, "a": 2}]}', Held, "'x'")
+    assert len(held.rows) == 1  # a bad row spoils no other
 
 
 def test_keys_of_different_mappings_may_be_the_same():

@@ -117,6 +117,24 @@ def test_a_member_that_lies_is_refused(tmp_path):
         read_npz(tmp_path / "a.npz", refused=WeightsError)
 
 
+HEADERS = (
+    "{'descr': '|u1', 'fortran_order': False, 'shape': (True, 3)}",
+    "{'descr': '|u1', 'fortran_order': False, 'shape': (3.0,)}",
+    "-" * 9000 + "1",
+    "(" * 4000 + ")" * 4000,
+    "{'descr': ('|u1', (100000, 100000)), 'fortran_order': False, 'shape': (3,)}",
+)
+
+
+@pytest.mark.parametrize("header", HEADERS, ids=range(len(HEADERS)))
+def test_a_header_that_is_none_is_refused(tmp_path, header):
+    length = len(header).to_bytes(2, "little")
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("a.npy", b"\x93NUMPY\x01\x00" + length + header.encode() + bytes(3))
+    with pytest.raises(WeightsError, match="is damaged or no NPZ file"):
+        read_npz(tmp_path / "a.npz", refused=WeightsError)
+
+
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"\x93NUMPY"])
 def test_no_archive_is_refused(tmp_path, content):
     (tmp_path / "a.npz").write_bytes(content)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pytest
+import yaml
 
 from remind_jax.errors import ConfigError
+from remind_jax.files import yaml_text
 from remind_jax.files.yaml_text import parse_yaml
 
 
@@ -17,6 +19,33 @@ from remind_jax.files.yaml_text import parse_yaml
 )
 def test_numbers_as_people_write_them(text, value):
     assert parse_yaml(f"a: {text}", "here", ConfigError) == {"a": value}
+
+
+@pytest.mark.parametrize("text", ['"\\UFFFFFFFF"', "1" * 5000])
+def test_what_python_cannot_hold_is_refused(text):
+    with pytest.raises(ConfigError, match="'here' is not valid YAML: "):
+        parse_yaml(f"a: {text}", "'here'", ConfigError)
+
+
+def test_many_keys_are_not_each_compared_with_all():
+    compared = []
+
+    class Key(str):
+        __slots__ = ()
+
+        def __eq__(self, other):
+            compared.append(1)
+            return str.__eq__(self, other)
+
+        __hash__ = str.__hash__
+
+    nodes = [yaml.ScalarNode("tag:yaml.org,2002:str", Key(number)) for number in range(300)]
+    pairs = [(node, node) for node in nodes]
+    node = yaml.MappingNode("tag:yaml.org,2002:map", pairs)
+    assert len(yaml_text._Loader("").construct_mapping(node)) == 300
+    assert len(compared) < 3000
+    with pytest.raises(ConfigError, match="the key 'k7' stands twice"):
+        parse_yaml("k7: 1\nk8: 1\nk7: 2\n", "here", ConfigError)
 
 
 @pytest.mark.parametrize(

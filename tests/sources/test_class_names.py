@@ -3,7 +3,14 @@ import json
 import pytest
 
 from remind_jax.errors import SourceError
-from remind_jax.sources.class_names import Metadata, parse_metadata, strip_number
+from remind_jax.sources.class_names import (
+    Metadata,
+    find_metadata,
+    parse_metadata,
+    strip_number,
+)
+from remind_jax.sources.file_tree import FolderTree
+from remind_jax.sources.source import UnreadableFrame
 
 
 def parse(content, sequence="room"):
@@ -89,3 +96,13 @@ def test_file_about_other_things_says_nothing():
 def test_damaged_metadata_is_one_sentence(content, named):
     with pytest.raises(SourceError, match=named):
         parse_metadata(content, "m.json", "room")
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    class Locked(FolderTree):
+        def read(self, path):
+            raise UnreadableFrame("cannot be read: Permission denied")
+
+    (tmp_path / "metadata.json").write_text("{}")
+    with pytest.raises(SourceError, match=r"metadata\.json' cannot be read: Permission denied"):
+        find_metadata(Locked(tmp_path), ["metadata.json"], "room")

@@ -117,3 +117,8 @@ def test_boxes_must_be_finite():
 
 def test_box_the_wrong_way_round_is_empty():
     assert not np.asarray(fill_boxes(np.array([[9.0, 9.0, 3.0, 3.0]]), SIZE)).any()
+
+
+def test_a_single_number_is_no_mask():
+    with pytest.raises(SourceError, match=r"masks have shape \(\); give \[N, H, W\]"):
+        detections_from(np.array(True), (4, 4))

@@ -1,4 +1,5 @@
 import json
+import os
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,31 @@ def test_npy(tmp_path):
     np.testing.assert_array_equal(frames[1].features, FEATURES[2])
     assert frames[0].image is None
     assert frames[0].detections is None
+
+
+def test_a_file_that_is_cut_short_while_it_is_read_ends_no_process(tmp_path):
+    """Beyond its end, what is mapped of a file ends the process that looks."""
+    large = np.zeros((4, 64, 64, 4), np.float32)
+    np.save(tmp_path / "f.npy", large)
+    source = open_source(tmp_path / "f.npy")
+    frames = iter(source)
+    next(frames)
+    os.truncate(tmp_path / "f.npy", 4096)
+    assert list(frames) == []
+    assert [skipped.name for skipped in source.skipped] == ["000001", "000002", "000003"]
+    assert source.skipped[0].reason.startswith("its file was cut short while it was read")
+
+
+def test_maps_that_are_cut_short_while_they_are_read(tmp_path):
+    images = [making.picture(index) for index in range(3)]
+    np.save(tmp_path / "m.npy", MAPS.astype(np.int64))
+    assert MAPS[0].nbytes * 8 > 4096
+    source = open_source(images, masks=tmp_path / "m.npy")
+    frames = iter(source)
+    assert len(next(frames).detections) == 2
+    os.truncate(tmp_path / "m.npy", 4096)
+    assert list(frames) == []
+    assert len(source.skipped) == 2
 
 
 def test_npz_with_everything(tmp_path):

@@ -121,6 +121,17 @@ def test_hidden_and_other_files_are_no_frames(tmp_path):
     assert [f.name for f in open_source(tmp_path)] == ["0.jpg"]
 
 
+def test_pictures_of_other_kinds_are_told(tmp_path):
+    making.write_image(tmp_path / "0.png", making.picture(0))
+    for name in ("1.HEIC", "2.heic", "3.dng"):
+        (tmp_path / name).touch()
+    source = open_source(tmp_path)
+    assert len(list(source)) == 1
+    (skipped,) = source.skipped
+    assert (skipped.name, skipped.count) == ("1.HEIC", 3)
+    assert skipped.reason.startswith("pictures of the kind .HEIC are not read; convert them to")
+
+
 def test_unchosen_images_are_not_read(tmp_path):
     making.write_images(tmp_path, [f"{i}.jpg" for i in range(4)])
     (tmp_path / "1.jpg").write_bytes(b"damaged, but not asked for")

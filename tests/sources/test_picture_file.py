@@ -6,11 +6,12 @@ import struct
 import zlib
 
 import cv2
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.sources.image_folder import decode_image
+from remind_jax.sources.image_folder import decode_image, decode_pixels
 from remind_jax.sources.picture_file import check_picture
 from remind_jax.sources.source import UnreadableFrame
 from tests.sources import making
@@ -39,6 +40,48 @@ def encoded(kind: str, height: int = 7, width: int = 19) -> bytes:
 @pytest.mark.parametrize("kind", KINDS)
 def test_sizes_are_those_of_the_pixels(kind):
     assert check_picture(encoded(kind)) == decode_image(encoded(kind)).shape[:2] == (7, 19)
+
+
+def test_a_jpeg_of_many_scans_is_refused():
+    """Each of them would be decoded to the full size: hours, of a file of a megabyte."""
+    whole = encoded("progressive jpeg")
+    assert whole.count(b"\xff\xda") > 5
+    last = whole.rindex(b"\xff\xda")
+    many = whole[:last] + 95 * whole[last:-2] + whole[-2:]
+    hidden = b"\xff\xfe\x00\x04\xff\xd9"  # a comment that looks like the end
+    for data in (many, whole[:last] + hidden + 95 * whole[last:-2] + whole[-2:]):
+        with pytest.raises(UnreadableFrame, match="scans, at most 100 are read"):
+            check_picture(data)
+    assert check_picture(whole + 200 * b"\xff\xda") == (7, 19)  # a film behind the picture
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("float32", "its samples are floats of 32 bits"),
+        ("float64", "its samples are floats of 64 bits"),
+        ("int32", "its samples are numbers with a sign of 32 bits"),
+        ("uint32", "its samples are whole numbers of 32 bits"),
+        ("int16", "its samples are numbers with a sign of 16 bits"),
+    ],
+)
+@pytest.mark.parametrize("channels", [1, 3])
+def test_samples_that_are_no_brightness_are_refused(kind, said, channels):
+    ok, data = cv2.imencode(".tiff", np.ones((7, 19, channels), kind))
+    assert ok
+    with pytest.raises(UnreadableFrame, match=f"{said}; give whole numbers of 8 or 16 bits"):
+        decode_image(data.tobytes())
+    assert decode_pixels(data.tobytes(), cv2.IMREAD_UNCHANGED).dtype == kind
+
+
+def test_a_tiff_that_names_its_width_twice_is_as_wide_as_the_larger_one():
+    data = bytearray(encoded("tiff"))
+    (at,) = struct.unpack_from("<I", data, 4)
+    tags = [struct.unpack_from("<H", data, at + 2 + 12 * i)[0] for i in range(8)]
+    height = at + 2 + 12 * tags.index(257)
+    data[height : height + 12] = struct.pack("<HHII", 256, 4, 1, 60_000)
+    with pytest.raises(UnreadableFrame, match="it claims 60000x0 pixels"):
+        check_picture(bytes(data))
 
 
 def paged(num: int, kind: int | None = None) -> bytes:
