@@ -20,7 +20,13 @@ from jaxtyping import Array, Bool, Int, Shaped
 T = TypeVar("T")
 
 
-def branch(pred: Bool[Array, ""], then: Callable[[], T], otherwise: Callable[[], T]) -> T:
+def branch(
+    pred: Bool[Array, ""],
+    then: Callable[[], T],
+    otherwise: Callable[[], T],
+    *,
+    suits_all: bool = False,
+) -> T:
     """One of two results of equal structure; only that one is computed.
 
     In a batch, `then` is skipped where no member needs it.
@@ -29,10 +35,14 @@ def branch(pred: Bool[Array, ""], then: Callable[[], T], otherwise: Callable[[],
       pred: Whether it is `then`.
       then: Computes the result; what it needs, it closes over.
       otherwise: Computes the other one; cheap, as a batch computes it for all members.
+      suits_all: The members of a batch that do not need `then` may take it, too: it gives them what
+        `otherwise` does, or what nobody reads.
     """
-    return jax.lax.cond(
-        batch_max(pred), lambda: _choose_in_batch(pred, then(), otherwise()), otherwise
-    )
+
+    def choose() -> T:
+        return then() if suits_all else _choose_in_batch(pred, then(), otherwise())
+
+    return jax.lax.cond(batch_max(pred), choose, otherwise)
 
 
 def repeat(more: Callable[[T], Bool[Array, ""]], turn: Callable[[T], T], start: T) -> T:

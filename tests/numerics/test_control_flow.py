@@ -110,3 +110,20 @@ def test_the_number_of_a_turn_is_that_of_the_whole_batch():
     shapes = [result.aval.shape for result in loop.outvars]
     assert shapes.count((4, 6)) == 1
     assert set(shapes) == {(), (4, 6)}
+
+
+def test_what_suits_all_is_taken_by_all():
+    def halve(pred, x):
+        return branch(pred, lambda: jnp.where(pred, x / 2, x), lambda: x, suits_all=True)
+
+    x = np.arange(4, dtype=np.float32)
+    pred = np.array([True, False, True, False])
+    np.testing.assert_array_equal(jax.vmap(halve)(pred, x), np.where(pred, x / 2, x))
+    np.testing.assert_array_equal(jax.vmap(halve)(np.zeros(4, bool), x), x)
+
+    def negate(pred, x):
+        return branch(pred, lambda: -x, lambda: x, suits_all=True)
+
+    # Nothing chooses between both any more.
+    assert "select_n" in str(jax.make_jaxpr(jax.vmap(_choose, (0, 0, None)))(pred, x, 1.0))
+    assert "select_n" not in str(jax.make_jaxpr(jax.vmap(negate))(pred, x))

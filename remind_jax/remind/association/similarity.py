@@ -20,8 +20,9 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import repeat
-from remind_jax.numerics.pooling import dot
+from remind_jax.numerics.pooling import dot, spread_over_batch
 from remind_jax.numerics.rounding import divide
+from remind_jax.numerics.slices import take_slice
 from remind_jax.observation import Descriptors
 from remind_jax.remind.association.quality import Quality
 from remind_jax.remind.memory.prototypes import Bank, confidence, mean_quality
@@ -285,8 +286,9 @@ def _find_nearest(
         turn, best, winner = found
         # The last turn may reach back to slots that are done; they do not win a second time.
         first = jnp.minimum(turn * width, slots - width)
-        some = jax.lax.dynamic_slice_in_dim(bank.embedding, first, width, axis=-2)
-        cosine = dot(vectors, some.reshape(*leading, objects * width, dim))
+        some = take_slice(bank.embedding, first, width, bank.embedding.ndim - 2)
+        some = some.reshape(*leading, objects * width, dim)
+        cosine = dot(*spread_over_batch(vectors, some))
         cosine = cosine.reshape(*shape, width)
         for offset in range(width):
             slot = first + offset

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from remind_jax.numerics.control_flow import batch_max
+from remind_jax.numerics.slices import put_slice, take_slice
 
 _LENGTH = 16  # rows worked on at once
 
@@ -28,7 +29,7 @@ def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -
     length = min(_LENGTH, width)
 
     def part(start: Int[Array, ""] | int) -> Any:
-        return jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, start, length), rows)
+        return jax.tree.map(lambda leaf: take_slice(leaf, start, length), rows)
 
     shapes = jax.eval_shape(lambda: function(part(0)))
     results = jax.tree.map(lambda leaf: jnp.zeros((width, *leaf.shape[1:]), leaf.dtype), shapes)
@@ -37,7 +38,7 @@ def by_chunks(function: Callable[[Any], Any], rows: Any, used: Int[Array, ""]) -
         # The last chunk may reach back to rows that are done; they come out the same.
         start = jnp.minimum(chunk * length, width - length)
         return jax.tree.map(
-            lambda whole, new: jax.lax.dynamic_update_slice_in_dim(whole, new, start, axis=0),
+            lambda whole, new: put_slice(whole, new, start),
             results,
             function(part(start)),
         )

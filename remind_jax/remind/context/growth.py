@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import batch_max, count_up
 from remind_jax.numerics.reductions import reduce_together
+from remind_jax.numerics.slices import put_slice, take_slice
 from remind_jax.remind.context.chunks import by_chunks
 from remind_jax.remind.context.evidence import Links
 from remind_jax.remind.context.member_sets import (
@@ -77,10 +78,10 @@ def grow_trees(
 
     def step(count: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         path, edges, table = carry
-        both = jax.lax.dynamic_slice_in_dim(strength, count - 1, VARIANTS)
+        both = take_slice(strength, count - 1, VARIANTS)
         reach = jax.vmap(_reach, (None, 0))(path, both)
         grown = extend_tree(edges[None], reach)
-        table = jax.lax.dynamic_update_index_in_dim(table, jnp.sum(grown, axis=2), count, 0)
+        table = put_slice(table, jnp.sum(grown, axis=2)[None], count)
         return _extend(path, reach[0], sets.size + count - 1), grown[0], table
 
     _, _, table = count_up(largest + 1, step, (sets.path, edges, table), first=1)

@@ -218,7 +218,7 @@ def _observe(
         )
 
     no_room = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape[1:], leaf.dtype), edit)
-    freed = branch(jnp.any(full), find_room, lambda: no_room)
+    freed = branch(jnp.any(full), find_room, lambda: no_room, suits_all=True)
     both = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (2, *leaf.shape)), freed)
     # In the order of the axes, so that no bank is turned around.
     of_channels = jax.vmap(jax.vmap(change))
@@ -412,6 +412,7 @@ def _feed_patches(
         jnp.any(enters),
         lambda: jax.vmap(jax.vmap(join, (0, 0, None)))(stable, enters, channel.cap),
         lambda: stable,
+        suits_all=True,
     )
     return jax.tree.map(lambda *sides: jnp.stack(sides), banks.work, stable)
 

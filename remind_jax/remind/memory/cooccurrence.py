@@ -251,7 +251,8 @@ def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> Coo
         order = jnp.where(full[:, None], rank, graph.edge_order)
         return jnp.where(dropped, 0, graph.count), order
 
-    count, order = branch(jnp.any(full), trim, lambda: (graph.count, graph.edge_order))
+    keep = lambda: (graph.count, graph.edge_order)  # noqa: E731
+    count, order = branch(jnp.any(full), trim, keep, suits_all=True)
     return dataclasses.replace(graph, count=count, edge_order=order)
 
 

@@ -146,7 +146,7 @@ def join_tracks(
     def skip() -> Int[Array, "N"]:
         return jnp.full(len(group), NO_SLOT, jnp.int32)
 
-    return branch(jnp.any(valid), solve, skip)
+    return branch(jnp.any(valid), solve, skip, suits_all=True)
 
 
 def _affinity(

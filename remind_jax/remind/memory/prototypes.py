@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NEVER
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.constant_arrays import full, zeros
-from remind_jax.numerics.pooling import dot, to_unit
+from remind_jax.numerics.pooling import dot, spread_over_batch, to_unit
 from remind_jax.numerics.ranks import first_largest, largest
 from remind_jax.numerics.reductions import reduce_together
 from remind_jax.numerics.rounding import divide
@@ -127,7 +127,7 @@ def similarities(bank: Bank, vectors: Float[Array, "*#B D"]) -> Float[Array, "*B
     """
     leading = bank.embedding.shape[:-2]
     vectors = jnp.broadcast_to(vectors, (*leading, vectors.shape[-1]))
-    cosine = dot(vectors[..., None, :], bank.embedding)[..., 0, :]
+    cosine = dot(*spread_over_batch(vectors[..., None, :], bank.embedding))[..., 0, :]
     return jnp.where(live(bank), cosine.astype(bank.qualities.dtype), -jnp.inf)
 
 

@@ -157,4 +157,4 @@ def claim_origins(
         return waiting & ~free
 
     needed = jnp.any(waiting) & jnp.any(is_new)
-    return branch(needed, run, lambda: jnp.zeros(slots, bool))
+    return branch(needed, run, lambda: jnp.zeros(slots, bool), suits_all=True)

@@ -87,7 +87,7 @@ def stabilize(table: PairTable, slot: Int[Array, "N"], t: Stability) -> Stabiliz
     def leave() -> tuple[Array, Array]:
         return jnp.ones_like(fragile), slot_after
 
-    has, solved = branch(jnp.any(fragile), solve, leave)
+    has, solved = branch(jnp.any(fragile), solve, leave, suits_all=True)
     lost = fragile & ~has
     return Stabilized(
         slot=jnp.where(fragile, solved, slot_after).astype(jnp.int32),
