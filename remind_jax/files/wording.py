@@ -130,7 +130,8 @@ def _say_invalid(content: Any, said: str, record: Any) -> str:
     found = _value_at(content, steps)
     shown = f"{said[:1].lower()}{said[1:]}" if found is _UNSEEN else f"found {show(found)}"
     allowed = " or ".join(dict.fromkeys(map(_say_kind, _join_literals(kinds))))
-    return f"{place}: {shown}, allowed is {allowed or said.lower()}; correct or remove it"
+    wanted = f", allowed is {allowed}" if allowed else f" ({said.lower()})"
+    return f"{place}: {shown}{wanted}; correct or remove it"
 
 
 def _name_number(match: re.Match[bytes]) -> bytes:

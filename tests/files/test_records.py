@@ -24,6 +24,7 @@ from remind_jax.files.records import (
     read_json_lines,
     read_yaml,
 )
+from remind_jax.static import Static
 
 
 class Part(msgspec.Struct, forbid_unknown_fields=True):
@@ -183,6 +184,14 @@ def test_an_empty_yaml_is_an_empty_mapping(tmp_path):
 def test_mappings_are_checked_alike(value, said):
     with pytest.raises(SourceError, match=said):
         check(value, Part, "'x'")
+
+
+def test_records_of_settings_say_what_they_expect():
+    with pytest.raises(SourceError) as caught:
+        decode_json(b'{"num_objects": 1e18}', Static, "'x'")
+    assert str(caught.value) == (
+        "'x', `num_objects`: found 1e+18 (expected `int`, got `float`); correct or remove it"
+    )
 
 
 def test_a_mapping_becomes_a_record():
