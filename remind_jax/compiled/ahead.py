@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-from remind_jax.static import Static
+from remind_jax.static import GROWTH_STEP, Static
 
 PRESSED = 3 / 4  # share of a capacity from which on the next one is prepared
 HORIZON_S = 40.0  # how far ahead growth is foreseen; a compilation takes less
@@ -56,6 +56,14 @@ class Forecast:
         lasted_s = self._past[-1][0] - self._begun_s
         return lasted_s >= SETTLED_S or self._num_frames >= SETTLED_FRAMES
 
+    def is_sure(self, static: Static) -> bool:
+        """Whether what stays, objects and undecided tracks, fills the present capacities nearly."""
+        if not self._past:
+            return False
+        _, occupied = self._past[-1]
+        lasting = ("num_objects", "num_pending")
+        return any(occupied[name] >= PRESSED * getattr(static, name) for name in lasting)
+
     def needed(self, static: Static) -> Static:
         """`static` with the next capacity wherever the present one will not last."""
         if not self._past:
@@ -82,29 +90,33 @@ class Preparation:
         self._wanted: Static | None = None  # what the thread prepares
         self._thread: threading.Thread | None = None
 
-    def plan(self, ready: Sequence[Static]) -> None:
-        """Takes capacities that were prepared on purpose; nothing that the last holds is begun.
+    def plan(self, ready: Sequence[Static], covered: Static | None = None) -> None:
+        """Takes capacities that were prepared on purpose, for what somebody knows will come.
 
         Args:
           ready: Capacities at hand, the largest last.
+          covered: What they are meant to suffice for, the largest if left out: nothing that this
+            holds is begun before it is sure to be needed.
         """
         self._ready += [static for static in ready if static not in self._ready]
-        self._planned = ready[-1]
+        self._planned = ready[-1] if covered is None else covered
 
     def start(
-        self, static: Static, prepare: Callable[[Static], None], *, is_for_good: bool = False
+        self, static: Static, prepare: Callable[[Static], None], *, is_sure: bool = False
     ) -> None:
         """Prepares these capacities, unless others are in preparation, or these need not be.
 
         Args:
           static: Capacities.
           prepare: Prepares them.
-          is_for_good: What fills them up stays, so that it is worth while although something
-            larger is at hand, which every step would take longer with.
+          is_sure: What fills the present ones up is there already, and stays, so that these are
+            worth while whatever is planned, unless something at most twice as large is at hand:
+            with something larger, every step takes longer.
         """
         if self._is_busy() or static in self._failed or static in self._ready:
             return
-        if not is_for_good and self._planned is not None and holds(self._planned, static):
+        is_planned = self._planned is not None and holds(self._planned, static)
+        if is_planned and not (is_sure and not self._is_nearly_at_hand(static)):
             return
 
         def run() -> None:
@@ -141,6 +153,17 @@ class Preparation:
         """Waits for what is in preparation."""
         if self._thread is not None:
             self._thread.join()
+
+    def _is_nearly_at_hand(self, static: Static) -> bool:
+        """Whether capacities are at hand that hold these, and of none more than twice."""
+        return any(
+            holds(one, static)
+            and all(
+                most <= GROWTH_STEP * least
+                for most, least in zip(_capacities(one), _capacities(static), strict=True)
+            )
+            for one in self._ready
+        )
 
     def _is_busy(self) -> bool:
         return self._thread is not None and self._thread.is_alive()

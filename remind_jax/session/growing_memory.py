@@ -82,7 +82,7 @@ class GrowingMemory:
 
         With a number of objects, that is all that a loop will need: every capacity on the way, and
         for what comes suddenly twice of the detections and undecided tracks, with room for as many
-        more objects. Nothing is compiled then until that is full, or so many tracks stay undecided.
+        more objects. Nothing is compiled then before it is sure that something else is needed.
 
         Raises:
           SourceError: If so many do not fit this machine.
@@ -94,6 +94,7 @@ class GrowingMemory:
         for static in ready:
             self._prepare(frame_feats, prepared, thresholds, static)
         if num_objects:
+            covered = static
             with contextlib.suppress(ConfigError, SourceError):  # nothing larger, or no room for it
                 reserve = static.grow(
                     num_detections=static.num_detections + 1, num_pending=static.num_pending + 1
@@ -101,7 +102,8 @@ class GrowingMemory:
                 reserve = reserve.grow(num_objects=num_objects + reserve.num_detections)
                 self._prepare(frame_feats, prepared, thresholds, reserve)
                 ready.append(reserve)
-            self.preparation.plan(ready)
+                covered = _twice(static)
+            self.preparation.plan(ready, covered)
             following = self.preparation.following(ready[0])
             if following is not None:
                 self._spare.ask_for(following, is_foreseen=False, waits=True)
@@ -228,7 +230,7 @@ class GrowingMemory:
             self.preparation.start(
                 static,
                 lambda static: self._prepare(frame_feats, prepared, thresholds, static),
-                is_for_good=is_foreseen and static.num_pending > self.static.num_pending,
+                is_sure=is_foreseen and self._forecast.is_sure(self.static),
             )
 
 

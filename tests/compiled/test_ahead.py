@@ -54,16 +54,43 @@ def test_what_is_met_at_once_is_no_pace():
     assert forecast((0.0, 0), (SHORTEST_S / 2, 20)) == STATIC
 
 
-def test_what_fills_up_for_good_is_prepared_beside_a_larger_plan():
+def test_what_is_sure_to_be_needed_is_prepared_whatever_is_planned():
     preparation, done = Preparation(), []
     reserve, exact = STATIC.grow(num_objects=256, num_pending=64), STATIC.grow(num_pending=64)
     preparation.plan([STATIC, reserve])
     preparation.start(exact, done.append)
     preparation.finish()
     assert (done, preparation.room_for(exact)) == ([], reserve)
-    preparation.start(exact, done.append, is_for_good=True)
+    preparation.start(STATIC.grow(num_objects=128, num_pending=64), done.append, is_sure=True)
+    preparation.finish()
+    assert done == []  # the reserve is at most twice as large
+    preparation.start(exact, done.append, is_sure=True)
     preparation.finish()
     assert (done, preparation.room_for(exact)) == ([exact], exact)
+
+
+def test_a_plan_may_cover_more_than_is_at_hand():
+    preparation, done = Preparation(), []
+    preparation.plan([STATIC], covered=STATIC.grow(num_objects=512))
+    preparation.start(STATIC.grow(num_objects=512), done.append)
+    preparation.finish()
+    assert done == []
+    preparation.start(STATIC.grow(num_objects=1024), done.append)
+    preparation.finish()
+    assert done == [STATIC.grow(num_objects=1024)]
+
+
+def test_what_stays_is_sure_once_it_is_there():
+    def is_sure(objects: int, pending: int, detections: int = 1) -> bool:
+        seen = Forecast()
+        names = ("num_objects", "num_pending", "num_detections")
+        seen.add(0.0, dict(zip(names, (objects, pending, detections), strict=True)))
+        return seen.is_sure(STATIC)
+
+    assert not Forecast().is_sure(STATIC)
+    assert not is_sure(47, 23, 16)  # detections come and go
+    assert is_sure(48, 0)
+    assert is_sure(0, 24)
 
 
 def test_an_old_pace_is_forgotten():

@@ -17,11 +17,12 @@ import functools
 import resource
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.stats import theilslopes
 
 import remind_jax as rj
 
@@ -56,7 +57,7 @@ class Figures:
     num_wall_over: int  # frames over the bound by the clock on the wall
     grown_at: tuple[int, ...]
     rss_mib: tuple[float, ...]  # the most of each 1,000 frames, the first ones left out
-    kib_per_1000: float  # slope of these
+    kib_per_1000: float  # `slope_of` these
 
     @property
     def failures(self) -> list[str]:
@@ -166,7 +167,6 @@ def soak(
         max(rss[i] for i, index in enumerate(frames) if part <= (index - first) / 1000 < part + 1)
         for part in range(num_parts)
     )
-    slope = np.polyfit(np.arange(num_parts), most, 1)[0] if num_parts > 1 else 0.0
     median = float(np.median(spent_ms[warm_up:]))
     worst = warm_up + int(np.argmax(spent_ms[warm_up:]))
     wall_median = float(np.median(wall_ms[warm_up:]))
@@ -180,8 +180,16 @@ def soak(
         num_wall_over=int(np.sum(wall_ms[warm_up:] > MOST_TIMES * wall_median)),
         grown_at=tuple(grown_at),
         rss_mib=most,
-        kib_per_1000=float(slope) * 1024,
+        kib_per_1000=slope_of(most) * 1024,
     )
+
+
+def slope_of(values: Sequence[float]) -> float:
+    """The median of the slopes between any two: what lasts counts, what comes and goes does not.
+
+    A sample now and then sees two copies of the memory, before the former one is let go of.
+    """
+    return float(theilslopes(values)[0]) if len(values) > 1 else 0.0
 
 
 def _delay_s() -> float:
