@@ -67,7 +67,9 @@ class Alignment:
         return np.array(cropped, bool).reshape(len(masks), *self.size)
 
     def _align_crops(self, masks: Crops) -> Crops:
-        """Where every row and column of the result comes from is the same for all masks."""
+        if masks.size == self.scaled_size:
+            return masks.within(self.top, self.left, self.size)
+        # Where every row and column of the result comes from is the same for all masks.
         from_row, from_column = map(nearest_places, masks.size, self.scaled_size)
         return masks.sampled(
             from_row[self.top : self.top + self.size[0]],

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from remind_jax.config import Config
+from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.alignment import Alignment
@@ -132,7 +133,10 @@ def wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
     ignored = {name.lower() for name in config.input.ignored_classes}
     labels = frame.detections.labels
     kept = [row for row, name in enumerate(labels) if name.lower() not in ignored]
-    return frame.detections.select(np.array(kept, int)), len(labels) - len(kept)
+    detections = frame.detections
+    if not isinstance(masks, Crops):  # so that planes are read once, and the caller's not kept
+        detections = dataclasses.replace(detections, masks=Crops.of_planes(masks, masks.shape[1:]))
+    return detections.select(np.array(kept, int)), len(labels) - len(kept)
 
 
 def _patch_px_of_features(frame: Frame) -> int:

@@ -160,3 +160,13 @@ def test_a_detector_may_find_very_many(monkeypatch):
     assert isinstance(found.masks, Crops)
     expected = [i for i in range(1, 9) if np.sum(labels == i) >= 200]
     assert found.instance_ids.tolist() == expected
+
+
+def test_a_mask_beyond_the_last_whole_patch_is_empty():
+    masks = np.zeros((2, 90, 130), bool)
+    masks[0, 85:, 129:] = True
+    masks[1, 70:, 100:] = True
+    alignment = Alignment.fit((90, 130), 16, max_width_px=4000, center_crop=False)
+    aligned = alignment.align_masks(crops_of(masks))
+    assert np.array_equal(np.asarray(aligned), alignment.align_masks(masks))
+    assert not np.asarray(aligned)[0].any() and np.asarray(aligned)[1].any()
