@@ -169,4 +169,5 @@ def test_a_mask_beyond_the_last_whole_patch_is_empty():
     alignment = Alignment.fit((90, 130), 16, max_width_px=4000, center_crop=False)
     aligned = alignment.align_masks(crops_of(masks))
     assert np.array_equal(np.asarray(aligned), alignment.align_masks(masks))
-    assert not np.asarray(aligned)[0].any() and np.asarray(aligned)[1].any()
+    assert not np.asarray(aligned)[0].any()
+    assert np.asarray(aligned)[1].any()

@@ -26,8 +26,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import branch
-from remind_jax.numerics.pooling import to_unit
 from remind_jax.numerics.ranks import largest
+from remind_jax.remind.memory.bank_room import make_room, merge_entries
 from remind_jax.remind.memory.prototypes import (
     STABLE,
     WORK,
@@ -37,9 +37,7 @@ from remind_jax.remind.memory.prototypes import (
     closest_pair,
     count,
     count_quality,
-    entries,
     entry,
-    live,
     mean_quality,
     move_toward,
     nearest,
@@ -50,7 +48,6 @@ from remind_jax.remind.memory.prototypes import (
 
 T = TypeVar("T")
 
-_TIE = 1e-6
 _FIRST = 0  # the entry that is longest in a bank
 
 
@@ -140,7 +137,7 @@ def observe_whole(
       channel: How the channels learn.
     """
     unused = jnp.zeros((*present.shape, banks.embedding.shape[-2]), bool)
-    return _observe(banks, unused, vector, present, quality, permit, now, channel)[0]
+    return _observe(banks, unused, _Observation(vector, present, quality, permit), now, channel)[0]
 
 
 def observe_several(
@@ -171,7 +168,7 @@ def observe_several(
         if patch_merge is not None:
             feeds_later = jnp.zeros_like(channel.promotes)
             channel = dataclasses.replace(channel, promotes=feeds_later)
-        banks, used = _observe(*carry, *one, None, permit, now, channel)
+        banks, used = _observe(*carry, _Observation(*one, None, permit), now, channel)
         if patch_merge is not None:
             banks = _feed_patches(banks, *one, permit, now, channel, patch_merge)
         return (banks, used), None
@@ -180,13 +177,26 @@ def observe_several(
     return jax.lax.scan(show, (banks, used), (vector, present))[0][0]
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class _Observation:
+    """One observation that is shown to the two banks of an object."""
+
+    vector: Float[Array, "D"]  # unit descriptor
+    present: Bool[Array, ""]  # False leaves the banks as they are
+    quality: Float[Array, ""] | None  # [0, 1]; None for a part
+    permit: Permit  # what the update may do
+
+
+# Axis of the detections and of the channels of what is mapped.
+_BANKS, _ROWS = (1, 1), (0, 0)
+_OBSERVATIONS = (_Observation(*[0] * 4), _Observation(0, 0, 0, None))  # pyright: ignore[reportArgumentType]
+
+
 def _observe(
     banks: Bank,
     used: Bool[Array, "C N S"],
-    vector: Float[Array, "C N D"],
-    present: Bool[Array, "C N"],
-    quality: Float[Array, "C N"] | None,
-    permit: Permit,
+    seen: _Observation,
     now: Int[Array, ""],
     channel: Channel,
 ) -> tuple[Bank, Bool[Array, "C N S"]]:
@@ -196,16 +206,15 @@ def _observe(
     batch as a whole and only if some bank needs it.
     """
     # Cosines are found for all banks at once, between the two halves of what is mapped.
-    meet = _over_banks(functools.partial(_meet, now=now), [_BANKS, _BANKS, *_GIVEN], 0)
-    met = meet(banks, similarities(banks, vector), used, vector, present, quality, permit, channel)
+    given = [_ROWS, _OBSERVATIONS, (None, 0)]  # `used`, `seen`, `channel`
+    meet = _over_banks(functools.partial(_meet, now=now), [_BANKS, _BANKS, *given], 0)
+    met = meet(banks, similarities(banks, seen.vector), used, seen, channel)
     moved = met.refreshed.embedding[:, :, WORK]
     judge = _over_banks(
-        functools.partial(_judge, now=now), [_BANKS, _ROWS, _ROWS, *_GIVEN], (1, 0, 1, 0)
+        functools.partial(_judge, now=now), [_BANKS, _ROWS, _ROWS, *given], (1, 0, 1, 0)
     )
-    edit, arrival, adds, used = judge(
-        banks, met, similarities(banks, moved)[STABLE], used, vector, present, quality, permit,
-        channel,
-    )  # fmt: skip
+    twins = similarities(banks, moved)[STABLE]
+    edit, arrival, adds, used = judge(banks, met, twins, used, seen, channel)
     full = adds & (banks.size >= channel.room.capacity.T[..., None])
 
     def find_room() -> Edit:
@@ -237,11 +246,6 @@ def _choose(chosen: Bool[Array, "..."], new: T, old: T) -> T:
     )
 
 
-# Axis of the detections and of the channels of what is mapped.
-_BANKS, _ROWS = (1, 1), (0, 0)
-_GIVEN = [*[_ROWS] * 4, (0, None), (None, 0)]  # `used` to `quality`, permit, channel
-
-
 def _over_banks(function: Callable, axes: Sequence[tuple], out_axes: Any) -> Callable:
     """Maps over the detections, then over the channels."""
     of_detections, of_channels = zip(*axes, strict=True)
@@ -264,17 +268,14 @@ def _meet(
     banks: Bank,
     cosines: Float[Array, "2 S"],
     used: Bool[Array, "S"],
-    vector: Float[Array, "D"],
-    present: Bool[Array, ""],
-    quality: Float[Array, ""] | None,
-    permit: Permit,
+    seen: _Observation,
     c: Channel,
     *,
     now: Int[Array, ""],
 ) -> _Met:
     """Finds what one observation, rated or a part, resembles in the two banks of an object."""
     cosine, at = largest(cosines)
-    if quality is None:
+    if seen.quality is None:
         free = jnp.where(used, -jnp.inf, cosines[WORK])
         redirect = c.one_to_one & used[at[WORK]] & (banks.size[WORK] > 1)
         other_cosine, other = largest(free)
@@ -282,11 +283,11 @@ def _meet(
         at = columns(jnp.where(redirect, other, at[WORK]), at[STABLE])
         cosine = columns(jnp.where(redirect, other_cosine, cosine[WORK]), cosine[STABLE])
     old = jax.vmap(entry)(banks, at)
-    close = present & (cosine >= c.refresh.duplicate)
+    close = seen.present & (cosine >= c.refresh.duplicate)
     # A stable duplicate hides the work bank from the whole, but not from parts.
-    in_stable = jnp.zeros_like(present) if quality is None else close[STABLE]
-    refresh = functools.partial(_refresh, quality=quality, permit=permit, now=now)
-    refreshed = jax.vmap(refresh, (0, 0, None, 0))(old, cosine, vector, c.refresh)
+    in_stable = jnp.zeros_like(seen.present) if seen.quality is None else close[STABLE]
+    refresh = functools.partial(_refresh, quality=seen.quality, permit=seen.permit, now=now)
+    refreshed = jax.vmap(refresh, (0, 0, None, 0))(old, cosine, seen.vector, c.refresh)
     return _Met(at, cosine, in_stable, close[WORK] & ~in_stable, refreshed)
 
 
@@ -295,10 +296,7 @@ def _judge(
     met: _Met,
     twins: Float[Array, "S"],
     used: Bool[Array, "S"],
-    vector: Float[Array, "D"],
-    present: Bool[Array, ""],
-    quality: Float[Array, ""] | None,
-    permit: Permit,
+    seen: _Observation,
     c: Channel,
     *,
     now: Int[Array, ""],
@@ -310,10 +308,7 @@ def _judge(
       met: What the observation resembles.
       twins: Cosines of the work prototype, as moved, with those of the stable bank.
       used: Work prototypes that this detection refreshed.
-      vector: Unit descriptor.
-      present: False leaves the banks as they are.
-      quality: Observation quality, [0, 1]; None for a part.
-      permit: What the update may do.
+      seen: The observation.
       c: How the channel learns.
       now: Frame.
 
@@ -321,6 +316,7 @@ def _judge(
       The edit of each bank; what is to enter one of them, and which; and the work prototypes that
       this detection refreshed. A bank that something enters is not edited otherwise.
     """
+    vector, quality, permit = seen.vector, seen.quality, seen.permit
     one = jnp.ones((), banks.qualities.dtype)
     at, in_stable, in_work = met.at, met.in_stable, met.in_work
     again = in_work & c.refreshes_work
@@ -329,7 +325,7 @@ def _judge(
     twin_cosine, twin = largest(twins)
     known = twin_cosine >= c.refresh.duplicate[STABLE]
     in_twin = entry(banks.stable, twin)
-    founds = present & ~in_stable & ~in_work & permit.insert
+    founds = seen.present & ~in_stable & ~in_work & permit.insert
     leaves = jnp.zeros_like(proven)
     if quality is None:
         rule = jax.tree.map(lambda pair: pair[STABLE], c.refresh)
@@ -441,64 +437,3 @@ def _refresh(
         embedding=move_toward(old.embedding, vector, rate),
         counts=count(old.hits + 1, now, counted.num_qualities),
     )
-
-
-def make_room(
-    bank: Bank,
-    merge: Float[Array, ""],
-    redundant: Bool[Array, ""],
-    cap: Int[Array, ""],
-    *,
-    now: Int[Array, ""],
-) -> Edit:
-    """Frees one slot: joins the closest pair, or gives up the weakest prototype."""
-    cosine, i, j, all_cosines = closest_pair(bank)
-    joins = cosine >= merge
-    left, right = entries(bank, i, j)
-    joined = merge_entries(left, right, now, cap)
-    gone = jnp.where(joins, j, weakest(bank, all_cosines, cosine, redundant))
-    return Edit(i, joined, joins, gone, jnp.ones_like(joins))
-
-
-def weakest(
-    bank: Bank,
-    cosine: Float[Array, "S S"],
-    closest: Float[Array, ""],
-    redundant: Bool[Array, ""],
-) -> Int[Array, ""]:
-    """The prototype to give up: the least recently seen of all, or of the most redundant ones.
-
-    method.md#bank-room; the first among equals.
-
-    Args:
-      bank: A full one.
-      cosine: Of all pairs, -1 where there is none.
-      closest: The largest one.
-      redundant: Whether redundancy counts.
-    """
-    alive = live(bank)
-    others = jnp.where(jnp.eye(alive.shape[0], dtype=bool), -1.0, cosine)
-    redundancy = jnp.max(others, axis=1)
-    redundancy, top = (jnp.where(one > -1.0, one, 0.0) for one in (redundancy, closest))
-    alive = alive & (~redundant | (jnp.abs(redundancy - top) < _TIE))
-    oldest = jnp.argmin(jnp.where(alive, bank.last_seen, jnp.iinfo(jnp.int32).max))
-    return oldest.astype(jnp.int32)
-
-
-def merge_entries(left: Bank, right: Bank, now: Int[Array, ""], cap: Int[Array, ""]) -> Bank:
-    """Joins two prototypes by the weight of their hits, up to `cap`.
-
-    Rule: method.md#prototype-merge.
-    """
-    weights = [
-        jnp.minimum(side.hits, jnp.maximum(1, cap)).astype(jnp.float32) for side in (left, right)
-    ]
-    seen = jnp.maximum(jnp.maximum(left.last_seen, right.last_seen), now)
-    total = left.quality_sum + right.quality_sum
-    joined = Bank(
-        embedding=to_unit(weights[0] * left.embedding + weights[1] * right.embedding),
-        counts=count(left.hits + right.hits, seen, left.num_qualities + right.num_qualities),
-        qualities=columns(total, total),
-        size=left.size,
-    )
-    return dataclasses.replace(joined, qualities=columns(mean_quality(joined), total))
