@@ -256,7 +256,7 @@ class Decision:
         "log odds")
     late_frames: Whole = setting(60, "detections for which a new object may turn out to be known",
         "detections")
-    late_margin: Real = setting(3.0, "more than `new` that this takes", "log odds")
+    late_margin: Real = setting(2.0, "more than `new` that this takes", "log odds")
     late_seen: Real = setting(0.5, "and the known one must have been seen this many times as long",
         "factor")
     ended_age: Whole = setting(2,
@@ -277,11 +277,11 @@ class Confidence:
     open_known_sure: Real = setting(0.981, "the same at belief 0.999", "probability")
     open_new: Real = setting(0.19, "open, a new object: at belief 0.001", "probability")
     open_new_sure: Real = setting(0.942, "the same at belief 0.999", "probability")
-    known: Real = setting(0.0083, "decided, a known object: at belief 0.001", "probability")
-    known_sure: Real = setting(0.9993, "the same at belief 0.999", "probability")
-    new: Real = setting(0.5453, "decided, a new object: at belief 0.001", "probability")
-    new_sure: Real = setting(0.9803, "the same at belief 0.999", "probability")
-    moving: Real = setting(0.8, "what belief loses once decided, if the object moves", "share")
+    known: Real = setting(0.0113, "decided, a known object: at belief 0.001", "probability")
+    known_sure: Real = setting(0.9985, "the same at belief 0.999", "probability")
+    new: Real = setting(0.5615, "decided, a new object: at belief 0.001", "probability")
+    new_sure: Real = setting(0.9811, "the same at belief 0.999", "probability")
+    moving: Real = setting(0.6, "what belief loses once decided, if the object moves", "share")
 
 
 @jax.tree_util.register_dataclass
@@ -292,7 +292,7 @@ class Memory:
     novel: Real = setting(0.8, "a look is added where no kept one is closer", "cosine")
     rate_samples: Real = setting(12.0, "kept looks average about this many", "samples")
     every: Whole = setting(2, "a look is learned once in so many detections", "detections")
-    border_age: Whole = setting(3, "later looks at the border are not kept", "detections")
+    border_age: Whole = setting(8, "later looks at the border are not kept", "detections")
 
 
 @jax.tree_util.register_dataclass
