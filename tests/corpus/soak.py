@@ -41,7 +41,9 @@ FIRST_OBJECTS = 32  # that there is room for
 # a program would be prepared at frame 7,000 or so, which takes 200 MiB.
 FIRST_PENDING = 64
 MOST_TIMES = 10.0  # the median, of any frame after the warm-up
-MOST_KIB_PER_1000 = 256.0  # that memory may grow by in 1,000 frames after the first ones
+MOST_KIB_PER_1000 = 256.0  # that memory may grow by in 1,000 frames after the first ones,
+FEWEST_PARTS = 5  # if there are so many thousands; in fewer, what comes and goes looks like a slope
+MOST_GROWTH = 0.01  # of it in all, from the first of these thousands to the last
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Figures:
     worst_wall_ms: float  # with what other processes took
     num_wall_over: int  # frames over the bound by the clock on the wall
     grown_at: tuple[int, ...]
-    rss_mib: tuple[float, ...]  # the most of each 1,000 frames, the first ones left out
+    rss_mib: tuple[float, ...]  # the median of each 1,000 frames, the first ones left out
     kib_per_1000: float  # `slope_of` these
 
     @property
@@ -68,8 +70,10 @@ class Figures:
                 f"frame {self.worst_frame} took {self.worst_ms:.1f} ms, the median is "
                 f"{self.median_ms:.2f} ms"
             )
-        if self.kib_per_1000 > MOST_KIB_PER_1000:
+        if self.kib_per_1000 > MOST_KIB_PER_1000 and len(self.rss_mib) >= FEWEST_PARTS:
             found.append(f"memory grows by {self.kib_per_1000:.0f} KiB in 1,000 frames")
+        if self.rss_mib and self.rss_mib[-1] > (1 + MOST_GROWTH) * self.rss_mib[0]:
+            found.append(f"memory grew from {self.rss_mib[0]:.1f} to {self.rss_mib[-1]:.1f} MiB")
         if not self.grown_at:
             found.append("memory never grew, so that nothing is known of frames in which it does")
         return found
@@ -161,12 +165,11 @@ def soak(
             rss.append(_rss_mib())
         if index and index % 1000 == 0:
             yield f"{index} frames, {tracker.num_objects} objects, {rss[-1]:.1f} MiB"
-    # What was freed goes back to the system now and then, so that memory rises and falls again.
+    # What was freed goes back to the system every 1,000 frames, and a sample now and then sees two
+    # copies of the memory, before the former one is let go of.
     num_parts = (num_frames - first) // 1000
-    most = tuple(
-        max(rss[i] for i, index in enumerate(frames) if part <= (index - first) / 1000 < part + 1)
-        for part in range(num_parts)
-    )
+    part_of, mib = (np.array(frames) - first) // 1000, np.array(rss)
+    usual = tuple(float(np.median(mib[part_of == part])) for part in range(num_parts))
     median = float(np.median(spent_ms[warm_up:]))
     worst = warm_up + int(np.argmax(spent_ms[warm_up:]))
     wall_median = float(np.median(wall_ms[warm_up:]))
@@ -179,16 +182,13 @@ def soak(
         worst_wall_ms=float(wall_ms[warm_up:].max()),
         num_wall_over=int(np.sum(wall_ms[warm_up:] > MOST_TIMES * wall_median)),
         grown_at=tuple(grown_at),
-        rss_mib=most,
-        kib_per_1000=slope_of(most) * 1024,
+        rss_mib=usual,
+        kib_per_1000=slope_of(usual) * 1024,
     )
 
 
 def slope_of(values: Sequence[float]) -> float:
-    """The median of the slopes between any two: what lasts counts, what comes and goes does not.
-
-    A sample now and then sees two copies of the memory, before the former one is let go of.
-    """
+    """The median of the slopes between any two: what lasts counts, what comes and goes does not."""
     return float(theilslopes(values)[0]) if len(values) > 1 else 0.0
 
 

@@ -30,7 +30,7 @@ FINE = Figures(
     worst_wall_ms=200.0,
     num_wall_over=1,
     grown_at=(250,),
-    rss_mib=(500.0, 500.2),
+    rss_mib=(500.0, 500.2, 500.1, 500.3, 500.2),
     kib_per_1000=200.0,
 )
 
@@ -41,6 +41,10 @@ def test_stalls_and_growth_are_seen():
     assert stalled.failures == ["frame 300 took 60.0 ms, the median is 5.00 ms"]
     growing = dataclasses.replace(FINE, kib_per_1000=2000.0)
     assert growing.failures == ["memory grows by 2000 KiB in 1,000 frames"]
+    short = dataclasses.replace(growing, rss_mib=(500.0, 502.0))
+    assert short.failures == []
+    swollen = dataclasses.replace(FINE, rss_mib=(500.0, 506.0))
+    assert swollen.failures == ["memory grew from 500.0 to 506.0 MiB"]
     (said,) = dataclasses.replace(FINE, grown_at=()).failures
     assert said.startswith("memory never grew")
 
