@@ -23,6 +23,7 @@ from jax.core import Tracer
 
 from remind_jax.compiled import kept
 from remind_jax.compiled.freed_memory import return_freed_memory
+from remind_jax.compiled.paused_collection import paused_collection
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 # Nearly all of a compilation is spent on machine code. On a CPU, level 1 takes a fifth off it, and
@@ -203,7 +204,9 @@ def _make(recipe: Recipe) -> Program:
         donate_argnums=tuple(range(recipe.num_donated)),
         compiler_options=known_options(recipe.options),
     )
-    lowered, found_before = program.lower(*recipe.shapes), _num_found_by_jax()
+    with paused_collection():
+        lowered = program.lower(*recipe.shapes)
+    found_before = _num_found_by_jax()
     compiled = lowered.compile()
     outputs = shapes_of(compiled.out_info)
     # What JAX took from its own cache cannot be written again: the copy would lack functions.
