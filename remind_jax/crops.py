@@ -86,16 +86,21 @@ class Crops:
             windows.append(window[np.ix_(from_row[rows] - top, from_column[columns] - left)])
         return Crops((len(from_row), len(from_column)), tuple(corners), tuple(windows))
 
-    def within(self, top: int, left: int, size: tuple[int, int]) -> Crops:
-        """Masks of a part of the picture, of this size, whose first pixel lies there."""
-        if (top, left, size) == (0, 0, self.size):
+    def cropped(self, first_row: int, first_column: int, size: tuple[int, int]) -> Crops:
+        """Masks of a part of the picture, of this height and width, that begins there."""
+        if (first_row, first_column, size) == (0, 0, self.size):
             return self
         corners, windows = [], []
-        for (first, above), window in zip(self.corners, self.windows, strict=True):
-            rows = slice(max(0, top - above), max(0, top + size[0] - above))
-            columns = slice(max(0, left - first), max(0, left + size[1] - first))
-            corners.append((max(0, first - left), max(0, above - top)))
-            windows.append(window[rows, columns])
+        for (left, top), window in zip(self.corners, self.windows, strict=True):
+            # Where the part begins, counted from the box; below 0 if the box begins later.
+            row, column = first_row - top, first_column - left
+            corners.append((max(0, -column), max(0, -row)))
+            windows.append(
+                window[
+                    max(0, row) : max(0, row + size[0]),
+                    max(0, column) : max(0, column + size[1]),
+                ]
+            )
         return Crops(size, tuple(corners), tuple(windows))
 
     def plane(self, row: int) -> Bool[np.ndarray, "H W"]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import collections
-import contextlib
 import dataclasses
 import logging
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
+from remind_jax.compiled.process_setting import ProcessSetting
 from remind_jax.static import GROWTH_STEP, Static
 
 PRESSED = 3 / 4  # share of a capacity from which on the next one is prepared
@@ -23,6 +23,7 @@ _SAMPLE_S = 0.25  # samples that are kept lie so far apart
 # Python lets another thread run after so long; at its usual 5 ms, a frame that gives way a hundred
 # times while a program is traced takes most of a second.
 _TURN_S = 0.0005
+_short_turns = ProcessSetting(sys.getswitchinterval, sys.setswitchinterval, _TURN_S)
 
 Occupied = Mapping[str, int]  # slots in use by the name of their capacity in `Static`
 
@@ -121,7 +122,7 @@ class Preparation:
 
         def run() -> None:
             try:
-                with _short_turns():
+                with _short_turns.changed():
                     prepare(static)
             except Exception:  # the frame that needs these capacities will tell
                 self._failed.add(static)
@@ -167,25 +168,6 @@ class Preparation:
 
     def _is_busy(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
-
-
-_turns_lock = threading.Lock()
-_turns: list[float] = []  # what it was before, for each thread that asks for short turns
-
-
-@contextlib.contextmanager
-def _short_turns() -> Iterator[None]:
-    """Lets the frames go on meanwhile: threads of Python take turns more often."""
-    with _turns_lock:
-        _turns.append(_turns[0] if _turns else sys.getswitchinterval())
-        sys.setswitchinterval(_TURN_S)
-    try:
-        yield
-    finally:
-        with _turns_lock:
-            before = _turns.pop()
-            if not _turns:
-                sys.setswitchinterval(before)
 
 
 def holds(large: Static, small: Static) -> bool:

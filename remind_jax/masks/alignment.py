@@ -68,7 +68,7 @@ class Alignment:
 
     def _align_crops(self, masks: Crops) -> Crops:
         if masks.size == self.scaled_size:
-            return masks.within(self.top, self.left, self.size)
+            return masks.cropped(self.top, self.left, self.size)
         # Where every row and column of the result comes from is the same for all masks.
         from_row, from_column = map(nearest_places, masks.size, self.scaled_size)
         return masks.sampled(

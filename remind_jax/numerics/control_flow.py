@@ -17,6 +17,8 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
+from remind_jax.numerics.batch_axis import give_axis
+
 T = TypeVar("T")
 
 
@@ -105,13 +107,7 @@ def _choose_in_batch(pred: Bool[Array, ""], then: T, otherwise: T) -> T:
 def _choose_mapped(axis_size, in_batched, pred, then, otherwise):
     pred_batched, *sides_batched = in_batched
     then, otherwise = (
-        jax.tree.map(
-            lambda leaf, batched: (
-                leaf if batched else jnp.broadcast_to(leaf, (axis_size, *leaf.shape))
-            ),
-            side,
-            side_batched,
-        )
+        jax.tree.map(lambda *one: give_axis(*one, axis_size), side, side_batched)
         for side, side_batched in zip((then, otherwise), sides_batched, strict=True)
     )
     if pred_batched:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 TINY = 1e-12
@@ -22,25 +21,6 @@ def to_unit(vectors: Float[Array, "... D"]) -> Float[Array, "... D"]:
 def dot(left: Float[Array, "... I D"], right: Float[Array, "... J D"]) -> Float[Array, "... I J"]:
     """All inner products at full float32 precision on every device."""
     return jnp.einsum("...id,...jd->...ij", left, right, precision="highest")
-
-
-@custom_vmap
-def spread_over_batch(
-    left: Float[Array, "..."], right: Float[Array, "..."]
-) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Both factors of a product, each with an axis for whatever batch one of them is mapped to.
-
-    A factor that a batch shares makes one long product of all members, for which the other factor
-    is turned around: with prototypes, that takes ten times as long as the product.
-    """
-    return left, right
-
-
-@spread_over_batch.def_vmap
-def _spread_in_batch(axis_size, in_batched, left, right):
-    given = zip((left, right), in_batched, strict=True)
-    spread = [x if own else jnp.broadcast_to(x, (axis_size, *x.shape)) for x, own in given]
-    return spread_over_batch(*spread), (True, True)
 
 
 def pool(

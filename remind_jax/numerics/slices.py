@@ -13,6 +13,8 @@ import jax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Int, Shaped
 
+from remind_jax.numerics.batch_axis import give_axis
+
 
 def take_slice(
     array: Shaped[Array, "..."], start: Int[Array, ""] | int, length: int, axis: int = 0
@@ -50,7 +52,7 @@ def _share_place(function: Callable[..., Array], axis: int, *given: Array | int)
             axes = [0 if batched else None for batched in is_batched]
             return jax.vmap(functools.partial(function, axis), axes)(*given), True
         arrays = [
-            array if batched else jax.numpy.broadcast_to(array, (size, *array.shape))
+            give_axis(array, batched, size)
             for array, batched in zip(arrays, is_batched, strict=False)
         ]
         return _share_place(function, axis + 1, *arrays, start), True

@@ -37,9 +37,6 @@ TOUR_VISIT = 8  # frames in a room
 TOUR = 3 * NUM_ROOMS * TOUR_VISIT  # frames
 CROWD = 24  # things in a frame now and then, more than there is room for at first
 FIRST_OBJECTS = 32  # that there is room for
-# Undecided tracks of the paper's tracker never end: at frame 9,530 there are 33. With room for 32,
-# a program would be prepared at frame 7,000 or so, which takes 200 MiB.
-FIRST_PENDING = 64
 MOST_TIMES = 10.0  # the median, of any frame after the warm-up
 MOST_KIB_PER_1000 = 256.0  # that memory may grow by in 1,000 frames after the first ones,
 FEWEST_PARTS = 5  # if there are so many thousands; in fewer, what comes and goes looks like a slope
@@ -141,8 +138,7 @@ def soak(
       warm_up: Frames that may take longer.
     """
     # Fewer than at first otherwise, so that trackers grow that tell few of the things apart, too.
-    static = {"num_objects": FIRST_OBJECTS, "num_pending": FIRST_PENDING}
-    tracker = rj.Tracker({"base": config, "static": static})
+    tracker = rj.Tracker({"base": config, "static": {"num_objects": FIRST_OBJECTS}})
     if is_prepared:
         tracker.warm_up((HEIGHT_PX, WIDTH_PX), num_objects=4 * NUM_ROOMS, num_detections=CROWD)
     spent_ms, wall_ms, grown_at = np.zeros(num_frames), np.zeros(num_frames), []

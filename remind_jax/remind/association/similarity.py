@@ -18,9 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from remind_jax.numerics.batch_axis import spread_over_batch
 from remind_jax.numerics.columns import columns
 from remind_jax.numerics.control_flow import repeat
-from remind_jax.numerics.pooling import dot, spread_over_batch
+from remind_jax.numerics.pooling import dot
 from remind_jax.numerics.rounding import divide
 from remind_jax.numerics.slices import take_slice
 from remind_jax.observation import Descriptors

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Int, Shaped
 
+from remind_jax.numerics.batch_axis import give_axis
 from remind_jax.numerics.control_flow import batch_max
 
 T = TypeVar("T")
@@ -113,10 +114,9 @@ def _write_batch(
         memory = jax.vmap(functools.partial(_write_in_turn, axis), axes)(*given)
         return memory, jax.tree.map(lambda _: True, memory)
 
-    def spread(leaf: Array, batched: bool) -> Array:
-        return leaf if batched else jnp.broadcast_to(leaf, (axis_size, *leaf.shape))
-
-    turns, written, at, memory, values = jax.tree.map(spread, given, tuple(in_batched))
+    turns, written, at, memory, values = jax.tree.map(
+        lambda *one: give_axis(*one, axis_size), given, tuple(in_batched)
+    )
 
     def write(number: Int[Array, ""], memory: T) -> T:
         turn, member = number // axis_size, number % axis_size
