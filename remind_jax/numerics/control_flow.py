@@ -107,7 +107,7 @@ def _choose_in_batch(pred: Bool[Array, ""], then: T, otherwise: T) -> T:
 def _choose_mapped(axis_size, in_batched, pred, then, otherwise):
     pred_batched, *sides_batched = in_batched
     then, otherwise = (
-        jax.tree.map(lambda *one: give_axis(*one, axis_size), side, side_batched)
+        jax.tree.map(lambda leaf, own: give_axis(leaf, own, axis_size), side, side_batched)
         for side, side_batched in zip((then, otherwise), sides_batched, strict=True)
     )
     if pred_batched:

@@ -115,7 +115,7 @@ def _write_batch(
         return memory, jax.tree.map(lambda _: True, memory)
 
     turns, written, at, memory, values = jax.tree.map(
-        lambda *one: give_axis(*one, axis_size), given, tuple(in_batched)
+        lambda leaf, own: give_axis(leaf, own, axis_size), given, tuple(in_batched)
     )
 
     def write(number: Int[Array, ""], memory: T) -> T:
