@@ -113,6 +113,7 @@ function show(state) {
   remember(state.remembered);
   drawTimeline(state.timeline);
   age = state.age_ms === null ? null : {ms: state.age_ms, at: performance.now()};
+  showAge();
 }
 
 function showAge() {
@@ -141,6 +142,7 @@ async function follow() {
       byId("light").className = "";
       byId("said").textContent = "the run does not answer: it is over, or busy";
       age = null;
+      showAge();
       await new Promise((done) => setTimeout(done, RETRY_MS));
     }
   }
