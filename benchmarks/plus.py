@@ -116,6 +116,7 @@ _TOUR = SceneOptions(
     width=480, height=360, min_mask_px=150, frames=160, num_rooms=2, objects_per_room=13,
     lookalikes=_ALIKE, absence_frames=60, light_drop=0.3,
 )  # fmt: skip
+SEEDS_APART = 20  # from one tour of a row of `STRESS` to the next
 # Twenty objects that fly about one room, in sight of a camera that stays there.
 _MOVING = {
     "frames": 200, "num_rooms": 1, "objects_per_room": 20, "absence_frames": 0, "light_drop": 1.0,
@@ -176,12 +177,9 @@ def _row(name: str, recordings: list[Recording], thresholds: PlusThresholds) -> 
     scores = [judge(one, answer(one, thresholds)[0]) for one in recordings]
     return {
         "name": name,
-        **{
-            key: float(np.mean([s[key] for s in scores]))
-            for key in ("IDF1", "AssA", "HardRecovery")
-        },
+        **{key: _mean(scores, key) for key in ("IDF1", "AssA", "HardRecovery")},
         **{key: sum(s[key] for s in scores) for key in ("IDSW", "ids", "objects", "repeated")},
-        "each": "/".join(f"{s['IDF1']:.1f}" for s in scores),
+        "each": _each(scores),
     }
 
 
@@ -265,30 +263,52 @@ def _with_wrong_motion(motion: Motion, share: float = 0.1) -> Motion:
     return dataclasses.replace(motion, matrix=matrix, score=score)
 
 
-def strain(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str, Any]]:
-    """Plus, plus without place evidence, and the bank of twelve on tours that break assumptions."""
+def strain(
+    names: list[str], seeds: int, backbone: str, one_class: bool
+) -> Iterator[dict[str, Any]]:
+    """Plus, plus without place evidence, and the bank of twelve on tours that break assumptions.
+
+    Each row is the mean of as many tours as there are seeds; identities and objects are sums.
+    """
+    blind = changed(PlusThresholds(), WITHOUT_PLACE)
     for name in names or STRESS:
         options, noise = STRESS[name]
-        frames: Iterable[Frame] = render(make_scene(dataclasses.replace(_TOUR, **options)))
-        if noise is not None:
-            frames = add_detector_noise(frames, noise, tuple(CLASSES))
-        kept = list(frames)
-        recording = record(name, kept, backbone, one_class)
-        plus = judge(recording, answer(recording, PlusThresholds())[0])
-        blind = changed(PlusThresholds(), WITHOUT_PLACE)
-        without = judge(recording, answer(recording, blind)[0])
-        bank = judge(recording, _bank_answers(recording, kept, backbone, one_class))
+        methods: dict[str, list[dict[str, float]]] = {"plus": [], "without_place": [], "bank": []}
+        for repeat in range(seeds):
+            seed = options["seed"] + repeat * SEEDS_APART
+            scene = make_scene(dataclasses.replace(_TOUR, **{**options, "seed": seed}))
+            frames: Iterable[Frame] = render(scene)
+            if noise is not None:
+                noise_here = dataclasses.replace(noise, seed=noise.seed + repeat)
+                frames = add_detector_noise(frames, noise_here, tuple(CLASSES))
+            kept = list(frames)
+            recording = record(name, kept, backbone, one_class)
+            answers = {
+                "plus": answer(recording, PlusThresholds())[0],
+                "without_place": answer(recording, blind)[0],
+                "bank": _bank_answers(recording, kept, backbone, one_class),
+            }
+            for method, ids in answers.items():
+                methods[method].append(judge(recording, ids))
+
+        plus, bank = methods["plus"], methods["bank"]
         yield {
             "name": name,
-            "plus": plus["IDF1"],
-            "without_place": without["IDF1"],
-            "bank": bank["IDF1"],
-            "first_frame": plus["HardRecovery"],
-            "first_frame_bank": bank["HardRecovery"],
-            "ids": plus["ids"],
-            "objects": plus["objects"],
-            "repeated": plus["repeated"],
+            **{method: _mean(scores, "IDF1") for method, scores in methods.items()},
+            "first_frame": _mean(plus, "HardRecovery"),
+            "first_frame_bank": _mean(bank, "HardRecovery"),
+            **{key: sum(score[key] for score in plus) for key in ("ids", "objects", "repeated")},
+            "each": _each(plus),
+            "each_bank": _each(bank),
         }
+
+
+def _mean(scores: list[dict[str, float]], key: str) -> float:
+    return float(np.mean([score[key] for score in scores]))
+
+
+def _each(scores: list[dict[str, float]]) -> str:
+    return "/".join(f"{score['IDF1']:.1f}" for score in scores)
 
 
 def _bank_answers(
@@ -336,11 +356,12 @@ def main() -> None:
     parser.add_argument("names", nargs="*")
     parser.add_argument("--one-class", action="store_true")
     parser.add_argument("--backbone", default="patch-statistics")
+    parser.add_argument("--seeds", type=int, default=1, help="tours per row of stress")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     how = given.backbone, given.one_class
     if given.what == "stress":
-        rows = strain(given.names, *how)
+        rows = strain(given.names, given.seeds, *how)
     elif given.what == "hardship":
         rows = bear(given.names, *how)
     else:
