@@ -52,7 +52,6 @@ class Shortlist:
     valid: Bool[Array, "N C"]
     base: Float[Array, "N C"]  # log odds of the evidence that it has alone
     cosine: Float[Array, "N C"]  # best cosine of looks
-    moves: Float[Array, "N C"]  # how far the object moves of its own
     parts: Float[Array, "N C 6"]  # of the first of `state.PARTS` in these log odds
 
 
@@ -190,16 +189,14 @@ def shortlist(
     lacking = ((0, 0), (0, NUM_CANDIDATES - value.shape[1]))  # a memory may have fewer slots
     value, slot = jnp.pad(value, lacking, constant_values=-jnp.inf), jnp.pad(slot, lacking)
     valid = jnp.isfinite(value)
-    moving = jnp.broadcast_to(moves, admitted.shape)
     # One table is looked up once.
-    picked = look_up_in_rows(jnp.stack([*parts, cosine, moving], axis=-1), slot)
+    picked = look_up_in_rows(jnp.stack([*parts, cosine], axis=-1), slot)
     return Shortlist(
         slot=slot,
         valid=valid,
         base=jnp.where(valid, value, 0.0),
-        cosine=picked[..., -2],
-        moves=picked[..., -1],
-        parts=picked[..., :-2],
+        cosine=picked[..., -1],
+        parts=picked[..., :-1],
     )
 
 

@@ -61,8 +61,6 @@ def weigh_jointly(
     usable = shortlist.valid[:, :, None, None] & others.of(present)[:, None]
     usable &= others.is_other[:, None, :, None] & (o != p)
     covisible = _covisible_evidence(o, p, others, objects, pairs, t.layout)
-    # Who is in view beside a thing that goes its own way is chance.
-    covisible *= 1.0 - shortlist.moves[:, :, None, None]
     lies = look_up(pairs.lies, o, p)
     related = usable & (lies[..., Pairs.spread.index] < NO_RELATION)
     layout = _layout_evidence(lies, others, t.layout)
@@ -127,7 +125,7 @@ def nothing_weighed(num: int) -> tuple[Shortlist, Float[Array, "N C 11"]]:
     shape = (num, NUM_CANDIDATES)
     slot, valid = jnp.zeros(shape, jnp.int32), jnp.zeros(shape, bool)
     blank, told = jnp.zeros(shape, jnp.float32), jnp.zeros((*shape, 2 + len(PARTS)), jnp.float32)
-    return Shortlist(slot, valid, blank, blank, blank, told[..., :NUM_OWN_PARTS]), told
+    return Shortlist(slot, valid, blank, blank, told[..., :NUM_OWN_PARTS]), told
 
 
 class _Others:

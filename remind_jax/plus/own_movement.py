@@ -3,8 +3,8 @@
 Rule: method_plus.md#own-movement.
 
 Where such an object was says little of where it will be. So errors of its place and of how it lies
-to others grow with its speed while it is out of view, its background and who is seen with it count
-less, and its looks may decide alone. In a world that stands still nothing of this happens.
+to others grow with its speed while it is out of view, its background counts less, and its looks
+may decide alone. In a world that stands still nothing of this happens.
 
 Letters: `N` detections, `T` tracklets, `O` object slots. Lengths are in frame units.
 """

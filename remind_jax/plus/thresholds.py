@@ -212,7 +212,7 @@ class Layout:
     rounds: Whole = setting(5, "of weighing all open tracklets of a frame together", "rounds")
     optimism: Real = setting(4.0, "log odds that a new object loses in the first round of weighing",
         "log odds")
-    covisible_weight: Real = setting(0.4, "of what is seen together", "weight")
+    covisible_weight: Real = setting(0.6, "of what is seen together", "weight")
     covisible_partners: Real = setting(2.0, "partners that speak in full; more share this",
         "objects")
     covisible_typical: Real = setting(0.15, "share of frames that two objects share by chance",
@@ -273,15 +273,15 @@ class Confidence:
     The belief is that of the evidence; what it does not know of, it cannot doubt.
     """
 
-    open_known: Real = setting(0.077, "open, a known object: at belief 0.001", "probability")
-    open_known_sure: Real = setting(0.969, "the same at belief 0.999", "probability")
-    open_new: Real = setting(0.265, "open, a new object: at belief 0.001", "probability")
-    open_new_sure: Real = setting(0.921, "the same at belief 0.999", "probability")
-    known: Real = setting(0.117, "decided, a known object: at belief 0.001", "probability")
-    known_sure: Real = setting(0.992, "the same at belief 0.999", "probability")
-    new: Real = setting(0.468, "decided, a new object: at belief 0.001", "probability")
-    new_sure: Real = setting(0.97, "the same at belief 0.999", "probability")
-    moving: Real = setting(0.2, "what belief loses once decided, if the object moves", "share")
+    open_known: Real = setting(0.046, "open, a known object: at belief 0.001", "probability")
+    open_known_sure: Real = setting(0.981, "the same at belief 0.999", "probability")
+    open_new: Real = setting(0.19, "open, a new object: at belief 0.001", "probability")
+    open_new_sure: Real = setting(0.942, "the same at belief 0.999", "probability")
+    known: Real = setting(0.0113, "decided, a known object: at belief 0.001", "probability")
+    known_sure: Real = setting(0.9985, "the same at belief 0.999", "probability")
+    new: Real = setting(0.5615, "decided, a new object: at belief 0.001", "probability")
+    new_sure: Real = setting(0.9811, "the same at belief 0.999", "probability")
+    moving: Real = setting(0.6, "what belief loses once decided, if the object moves", "share")
 
 
 @jax.tree_util.register_dataclass

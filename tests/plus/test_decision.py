@@ -26,7 +26,6 @@ def decide_alone(age: int, odds: float, tentative: float) -> Choice:
         valid=jnp.array([[True]]),
         base=evidence,
         cosine=evidence,
-        moves=jnp.zeros_like(evidence),
         parts=jnp.zeros((1, 1, NUM_OWN_PARTS)),
     )
     rows = Rows(young=jnp.array([True]), late=jnp.array([False]))

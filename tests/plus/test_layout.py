@@ -22,12 +22,7 @@ NUM = len(PLACES)
 
 
 def weigh(
-    looks: float,
-    witness: float,
-    moved: tuple[float, float] = (0.0, 0.0),
-    rare: bool = False,
-    moves: float = 0.0,
-    part: str | None = None,
+    looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0), rare: bool = False
 ) -> np.ndarray:
     """Log odds that each of five detections is the object that lay there.
 
@@ -36,8 +31,6 @@ def weigh(
       witness: Threshold.
       moved: Where all of them lie now, from where the objects lay.
       rare: Three times as many other objects are of another class, instead of the same one.
-      moves: How far these objects move of their own.
-      part: The share of one kind of evidence in the log odds, instead of all.
     """
     state = init(STATIC)
     objects = state.objects.replaced(
@@ -60,7 +53,6 @@ def weigh(
         valid=first,
         base=jnp.where(first, looks, 0.0),
         cosine=jnp.zeros((num, NUM_CANDIDATES)),
-        moves=jnp.full((num, NUM_CANDIDATES), moves),
         parts=parts,
     )
     # Others that are never in view, and of another class if these are of a rare one.
@@ -76,7 +68,7 @@ def weigh(
     odds, parts = weighed[..., 0], weighed[..., 2:]
     told = np.asarray(odds)[:NUM, 0]
     np.testing.assert_allclose(told, np.sum(parts, axis=-1)[:NUM, 0], rtol=1e-5)  # order of sums
-    return told if part is None else np.asarray(parts)[:NUM, 0, PARTS.index(part)]
+    return told
 
 
 def test_an_arrangement_is_recognized_by_its_members_together():
@@ -95,14 +87,6 @@ def test_members_of_a_rare_class_are_believed_although_they_look_little_alike():
     common, rare = (weigh(looks=-1.0, witness=0.5, rare=rare) for rare in (False, True))
     assert np.all(rare > common + 1)
     assert np.all(weigh(looks=-4.0, witness=0.5, rare=True) < PlusThresholds().decision.new)
-
-
-def test_who_was_seen_with_it_says_little_of_what_moves_of_its_own():
-    still, restless = (
-        weigh(looks=3.0, witness=0.5, moves=moves, part="companions") for moves in (0.0, 0.9)
-    )
-    assert np.all(still > 0.3)
-    np.testing.assert_allclose(restless, 0.1 * still, rtol=1e-3)  # others are believed a bit less
 
 
 def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
