@@ -113,14 +113,14 @@ _ALIKE = (
     LookalikeGroup("vase", 2, "tint"),
 )
 # Development seeds, below those of the benchmark.
-_TOUR = SceneOptions(
+TOUR = SceneOptions(
     width=480, height=360, min_mask_px=150, frames=160, num_rooms=2, objects_per_room=13,
     lookalikes=_ALIKE, absence_frames=60, light_drop=0.3,
 )  # fmt: skip
 # From one tour of a `STRESS` row to the next; with more tours, seeds would reach the benchmark's.
 SEEDS_APART, MOST_SEEDS = 20, 4
 # Twenty objects that fly about one room, in sight of a camera that stays there.
-_MOVING = {
+MOVING_WORLD = {
     "frames": 200, "num_rooms": 1, "objects_per_room": 20, "absence_frames": 0, "light_drop": 1.0,
     "roaming": 1.0,
     "lookalikes": (
@@ -144,14 +144,14 @@ STRESS: dict[str, tuple[dict[str, Any], DetectorNoise | None]] = {
     "split, merged, false": ({"seed": 14}, DetectorNoise(split=0.1, merged=0.1, false=0.3)),
     "wrong classes 10 %": ({"seed": 15}, DetectorNoise(wrong_class=0.1)),
     "masks every 3 frames": ({"seed": 16}, DetectorNoise(every=3)),
-    "all roam, still camera": ({**_MOVING, "seed": 31, "camera": "still"}, None),
-    "all roam, still camera 2": ({**_MOVING, "seed": 32, "camera": "still"}, None),
-    "all roam, camera pans": ({**_MOVING, "seed": 33, "camera": "pan"}, None),
-    "all roam, camera pans 2": ({**_MOVING, "seed": 34, "camera": "pan"}, None),
-    "40 % roam, camera pans": ({**_MOVING, "seed": 35, "camera": "pan", "roaming": 0.4}, None),
+    "all roam, still camera": ({**MOVING_WORLD, "seed": 31, "camera": "still"}, None),
+    "all roam, still camera 2": ({**MOVING_WORLD, "seed": 32, "camera": "still"}, None),
+    "all roam, camera pans": ({**MOVING_WORLD, "seed": 33, "camera": "pan"}, None),
+    "all roam, camera pans 2": ({**MOVING_WORLD, "seed": 34, "camera": "pan"}, None),
+    "40 % roam, camera pans": ({**MOVING_WORLD, "seed": 35, "camera": "pan", "roaming": 0.4}, None),
     "30 % roam, tour": ({"seed": 36, "roaming": 0.3}, None),
     "half roams, still camera": (
-        {**_MOVING, "seed": 37, "camera": "still", "roaming": 0.5, "objects_per_room": 24},
+        {**MOVING_WORLD, "seed": 37, "camera": "still", "roaming": 0.5, "objects_per_room": 24},
         None,
     ),
 }
@@ -202,8 +202,8 @@ def bear(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str,
         yield _row(label, changed_motion, PlusThresholds())
     following = dict(zip(names, (*names[1:], names[0]), strict=True))
     changes: dict[str, Callable[[str], Iterable[Frame]]] = {
-        "backwards": _backwards,
-        "second half first": _second_half_first,
+        "backwards": backwards,
+        "second half first": second_half_first,
         **{label: functools.partial(_noisy, noise=noise) for label, noise in HARDSHIPS.items()},
         "another sequence cut into the middle": lambda name: _cut_into(name, following[name]),
     }
@@ -215,11 +215,11 @@ def _noisy(name: str, noise: DetectorNoise) -> Iterator[Frame]:
     return add_detector_noise(open_source(name), noise, ())
 
 
-def _backwards(name: str) -> Iterator[Frame]:
+def backwards(name: str) -> Iterator[Frame]:
     return _renumbered(reversed(list(open_source(name))))
 
 
-def _second_half_first(name: str) -> Iterator[Frame]:
+def second_half_first(name: str) -> Iterator[Frame]:
     frames = list(open_source(name))
     half = len(frames) // 2
     return _renumbered((*frames[half:], *frames[:half]))
@@ -278,7 +278,7 @@ def strain(
         judged: dict[str, list[dict[str, float]]] = {"plus": [], "without_place": [], "bank": []}
         for repeat in range(seeds):
             seed = options["seed"] + repeat * SEEDS_APART
-            scene = make_scene(dataclasses.replace(_TOUR, **{**options, "seed": seed}))
+            scene = make_scene(dataclasses.replace(TOUR, **{**options, "seed": seed}))
             frames: Iterable[Frame] = render(scene)
             if noise is not None:
                 noise_here = dataclasses.replace(noise, seed=noise.seed + repeat)

@@ -15,9 +15,8 @@ from scipy.optimize import linear_sum_assignment
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.config import load_config
 from remind_jax.frame import NO_INSTANCE, Frame
-from remind_jax.masks.reduction import pad_masks
+from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.metrics import TrackingSequence, evaluate_sequence
-from remind_jax.observation import FrameFeats
 from remind_jax.plus.observation import Motion, Sightings, observe
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
@@ -56,13 +55,13 @@ def record(name: str, frames: Iterable[Frame], backbone: str, one_class: bool) -
         ready = live.prepare(as_one_class(frame) if one_class else frame)
         prepared.append(ready)
         assert ready.image is not None, "a sequence without images has no motion to observe"
-        features.append(live.backbone.extract(ready.image[None])[0])
+        features.append(jax.device_get(live.describe(ready)))
     num = max(1, max(len(one.detections) for one in prepared))
     look = jax.jit(functools.partial(observe, unit_patches=jnp.array(True)))
     seen = []
-    for one, patches in zip(prepared, features, strict=True):
-        feats = FrameFeats(patches, np.array(one.frame.size, np.int32))
-        seen.append(jax.device_get(look(feats, pad_masks(one.masks, num), one.observed)))
+    for one, feats in zip(prepared, features, strict=True):
+        given = pad_feats(feats, num), pad_masks(one.masks, num), one.observed
+        seen.append(jax.device_get(look(*given)))
     sightings, motion = jax.tree.map(lambda *leaves: np.stack(leaves), *seen)
     truth = np.full((len(prepared), num), NO_INSTANCE)
     present = np.zeros((len(prepared), num), bool)

@@ -17,7 +17,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from benchmarks.plus import _TOUR, STRESS
+from benchmarks.plus import STRESS, TOUR
 from benchmarks.plus_recording import answer, best_ids, record
 from remind_jax.frame import Frame
 from remind_jax.plus.thresholds import PlusThresholds
@@ -48,7 +48,7 @@ def draw(frame: Frame, truth: np.ndarray, ids: np.ndarray, reference: dict[int, 
 def worst_frames(name: str) -> np.ndarray:
     """The frame of a tour where most went wrong, and one where the same objects are right."""
     options, noise = STRESS[name]
-    frames = list(render(make_scene(dataclasses.replace(_TOUR, **options))))
+    frames = list(render(make_scene(dataclasses.replace(TOUR, **options))))
     shown = list(add_detector_noise(frames, noise, tuple(CLASSES))) if noise else frames
     recording = record(name, shown, "patch-statistics", one_class=False)
     ids, _ = answer(recording, PlusThresholds())

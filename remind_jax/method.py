@@ -121,6 +121,10 @@ class Method:
     # How many patches beyond those that a mask covers it reads features, diagonally as well; those
     # of others may be zero. Left out, it reads all.
     patch_reach: int | None = None
+    # Whether it also takes `observation.CloseupFeats`, of detections each in a picture of its own,
+    # instead of features of the frame; and whether it does so of itself where they cost little.
+    reads_closeups: bool = False
+    prefers_closeups: bool = False
 
     @property
     def explainer(self) -> Any:

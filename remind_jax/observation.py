@@ -45,6 +45,22 @@ class FrameFeats:
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
+class CloseupFeats:
+    """What a backbone says about each detection in a picture of its own (`masks.closeups`).
+
+    Letters: `V` patches along a side of such a picture. Slots without a mask are zero.
+    """
+
+    patches: Float[AnyArray, "N V V D"]  # raw patch features, not normalized
+    coverage: Float[AnyArray, "N V V"]  # share of each patch inside the mask, [0, 1]
+    frame_size: Int[AnyArray, "2"]  # height and width in pixels
+
+
+AnyFeats = FrameFeats | CloseupFeats
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
 class MaskRelations:
     """What relations need of pixel masks, reduced on the host; padding slots are zero."""
 
@@ -72,6 +88,11 @@ class Masks:
     detector_score: Float[AnyArray, "N"]  # [0, 1]
     relations: MaskRelations  # between every two of them
     valid: Bool[AnyArray, "N"]
+
+
+def coverage_of(frame_feats: AnyFeats, masks: Masks) -> Float[AnyArray, "N Hp Wp"]:
+    """Share of each patch that features tell of inside each mask, [0, 1]."""
+    return frame_feats.coverage if isinstance(frame_feats, CloseupFeats) else masks.coverage
 
 
 @jax.tree_util.register_dataclass

@@ -62,12 +62,12 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
         rows, columns = (side // backbone.patch_px for side in images.shape[1:3])
         features = [_load(file, (rows, columns, backbone.dim)) for file in places]
         missing = [i for i, found in enumerate(features) if found is None]
-        if missing:
-            computed = np.asarray(backbone.apply(images[missing]))
-            for i, new in zip(missing, computed, strict=True):
-                make_folder(places[i].parent)
-                replace_file(places[i], _as_file(places[i], new))
-                features[i] = new
+        for i in missing:
+            # One by one: another program would be compiled for every number of them.
+            new = np.asarray(backbone.apply(images[i : i + 1]))[0]
+            make_folder(places[i].parent)
+            replace_file(places[i], _as_file(places[i], new))
+            features[i] = new
         tally.num_computed += len(missing)
         tally.num_found += len(images) - len(missing)
         return jnp.stack([jnp.asarray(one) for one in features])

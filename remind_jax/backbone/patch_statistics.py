@@ -135,7 +135,7 @@ def patch_statistics(*, centering: float = 0.8) -> Backbone:
         return apply_to(images, np.ones((num, height // PATCH_PX, width // PATCH_PX), bool))
 
     dim = sum(len(histogram) for _, histogram in _typical_blocks())
-    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply, apply_to=apply_to)
+    return Backbone(DEFAULT_BACKBONE, PATCH_PX, dim, apply, apply_to=apply_to, is_local=True)
 
 
 def describe_patches(

@@ -45,6 +45,9 @@ class Backbone:
     # From images and wanted patches `[B, Hp, Wp]`, bool, to the same features of these, and zeros
     # for all others; left out, all patches are always described.
     apply_to: Callable[[Any, Any], Any] | None = None
+    # Whether patches are described by what is near them alone, and in little time: pictures of
+    # single detections are worth it then.
+    is_local: bool = False
 
     @property
     def identity(self) -> tuple[str, str]:

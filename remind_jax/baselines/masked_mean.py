@@ -10,8 +10,8 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.pooling import pool, to_unit
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.numerics.pooling import pool_patches, to_unit
+from remind_jax.observation import AnyFeats, Masks, coverage_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,15 +23,15 @@ class Looks:
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
 
 
-def look(frame_feats: FrameFeats, masks: Masks) -> Looks:
-    """Averages patch features over each mask.
+def look(frame_feats: AnyFeats, masks: Masks) -> Looks:
+    """Averages patch features over each mask, in the frame or in closeups.
 
     Patches count by the square of their coverage, which favors those that lie inside. Patches with
     a feature that is not finite are left out; a detection without any other is not valid.
     """
     finite = jnp.all(jnp.isfinite(frame_feats.patches), axis=-1)
     features = jnp.where(finite[..., None], frame_feats.patches, 0.0)
-    features = features.reshape(-1, features.shape[-1]).astype(jnp.float32)
-    weights = jnp.where(masks.valid[:, None, None] & finite, masks.coverage**2, 0.0)
-    mean, present = pool(weights.reshape(len(masks.valid), -1), features)
+    inside = coverage_of(frame_feats, masks)
+    weights = jnp.where(masks.valid[:, None, None] & finite, inside**2, 0.0)
+    mean, present = pool_patches(weights, features.astype(jnp.float32))
     return Looks(to_unit(mean), present & masks.valid, jnp.sum(~finite, dtype=jnp.int32))

@@ -30,7 +30,7 @@ from remind_jax.baselines.scene_memory import (
 from remind_jax.method import Method
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import AnyFeats, Masks
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.static import Static
@@ -69,7 +69,7 @@ def init(static: Static) -> SceneMemory:
 
 def step(
     state: SceneMemory,
-    frame_feats: FrameFeats,
+    frame_feats: AnyFeats,
     masks: Masks,
     *,
     static: Static,
@@ -155,4 +155,5 @@ METHOD = Method(
     remove=remove_objects,
     find_faults=find_faults,
     patch_reach=0,
+    reads_closeups=True,
 )

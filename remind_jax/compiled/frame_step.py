@@ -26,7 +26,7 @@ from remind_jax.compiled.programs import (
     shapes_of,
 )
 from remind_jax.method import Method
-from remind_jax.observation import FrameFeats
+from remind_jax.observation import AnyFeats
 from remind_jax.static import Static
 
 # One frame is hundreds of small operations; to share each between threads costs more than it gains.
@@ -38,7 +38,7 @@ ONE_FRAME_OPTIONS = {"cpu": {**LIGHT_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen
 class FrameInput:
     """What enters the step beside the memory."""
 
-    frame_feats: FrameFeats
+    frame_feats: AnyFeats
     given: Packed  # `observation.Masks`, and what the method observed beside them or None
     thresholds: Packed  # those of the method
 

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from remind_jax.crops import Crops
 from remind_jax.masks.erosion import erode_masks
 from remind_jax.masks.relations import box_of, find_row_ends, region_of, relate_masks
-from remind_jax.observation import Masks
+from remind_jax.observation import AnyFeats, FrameFeats, Masks
 
 SanitizeMode = Literal["convex_hull", "morphology", "none"]
 
@@ -137,6 +137,22 @@ def reduce_masks(
             exact_gap_max=exact_gap_max,
         ),
         valid=valid,
+    )
+
+
+def pad_feats(frame_feats: AnyFeats, num_slots: int) -> AnyFeats:
+    """Adds empty slots at the end of what is told of each detection."""
+    if isinstance(frame_feats, FrameFeats):
+        return frame_feats
+    lacking = num_slots - len(frame_feats.patches)
+
+    def pad(leaf: Any) -> Any:
+        return np.pad(leaf, ((0, lacking),) + ((0, 0),) * (leaf.ndim - 1)) if lacking else leaf
+
+    return dataclasses.replace(
+        frame_feats,
+        patches=pad(frame_feats.patches),
+        coverage=pad(frame_feats.coverage),
     )
 
 

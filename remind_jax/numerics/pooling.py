@@ -42,6 +42,15 @@ def pool(
     return jnp.where(present[..., None], mean, 0.0), present
 
 
+def pool_patches(
+    weights: Float[Array, "N Hp Wp"], features: Float[Array, "*#N Hp Wp D"]
+) -> tuple[Float[Array, "N D"], Bool[Array, "N"]]:
+    """`pool` on a grid of patches: one that all regions share, or each region's own."""
+    flat = features.reshape(*features.shape[:-3], -1, features.shape[-1])
+    weights = weights.reshape(len(weights), -1)
+    return pool(weights, flat) if flat.ndim == 2 else jax.vmap(pool)(weights, flat)
+
+
 def keep_typical(
     features: Float[Array, "P D"],
     mean: Float[Array, "N D"],

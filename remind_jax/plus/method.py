@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from remind_jax.method import Method, StepHalves
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import AnyFeats, Masks
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
@@ -33,7 +33,7 @@ class SeenFrame:
 
 
 def describe_frame(
-    frame_feats: FrameFeats,
+    frame_feats: AnyFeats,
     masks: Masks,
     observed: Motion,
     *,
@@ -101,4 +101,6 @@ METHOD = Method(
     ),
     compiler_options=COMPILER_OPTIONS,
     patch_reach=RING_PATCHES,
+    reads_closeups=True,
+    prefers_closeups=True,
 )

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.pooling import pool, to_unit
-from remind_jax.observation import AnyArray, FrameFeats, Masks
+from remind_jax.numerics.pooling import pool_patches, to_unit
+from remind_jax.observation import AnyArray, AnyFeats, Masks, coverage_of
 from remind_jax.plus.thresholds import FRAME_AREA
 
 RING_PATCHES = 2  # the background is looked at this far around an object
@@ -59,12 +59,15 @@ class Sightings:
 
 
 def observe(
-    frame_feats: FrameFeats, masks: Masks, motion: Motion, unit_patches: Bool[Array, ""]
+    frame_feats: AnyFeats,
+    masks: Masks,
+    motion: Motion,
+    unit_patches: Bool[Array, ""],
 ) -> tuple[Sightings, Motion]:
-    """Pools the features of a frame over its masks and brings all lengths to frame units.
+    """Pools features over masks and brings all lengths to frame units.
 
     Args:
-      frame_feats: Patch features.
+      frame_feats: Patch features of the frame, or of closeups of its detections.
       masks: Detections.
       motion: Image motion in pixels of the masks.
       unit_patches: Scale every patch feature to unit length first.
@@ -72,27 +75,26 @@ def observe(
     Returns:
       Detections (method_plus.md#sightings) and motion.
     """
-    rows, columns, dim = frame_feats.patches.shape
-    features = jnp.asarray(frame_feats.patches, jnp.float32).reshape(-1, dim)
+    features = jnp.asarray(frame_feats.patches, jnp.float32)
     finite = jnp.all(jnp.isfinite(features), axis=-1)
-    features = jnp.where(finite[:, None], features, 0.0)
+    features = jnp.where(finite[..., None], features, 0.0)
     features = jnp.where(unit_patches, to_unit(features), features)
 
-    coverage = jnp.asarray(masks.coverage, jnp.float32)
+    inside = jnp.asarray(coverage_of(frame_feats, masks), jnp.float32)
     reach = 2 * RING_PATCHES + 1
     near = lax.reduce_window(
-        coverage, -jnp.inf, lax.max, (1, reach, reach), (1, 1, 1), "SAME"
+        inside, -jnp.inf, lax.max, (1, reach, reach), (1, 1, 1), "SAME"
     )  # fmt: skip
-    inside = coverage.reshape(-1, rows * columns)
-    around = jnp.where(near.reshape(inside.shape) > 0, 1.0 - inside, 0.0)
-    look, is_seen = pool(inside * inside * finite, features)
-    ring, has_ring = pool(around * finite, features)
+    around = jnp.where(near > 0, 1.0 - inside, 0.0)
+    look, is_seen = pool_patches(inside * inside * finite, features)
+    ring, has_ring = pool_patches(around * finite, features)
 
     # The tracker may work at a smaller size than that of the frame; the motion was measured there.
     known = jnp.all(jnp.asarray(motion.frame_size) > 0)
     size = jnp.where(known, motion.frame_size, frame_feats.frame_size).astype(jnp.float32)
     unit = jnp.sqrt(size[0] * size[1] / FRAME_AREA)
     size_px = jnp.sqrt(jnp.asarray(masks.area, jnp.float32))
+    rows, columns = masks.coverage.shape[1:]
     patch_px = jnp.sqrt(size[0] * size[1] / (rows * columns))
     valid = jnp.asarray(masks.valid) & is_seen
     sightings = Sightings(

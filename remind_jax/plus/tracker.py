@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.decision import Outcome, Overflow
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import AnyFeats, Masks
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.decision import decide, learn_familiarity
 from remind_jax.plus.evidence import (
@@ -63,7 +63,7 @@ __all__ = ["advance", "init", "step", "step_traced"]
 
 def step(
     state: PlusState,
-    frame_feats: FrameFeats,
+    frame_feats: AnyFeats,
     masks: Masks,
     *,
     static: Static,
@@ -76,7 +76,7 @@ def step(
 
     Args:
       state: Memory before the frame, from `init` or an earlier step.
-      frame_feats: Patch features of the frame.
+      frame_feats: Patch features of the frame, or of closeups of its detections.
       masks: Detections.
       static: Capacities; those that `state` was made with.
       thresholds: Every tunable number.
@@ -93,7 +93,7 @@ def step(
 
 def step_traced(
     state: PlusState,
-    frame_feats: FrameFeats,
+    frame_feats: AnyFeats,
     masks: Masks,
     *,
     static: Static,

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import cv2
 import jax
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from remind_jax.backbone.registry import Backbone
-from remind_jax.errors import SourceError
+from remind_jax.errors import ConfigError, SourceError
+from remind_jax.masks.closeups import Closeups
 from remind_jax.method import Method
-from remind_jax.observation import FrameFeats, PatchAttention
+from remind_jax.observation import AnyFeats, CloseupFeats, FrameFeats, PatchAttention
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import Static
 
+_CLOSEUPS_AT_ONCE = 8
 _FIRST_SLOTS = 256  # object patches whose attention is kept; doubles with the need
 
 
@@ -37,8 +41,24 @@ class FrameFeatures:
         if self._wants_attention(static):
             self._backbone.check_attention()
 
-    def describe(self, prepared: Prepared, static: Static) -> FrameFeats:
-        """The features of a frame, on the device and ready.
+    def wants_closeups(self, choice: Literal["auto", "on", "off"]) -> bool:
+        """Whether detections are described in closeups, by `input.closeups`.
+
+        Raises:
+          ConfigError: If they are to be, and the method reads none.
+        """
+        method = self._method
+        if choice == "on" and not method.reads_closeups:
+            raise ConfigError(
+                f"input.closeups is 'on', but tracker '{method.name}' reads features of the frame "
+                "only; leave it at 'auto' or choose another tracker"
+            )
+        return choice == "on" or (
+            choice == "auto" and method.prefers_closeups and self._backbone.is_local
+        )
+
+    def describe(self, prepared: Prepared, static: Static) -> AnyFeats:
+        """The features of a frame, or of closeups if it was prepared with such; ready.
 
         Raises:
           SourceError: If it has neither an image nor features.
@@ -49,6 +69,12 @@ class FrameFeatures:
         if prepared.image is None:
             raise SourceError(
                 f"frame '{prepared.frame.name}' has neither an image nor patch features"
+            )
+        if prepared.closeups is not None:
+            return CloseupFeats(
+                patches=self._describe_closeups(prepared.closeups),
+                coverage=prepared.closeups.coverage,
+                frame_size=size,
             )
         images = prepared.image[None]
         if not self._wants_attention(static):
@@ -65,14 +91,35 @@ class FrameFeatures:
         attention = PatchAttention(slots, paid.row_sums[0], paid.block[0])
         return FrameFeats(features[0], size, attention)
 
+    def _describe_closeups(self, closeups: Closeups) -> Float[np.ndarray, "N V V D"]:
+        """Some at a time, so that one program serves any number of them."""
+        num = len(closeups)
+        # One batch at least, so that a warm-up without detections compiles what they will need.
+        num_slots = max(1, -(-num // _CLOSEUPS_AT_ONCE)) * _CLOSEUPS_AT_ONCE
+        lacking = ((0, num_slots - num), (0, 0), (0, 0))
+        images = np.pad(closeups.images, (*lacking, (0, 0)))
+        wanted = self._near(np.pad(closeups.coverage, lacking) > 0)
+        batches = [
+            slice(first, first + _CLOSEUPS_AT_ONCE)
+            for first in range(0, num_slots, _CLOSEUPS_AT_ONCE)
+        ]
+        features = [
+            self._backbone.extract(images[batch], None if wanted is None else wanted[batch])
+            for batch in batches
+        ]
+        return np.concatenate([np.asarray(some) for some in features])[:num]
+
     def _wanted_patches(self, prepared: Prepared) -> Bool[np.ndarray, "1 Hp Wp"] | None:
         """Those whose features the method reads; None for all."""
+        return self._near(np.any(np.asarray(prepared.masks.coverage) > 0, axis=0)[None])
+
+    def _near(self, covered: Bool[np.ndarray, "K Hp Wp"]) -> Bool[np.ndarray, "K Hp Wp"] | None:
+        """Patches whose features the method reads, beside covered ones; None for all."""
         reach = self._method.patch_reach
         if reach is None:
             return None
-        covered = np.any(np.asarray(prepared.masks.coverage) > 0, axis=0).view(np.uint8)
-        near = cv2.dilate(covered, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-        return near[None].view(bool)
+        square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+        return np.stack([cv2.dilate(one.view(np.uint8), square).view(bool) for one in covered])
 
     def _wants_attention(self, static: Static) -> bool:
         """Whether parts come from attention."""

@@ -17,9 +17,9 @@ from remind_jax.compiled.freed_memory import return_freed_memory
 from remind_jax.compiled.packing import Packed
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
-from remind_jax.masks.reduction import pad_masks
+from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method
-from remind_jax.observation import FrameFeats
+from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.memory_budget import check_room
@@ -76,7 +76,11 @@ class GrowingMemory:
         self._forecast = Forecast()
 
     def prepare_programs(
-        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, num_objects: int
+        self,
+        frame_feats: AnyFeats,
+        prepared: Prepared,
+        thresholds: Any,
+        num_objects: int,
     ) -> None:
         """Compiles or loads what such frames need, for up to `num_objects` objects at least.
 
@@ -112,7 +116,7 @@ class GrowingMemory:
         gc.collect()
 
     def step(
-        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any
+        self, frame_feats: AnyFeats, prepared: Prepared, thresholds: Any
     ) -> tuple[Decisions, Outlines]:
         """Steps, growing capacities until the frame fits; outlines the masks meanwhile.
 
@@ -177,17 +181,26 @@ class GrowingMemory:
         return dataclasses.replace(self.static, feature_dim=dim)
 
     def _prepare(
-        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, static: Static
+        self,
+        frame_feats: AnyFeats,
+        prepared: Prepared,
+        thresholds: Any,
+        static: Static,
     ) -> None:
         check_room(self._method, static)
         frame_input = self._input(frame_feats, prepared, thresholds, static)
         self.frame_step.prepare(frame_input, static)
 
     def _input(
-        self, frame_feats: FrameFeats, prepared: Prepared, thresholds: Any, static: Static
+        self,
+        frame_feats: AnyFeats,
+        prepared: Prepared,
+        thresholds: Any,
+        static: Static,
     ) -> FrameInput:
         masks = pad_masks(prepared.masks, static.num_detections)
         given = Packed.of((masks, prepared.observed))
+        frame_feats = pad_feats(frame_feats, static.num_detections)
         return FrameInput(frame_feats, given, self._place(thresholds))
 
     def _place(self, thresholds: Any) -> Packed:
@@ -200,7 +213,7 @@ class GrowingMemory:
 
     def _look_ahead(
         self,
-        frame_feats: FrameFeats,
+        frame_feats: AnyFeats,
         prepared: Prepared,
         thresholds: Any,
         occupied: tuple[Any, Any],

@@ -26,6 +26,7 @@ from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.files import as_path
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
+from remind_jax.observation import AnyFeats
 from remind_jax.outputs.run_info import Event
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.answers import note_omissions, read_tracks
@@ -123,10 +124,10 @@ class Tracker:
                 "static.precision is 'float64', which needs 64-bit JAX; set the environment "
                 "variable JAX_ENABLE_X64=1"
             )
-        self._preparer = FramePreparer(self.method, self.backbone.patch_px)
-        self._memory = GrowingMemory(self.method, static, traced=trace)
         self._features = FrameFeatures(self.method, self.backbone)
         self._features.check(static)
+        self._preparer = self._new_preparer()
+        self._memory = GrowingMemory(self.method, static, traced=trace)
         self._locks = {part: threading.Lock() for part in ("prepare", "advance")}
         self._features_given = False
         self._has_profile = False
@@ -231,7 +232,7 @@ class Tracker:
     def reset(self) -> None:
         """Forgets everything; compiled programs stay."""
         self._memory.forget()
-        self._preparer = FramePreparer(self.method, self.backbone.patch_px)
+        self._preparer = self._new_preparer()
         self.identities = Identities(self.announce_after, self.static.first_object_id)
 
     def warm_up(
@@ -259,12 +260,17 @@ class Tracker:
         image = np.zeros((*frame_size, 3), np.uint8)
         nothing = Detections.empty(*frame_size)
         # With a preparer of its own: the next frame does not follow this one.
-        preparer = FramePreparer(self.method, self.backbone.patch_px)
+        preparer = self._new_preparer()
         prepared = preparer.prepare(Frame(0, 0, 0.0, "warm-up", image, nothing), self.config)
         self._follow_profile()
         frame_feats = self._features.describe(prepared, self.static)
         self._memory.prepare_programs(frame_feats, prepared, self.config.thresholds, num_objects)
         return time.perf_counter() - start
+
+    def _new_preparer(self) -> FramePreparer:
+        """One that has seen no frame."""
+        with_closeups = self._features.wants_closeups(self.config.input.closeups)
+        return FramePreparer(self.method, self.backbone.patch_px, with_closeups)
 
     def update(self, frame: Any, detections: Any = None) -> Tracks:
         """Takes the next frame and says who is who in it.
@@ -301,6 +307,14 @@ class Tracker:
             require_few(len(frame.detections), "the frame", self.most_detections)
         with self._alone("prepare"):
             return self._preparer.prepare(frame, self.config)
+
+    def describe(self, prepared: Prepared) -> AnyFeats:
+        """What the step will be told of a frame; needs no memory, and changes none.
+
+        Raises:
+          SourceError: If it has neither an image nor features.
+        """
+        return self._features.describe(prepared, self.static)
 
     def advance(self, prepared: Prepared) -> Tracks:
         """The part of `update` that reads and writes memory.

@@ -13,6 +13,8 @@ from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.masks.alignment import Alignment
+from remind_jax.masks.closeups import Closeups, cut_closeups
+from remind_jax.masks.erosion import erode_masks
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.method import Method
 from remind_jax.observation import Masks
@@ -29,6 +31,7 @@ class Prepared:
     masks: Masks  # one slot per detection
     num_ignored: int  # detections of ignored classes
     stage_ms: dict[str, float]
+    closeups: Closeups | None = None  # of the detections, where these are described
     observed: Any = None  # what the method observed between the last frame and this one
 
 
@@ -40,9 +43,15 @@ class FramePreparer:
       last_image: Of the last frame prepared, if the method observes images.
     """
 
-    def __init__(self, method: Method, patch_px: int) -> None:
-        """`patch_px`: side of a patch of frames that bring no features of their own."""
-        self._method, self._patch_px = method, patch_px
+    def __init__(self, method: Method, patch_px: int, with_closeups: bool = False) -> None:
+        """Nothing was prepared yet.
+
+        Args:
+          method: What the frames are prepared for.
+          patch_px: Side of a patch of frames that bring no features of their own.
+          with_closeups: Cut closeups of the detections of these.
+        """
+        self._method, self._patch_px, self._with_closeups = method, patch_px, with_closeups
         self.class_ids: dict[str, int] = {}
         self.last_image: np.ndarray | None = None
 
@@ -60,8 +69,9 @@ class FramePreparer:
         gaps: dict[str, Any] = {"exact_gap_max": None}
         if self._method.gap_options is not None:
             gaps = self._method.gap_options(config.thresholds)
+        masks = alignment.align_masks(detections.masks)
         reduced = reduce_masks(
-            alignment.align_masks(detections.masks),
+            masks,
             np.array([self._class_id(name) for name in detections.labels], np.int32),
             detections.scores,
             num_slots=len(detections),
@@ -75,6 +85,10 @@ class FramePreparer:
             **gaps,
         )
         image = None if frame.image is None else alignment.align_image(frame.image)
+        closeups = None
+        if self._with_closeups and image is not None and frame.features is None:
+            eroded = erode_masks(masks, options.erosion_px, margin_px=0)
+            closeups = cut_closeups(image, eroded, self._patch_px)
         reduced_at = time.perf_counter()
         spent = {"masks": 1000 * (reduced_at - start)}
         observed = None
@@ -90,6 +104,7 @@ class FramePreparer:
             masks=reduced,
             num_ignored=num_ignored,
             stage_ms=spent,
+            closeups=closeups,
             observed=observed,
         )
 

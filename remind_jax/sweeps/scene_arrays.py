@@ -20,9 +20,9 @@ from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.errors import SourceError
 from remind_jax.frame import NO_INSTANCE
-from remind_jax.masks.reduction import pad_masks
+from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method, get_method
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import AnyFeats, Masks
 from remind_jax.session.live import Tracker
 from remind_jax.sources.source import Source
 from remind_jax.static import Static
@@ -45,7 +45,7 @@ class SceneFrames:
     """What the tracker is shown of a scene, reduced on the host."""
 
     name: str
-    feats: list[FrameFeats]
+    feats: list[AnyFeats]
     masks: list[Masks]  # one slot per detection
     observed: list[Any]  # what the method observed beside them
     truth: Truth
@@ -109,12 +109,9 @@ def load_scene(
     feats, masks, observed, instances = [], [], [], []
     for frame in source:
         prepared = reader.prepare(frame)
-        patches = prepared.features
-        if patches is None:
+        if prepared.features is None:
             config = config.for_backbone(*backbone.identity)
-            assert prepared.image is not None
-            patches = backbone.extract(prepared.image[None])[0]
-        feats.append(FrameFeats(np.asarray(patches), np.array(frame.size, np.int32)))
+        feats.append(jax.device_get(reader.describe(prepared)))
         masks.append(prepared.masks)
         observed.append(prepared.observed)
         instances.append(prepared.detections.instance_ids)
@@ -157,6 +154,7 @@ def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
     frames = []
     for feats, masks, observed in zip(scene.feats, scene.masks, scene.observed, strict=True):
         padded = pad_masks(masks, static.num_detections)
+        feats = pad_feats(feats, static.num_detections)
         frames.append(
             jax.device_get(_describe(method, static, feats, padded, observed, thresholds))
         )
@@ -165,7 +163,12 @@ def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _describe(
-    method: Method, static: Static, feats: FrameFeats, masks: Masks, observed: Any, thresholds: Any
+    method: Method,
+    static: Static,
+    feats: AnyFeats,
+    masks: Masks,
+    observed: Any,
+    thresholds: Any,
 ) -> Any:
     assert method.halves is not None
     return method.halves.describe(feats, masks, observed, static=static, thresholds=thresholds)
