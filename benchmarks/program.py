@@ -32,9 +32,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from benchmarks.rows import show_rows
 from remind_jax.compiled.frame_step import options_of
 from remind_jax.compiled.programs import known_options
+from remind_jax.masks.closeups import CLOSEUP_PATCHES
 from remind_jax.masks.reduction import pad_masks, reduce_masks
 from remind_jax.method import Method, get_method, list_methods
-from remind_jax.observation import FrameFeats
+from remind_jax.observation import AnyFeats, CloseupFeats, FrameFeats
 from remind_jax.static import Static
 
 STATIC = Static(feature_dim=177)
@@ -68,13 +69,23 @@ class Measured:
     lines: collections.Counter[str]  # and by line
 
 
-def example_input(method: Method) -> tuple[FrameFeats, Any, Any]:
-    """Features, masks and what is observed of an empty frame, with the sizes of `STATIC`."""
+def example_input(method: Method) -> tuple[AnyFeats, Any, Any]:
+    """Features, masks and what is observed of an empty frame, with the sizes of `STATIC`.
+
+    Features are those of closeups where the method prefers these.
+    """
     rows, columns = PATCHES
     size = (rows * PATCH_PX, columns * PATCH_PX)
-    feats = FrameFeats(
+    feats: AnyFeats = FrameFeats(
         np.zeros((rows, columns, STATIC.feature_dim), np.float32), np.array(size, np.int32)
     )
+    if method.prefers_closeups:
+        shape = (STATIC.num_detections, CLOSEUP_PATCHES, CLOSEUP_PATCHES)
+        feats = CloseupFeats(
+            np.zeros((*shape, STATIC.feature_dim), np.float32),
+            np.zeros(shape, np.float32),
+            feats.frame_size,
+        )
     gaps = {"exact_gap_max": None} if method.gap_options is None else {}
     nothing = reduce_masks(
         np.zeros((0, *size), bool), np.zeros(0, np.int32), np.zeros(0), num_slots=0,

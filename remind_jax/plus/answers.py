@@ -103,7 +103,7 @@ def report(
 ) -> Decisions:
     """Fills in what all trackers report.
 
-    An open tracklet gets a firm answer where that is probable enough; a new object of a few patches
+    An open tracklet gets a firm answer where that is probable enough; a small new object
     must be more so, as most ids of what is never seen again would be theirs. Otherwise its options
     are listed: known objects, and its own new id, which it will have if it is none of them.
 
@@ -125,7 +125,7 @@ def report(
     option_id, option_score = _list_options(verdicts, belief, undecided)
     could_be = option_score >= t.decision.possible
     num_close = jnp.sum(could_be, axis=1, dtype=jnp.int32)
-    is_small = is_own & (sightings.patches < t.decision.small)
+    is_small = is_own & (sightings.size < t.decision.small)
     firm = jnp.where(is_small, t.decision.firm_small, t.decision.firm)
     doubtful = undecided & (confidence < firm)
     undecided_outcome = jnp.where(

@@ -41,7 +41,7 @@ class Sightings:
     box: Float[Array, "N 4"]  # left, top, right, bottom
     center: Float[Array, "N 2"]  # of the mask
     size: Float[Array, "N"]  # square root of the area of the mask
-    patches: Float[Array, "N"]  # the same in sides of a patch
+    patches: Float[Array, "N"]  # root of the patches that the look is made of
     class_id: Int[Array, "N"]
     touches: Bool[Array, "N"]  # the border of the frame
     valid: Bool[Array, "N"]
@@ -94,8 +94,6 @@ def observe(
     size = jnp.where(known, motion.frame_size, frame_feats.frame_size).astype(jnp.float32)
     unit = jnp.sqrt(size[0] * size[1] / FRAME_AREA)
     size_px = jnp.sqrt(jnp.asarray(masks.area, jnp.float32))
-    rows, columns = masks.coverage.shape[1:]
-    patch_px = jnp.sqrt(size[0] * size[1] / (rows * columns))
     valid = jnp.asarray(masks.valid) & is_seen
     sightings = Sightings(
         look=look,
@@ -104,7 +102,7 @@ def observe(
         box=jnp.asarray(masks.box, jnp.float32) / unit,
         center=jnp.asarray(masks.center, jnp.float32) / unit,
         size=jnp.maximum(size_px, 1.0) / unit,
-        patches=size_px / patch_px,
+        patches=jnp.sqrt(jnp.sum(inside, axis=(1, 2))),
         class_id=jnp.asarray(masks.class_id, jnp.int32),
         touches=jnp.asarray(masks.relations.touches_border),
         valid=valid,

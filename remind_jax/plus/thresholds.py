@@ -212,7 +212,7 @@ class Layout:
     rounds: Whole = setting(5, "of weighing all open tracklets of a frame together", "rounds")
     optimism: Real = setting(4.0, "log odds that a new object loses in the first round of weighing",
         "log odds")
-    covisible_weight: Real = setting(0.6, "of what is seen together", "weight")
+    covisible_weight: Real = setting(0.4, "of what is seen together", "weight")
     covisible_partners: Real = setting(2.0, "partners that speak in full; more share this",
         "objects")
     covisible_typical: Real = setting(0.15, "share of frames that two objects share by chance",
@@ -245,8 +245,8 @@ class Decision:
     crowd_free: Real = setting(4.0, "candidates without a loss", "candidates")
     firm: Real = setting(0.5, "least probability of an answer that is given before it is decided",
         "probability")
-    firm_small: Real = setting(0.75, "the same for a new object of few patches", "probability")
-    small: Real = setting(1.5, "sides of a mask in patches below which these are few", "patches")
+    firm_small: Real = setting(0.75, "the same for a small new object", "probability")
+    small: Real = setting(0.24, "size of a mask below which it is small", "length")
     possible: Real = setting(0.1, "least probability of what else it could be", "probability")
     commit_age: Whole = setting(8, "detections after which a tracklet is decided", "detections")
     early_age: Whole = setting(2, "a clear win is decided from here on", "detections")

@@ -17,7 +17,7 @@ from remind_jax.observation import AnyFeats, CloseupFeats, FrameFeats, PatchAtte
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import Static
 
-_CLOSEUPS_AT_ONCE = 8
+CLOSEUPS_AT_ONCE = 8
 _FIRST_SLOTS = 256  # object patches whose attention is kept; doubles with the need
 
 
@@ -95,13 +95,13 @@ class FrameFeatures:
         """Some at a time, so that one program serves any number of them."""
         num = len(closeups)
         # One batch at least, so that a warm-up without detections compiles what they will need.
-        num_slots = max(1, -(-num // _CLOSEUPS_AT_ONCE)) * _CLOSEUPS_AT_ONCE
+        num_slots = max(1, -(-num // CLOSEUPS_AT_ONCE)) * CLOSEUPS_AT_ONCE
         lacking = ((0, num_slots - num), (0, 0), (0, 0))
         images = np.pad(closeups.images, (*lacking, (0, 0)))
         wanted = self._near(np.pad(closeups.coverage, lacking) > 0)
         batches = [
-            slice(first, first + _CLOSEUPS_AT_ONCE)
-            for first in range(0, num_slots, _CLOSEUPS_AT_ONCE)
+            slice(first, first + CLOSEUPS_AT_ONCE)
+            for first in range(0, num_slots, CLOSEUPS_AT_ONCE)
         ]
         features = [
             self._backbone.extract(images[batch], None if wanted is None else wanted[batch])

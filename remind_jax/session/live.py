@@ -415,7 +415,7 @@ class Tracker:
         memory = load_memory(path)
         check_tracker(memory, self.method.name, path)
         if memory.backbone != FEATURES_GIVEN:
-            check_backbone(memory, self.backbone.name, path)
+            check_backbone(memory, self._described_by, path)
         self._features_given = memory.backbone == FEATURES_GIVEN
         self._memory.static = static_of(memory, self.config, path)
         self._memory.state = memory.state
@@ -443,6 +443,12 @@ class Tracker:
         finally:
             lock.release()
 
+    @property
+    def _described_by(self) -> str:
+        """What looks in memory can be compared with."""
+        with_closeups = self._features.wants_closeups(self.config.input.closeups)
+        return f"{self.backbone.name}, closeups" if with_closeups else self.backbone.name
+
     def _follow_profile(self) -> None:
         """Takes the thresholds made for the backbone, now that it is known to be used."""
         if not self._has_profile:
@@ -456,7 +462,7 @@ class Tracker:
             state=self.state,
             static=self.static,
             class_names=self.class_names,
-            backbone=FEATURES_GIVEN if self._features_given else self.backbone.name,
+            backbone=FEATURES_GIVEN if self._features_given else self._described_by,
             tracker=self.method.name,
             announced=None if announced.is_identity else announced,
             records=self.identities.records,

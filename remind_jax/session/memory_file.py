@@ -209,7 +209,7 @@ def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None
     if memory.backbone != backbone:
         raise RemindError(
             f"{path} was made with backbone '{memory.backbone}', not '{backbone}'; features of "
-            "different backbones cannot be compared"
+            "different backbones, or of frames and closeups (input.closeups), cannot be compared"
         )
 
 

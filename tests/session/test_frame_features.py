@@ -1,4 +1,4 @@
-"""Features of the patches that a method reads, and of no others."""
+"""Features of the patches that a method reads, and of no others; of frames and of closeups."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from remind_jax.backbone import Backbone
+from remind_jax.errors import ConfigError, RemindError
 from remind_jax.frame import Detections, Frame
+from remind_jax.masks.closeups import CLOSEUP_PATCHES, cut_closeups
+from remind_jax.masks.erosion import erode_masks
 from remind_jax.method import get_method, list_methods
-from remind_jax.session.frame_features import FrameFeatures
+from remind_jax.observation import CloseupFeats, FrameFeats
+from remind_jax.session.frame_features import CLOSEUPS_AT_ONCE, FrameFeatures
 from remind_jax.session.live import Tracker
 
 PATCH_PX, HEIGHT, WIDTH = 8, 96, 128
@@ -93,3 +97,96 @@ def test_a_method_that_reads_all_gets_all():
     seen = FrameFeatures(method, recorder.in_part).describe(prepared, tracker.static)
     assert recorder.wanted == [None]
     np.testing.assert_array_equal(seen.patches, describe(image[None])[0])
+
+
+def closeup_tracker(name: str = "plus", backbone: Backbone | None = None, **options) -> Tracker:
+    config = {"tracker": name, "input": {"closeups": "on", **options}}
+    return Tracker(config, backbone or Recorder().whole)
+
+
+CLOSEUP_METHODS = [name for name in list_methods() if get_method(name).reads_closeups]
+
+
+@pytest.mark.parametrize("name", CLOSEUP_METHODS)
+def test_what_a_method_asks_for_in_closeups_is_all_that_it_reads(name):
+    whole, part = Recorder(), Recorder()
+    one, other = closeup_tracker(name, whole.whole), closeup_tracker(name, part.in_part)
+    for image, masks in frames(6):
+        one.update(image, masks)
+        other.update(image, masks)
+        jax.tree.map(np.testing.assert_array_equal, one.state, other.state)
+    shape = (CLOSEUPS_AT_ONCE, CLOSEUP_PATCHES, CLOSEUP_PATCHES)
+    assert {np.shape(wanted) for wanted in part.wanted} == {shape}
+
+
+@pytest.mark.parametrize("num", [0, 1, CLOSEUPS_AT_ONCE, CLOSEUPS_AT_ONCE + 3])
+def test_any_number_of_closeups_is_described_in_batches_of_one_size(num):
+    recorder, rng = Recorder(), np.random.default_rng(num)
+    tracker = closeup_tracker(backbone=recorder.whole)
+    image, masks = (
+        rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8),
+        np.zeros((num, 96, 128), bool),
+    )
+    for row in range(num):
+        masks[row, 8 * row : 8 * row + 7, 20:40] = True
+    prepared = tracker.prepare(
+        Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * num))
+    )
+    seen = tracker.describe(prepared)
+    assert isinstance(seen, CloseupFeats)
+    expected = describe(cut_closeups(image, masks, PATCH_PX).images)
+    np.testing.assert_array_equal(seen.patches, expected)
+    assert len(recorder.wanted) == max(1, -(-num // CLOSEUPS_AT_ONCE))
+
+
+def test_closeups_are_of_masks_after_erosion():
+    image, masks = next(frames(1))
+    prepared = closeup_tracker(erosion_px=2).prepare(
+        Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * 3))
+    )
+    eroded = erode_masks(masks, 2, margin_px=0)
+    assert prepared.closeups is not None
+    expected = cut_closeups(image, eroded, PATCH_PX).coverage
+    np.testing.assert_array_equal(prepared.closeups.coverage, expected)
+
+
+def test_plus_takes_closeups_of_itself_where_features_are_local():
+    image, masks = next(frames(1))
+    frame = Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["a"] * 3))
+    local = dataclasses.replace(Recorder().whole, is_local=True)
+    far = Recorder().whole
+
+    def has_closeups(name: str, backbone: Backbone, choice: str) -> bool:
+        config = {"tracker": name, "input": {"closeups": choice}}
+        return Tracker(config, backbone).prepare(frame).closeups is not None
+
+    assert has_closeups("plus", local, "auto")
+    assert not has_closeups("plus", far, "auto")
+    assert not has_closeups("plus", local, "off")
+    assert has_closeups("plus", far, "on")
+    assert not has_closeups("bank", local, "auto")
+    assert has_closeups("bank", far, "on")
+    assert not has_closeups("remind", local, "auto")
+    with pytest.raises(ConfigError, match=r"input\.closeups is 'on', but tracker 'remind'"):
+        has_closeups("remind", local, "on")
+
+
+def test_frames_that_bring_features_are_not_looked_at_again():
+    _, masks = next(frames(1))
+    features = np.random.default_rng(0).random(
+        (HEIGHT // PATCH_PX, WIDTH // PATCH_PX, 9), np.float32
+    )
+    found = Detections.create(masks, ["a"] * 3)
+    frame = Frame(0, 0, 0.0, "one", None, found, features=features)
+    tracker = closeup_tracker()
+    assert isinstance(tracker.describe(tracker.prepare(frame)), FrameFeats)
+
+
+def test_a_memory_of_closeups_takes_no_frames(tmp_path):
+    tracker, file = closeup_tracker(), tmp_path / "memory.safetensors"
+    for image, masks in frames(3):
+        tracker.update(image, masks)
+    tracker.save(file)
+    closeup_tracker().load(file)
+    with pytest.raises(RemindError, match="closeups"):
+        closeup_tracker(closeups="off").load(file)

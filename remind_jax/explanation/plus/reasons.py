@@ -136,7 +136,7 @@ def _explain_verdict(e: PlusExplanation, t: PlusThresholds) -> str:
     new = f"new ({number(e.new_probability or 0.0)})"
     firm = number(d.firm)
     if e.answer_id == e.tracklet_id:
-        firm += f", a new object of under {number(d.small)} patches from {number(d.firm_small)}"
+        firm += f", a new object of a size under {number(d.small)} from {number(d.firm_small)}"
     return (
         f"not decided yet and no answer is likely enough ({sure}; firm from {firm}): "
         f"{listing([*options, new], 'or')}"
