@@ -17,7 +17,7 @@ KNOWN, OTHER, OWN = 2, 3, 7
 
 
 def report_one(
-    belief, *, answer=KNOWN, decided=False, named=False, valid=True, moves=0.0, patches=4.0
+    belief, *, answer=KNOWN, decided=False, named=False, valid=True, moves=0.0, size=1.0
 ):
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
@@ -35,7 +35,7 @@ def report_one(
         probability=first(verdicts.probability, of_answer),
         option_id=options,
     )
-    seen = detections([[1, 1], [2, 2], [3, 3]], patches=jnp.full(3, patches))
+    seen = detections([[1, 1], [2, 2], [3, 3]], size=jnp.full(3, size))
     here = tracklets_of(
         seen,
         0,
@@ -82,14 +82,14 @@ def test_confidence_rises_with_belief_and_is_higher_once_decided():
 
 
 def test_the_new_id_of_a_small_object_waits_until_it_is_more_certain():
-    small = report_one([0.3, 0.0], answer=OWN, patches=1.0)
+    small = report_one([0.3, 0.0], answer=OWN, size=0.2)
     assert 0.5 < small.confidence[0] < T.decision.firm_small
     assert small.object_id[0] == NO_ID
     assert small.outcome[0] == Outcome.AMBIGUOUS
     assert OWN in small.option_id[0]
-    assert report_one([0.3, 0.0], answer=OWN, patches=4.0).object_id[0] == OWN
-    assert report_one([0.001, 0.0], answer=OWN, patches=1.0).object_id[0] == OWN
-    assert report_one([0.7, 0.0], patches=1.0).object_id[0] == KNOWN, "a known object need not"
+    assert report_one([0.3, 0.0], answer=OWN, size=1.0).object_id[0] == OWN
+    assert report_one([0.001, 0.0], answer=OWN, size=0.2).object_id[0] == OWN
+    assert report_one([0.7, 0.0], size=0.2).object_id[0] == KNOWN, "a known object need not"
 
 
 def test_less_is_claimed_of_what_moves_once_it_is_decided():

@@ -116,7 +116,7 @@ def test_what_a_method_asks_for_in_closeups_is_all_that_it_reads(name):
         other.update(image, masks)
         jax.tree.map(np.testing.assert_array_equal, one.state, other.state)
     shape = (CLOSEUPS_AT_ONCE, CLOSEUP_PATCHES, CLOSEUP_PATCHES)
-    assert {np.shape(wanted) for wanted in part.wanted} == {shape}
+    assert {np.asarray(wanted).shape for wanted in part.wanted} == {shape}
 
 
 @pytest.mark.parametrize("num", [0, 1, CLOSEUPS_AT_ONCE, CLOSEUPS_AT_ONCE + 3])
