@@ -78,29 +78,27 @@ BARE: Changes = {
     "motion": {"checked": False},
     "mobility": {"weight": 0.0},
 }
-LADDER: tuple[tuple[str, Changes], ...] = (
+# Settings that each step brings, at their present values.
+LADDER: tuple[tuple[str, dict[str, tuple[str, ...]]], ...] = (
     ("tracklets, appearance, joint assignment", {}),
-    ("+ whitening", {"looks": {"whitening": True}}),
-    ("+ calibration", {"calibration": {"enabled": True}}),
-    ("+ number of candidates", {"decision": {"crowd": 0.7}}),
-    ("+ background", {"looks": {"ring_weight": 0.3}}),
-    ("+ place", {"place": {"weight": 0.8}}),
-    ("+ companions", {"layout": {"covisible_weight": 0.6}}),
-    ("+ layout", {"layout": {"weight": 0.8, "moved": -3.0}}),
-    ("+ optimism", {"layout": {"optimism": 4.0}}),
-    ("+ familiarity", {"decision": {"familiarity": 0.8}}),
-    ("+ late recognition", {"decision": {"late_frames": 60}}),
-    ("+ memory of undecided tracklets", {"decision": {"ended_age": 2}}),
-    ("+ missed objects held", {"decision": {"held": 3.0}}),
-    ("+ checked motion", {"motion": {"checked": True}}),
-    ("+ familiarity of what is in view", {"decision": {"familiarity_open": 1.0}}),
-    ("+ empty places", {"layout": {"gone_anchors": 3}}),
-    (
-        "+ early preference for known",
-        {"decision": {"tentative": 1.0, "tentative_border": 1.0}},
-    ),
-    ("+ appearance of partners", {"layout": {"witness": 0.5}}),
-    ("+ own movement = plus", {"mobility": {"weight": 1.0}}),
+    ("+ whitening", {"looks": ("whitening",)}),
+    ("+ calibration", {"calibration": ("enabled",)}),
+    ("+ number of candidates", {"decision": ("crowd",)}),
+    ("+ background", {"looks": ("ring_weight",)}),
+    ("+ place", {"place": ("weight",)}),
+    ("+ companions", {"layout": ("covisible_weight",)}),
+    ("+ layout", {"layout": ("weight", "moved")}),
+    ("+ optimism", {"layout": ("optimism",)}),
+    ("+ familiarity", {"decision": ("familiarity",)}),
+    ("+ late recognition", {"decision": ("late_frames",)}),
+    ("+ memory of undecided tracklets", {"decision": ("ended_age",)}),
+    ("+ missed objects held", {"decision": ("held",)}),
+    ("+ checked motion", {"motion": ("checked",)}),
+    ("+ familiarity of what is in view", {"decision": ("familiarity_open",)}),
+    ("+ empty places", {"layout": ("gone_anchors",)}),
+    ("+ early preference for known", {"decision": ("tentative", "tentative_border")}),
+    ("+ appearance of partners", {"layout": ("witness",)}),
+    ("+ own movement = plus", {"mobility": ("weight",)}),
 )
 WITHOUT_PLACE: Changes = {
     "place": {"weight": 0.0},
@@ -161,15 +159,22 @@ HARDSHIPS = {
 }
 
 
-def climb(recordings: list[Recording]) -> Iterator[dict[str, Any]]:
+def climb(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str, Any]]:
     """Each part added in turn, then each part left out of the complete method."""
-    thresholds = changed(PlusThresholds(), BARE)
-    for name, changes in LADDER:
-        thresholds = changed(thresholds, changes)
+    recordings = _record_all(names, backbone, one_class)
+    complete = PlusThresholds()
+    thresholds = changed(complete, BARE)
+    for name, brought in LADDER:
+        present = {
+            group: {key: getattr(getattr(complete, group), key) for key in keys}
+            for group, keys in brought.items()
+        }
+        thresholds = changed(thresholds, present)
         yield _row(name, recordings, thresholds)
-    for name, changes in LADDER[1:]:
+    assert thresholds == complete, "the last step is the complete method"
+    for name, brought in LADDER[1:]:
         without = {
-            group: {key: BARE[group][key] for key in values} for group, values in changes.items()
+            group: {key: BARE[group][key] for key in keys} for group, keys in brought.items()
         }
         label = name.removeprefix("+ ").removesuffix(" = plus")
         yield _row(f"plus without {label}", recordings, changed(PlusThresholds(), without))

@@ -46,9 +46,15 @@ def as_one_class(frame: Frame) -> Frame:
     return dataclasses.replace(frame, detections=same)
 
 
-def record(name: str, frames: Iterable[Frame], backbone: str, one_class: bool) -> Recording:
-    """Reduces, describes and pools every frame once."""
-    config = load_config("plus")
+def record(
+    name: str,
+    frames: Iterable[Frame],
+    backbone: str,
+    one_class: bool,
+    closeups: str = "auto",
+) -> Recording:
+    """Reduces, describes and pools every frame once; `closeups`: as `input.closeups`."""
+    config = load_config("plus").updated({"input.closeups": closeups})
     live = Tracker(config, get_backbone(backbone))
     prepared, features = [], []
     for frame in frames:
