@@ -177,7 +177,17 @@ def climb(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str
             group: {key: BARE[group][key] for key in keys} for group, keys in brought.items()
         }
         label = name.removeprefix("+ ").removesuffix(" = plus")
-        yield _row(f"plus without {label}", recordings, changed(PlusThresholds(), without))
+        yield _row(f"plus without {label}", recordings, changed(complete, without))
+    frames_alone = _record_all(names, backbone, one_class, closeups="off")
+    yield _row("plus without closeups", frames_alone, complete)
+
+
+def _record_all(
+    names: list[str], backbone: str, one_class: bool, closeups: str = "auto"
+) -> list[Recording]:
+    return [
+        record(Path(name).name, open_source(name), backbone, one_class, closeups) for name in names
+    ]
 
 
 def _row(name: str, recordings: list[Recording], thresholds: PlusThresholds) -> dict[str, Any]:
@@ -377,9 +387,10 @@ def main() -> None:
         rows = strain(given.names, given.seeds, *how)
     elif given.what == "hardship":
         rows = bear(given.names, *how)
+    elif given.what == "ladder":
+        rows = climb(given.names, *how)
     else:
-        recordings = [record(Path(name).name, open_source(name), *how) for name in given.names]
-        rows = climb(recordings) if given.what == "ladder" else reliability(recordings)
+        rows = reliability(_record_all(given.names, *how))
     show_rows(rows, given.json)
 
 
