@@ -178,7 +178,7 @@ def climb(names: list[str], backbone: str, one_class: bool) -> Iterator[dict[str
         }
         label = name.removeprefix("+ ").removesuffix(" = plus")
         yield _row(f"plus without {label}", recordings, changed(complete, without))
-    frames_alone = _record_all(names, backbone, one_class, closeups="off")
+    frames_alone = _record_all(names, backbone, one_class, closeups="never")
     yield _row("plus without closeups", frames_alone, complete)
 
 

@@ -44,7 +44,7 @@ class Input:
         more="masks shrink more; less background in the appearance", least=0, most=1000,
         why="which is wider than things are",
         decided_by=("davis.mask_erosion_px", "davis.mask_erosion_iters"))
-    closeups: Literal["auto", "on", "off"] = setting("auto",
+    closeups: Literal["auto", "always", "never"] = setting("auto",
         "describe every detection in a picture of its own instead of the frame; \"auto\": if the "
         "tracker prefers that, and the backbone needs little time for it")
     announce_after: int = setting(0,

@@ -41,19 +41,19 @@ class FrameFeatures:
         if self._wants_attention(static):
             self._backbone.check_attention()
 
-    def wants_closeups(self, choice: Literal["auto", "on", "off"]) -> bool:
+    def wants_closeups(self, choice: Literal["auto", "always", "never"]) -> bool:
         """Whether detections are described in closeups, by `input.closeups`.
 
         Raises:
           ConfigError: If they are to be, and the method reads none.
         """
         method = self._method
-        if choice == "on" and not method.reads_closeups:
+        if choice == "always" and not method.reads_closeups:
             raise ConfigError(
-                f"input.closeups is 'on', but tracker '{method.name}' reads features of the frame "
+                f"input.closeups is 'always', but tracker '{method.name}' reads features of the frame "
                 "only; leave it at 'auto' or choose another tracker"
             )
-        return choice == "on" or (
+        return choice == "always" or (
             choice == "auto" and method.prefers_closeups and self._backbone.is_local
         )
 

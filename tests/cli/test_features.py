@@ -33,6 +33,8 @@ def test_a_run_takes_what_was_kept(command, scene, tmp_path):
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "kept").rglob("*.npy")}
     assert len(files) == 4
     run = ("run", *words, "--masks", scene[1], "--no-overlay", "--json")
+    (tmp_path / "frames.yaml").write_text("tracker: plus\ninput:\n  closeups: never\n")
+    run = (*run, "--config", "frames.yaml")
     plain = json.loads(command(*run, "--out", "plain").stdout)
     cached = json.loads(command(*run, "--feature-cache", "kept", "--out", "cached").stdout)
     assert cached["identities"] == plain["identities"] == 3
@@ -40,6 +42,21 @@ def test_a_run_takes_what_was_kept(command, scene, tmp_path):
     assert (tmp_path / "plain" / "tracks.csv").read_bytes() == (
         tmp_path / "cached" / "tracks.csv"
     ).read_bytes()
+
+
+def test_closeups_are_kept_as_runs_go(command, scene, tmp_path):
+    run = ("run", scene[0], "--masks", scene[1], "--no-overlay", "--json")
+    command(*run, "--out", "plain")
+    tables = [(tmp_path / "plain" / "tracks.csv").read_bytes()]
+    kept = []
+    for name in ("first", "second"):
+        command(*run, "--feature-cache", "kept", "--out", name)
+        tables.append((tmp_path / name / "tracks.csv").read_bytes())
+        files = (tmp_path / "kept").rglob("*.npy")
+        kept.append({path: path.stat().st_mtime_ns for path in files})
+    assert len(set(tables)) == 1
+    assert kept[0] == kept[1]
+    assert kept[0]
 
 
 @pytest.mark.slow

@@ -100,7 +100,7 @@ def test_a_method_that_reads_all_gets_all():
 
 
 def closeup_tracker(name: str = "plus", backbone: Backbone | None = None, **options) -> Tracker:
-    config = {"tracker": name, "input": {"closeups": "on", **options}}
+    config = {"tracker": name, "input": {"closeups": "always", **options}}
     return Tracker(config, backbone or Recorder().whole)
 
 
@@ -162,13 +162,13 @@ def test_plus_takes_closeups_of_itself_where_features_are_local():
 
     assert has_closeups("plus", local, "auto")
     assert not has_closeups("plus", far, "auto")
-    assert not has_closeups("plus", local, "off")
-    assert has_closeups("plus", far, "on")
+    assert not has_closeups("plus", local, "never")
+    assert has_closeups("plus", far, "always")
     assert not has_closeups("bank", local, "auto")
-    assert has_closeups("bank", far, "on")
+    assert has_closeups("bank", far, "always")
     assert not has_closeups("remind", local, "auto")
-    with pytest.raises(ConfigError, match=r"input\.closeups is 'on', but tracker 'remind'"):
-        has_closeups("remind", local, "on")
+    with pytest.raises(ConfigError, match=r"input\.closeups is 'always', but tracker 'remind'"):
+        has_closeups("remind", local, "always")
 
 
 def test_frames_that_bring_features_are_not_looked_at_again():
@@ -189,4 +189,4 @@ def test_a_memory_of_closeups_takes_no_frames(tmp_path):
     tracker.save(file)
     closeup_tracker().load(file)
     with pytest.raises(RemindError, match="closeups"):
-        closeup_tracker(closeups="off").load(file)
+        closeup_tracker(closeups="never").load(file)
