@@ -50,8 +50,8 @@ class FrameFeatures:
         method = self._method
         if choice == "always" and not method.reads_closeups:
             raise ConfigError(
-                f"input.closeups is 'always', but tracker '{method.name}' reads features of the frame "
-                "only; leave it at 'auto' or choose another tracker"
+                f"input.closeups is 'always', but tracker '{method.name}' reads features of the "
+                "frame only; leave it at 'auto' or choose another tracker"
             )
         return choice == "always" or (
             choice == "auto" and method.prefers_closeups and self._backbone.is_local
