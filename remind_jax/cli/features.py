@@ -24,9 +24,9 @@ class Features:
 
     What is there already is not computed again; stopped, it goes on where it was.
 
-    Features are found again by frame, backbone, weights and size. The default
-    tracker looks at closeups of detections if the backbone is the default
-    one, and needs none of them (see 'input.closeups').
+    Features are found again by frame, backbone, weights and size.
+
+    Runs that look at closeups of detections need none of them (input.closeups).
 
     Examples:
       remind features rooms.mp4 --backbone dinov3-vits16 --cache kept/
