@@ -44,13 +44,13 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
             tracker._memory.preparation.finish()
         return tracker, answers
 
-    ahead, prepared = follow(8)
-    assert ahead.static.num_objects > 8
+    ahead, prepared = follow(4)
+    assert ahead.static.num_objects > 4
     with monkeypatch.context() as patched:
         patched.setattr(Forecast, "needed", lambda self, static: static)
-        at_need, grown = follow(8)
+        at_need, grown = follow(4)
     roomy, expected = follow(64)
-    assert at_need.static.num_objects > 8
+    assert at_need.static.num_objects > 4
     assert roomy.static.num_objects == 64
     for one, two, three in zip(prepared, grown, expected, strict=True):
         np.testing.assert_array_equal(one.object_id, three.object_id)
