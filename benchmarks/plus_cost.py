@@ -25,10 +25,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.plus_recording import Recording, judge
 from benchmarks.rows import show_rows
-from remind_jax.compiled.frame_step import options_of
-from remind_jax.compiled.programs import known_options
+from remind_jax.compiled.compiler_options import compiler_options
 from remind_jax.frame import NO_INSTANCE
-from remind_jax.method import get_method
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
@@ -99,7 +97,7 @@ def _compile_as_run(static: Static) -> Any:
     return jax.jit(
         functools.partial(advance, static=static, thresholds=PlusThresholds()),
         donate_argnums=0,
-        compiler_options=known_options(tuple(options_of(get_method("plus")).items())),
+        compiler_options=compiler_options(),
     )
 
 

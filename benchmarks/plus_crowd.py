@@ -28,8 +28,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rows import show_rows
-from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
-from remind_jax.compiled.programs import known_options
+from remind_jax.compiled.compiler_options import compiler_options
 from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
@@ -52,7 +51,6 @@ def measure(detections: int, objects: int) -> dict[str, Any]:
     place = rng.uniform([0.3, 0.3], [6.1, 4.5], (num, 2)).astype(np.float32)
     size = rng.uniform(0.2, 0.4, num).astype(np.float32)
     state = jax.device_put(_remember(static, look[:objects], place[:objects], size[:objects]))
-    options = known_options(tuple(ONE_FRAME_OPTIONS.get(jax.default_backend(), {}).items()))
 
     def step(state: PlusState, frame: Any, thresholds: Any) -> PlusState:
         return advance(state, *frame, static=static, thresholds=thresholds)
@@ -62,7 +60,7 @@ def measure(detections: int, objects: int) -> dict[str, Any]:
         _frame(static.num_detections, look[:detections], place[:detections], size[:detections], rng)
         for _ in range(FRAMES)
     ]
-    jitted = jax.jit(step, donate_argnums=0, compiler_options=options)
+    jitted = jax.jit(step, donate_argnums=0, compiler_options=compiler_options())
     compiled = jitted.lower(state, frames[0], thresholds).compile()
     memory = compiled.memory_analysis()
     spent = []

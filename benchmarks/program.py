@@ -30,8 +30,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rows import show_rows
-from remind_jax.compiled.frame_step import options_of
-from remind_jax.compiled.programs import known_options
+from remind_jax.compiled.compiler_options import compiler_options
 from remind_jax.masks.closeups import CLOSEUP_PATCHES
 from remind_jax.masks.reduction import pad_masks, reduce_masks
 from remind_jax.method import Method, get_method, list_methods
@@ -131,9 +130,8 @@ def programs_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[..
 
 def measure(name: str, method: Method, function: Callable[..., Any], arguments: tuple) -> Measured:
     """Traces, lowers, compiles and runs a program of a method."""
-    options = known_options(tuple(options_of(method).items()))
     start = time.process_time()
-    traced = jax.jit(function, compiler_options=options).trace(*arguments)
+    traced = jax.jit(function, compiler_options=compiler_options()).trace(*arguments)
     lowered = traced.lower()
     prepared = time.process_time()
     compiled = lowered.compile()

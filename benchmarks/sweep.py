@@ -28,8 +28,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.step import DEFAULT_SEQUENCE, Peer, as_frame, read_settings
 from remind_jax.backbone.registry import get_backbone
-from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, settle_types
-from remind_jax.compiled.programs import known_options
+from remind_jax.compiled.compiler_options import compiler_options
+from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import load_config
 from remind_jax.remind.state import init
 from remind_jax.remind.tracker import step_described
@@ -93,9 +93,7 @@ def main() -> None:
             step_described(state, frame.descriptors, frame.masks, static=static, thresholds=t)
         ),
         donate_argnums=0,
-        compiler_options=known_options(
-            tuple(ONE_FRAME_OPTIONS.get(jax.default_backend(), {}).items())
-        ),
+        compiler_options=compiler_options(),
     )
     single_frames = [jax.tree.map(lambda x, i=i: x[i], described) for i in range(len(frames))]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import jax
@@ -116,8 +116,6 @@ class Method:
     # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
     # capacities that take too much are refused. Left out, all are tried.
     count_bytes: Callable[[Static], int] | None = None
-    # Options of the compiler for the step of one frame, by backend, beside those of all methods.
-    compiler_options: Mapping[str, Mapping[str, Any]] = dataclasses.field(default_factory=dict)
     # How many patches beyond those that a mask covers it reads features, diagonally as well; those
     # of others may be zero. Left out, it reads all.
     patch_reach: int | None = None

@@ -13,7 +13,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, UInt8
 
 CELL_PX = 8
@@ -24,17 +23,6 @@ _ARCTAN = (
     -0.022136273, 0.031745946, -0.053046121, 0.15915484,
 )  # fmt: skip
 
-# Without this pass, the CPU compiler drops barriers before it fuses, and `hold` has no effect.
-HOLD_OPTIONS = {"cpu": {"xla_disable_hlo_passes": "cse_barrier_expander"}}
-
-
-def hold(values: ArrayLike) -> Array:
-    """The same values, written to memory once instead of computed again for each of their readers.
-
-    Only time depends on it, and on a CPU only with `HOLD_OPTIONS`.
-    """
-    return jax.lax.optimization_barrier(jnp.asarray(values))
-
 
 def halve(image: UInt8[Array, "H W C"]) -> Float[Array, "C H/2 W/2"]:
     """Means of 2x2 pixels: half the size and half the noise."""
@@ -43,7 +31,7 @@ def halve(image: UInt8[Array, "H W C"]) -> Float[Array, "C H/2 W/2"]:
     rows = image.astype(jnp.uint16).reshape(height // 2, 2, width * num)
     pairs = (rows[:, 0] + rows[:, 1]).reshape(height // 2, width // 2, 2 * num)
     total = pairs[..., :num] + pairs[..., num:]
-    return hold(jnp.moveaxis(total, -1, 0).astype(jnp.float32) / 4)
+    return jnp.moveaxis(total, -1, 0).astype(jnp.float32) / 4
 
 
 def cell_mean(values: Float[Array, "*C H W"]) -> Float[Array, "*C Hc Wc"]:
@@ -51,9 +39,9 @@ def cell_mean(values: Float[Array, "*C H W"]) -> Float[Array, "*C Hc Wc"]:
     *leading, height, width = values.shape
     # Written out: the compiler makes no vector instructions of a sum over such an axis.
     rows = values.reshape(*leading, height // CELL_PX, CELL_PX, width)
-    columns = hold(sum(rows[..., i, :] for i in range(CELL_PX)))
+    columns = sum(rows[..., i, :] for i in range(CELL_PX))
     columns = columns.reshape(*leading, height // CELL_PX, width // CELL_PX, CELL_PX)
-    return hold(sum(columns[..., i] for i in range(CELL_PX)) / CELL_PX**2)
+    return sum(columns[..., i] for i in range(CELL_PX)) / CELL_PX**2
 
 
 def window_mean(cells: Float[Array, "*C Hc Wc"], radius: int) -> Float[Array, "*C Hc Wc"]:
@@ -72,7 +60,7 @@ def spread(cells: Float[Array, "*C Hc Wc"]) -> Float[Array, "*C H W"]:
 
 def above_surround(values: Float[Array, "*C H W"], radius: int) -> Float[Array, "*C H W"]:
     """Pixels minus the mean of the window of cells around theirs."""
-    return hold(values - spread(window_mean(cell_mean(values), radius)))
+    return values - spread(window_mean(cell_mean(values), radius))
 
 
 def shifts(
@@ -147,9 +135,9 @@ def smooth(
     for axis in (values.ndim - 2, values.ndim - 1):
         length = values.shape[axis]
         padding = [(reach_px, reach_px) if i == axis else (0, 0) for i in range(values.ndim)]
-        padded = hold(jnp.pad(values, padding, mode="edge"))
+        padded = jnp.pad(values, padding, mode="edge")
         parts = [jax.lax.slice_in_dim(padded, i, i + length, axis=axis) for i in range(len(taps))]
-        values = hold(sum((tap * part for tap, part in zip(taps, parts, strict=True)), 0.0))
+        values = sum((tap * part for tap, part in zip(taps, parts, strict=True)), 0.0)
     return values
 
 

@@ -35,12 +35,10 @@ from jaxtyping import Array, Bool, Float, UInt8
 
 from remind_jax.backbone.cell_histograms import (
     CELL_PX,
-    HOLD_OPTIONS,
     above_surround,
     angle,
     cell_mean,
     halve,
-    hold,
     joint_histogram,
     measure_tiles,
     shifts,
@@ -51,7 +49,7 @@ from remind_jax.backbone.cell_histograms import (
     window_mean,
 )
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
-from remind_jax.compiled.programs import LIGHT_OPTIONS, KeptFunction
+from remind_jax.compiled.programs import KeptFunction
 from remind_jax.errors import ConfigError
 
 PATCH_PX = 2 * CELL_PX  # cells lie on the image at half resolution
@@ -127,8 +125,7 @@ def patch_statistics(*, centering: float = 0.8) -> Backbone:
     def describe(images: Any, wanted: Any) -> Any:
         return jax.lax.map(lambda pair: one(*pair), (images, wanted))
 
-    options = {**LIGHT_OPTIONS.get(device, {}), **HOLD_OPTIONS.get(device, {})}
-    apply_to = KeptFunction(DEFAULT_BACKBONE, describe, (centering, tile), tuple(options.items()))
+    apply_to = KeptFunction(DEFAULT_BACKBONE, describe, (centering, tile))
 
     def apply(images: Any) -> Any:
         num, height, width = images.shape[:3]
@@ -186,11 +183,11 @@ def bins_of() -> dict[str, slice]:
 
 def _pixel_planes(image: UInt8[Array, "H W 3"]) -> PixelPlanes:
     color = halve(image)
-    gray = hold(sum(color) / len(color))
+    gray = sum(color) / len(color)
     around = spread(window_mean(cell_mean(gray), 1))
-    red, green, blue = hold(jnp.log(color + SENSOR_OFFSET + LOCAL_OFFSET * around))
-    chroma = hold(jnp.stack([red - green, blue - (red + green) / 2]))
-    luminance = hold(jnp.log(gray + SENSOR_OFFSET))
+    red, green, blue = jnp.log(color + SENSOR_OFFSET + LOCAL_OFFSET * around)
+    chroma = jnp.stack([red - green, blue - (red + green) / 2])
+    luminance = jnp.log(gray + SENSOR_OFFSET)
     smoothed = smooth(jnp.stack([luminance, *chroma]), sigma_px=1.5, reach_px=4)
     variance = cell_mean((smoothed[0] - spread(cell_mean(smoothed[0]))) ** 2)
     margin = (NEIGHBOR_PX, NEIGHBOR_PX)
@@ -198,8 +195,8 @@ def _pixel_planes(image: UInt8[Array, "H W 3"]) -> PixelPlanes:
         chroma=chroma,
         chroma_above=above_surround(chroma, SURROUND_RADIUS),
         luminance_above=above_surround(luminance, SURROUND_RADIUS),
-        contrast=hold(spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2))),
-        smooth=hold(jnp.pad(smoothed, ((0, 0), margin, margin), "edge")),
+        contrast=spread(jnp.sqrt(window_mean(variance, 1) + 0.02**2)),
+        smooth=jnp.pad(smoothed, ((0, 0), margin, margin), "edge"),
     )
 
 
@@ -223,10 +220,10 @@ def _histograms(planes: PixelPlanes) -> Float[Array, "K h w"]:
 
 def _hue_saturation_histogram(chroma: Float[Array, "2 H W"]) -> Float[Array, "K Hp Wp"]:
     """Hue by saturation; the least saturated bin has no hue, for the hue of gray is noise."""
-    turns = hold(angle(chroma[1], chroma[0]))
-    saturation = hold(jnp.log1p(8 * jnp.hypot(chroma[0], chroma[1])))
-    shares = hold(soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS))
-    colored = joint_histogram(hold(soft_bins_periodic(turns, NUM_HUES)), shares[1:])
+    turns = angle(chroma[1], chroma[0])
+    saturation = jnp.log1p(8 * jnp.hypot(chroma[0], chroma[1]))
+    shares = soft_bins(saturation, 0.0, SATURATION_MAX, NUM_SATURATIONS)
+    colored = joint_histogram(soft_bins_periodic(turns, NUM_HUES), shares[1:])
     return jnp.concatenate([cell_mean(shares[:1]), colored])
 
 
@@ -237,8 +234,8 @@ def _texture_histogram(
     there = [(down * NEIGHBOR_PX, right * NEIGHBOR_PX) for down, right in DIRECTIONS]
     opposite = [(-down, -right) for down, right in there]
     here, *around = shifts(luminance, NEIGHBOR_PX, [(0, 0), *there, *opposite])
-    sides = [hold(jnp.tanh((side - here) / (0.4 * contrast))) for side in around]
-    shares = soft_bins(hold(jnp.stack(sides)), -1.0, 1.0, NUM_CONTRAST)
+    sides = [jnp.tanh((side - here) / (0.4 * contrast)) for side in around]
+    shares = soft_bins(jnp.stack(sides), -1.0, 1.0, NUM_CONTRAST)
     patterns = joint_histogram(shares[: len(there)], shares[len(there) :])
     return patterns.reshape(-1, *patterns.shape[2:]) / len(DIRECTIONS)
 
@@ -249,7 +246,7 @@ def _gradient_histogram(chroma: Float[Array, "2 _h _w"]) -> Float[Array, "K Hp W
     right, left, below, above = shifts(chroma, NEIGHBOR_PX, steps)
     length = jnp.sqrt(sum((right - left) ** 2 + (below - above) ** 2)) / 2
     low, high = math.log(GRADIENT_MIN), math.log(GRADIENT_MAX)
-    logarithm = hold(jnp.log(length + GRADIENT_MIN))
+    logarithm = jnp.log(length + GRADIENT_MIN)
     return cell_mean(soft_bins(logarithm, low, high, NUM_GRADIENT))
 
 

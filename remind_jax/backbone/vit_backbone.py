@@ -16,7 +16,8 @@ from remind_jax.backbone.vit_attention import METHODS, Method, ObjectAttention
 from remind_jax.backbone.vit_variants import CUSTOM, Variant
 from remind_jax.backbone.vit_weights import DTYPES, Weights, load_weights
 from remind_jax.backbone.weights_download import obtain_weights, was_fetched
-from remind_jax.compiled.programs import KeptFunction, known_options
+from remind_jax.compiled.compiler_options import Kind, compiler_options
+from remind_jax.compiled.programs import KeptFunction
 from remind_jax.errors import ConfigError, WeightsError
 
 Precision = Literal["float32", "bfloat16"]
@@ -27,7 +28,6 @@ _PLAIN_SCORES_MAX = 2_000_000
 # Of XLA, by platform. Its YNN library splits the thin products of chunked attention badly between
 # threads: with it 1280x720 took 1.5 times as long on two cores (`benchmarks/vit.py`). In bfloat16
 # it is what uses the processor's instructions for it.
-_COMPILER_OPTIONS = {"cpu": {"xla_cpu_experimental_ynn_fusion_type": ""}}
 
 
 def vit(
@@ -93,19 +93,18 @@ def _make(weights: Weights, precision: Precision, attention: Method | Literal["a
     early = numerics.num_early(variant.depth) or ""
     params = jax.device_put(arrange_params(weights.params, variant, numerics))
 
-    chosen = _COMPILER_OPTIONS.get(jax.default_backend(), {}) if precision == "float32" else {}
-    options = tuple(chosen.items())
+    kind: Kind = "network" if precision == "float32" else "plain"
     encode_patches = KeptFunction(
         "vit",
         lambda params, images: run(params, images).patches,
         (variant, precision, attention),
-        options,
+        kind,
     )
 
     def apply(images: UInt8[Array, "B H W 3"]) -> Float[Array, "B Hp Wp D"]:
         return encode_patches(params, images)
 
-    @functools.partial(jax.jit, compiler_options=known_options(options), static_argnames="heads")
+    @functools.partial(jax.jit, compiler_options=compiler_options(kind), static_argnames="heads")
     def attending(params: Any, images: Array, patches: Array, heads: tuple[int, ...] | None) -> Any:
         tokens = run(params, images, objects=patches, heads=heads)
         return tokens.patches, tokens.object_attention

@@ -17,7 +17,6 @@ import numpy as np
 
 from remind_jax.compiled.packing import Layout, Packed
 from remind_jax.compiled.programs import (
-    LIGHT_OPTIONS,
     Program,
     Recipe,
     get_program,
@@ -28,9 +27,6 @@ from remind_jax.compiled.programs import (
 from remind_jax.method import Method
 from remind_jax.observation import AnyFeats
 from remind_jax.static import Static
-
-# One frame is hundreds of small operations; to share each between threads costs more than it gains.
-ONE_FRAME_OPTIONS = {"cpu": {**LIGHT_OPTIONS["cpu"], "xla_cpu_multi_thread_eigen": False}}
 
 
 @jax.tree_util.register_dataclass
@@ -142,7 +138,6 @@ class FrameStep:
                 lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
                 shapes,
                 (identify(halves.describe), own, structure),
-                options=tuple(options_of(self._method).items()),
                 is_kept=self._is_kept(halves.describe, static),
             )
         )
@@ -190,7 +185,6 @@ class FrameStep:
                 (*state_shapes, *shapes_of(given_leaves)),
                 (identify(function), static, given_structure),
                 num_donated=len(state_shapes),
-                options=tuple(options_of(self._method).items()),
                 # The structure of a trace is not kept.
                 is_kept=self._is_kept(function, static) and not self._is_traced,
             )
@@ -232,9 +226,3 @@ def _step_whole(
 def _read_out(method: Method, state: Any) -> Readout:
     occupied = method.count_occupied(state)
     return Readout(state.decisions, state.overflow, jax.tree.map(jnp.int32, occupied))
-
-
-def options_of(method: Method) -> dict[str, Any]:
-    """Options of the compiler for one frame of a method."""
-    backend = jax.default_backend()
-    return {**ONE_FRAME_OPTIONS.get(backend, {}), **method.compiler_options.get(backend, {})}

@@ -23,16 +23,11 @@ import jax
 from jax.core import Tracer
 
 from remind_jax.compiled import kept
+from remind_jax.compiled.compiler_options import Kind, compile_lowered, compiler_options
 from remind_jax.compiled.freed_memory import return_freed_memory
 from remind_jax.compiled.process_setting import ProcessSetting
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-# Nearly all of a compilation is spent on machine code. On a CPU, level 1 takes a fifth off it, and
-# programs are not slower for it; level 0 is six times as slow.
-COMPILER_OPTIONS = {"cpu": {"xla_backend_optimization_level": 1}}
-# The older emitters of fused operations: programs as quick as those of the newer ones, in two
-# thirds of the time and half of the memory.
-LIGHT_OPTIONS = {"cpu": {**COMPILER_OPTIONS["cpu"], "xla_cpu_use_fusion_emitters": False}}
 # A trace makes millions of small objects that live until it ends; to go through all of them again
 # and again takes a sixth of the time.
 _collector_at_rest = ProcessSetting(
@@ -54,7 +49,7 @@ class Recipe:
     # With the name it tells the function from all others; its `repr` does so between processes.
     key: Hashable
     num_donated: int = 0  # leading arguments whose buffers are used up
-    options: tuple[tuple[str, Any], ...] = ()  # of the compiler; left out where it knows them not
+    kind: Kind = "step"  # by which the options of the compiler are chosen
     # Whether it may be kept on disk: its text is that of this package, and it calls no host.
     is_kept: bool = True
 
@@ -151,10 +146,10 @@ class KeptFunction:
         name: str,
         function: Callable[..., Any],
         key: Hashable,
-        options: tuple[tuple[str, Any], ...] = (),
+        kind: Kind = "features",
     ) -> None:
         """Compiles nothing yet; the arguments are those of a `Recipe`."""
-        self._name, self._function, self._key, self._options = name, function, key, options
+        self._name, self._function, self._key, self._kind = name, function, key, kind
 
     def __call__(self, *args: Any) -> Any:
         """What the function gives."""
@@ -170,7 +165,7 @@ class KeptFunction:
             on_leaves,
             shapes_of(leaves),
             (self._key, structure),
-            options=self._options,
+            kind=self._kind,
         )
         return get_program(recipe)(*leaves)[0]
 
@@ -205,15 +200,11 @@ def _make(recipe: Recipe) -> Program:
         return outputs
 
     on_leaves.__name__ = recipe.name.replace("-", "_")
-    program = jax.jit(
-        on_leaves,
-        donate_argnums=tuple(range(recipe.num_donated)),
-        compiler_options=known_options(recipe.options),
-    )
+    program = jax.jit(on_leaves, donate_argnums=tuple(range(recipe.num_donated)))
     with _collector_at_rest.changed():
         lowered = program.lower(*recipe.shapes)
     found_before = _num_found_by_jax()
-    compiled = lowered.compile()
+    compiled = compile_lowered(lowered, recipe.kind)
     outputs = shapes_of(compiled.out_info)
     # What JAX took from its own cache cannot be written again: the copy would lack functions.
     if file is not None and _num_found_by_jax() == found_before:
@@ -236,28 +227,14 @@ def _listen_to_jax() -> None:
     jax.monitoring.register_event_listener(note)
 
 
-@functools.cache
-def known_options(options: tuple[tuple[str, Any], ...]) -> dict[str, Any] | None:
-    """The options that this version of the compiler knows."""
-
-    def is_known(some: dict[str, Any]) -> bool:
-        try:
-            jax.jit(lambda x: x, compiler_options=some).lower(0.0).compile()
-        except jax.errors.JaxRuntimeError:
-            return False
-        return True
-
-    if not options or is_known(dict(options)):
-        return dict(options) or None
-    return {name: value for name, value in options if is_known({name: value})} or None
-
-
 def _file_of(recipe: Recipe) -> Path | None:
     """Where the program is kept; None if nothing is."""
     folder = kept.program_folder()
     if folder is None:
         return None
-    what = (_settings(), jax.devices()[0].device_kind, os.environ.get("XLA_FLAGS", ""), recipe)
+    options = compiler_options(recipe.kind)
+    flags = os.environ.get("XLA_FLAGS", "")
+    what = (_settings(), jax.devices()[0].device_kind, flags, options, recipe)
     return folder / hashlib.sha256((_text_of_package() + repr(what)).encode()).hexdigest()
 
 

@@ -67,16 +67,6 @@ def count_occupied(state: PlusState) -> tuple[Int[Array, ""], int]:
     return jnp.sum(state.objects.exists) + jnp.sum(state.tracklets.is_open), 0
 
 
-# A sum over a long axis is one kernel together with what it adds up; otherwise it is three. Sums
-# and products are no kernels of a library. What is the same in all turns of a loop stays part of
-# what reads it; moved out, it would be a kernel.
-COMPILER_OPTIONS = {
-    "cpu": {
-        "xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion",
-        "xla_cpu_experimental_ynn_fusion_type": "",
-    }
-}
-
 METHOD = Method(
     "plus",
     PlusThresholds,
@@ -99,7 +89,6 @@ METHOD = Method(
         described_by=("looks.unit_patches",),
         in_turn_on_cpu=True,
     ),
-    compiler_options=COMPILER_OPTIONS,
     patch_reach=RING_PATCHES,
     reads_closeups=True,
     prefers_closeups=True,

@@ -72,16 +72,6 @@ def gap_options(thresholds: Thresholds) -> dict[str, float]:
     }
 
 
-# A sum over a long axis is one kernel together with what it adds up; otherwise it is three, or one
-# of a library, which nothing else joins. What is the same in all turns of a loop stays part of what
-# reads it; moved out of the loop, it would be a kernel, and most of it is a few numbers.
-COMPILER_OPTIONS = {
-    "cpu": {
-        "xla_disable_hlo_passes": "tree_reduction_rewriter,while-loop-invariant-code-motion",
-        "xla_cpu_experimental_ynn_fusion_type": "",
-    }
-}
-
 METHOD = Method(
     PAPER_METHOD,
     Thresholds,
@@ -105,5 +95,4 @@ METHOD = Method(
         reduced_by=("relations.scale_min_px", "relations.exact_gap_max"),
     ),
     count_bytes=count_bytes,
-    compiler_options=COMPILER_OPTIONS,
 )

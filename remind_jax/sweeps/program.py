@@ -16,7 +16,8 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from remind_jax.compiled.frame_step import options_of, settle_types
+from remind_jax.compiled.compiler_options import compile_lowered
+from remind_jax.compiled.frame_step import settle_types
 from remind_jax.compiled.programs import (
     Recipe,
     Shapes,
@@ -24,7 +25,6 @@ from remind_jax.compiled.programs import (
     get_program,
     identify,
     is_of_this_package,
-    known_options,
     shapes_of,
 )
 from remind_jax.decision import NO_ID, Outcome
@@ -185,10 +185,8 @@ def _compile(
     assert method.halves is not None
     states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
     run = functools.partial(follow, halves=method.halves, static=static)
-    # Those of a single run: every core has settings of its own, and sums are added up alike.
-    options = options_of(method)
     if (where := _shardings()) is None:
-        return _compile_kept(run, method.halves.decide, states, shapes, structure, options)
+        return _compile_kept(run, method.halves.decide, states, shapes, structure)
     settings, frame, answers = where
     # Every device goes its own way: a branch is taken where one of its own settings needs it.
     program = jax.jit(
@@ -200,11 +198,11 @@ def _compile(
             check_vma=False,
         ),
         donate_argnums=0,
-        compiler_options=known_options(tuple(options.items())),
         in_shardings=(settings, settings, frame),
         out_shardings=(settings, answers),
     )
-    compiled = program.lower(states, *jax.tree.unflatten(structure, shapes)).compile()
+    lowered = program.lower(states, *jax.tree.unflatten(structure, shapes))
+    compiled = compile_lowered(lowered, "step")
     return Program(compiled, count_bytes(compiled))
 
 
@@ -214,7 +212,6 @@ def _compile_kept(
     states: Any,
     shapes: Shapes,
     structure: Any,
-    options: dict[str, Any],
 ) -> Program:
     """The program of one device, kept for other processes if the method is of this package."""
     state_leaves, state_structure = jax.tree.flatten(states)
@@ -231,7 +228,6 @@ def _compile_kept(
             (*shapes_of(states), *shapes),
             (identify(decide), run.keywords["static"], structure),
             num_donated=num,
-            options=tuple(options.items()),
             is_kept=is_of_this_package(decide) and run.keywords["static"].solver != "host",
         )
     )

@@ -115,15 +115,3 @@ def test_only_tiles_with_a_needed_cell_are_measured(shape):
     whole = measure(planes)
     inside = (rows // tile[0] == (shape[0] - 1) // tile[0]) & (columns < tile[1])
     np.testing.assert_allclose(cells, np.where(inside, whole, 0), atol=FLOAT32_SUM)
-
-
-def test_what_is_held_is_a_value_of_its_own_in_the_program():
-    def twice(values):
-        logarithm = ch.hold(jnp.log(values))
-        return logarithm[:-1] + logarithm[1:]
-
-    options = ch.HOLD_OPTIONS.get(jax.default_backend())
-    values = jnp.arange(1.0, 9.0)
-    program = jax.jit(twice, compiler_options=options).lower(values).compile()
-    assert "opt-barrier" in (program.as_text() or "")
-    np.testing.assert_allclose(program(values), twice(values), atol=FLOAT32_SUM)

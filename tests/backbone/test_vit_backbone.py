@@ -9,12 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.backbone import get_backbone, list_backbones, vit_backbone
+from remind_jax.backbone import get_backbone, list_backbones
 from remind_jax.backbone.preprocessing import normalize
 from remind_jax.backbone.vit import Numerics, VisionTransformer, encode
 from remind_jax.backbone.vit_backbone import choose_attention
 from remind_jax.backbone.vit_variants import VARIANTS, get_variant
-from remind_jax.compiled.programs import known_options
 from remind_jax.errors import ConfigError, WeightsError
 from tests.backbone.networks import converted, converted_file
 
@@ -151,8 +150,3 @@ def test_attention_of_every_patch_of_a_large_frame_fits_in_little_memory():
     without = temporary_mib(0)
     assert without < 200
     assert temporary_mib(45 * 80) - without < 200
-
-
-def test_the_compiler_knows_the_options():
-    options = vit_backbone._COMPILER_OPTIONS["cpu"]
-    assert known_options(tuple(options.items())) == options

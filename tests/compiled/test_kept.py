@@ -179,7 +179,6 @@ def test_a_program_that_calls_the_host_is_not_kept(folder):
 
 _CHOLESKY = """
 import numpy as np
-from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS
 from remind_jax.compiled.programs import Recipe, get_program, shapes_of
 import jax.numpy as jnp
 square = np.eye(3, dtype=np.float32) * 4

@@ -10,17 +10,14 @@ import numpy as np
 import pytest
 
 from remind_jax.compiled import programs
-from remind_jax.compiled.frame_step import ONE_FRAME_OPTIONS, options_of
 from remind_jax.compiled.programs import (
     KeptFunction,
     Recipe,
     get_program,
     is_of_this_package,
-    known_options,
     shapes_of,
     waited_s,
 )
-from remind_jax.method import get_method
 from remind_jax.remind.tracker import step
 
 from .counting import PAIR, Counted, files, run
@@ -79,24 +76,6 @@ def test_another_key_or_shape_or_type_is_another_program(folder):
     run(function, tuple(leaf[:2] for leaf in PAIR))
     run(function, tuple(leaf.astype(np.int32) for leaf in PAIR))
     assert function.num_traces == len(files(folder)) == 4
-
-
-def test_options_that_the_compiler_does_not_know_are_left_out():
-    options = tuple(ONE_FRAME_OPTIONS["cpu"].items())
-    assert known_options(()) is None
-    assert known_options(options) == dict(options)
-    lost = ("xla_cpu_no_such_option", True)
-    assert known_options((*options, lost)) == dict(options)
-    assert known_options((lost,)) is None
-
-
-def test_options_of_a_method_are_known_and_go_beside_those_of_all():
-    shared = options_of(get_method("bank"))
-    assert shared == ONE_FRAME_OPTIONS[jax.default_backend()]
-    for name in ("plus", "remind"):
-        own = options_of(get_method(name))
-        assert shared.items() < own.items()
-        assert known_options(tuple(own.items())) == own
 
 
 def test_a_kept_function_is_itself_under_jit(folder):
