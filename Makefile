@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
+.PHONY: help demo test test-slow first-command test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -16,6 +16,10 @@ test: $(VENV)/.dev  ## all tests but the slow ones
 
 test-slow: $(VENV)/.dev  ## the slow tests
 	$(BIN)/python -m pytest -m slow
+
+first-command: $(VENV)/.dev  ## the demo with oldest and newest versions, on the oldest and the newest Python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
+	UV=$(CURDIR)/$(BIN)/uv tests/first_command.sh
 
 test-matrix: $(VENV)/.dev  ## a share of the tests with oldest and newest versions, on every Python there is
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv
