@@ -55,8 +55,7 @@ for seed in (4, 7):
         objects_per_room=7, light_drop=0.3, min_mask_px=300,
         lookalikes=(LookalikeGroup("mug", 3, "glaze"), LookalikeGroup("box", 2, "identical")),
     )  # fmt: skip
-    folder = write_davis(make_scene(options), work / "rendered")
-    shutil.copytree(folder, root, dirs_exist_ok=True)
+    write_davis(make_scene(options), root)
     shutil.move(root / "metadata.json", root / "Annotations" / options.name)
     scenes.append(options.name)
 print(sorted(str(path.relative_to(root)) for path in root.glob("*/*")))

@@ -8,7 +8,6 @@ PyTorch 1.6 are no archives; these are left to `torch.load(weights_only=True)`.
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import io
 import pickle
@@ -36,15 +35,26 @@ _STORAGE_TYPES: dict[str, Any] = {
 }
 
 
+class _Inert:
+    """What a pickle builds; attributes that it wants to set on it are not taken."""
+
+    def __setstate__(self, state: Any) -> None:
+        del state  # such as `_metadata` of a state dictionary
+
+
+class _Dictionary(_Inert, dict):
+    """Stands for `collections.OrderedDict`."""
+
+
 @dataclasses.dataclass(frozen=True)
-class StorageType:
+class StorageType(_Inert):
     """Stands for a class such as `torch.FloatStorage`."""
 
     dtype: np.dtype
 
 
 @dataclasses.dataclass(frozen=True)
-class Storage:
+class Storage(_Inert):
     """A run of numbers in the archive."""
 
     archive: Archive
@@ -64,7 +74,7 @@ class Storage:
 
 
 @dataclasses.dataclass(frozen=True)
-class PickledTensor:
+class PickledTensor(_Inert):
     """Which numbers of a storage make up a tensor."""
 
     storage: Storage
@@ -114,9 +124,16 @@ class Archive:
                 raise WeightsError(f"'{path}' was written by a machine of byte order {order!r}")
 
     def read(self, entry: str) -> bytes:
-        """The bytes of an entry, checked against their sum."""
+        """The bytes of an entry, checked against their sum; no more than the file has."""
         try:
+            if self._zip.getinfo(entry).compress_type != zipfile.ZIP_STORED:
+                raise WeightsError(
+                    f"'{self.path}' is compressed, as torch.save leaves no file; download it again "
+                    "from its publisher"
+                )
             return self._zip.read(entry)
+        except WeightsError:
+            raise
         except KeyError as error:
             raise WeightsError(f"'{self.path}' is damaged: it lacks '{entry}'") from error
         except Exception as error:
@@ -161,7 +178,7 @@ class _TensorUnpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         """The stand-in of a name."""
         if (module, name) == ("collections", "OrderedDict"):
-            return collections.OrderedDict
+            return _Dictionary
         if module == "torch._utils" and name in _REBUILD:
             return _REBUILD[name]
         if module == "torch" and name in _STORAGE_TYPES:

@@ -78,8 +78,13 @@ def open_source(path: str | Path) -> WeightSource:
     if path.suffix == ".safetensors":
         return WeightSource(path, (path,), _open_safetensors(path), _config_beside(path))
     if path.suffix in PICKLED_SUFFIXES:
-        read = read_pickled(path)
-        return WeightSource(path, (path,), _as_stored(read), _config_beside(path))
+        try:
+            tensors = _as_stored(read_pickled(path))
+        except (RecursionError, ValueError) as error:  # it holds itself, or a name beyond measure
+            raise WeightsError(
+                f"'{path}' is no dictionary of tensors: {first_line(error)}"
+            ) from error
+        return WeightSource(path, (path,), tensors, _config_beside(path))
     raise WeightsError(
         f"'{path}' is no weight file; give the official .pth, or Hugging Face's .safetensors"
     )

@@ -104,7 +104,7 @@ def _render(options: SceneOptions, root: Path) -> None:
     try:
         root.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=root, prefix=".unfinished-") as unfinished:
-            made = write_davis(make_scene(options), unfinished)
+            made = write_davis(make_scene(options), Path(unfinished) / options.name)
             shutil.rmtree(root / options.name, ignore_errors=True)
             os.replace(made, root / options.name)
     except OSError as error:

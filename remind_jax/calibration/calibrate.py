@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
 from remind_jax.calibration.comparisons import Comparisons, compare_ends, compare_returns
@@ -134,7 +134,7 @@ def calibrate(
         same=int(same.sum()),
         other=int((~same).sum()),
         seed=seed,
-        version=importlib.metadata.version("remind-jax"),
+        version=__version__,
     )
     found = estimate_from([scene.views for scene in seen], compared, config)
     return Calibration(made_for, found).save(out)

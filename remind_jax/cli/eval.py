@@ -192,9 +192,10 @@ class Eval:
     def _evaluate_alone(self) -> SetEvaluation:
         """Scores a run by the true instances that it was given."""
         from remind_jax.metrics import SetEvaluation, evaluate_tracks
+        from remind_jax.metrics.formats.run_folder import holds_run
         from remind_jax.outputs.result import Result
 
-        if not (self.truth / "detections.jsonl").is_file():
+        if self.truth.exists() and not holds_run(self.truth):
             raise RemindError(
                 f"there are no predictions to score against '{self.truth}'; name them after the "
                 "truth (only a run that was made with ground-truth masks is scored alone)"

@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | `/camera/image` | `foxglove.CompressedImage` | the frame |
 | `/remind/annotations` | `foxglove.ImageAnnotations` | outlines and names, colored by identity |
-| `/remind/tracks` | JSON | who is who: as a line of `detections.jsonl`, without masks |
+| `/remind/tracks` | `remind.Tracks` (JSON) | a line of `detections.jsonl`, without masks |
 
 Times are those of the source, from 1970 on, as a source has no date.
 """
@@ -30,6 +30,7 @@ from remind_jax.tracks import Tracks
 _JPEG_QUALITY = 85
 _FRAME_ID = "camera"
 _TRACKS_SCHEMA = {
+    "title": "remind.Tracks",
     "type": "object",
     "properties": {
         "frame": {"type": "integer"},

@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
-import importlib.metadata
 import json
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import jax
+import numpy as np
 
+import remind_jax
 from remind_jax.detectors import Detector
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.outputs import store
@@ -157,8 +159,8 @@ def describe_run(
         config=config.to_dict(),
         backbone=backbone,
         versions={
-            **{name: importlib.metadata.version(name) for name in ("remind_jax", "jax", "numpy")},
-            "opencv": importlib.metadata.version("opencv-python-headless"),
+            **{module.__name__: module.__version__ for module in (remind_jax, jax, np)},
+            "opencv": cv2.__version__,
             "python": platform.python_version(),
         },
         device=jax.devices()[0].device_kind,

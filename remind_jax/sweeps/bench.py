@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import copy
-import importlib.metadata
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
@@ -156,7 +156,7 @@ class SceneBench:
         origin = {
             "config": scene.config.to_dict(),
             "scene": scene.digest,
-            "version": importlib.metadata.version("remind-jax"),
+            "version": __version__,
         }
         keys = [row_key(name, setting, origin) for setting in settings]
         missing = {key: i for i, key in enumerate(keys) if key not in self._records}

@@ -22,14 +22,14 @@ _MAX_ID = 255
 def write_davis(
     sequence: RenderedSequence | Scene, folder: str | Path, jpeg_quality: int = 92
 ) -> Path:
-    """Writes `<folder>/<name>` with `JPEGImages`, `Annotations` and two metadata files.
+    """Writes a folder with `JPEGImages/<name>`, `Annotations/<name>` and two metadata files.
 
     Annotations are 8-bit grayscale instance maps, 0 where nothing is annotated;
     `metadata_one_class.json` says the same with every object in class `object`. A scene is
     rendered frame by frame, so that long tours need little memory.
 
     Returns:
-      The folder of the sequence.
+      The folder.
 
     Raises:
       OutputError: If an id does not fit into 8 bits or a file cannot be written.
@@ -42,7 +42,7 @@ def write_davis(
             f"instance id {largest} does not fit into an 8-bit instance map; "
             f"render at most {_MAX_ID} objects to write them in the DAVIS layout"
         )
-    root = Path(folder) / scene.name
+    root = Path(folder)
     try:
         sightings = _write_frames(frames, scene.name, root, jpeg_quality)
         for file_name, one_class in (("metadata.json", False), ("metadata_one_class.json", True)):

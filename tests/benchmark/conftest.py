@@ -28,7 +28,7 @@ def dataset(tmp_path_factory) -> Path:
             objects_per_room=3,
             min_mask_px=20,
         )
-        write_davis(make_scene(options), folder)
+        write_davis(make_scene(options), folder / name)
     return folder
 
 

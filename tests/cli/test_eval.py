@@ -99,6 +99,13 @@ def test_predictions_are_needed(command, tmp_path):
     assert "no predictions to score against 'gt.txt'" in outcome.stderr
 
 
+def test_a_run_that_is_not_there(command, tmp_path):
+    (tmp_path / "runs").mkdir()
+    outcome = command("eval", "runs/nothere")
+    assert outcome.code == 1
+    assert "'runs/nothere' is not the output folder of a run: it does not exist" in outcome.stderr
+
+
 def test_federated_truth_is_scored_by_its_labels(command, tmp_path):
     case = Path(__file__).parents[1] / "golden" / "metrics" / "federated" / "tao_rules"
     outcome = command("eval", str(case / "gt.json"), str(case / "pred.json"))

@@ -198,7 +198,6 @@ class Course:
         self._folder = folder
         self._scene = folder / "scene"
         write_davis(make_scene(TOUR), self._scene)
-        (self._scene,) = self._scene.iterdir()
         self._undisturbed: dict[str, tuple[Path, float]] = {}
 
     def try_kind(

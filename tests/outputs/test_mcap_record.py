@@ -19,13 +19,18 @@ def run():
 
 
 @pytest.fixture(scope="module")
-def messages(run, tmp_path_factory):
-    """Time and message, by topic."""
+def path(run, tmp_path_factory):
     frames, result = run
     path = tmp_path_factory.mktemp("mcap") / "out.mcap"
     with McapRecord(path) as record:
         for frame, tracks in zip(frames, result.tracks, strict=True):
             record.add(frame, tracks)
+    return path
+
+
+@pytest.fixture(scope="module")
+def messages(path):
+    """Time and message, by topic."""
     found = {}
     factory = DecoderFactory()
     with path.open("rb") as file:
@@ -33,6 +38,12 @@ def messages(run, tmp_path_factory):
             decode = factory.decoder_for(channel.message_encoding, schema) or json.loads
             found.setdefault(channel.topic, []).append((message.log_time, decode(message.data)))
     return found
+
+
+def test_the_schema_of_tracks_has_a_name(path):
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert "remind.Tracks" in {schema.name for schema in summary.schemas.values()}
 
 
 def test_times_are_those_of_the_source(messages, run):

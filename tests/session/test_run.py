@@ -5,11 +5,13 @@ All runs share the compiled program of the tests of the live tracker.
 
 from __future__ import annotations
 
+import importlib.metadata
 import itertools
 import json
 from collections.abc import Iterator
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -54,6 +56,16 @@ def test_three_objects_keep_their_identity(whole):
     assert (first == Outcome.NEW).all()
     assert (np.array(others) == Outcome.MATCH).all()
     assert {len(times) for times in whole.timings_ms.values()} == {NUM}
+
+
+def test_versions_are_those_of_the_modules_however_they_were_installed(monkeypatch):
+    def lacks(name: str) -> str:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", lacks)
+    versions = rj.run(PICTURES[:1], config=CONFIG, tracker="bank").info.versions
+    assert versions["opencv"] == cv2.__version__
+    assert versions["remind_jax"] == rj.__version__
 
 
 def test_seconds_of_compiling_are_those_of_the_tracker(monkeypatch, tmp_path):

@@ -10,8 +10,14 @@ from remind_jax.synthetic import write_davis
 
 
 def test_davis_layout_holds_the_sequence(tiny, tmp_path):
-    root = write_davis(tiny, tmp_path)
-    assert root == tmp_path / "tiny"
+    root = write_davis(tiny, tmp_path / "here")
+    assert root == tmp_path / "here"
+    assert sorted(path.name for path in root.iterdir()) == [
+        "Annotations",
+        "JPEGImages",
+        "metadata.json",
+        "metadata_one_class.json",
+    ]
     for frame in tiny.frames:
         path = root / "Annotations" / "tiny" / f"{frame.name}.png"
         instances = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import builtins
 import os
 import pickle
+import tracemalloc
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from hypothesis import strategies as st
 from remind_jax.errors import WeightsError
 from tests.weights_convert.pth_files import call_of, write_pth
 from weights_convert.pickled_tensors import read_pickled
+from weights_convert.stored_tensors import open_source
 
 ARRAYS = {
     "matrix": np.arange(12, dtype=np.float32).reshape(3, 4),
@@ -83,6 +86,44 @@ def test_the_bomb_of_this_test_does_go_off_without_care(tmp_path, monkeypatch):
     with zipfile.ZipFile(path) as archive:
         pickle.loads(archive.read("archive/data.pkl"))
     assert (tmp_path / "ran").is_dir()
+
+
+def replace_pickle(path: Path, data: bytes, method: int = zipfile.ZIP_STORED) -> Path:
+    with zipfile.ZipFile(path) as archive:
+        entries = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w", method) as archive:
+        for name, kept in entries.items():
+            archive.writestr(name, data if name.endswith("data.pkl") else kept)
+    return path
+
+
+@pytest.mark.parametrize("end", [b".", pickle.SETITEM + b"."], ids=["dictionary", "tensor"])
+def test_attributes_that_a_pickle_sets_are_not_taken(tmp_path, end):
+    path = write_pth(tmp_path / "a.pth", {"x": ARRAYS["matrix"]})
+    with zipfile.ZipFile(path) as archive:
+        data = archive.read("archive/data.pkl")
+    place = data.rindex(end)
+    overwrites = pickle.dumps({"items": 5, "read": 5}, protocol=0)[:-1] + pickle.BUILD
+    replace_pickle(path, data[:place] + overwrites + data[place:])
+    found = open_source(path).tensors
+    np.testing.assert_array_equal(found["x"].read(), ARRAYS["matrix"])
+
+
+def test_a_dictionary_that_holds_itself_is_refused(tmp_path):
+    held: dict = {}
+    held["itself"] = held
+    path = replace_pickle(write_pth(tmp_path / "a.pth", ARRAYS), pickle.dumps(held, protocol=2))
+    with pytest.raises(WeightsError, match="no dictionary of tensors: maximum recursion depth"):
+        open_source(path)
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path):
+    path = replace_pickle(write_pth(tmp_path / "a.pth", {}), bytes(64 << 20), zipfile.ZIP_DEFLATED)
+    tracemalloc.start()
+    told = refusal(path)
+    assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    tracemalloc.stop()
+    assert "is compressed" in told
 
 
 def test_truncated_file(tmp_path):

@@ -32,7 +32,7 @@ from remind_jax.metrics.formats.json_tracks import group_by_video, index_burst, 
 from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
 from remind_jax.metrics.formats.mots_png import find_mots_png, read_mots_png
 from remind_jax.metrics.formats.rows import TrackRows
-from remind_jax.metrics.formats.run_folder import RUN_FILE, read_run_rows
+from remind_jax.metrics.formats.run_folder import holds_run, read_run_rows
 from remind_jax.metrics.formats.text import FileFormat, read_text_rows, recognize_format
 
 Format = Literal[
@@ -153,9 +153,9 @@ def _text_scenes(path: Path, files: dict[str, Path], format: Any, *, is_truth: b
 
 
 def _find_runs(path: Path) -> dict[str, Path]:
-    if (path / RUN_FILE).is_file():
+    if holds_run(path):
         return {path.name: path}
-    return {inner.name: inner for inner in sorted(path.iterdir()) if (inner / RUN_FILE).is_file()}
+    return {inner.name: inner for inner in sorted(path.iterdir()) if holds_run(inner)}
 
 
 def _find_texts(path: Path) -> dict[str, Path]:

@@ -6,15 +6,30 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from jaxtyping import Int
 
 from remind_jax.decision import NO_ID
+from remind_jax.errors import SourceError
+from remind_jax.files.records import read_lines
 from remind_jax.metrics.collapse import keep_unique_labels
 from remind_jax.metrics.formats.rows import RowCollector, TrackRows
 from remind_jax.tracks import Tracks
 
 RUN_FILE = "detections.jsonl"
+
+
+def holds_run(folder: Path) -> bool:
+    """Whether a folder holds the record of a run, maybe damaged, and not input of that name."""
+    path = folder / RUN_FILE
+    if not path.is_file():
+        return False
+    try:
+        _, first = next(read_lines(path), (0, b""))
+        return "detections" not in msgspec.json.decode(first, type=dict[str, msgspec.Raw])
+    except (SourceError, msgspec.DecodeError, RecursionError):
+        return True
 
 
 def read_tracks(folder: Path) -> Sequence[Tracks]:

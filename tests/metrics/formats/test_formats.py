@@ -76,6 +76,14 @@ def test_formats_are_recognized(tmp_path: Path, name: str):
     assert rows.boxes[1].tolist() == [3, 0, 5, 4]
 
 
+def test_truth_beside_detections_that_are_input_is_no_run(tmp_path: Path):
+    truth = made.write_davis(tmp_path / "truth", TRUTH)
+    (truth / "detections.jsonl").write_text('{"frame": 0, "detections": []}\n')
+    assert open_scenes(truth).format == "davis"
+    (truth / "detections.jsonl").write_text("damaged\n")
+    assert open_scenes(truth).format == "run"
+
+
 def test_result_lists_lean_on_the_truth(tmp_path: Path):
     truth = made.write_json(tmp_path / "truth.json", made.coco_video(TRUTH))
     results = made.write_json(tmp_path / "results.json", made.coco_results(ANSWERS))
