@@ -95,6 +95,7 @@ class ArrayMasks:
         self, per_frame: Sequence[Any], convert: Callable[[Any, tuple[int, int]], Detections]
     ) -> None:
         self.notes: list[str] = []
+        self.frames = None
         self._per_frame, self._convert = per_frame, convert
 
     def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:

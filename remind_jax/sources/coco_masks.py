@@ -80,6 +80,7 @@ class CocoMasks:
                 f"file: '{next(iter(found.by_place))}', first frame: "
                 f"'{frames[0] if frames else 0}')"
             )
+        self.frames = self._rows.keys()
         self.notes: list[str] = []
         if len(self._rows) < len(found.by_place):
             self.notes.append(

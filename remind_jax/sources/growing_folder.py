@@ -144,6 +144,7 @@ class GrowingMaps:
         self, folder: Path, metadata: Path | None, name: str, unlabelled: Unlabelled
     ) -> None:
         self.notes: list[str] = []
+        self.frames = None
         self._tree, self._name, self._unlabelled = FolderTree(folder), name, unlabelled
         self._metadata = metadata
         self._classes: ClassNames | None = None

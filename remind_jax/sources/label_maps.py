@@ -79,6 +79,7 @@ class LabelMaps:
                 f"neither stems nor numbers agree (first annotation '{files[0]}', first frame "
                 f"'{frames[0] if frames else '0'}')"
             )
+        self.frames = self._file_of.keys()
         self.notes: list[str] = []
         if reader.entry_names is not None and len(self._file_of) < len(reader.entry_names):
             self.notes.append(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -82,6 +82,11 @@ class MaskProvider(Protocol):
 
     notes: list[str]
 
+    @property
+    def frames(self) -> Collection[int] | None:
+        """Frames of the source that have any; None if that is not known."""
+        ...
+
     def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
         """Detections of one frame in its own pixels.
 
@@ -128,9 +133,10 @@ class SampledSource:
           SourceError: If not one frame can be read, or masks do not belong to these frames.
         """
         self.skipped.clear()
-        index, first_size = 0, None
+        index, first_size, chosen = 0, None, set[int]()
         with contextlib.closing(self._reader.entries(self.skipped.append)) as entries:
             for entry in self._sampling.select(entries):
+                chosen.add(entry.source_index)
                 try:
                     frame = self._read(entry, index, first_size)
                 except UnreadableFrame as error:
@@ -142,6 +148,8 @@ class SampledSource:
                 yield frame
         if index == 0:
             raise SourceError(self._say_empty())
+        if self._masks is not None:
+            self.notes = [*self._masks.notes, *self._say_unused(chosen)]
 
     def describe(self) -> dict[str, Any]:
         """What it is, as JSON; `reopen` holds the arguments of `open_source`, or None."""
@@ -178,6 +186,18 @@ class SampledSource:
         if frame.detections is not None:
             require_few(len(frame.detections), "it", self.most_detections)
         return frame
+
+    def _say_unused(self, chosen: set[int]) -> list[str]:
+        """What shows that detections are numbered otherwise than the frames that were chosen."""
+        given = set(self._masks.frames or ()) if self._masks is not None else set()
+        unused, lacking = given - chosen, chosen - given
+        if not unused or (not lacking and self._sampling != Sampling()):
+            return []
+        return [
+            f"detections of {len(unused)} of {len(given)} frames belong to no frame that was "
+            f"processed, and {len(lacking)} of {len(chosen)} processed frames have none: see that "
+            f"they are numbered as the frames of '{self.name}', before any stride or rate"
+        ]
 
     def _say_empty(self) -> str:
         if self.skipped:

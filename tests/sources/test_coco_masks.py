@@ -7,6 +7,7 @@ from hotcoco import mask as coco_mask
 from remind_jax.errors import SourceError
 from remind_jax.sources import open_source
 from remind_jax.sources.coco_masks import read_categories
+from remind_jax.sources.sampling import Sampling
 from tests.sources import making
 
 MASK = making.instance_map() == 2
@@ -97,6 +98,37 @@ def test_numbers_of_a_video(tmp_path):
     (tmp_path / "d.json").write_text(json.dumps(content))
     source = open_source(tmp_path / "a.mp4", masks=tmp_path / "d.json")
     assert [labels for labels, _ in seen(source)] == [(), (), ("tv",)]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sampling", "told"),
+    [
+        (
+            range(4),
+            Sampling(stride=3),
+            "of 2 of 4 frames belong to no frame that was processed, and 2 of 4",
+        ),
+        (
+            range(1, 13),
+            None,
+            "of 1 of 12 frames belong to no frame that was processed, and 1 of 12",
+        ),
+        (range(14), None, "of 2 of 14 frames belong to no frame that was processed, and 0 of 12"),
+        (range(12), Sampling(stride=3), ""),
+        (range(12), Sampling(end=5), ""),
+        ((0, 5), None, ""),
+    ],
+    ids=["processed frames", "from one", "beyond the end", "of the source", "a part", "some"],
+)
+def test_detections_of_no_frame_are_counted_and_told(tmp_path, numbers, sampling, told):
+    making.write_video(tmp_path / "a.mp4", 12)
+    content = [{"frame": number, "detections": []} for number in numbers]
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    source = open_source(tmp_path / "a.mp4", masks=tmp_path / "d.json", sampling=sampling)
+    for _ in range(2):
+        assert sum(1 for _ in source) > 0
+        assert told in " ".join(source.notes)
+        assert len(source.notes) == bool(told)
 
 
 GOOD = {"image_id": 3, "label": "a", "segmentation": RLE}

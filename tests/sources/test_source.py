@@ -39,6 +39,7 @@ class Masks:
     """One detection in every frame."""
 
     notes = ["one sentence"]  # noqa: RUF012
+    frames = None
 
     def detections_of(self, entry, frame_size):
         return Detections.create(np.ones((1, *frame_size), bool))
