@@ -72,10 +72,12 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.core: pyproject.toml | $(BIN)/python
+	@echo "installing remind-jax and what it needs into $(VENV), once; it usually takes a minute"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/python
+	@echo "installing remind-jax with all that tests need into $(VENV), once; it usually takes three minutes"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev,detect,cluster,notebooks]"
 	@touch $@ $(VENV)/.core
 
