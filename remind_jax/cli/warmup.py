@@ -16,6 +16,7 @@ from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.errors import ConfigError
 from remind_jax.session.progress import RunLine
 from remind_jax.settings.ranges import check_option
+from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS
 
 _MOST_SIDE_PX = 16_384
 
@@ -23,19 +24,22 @@ _MOST_SIDE_PX = 16_384
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Warmup:
-    """Compile everything for frames of some sizes, so that later starts do not wait.
+    """Compile ahead for frames of some sizes, so that later starts wait less.
 
+    More detections or objects than were prepared for, other settings and new
+    versions are compiled when they come.
     Kept in the user's cache folder; the variable REMIND_PROGRAMS names another.
 
     Examples:
       remind warmup 640x480
-      remind warmup 640x480 1280x720 --objects 500
+      remind warmup 640x480 1280x720 --detections 60 --objects 500
       remind warmup 1280x720 --backbone dinov3-vits16 --weights dinov3.safetensors
     """
 
     # width x height in pixels, one or several
     sizes: Annotated[Positional[tuple[str, ...]], arg(metavar="WIDTHxHEIGHT")]
-    objects: int = 128  # objects that may be met; room for more is made when it is needed
+    detections: int = 32  # in a frame
+    objects: int = 128  # in memory
     backbone: BackboneName = "patch-statistics"
     weights: Path | None = None  # converted weights; found or fetched if left out
     # configuration by name (see 'remind config list') or YAML file
@@ -46,21 +50,30 @@ class Warmup:
 
     def execute(self) -> int:
         """Compiles and says how long it took; returns the exit code."""
-        check_option("objects", self.objects, 0, 32768)
+        check_option("detections", self.detections, 0, MOST_DETECTIONS)
+        check_option("objects", self.objects, 0, MOST_OBJECTS)
         sizes = [_parse_size(size) for size in self.sizes]
         config = load_config_with(self.config, self.changes, tracker=self.tracker)
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.compiled.kept import VARIABLE, program_folder
         from remind_jax.session.live import Tracker
 
-        tracker = Tracker(
-            config, open_backbone(self.backbone, weights=self.weights, quiet=self.quiet)
-        )
+        backbone = open_backbone(self.backbone, weights=self.weights, quiet=self.quiet)
         for width, height in sizes:
+            tracker = Tracker(config, backbone)
             with RunLine(f"{width}x{height}", None, is_shown=not self.quiet):
                 seconds = tracker.warm_up((height, width), num_objects=self.objects)
+                # Later processes start with the least room, and double it.
+                while (room := tracker.static.num_detections) < self.detections:
+                    seconds += tracker.warm_up(
+                        (height, width), num_objects=self.objects, num_detections=room + 1
+                    )
             if not self.quiet:
-                print(f"{width}x{height}: ready after {seconds:.1f} s")
+                most_objects = max(self.objects, tracker.static.num_objects)
+                print(
+                    f"{width}x{height}: ready after {seconds:.1f} s, for up to {room} detections "
+                    f"in a frame and {most_objects} objects"
+                )
         if not self.quiet:
             folder = program_folder()
             print(f"kept in {folder}" if folder else f"nothing is kept, as {VARIABLE} says")

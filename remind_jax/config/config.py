@@ -73,10 +73,10 @@ class Config:
         return dataclasses.replace(start._with_values(flat, origin), chosen=chosen)
 
     def with_tracker(self, name: str) -> Config:
-        """The configuration for another tracker; input and static stay.
+        """The configuration for another tracker; input stays, and static where it was chosen.
 
         Thresholds are those of the shipped configuration of that name, where there is one, else
-        the published ones of the tracker.
+        the published ones of the tracker; so is static if it was that of the tracker before.
 
         Raises:
           ConfigError: If there is no such tracker.
@@ -84,11 +84,19 @@ class Config:
         if _as_tracker(name, "a call") == self.tracker:
             return self
         get_method(name)
-        start = load_config(name) if name in list_configs() else _neutral(name)
+        before, start = (
+            load_config(one) if one in list_configs() else _neutral(one)
+            for one in (self.tracker, name)
+        )
+        static = start.static if self.static == before.static else self.static
         chosen = {key for key in self.chosen if not key.startswith(THRESHOLDS)}
         chosen |= {key for key in start.chosen if key.startswith(THRESHOLDS)}
         return dataclasses.replace(
-            self, tracker=name, thresholds=start.thresholds, chosen=frozenset(chosen)
+            self,
+            tracker=name,
+            static=static,
+            thresholds=start.thresholds,
+            chosen=frozenset(chosen),
         )
 
     def difference(self, other: Config) -> list[tuple[str, Any, Any]]:

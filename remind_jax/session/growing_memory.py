@@ -125,12 +125,17 @@ class GrowingMemory:
             needs capacities that do not fit this machine.
         """
         static = self._with_feature_dim(frame_feats.patches.shape[-1])
+        num = len(prepared.masks.valid)
+        needed = {"num_detections": num}
         if self.state is None:
             check_room(self._method, static)
-            self.state, self.static = self._method.init(static), static
+            self.static = static
+            # Each may be open in one frame, and be an object beside a new one in the next.
+            needed["num_objects"] = 2 * num
         before = self.static
-        if (num := len(prepared.masks.valid)) > self.static.num_detections:
-            self.make_room(num_detections=num)
+        self.make_room(**needed)
+        if self.state is None:
+            self.state = self._method.init(self.static)
         outlines: Outlines | None = None
         while True:
             frame_input = self._input(frame_feats, prepared, thresholds, self.static)

@@ -49,7 +49,8 @@ class Worker:
           batch: Settings side by side; chosen by memory if left out.
         """
         self.batch, self.program_bytes = 0, 0
-        self._static = config.static
+        # Room that no scene needs would be paid for by every setting.
+        self._static = dataclasses.replace(config.static, num_detections=1)
         self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
         self._method = get_method(config.tracker)
         assert self._method.halves is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from remind_jax.cli.overrides import load_config_with
@@ -33,6 +34,23 @@ def test_what_was_warmed_up_is_loaded_later(command, folder):
     clear_programs()
     tracker = Tracker(load_config_with("default", (scenes.STATIC,)))
     tracker.update(*scenes.picture(0))
+    assert sorted(folder.iterdir()) == made
+
+
+def test_it_says_for_how_many_and_prepares_the_way_there(command, folder):
+    size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
+    words = ("warmup", size, "--objects", "0", "--tracker", "bank", "--set", *scenes.STATIC)
+    done = command(*words, "--detections", "6")
+    assert "for up to 8 detections in a frame and 6 objects" in done.stdout
+    made = sorted(folder.iterdir())
+
+    clear_programs()
+    tracker = Tracker(load_config_with("default", (scenes.STATIC,), tracker="bank"))
+    image, labels = scenes.picture(0)
+    tracker.update(image, labels)
+    tracker.update(image, np.stack([labels == 1] * 6))
+    assert tracker.static.num_detections == 8
+    tracker._memory.preparation.finish()
     assert sorted(folder.iterdir()) == made
 
 

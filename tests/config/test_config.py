@@ -191,6 +191,15 @@ def test_a_tracker_by_name_brings_the_thresholds_of_its_configuration():
     assert load_config("published").with_tracker("remind") == Config()
 
 
+def test_a_tracker_by_name_brings_its_capacities_unless_others_were_chosen():
+    default, remind = load_config("default"), load_config("remind")
+    assert default.static.num_detections > remind.static.num_detections
+    assert default.with_tracker("remind").static == remind.static
+    assert remind.with_tracker("plus").static == default.static
+    chosen = default.updated({"static": {"num_objects": 7}})
+    assert chosen.with_tracker("remind").static == chosen.static
+
+
 def test_values_start_from_their_base(tmp_path):
     (tmp_path / "mine.yaml").write_text("base: remind\nthresholds: {matching: {match: 0.5}}")
     values = {"base": str(tmp_path / "mine.yaml"), "static": {"num_objects": 7}}

@@ -127,6 +127,15 @@ def test_a_frame_that_grows_finds_its_room_made(looks_ahead, monkeypatch):
     assert seen == follow(roomy)
 
 
+def test_a_start_below_what_the_first_frame_needs_begins_with_that():
+    static = {"num_detections": 1, "num_objects": 1, "num_pending": 4}
+    tracker = Tracker({"tracker": "plus", "static": static})
+    for image, labels in frames(2):
+        tracker.update(image, labels)
+    assert (tracker.static.num_detections, tracker.static.num_objects) == (4, 8)
+    assert len(tracker._memory.frame_step._prepared) == 1
+
+
 def test_a_run_prepares_no_reserve(looks_ahead, monkeypatch):
     monkeypatch.setattr(ahead, "SETTLED_S", 0.0)
     static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
