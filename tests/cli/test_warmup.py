@@ -22,9 +22,13 @@ def folder(tmp_path, monkeypatch):
     clear_programs()
 
 
+def words(size: str) -> tuple[str, ...]:
+    return "warmup", size, "--objects", "0", "--set", *scenes.STATIC
+
+
 def test_what_was_warmed_up_is_loaded_later(command, folder):
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
-    done = command("warmup", size, "--objects", "0", "--set", *scenes.STATIC)
+    done = command(*words(size), "--detections", "0")
     assert done.code == 0, done.stderr
     assert size in done.stdout
     assert str(folder) in done.stdout
@@ -39,8 +43,7 @@ def test_what_was_warmed_up_is_loaded_later(command, folder):
 
 def test_it_says_for_how_many_and_prepares_the_way_there(command, folder):
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
-    words = ("warmup", size, "--objects", "0", "--tracker", "bank", "--set", *scenes.STATIC)
-    done = command(*words, "--detections", "6")
+    done = command(*words(size), "--tracker", "bank", "--detections", "6")
     assert "for up to 8 detections in a frame and 6 objects" in done.stdout
     made = sorted(folder.iterdir())
 
@@ -64,5 +67,5 @@ def test_a_size_that_is_none_is_refused(command, size):
 def test_nothing_is_kept_if_so_wished(command, monkeypatch):
     monkeypatch.setenv(kept.VARIABLE, "off")
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
-    done = command("warmup", size, "--objects", "0", "--set", *scenes.STATIC)
+    done = command(*words(size), "--detections", "0")
     assert "nothing is kept" in done.stdout
