@@ -80,6 +80,8 @@ def open_source(path: str | Path) -> WeightSource:
     if path.suffix in PICKLED_SUFFIXES:
         try:
             tensors = _as_stored(read_pickled(path))
+        except WeightsError:
+            raise
         except (RecursionError, ValueError) as error:  # it holds itself, or a name beyond measure
             raise WeightsError(
                 f"'{path}' is no dictionary of tensors: {first_line(error)}"

@@ -123,7 +123,10 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path):
     told = refusal(path)
     assert tracemalloc.get_traced_memory()[1] < 8 << 20
     tracemalloc.stop()
-    assert "is compressed" in told
+    with pytest.raises(WeightsError) as caught:
+        open_source(path)
+    assert str(caught.value) == told
+    assert told.startswith(f"'{path}' is compressed")
 
 
 def test_truncated_file(tmp_path):
