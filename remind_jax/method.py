@@ -1,7 +1,8 @@
 """Trackers by name: what turns features and masks into identities, found without importing any.
 
-Every method has the contract of `remind_jax.remind.tracker`: `init(static)` makes an empty
-memory, the pure `step` takes it from one frame to the next. All run with the same outputs.
+A method is three pure functions: `init` makes an empty memory, `describe` says what a frame looks
+like, `decide` takes the memory to the next frame. Runs, live trackers and sweeps call these and
+nothing else, so that a function put around one of them counts everywhere.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import jax
 import numpy as np
 
 from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.observation import AnyFeats, Masks
 from remind_jax.static import Static
 
 PAPER_METHOD = "remind"  # the published one; that of a `Config()` that names none
@@ -32,35 +34,98 @@ SHARED_STATIC = (
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class StepHalves:
-    """A step taken apart, so that settings of a sweep share what frames look like to all of them.
+class Needs:
+    """What a method reads of images and masks."""
 
-    Threshold names are dotted, below `thresholds`; a section stands for all that it holds.
+    # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
+    # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in: a pytree of
+    # arrays whose shapes never change. The previous one is None in the first frame, both are None
+    # where frames come as features. Left out, `observed` is None.
+    observe: Callable[[Any, Any], Any] | None = None
+    # Whether parts come from attention between the patches of a frame: `wants_attention(static)`;
+    # left out, they do not.
+    wants_attention: Callable[[Static], bool] | None = None
+    # How gaps between masks are measured, as options of `masks.reduction.reduce_masks`:
+    # `gap_options(thresholds)`; left out, no gap is.
+    gap_options: Callable[[Any], dict[str, float]] | None = None
+    # How many patches beyond those that a mask covers it reads features, diagonally as well; those
+    # of others may be zero. Left out, it reads all.
+    patch_reach: int | None = None
+    # Whether it also takes `observation.CloseupFeats`, of detections each in a picture of its own,
+    # instead of features of the frame; and whether it does so of itself where they cost little.
+    reads_closeups: bool = False
+    prefers_closeups: bool = False
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Host:
+    """What the shell asks of a method beside its steps, on the host; whatever may be left out."""
+
+    # `grow(state, empty)` moves a memory into the arrays of a larger, empty one; left out, each
+    # goes to the start of its larger one.
+    grow: Callable[[Any, Any], Any] | None = None
+    # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
+    # more will be needed (also called under `jit`); left out, objects are counted.
+    occupied: Callable[[Any], tuple[Any, Any]] | None = None
+    # "module:class" of the `explanation.explainer.Explainer` of its traces, imported when needed.
+    explainer_name: str | None = None
+    # Objects that turned out to be others in the last frame: `merges(state)` gives pairs of ids,
+    # the one that is gone and the one that it is.
+    merges: Callable[[Any], list[tuple[int, int]]] | None = None
+    # `delayed(delay)` makes what revises answers that wait: an object with `evidence(state)`, what
+    # it needs of a memory as `json` can write it,
+    # `push(frame, tracks, evidence) -> [(frame, tracks), ...]`, and `flush()`, which gives the
+    # rest.
+    delayed: Callable[[int], Any] | None = None
+    # `remove(state, empty, ids)` takes objects out of memory, with all that only they left behind;
+    # `empty` is the memory without any. Left out, it cannot.
+    remove: Callable[[Any, Any, np.ndarray], Any] | None = None
+    # Ids that were answered for what is no object in memory yet, `coming_ids(state)`.
+    coming_ids: Callable[[Any], Iterable[int]] | None = None
+    # Phrases about what is wrong with a memory that was read from a file, `find_faults(state)`,
+    # beyond what holds for every method (`session.memory_checks`).
+    find_faults: Callable[[Any], Iterable[str]] | None = None
+    # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
+    # capacities that take too much are refused. Left out, all are tried.
+    count_bytes: Callable[[Static], int] | None = None
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sweeping:
+    """What settings of a sweep may share.
+
+    Names of settings are dotted, below `thresholds`; a section stands for all that it holds.
     """
 
-    # `describe(frame_feats, masks, observed, *, static, thresholds) -> seen`, a pytree of arrays;
-    # `observed` is None where the method observes nothing.
-    describe: Callable[..., Any]
-    # `decide(state, seen, *, static, thresholds) -> state`; nothing may overflow for `seen` of
-    # zeros only, which fills up the frames of a scene.
-    decide: Callable[..., Any]
-    # As `decide`, giving `(state, trace)`; left out, a trace takes the whole `step_traced`.
-    decide_traced: Callable[..., tuple[Any, Any]] | None = None
-    # Thresholds that `describe` reads; settings that agree on them share what it returns.
-    described_by: tuple[str, ...] = ()
-    # Thresholds that the reduction of masks reads; the largest value of all settings serves all.
+    # Settings that `describe` reads; those that agree on them share what it returns. None: any.
+    described_by: tuple[str, ...] | None = None
+    # Settings that the reduction of masks reads; the largest value of all serves all.
     reduced_by: tuple[str, ...] = ()
     # On a CPU settings go one after the other inside the program, which rounds as the step alone
     # does; side by side, sums have another order. For a method that is no slower for it.
     in_turn_on_cpu: bool = False
 
 
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Seen:
+    """A frame as it comes: what `decide` is given by a method that describes nothing first."""
+
+    frame_feats: AnyFeats
+    masks: Masks
+    observed: Any
+
+
+def see(
+    frame_feats: AnyFeats, masks: Masks, observed: Any, *, static: Static, thresholds: Any
+) -> Seen:
+    """Hands a frame over."""
+    return Seen(frame_feats, masks, observed)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Method:
-    """A tracker as pure functions.
-
-    `step(state, frame_feats, masks, *, static, thresholds) -> state`, and with `observe` one more
-    argument: `observed`, a pytree of arrays whose shapes never change.
+    """A tracker as pure functions: `jit` (with `static` static), `vmap` and `scan` apply.
 
     The memory is a pytree of arrays in which a run reads `objects.id` `[O]` (-1 in free slots),
     `next_id` (no object had that id or a higher one), `frame` (frames processed so far, the number
@@ -70,64 +135,58 @@ class Method:
     """
 
     name: str
-    thresholds: Callable[[], Any]  # published values of its numbers: a dataclass that is a pytree
-    init: Callable[[Static], Any]
-    step: Callable[..., Any]
-    # On the host: `grow(state, empty)` moves a memory into the arrays of a larger, empty one; left
-    # out, each goes to the start of its larger one.
-    grow: Callable[[Any, Any], Any] | None = None
-    # Slots that are in use, `occupied(state) -> (objects, pending)`, by which a run foresees that
-    # more will be needed; left out, objects are counted.
-    occupied: Callable[[Any], tuple[Any, Any]] | None = None
-    # As `step`, giving `(state, trace)`, the trace a pytree of arrays; left out, there is none.
-    step_traced: Callable[..., tuple[Any, Any]] | None = None
-    # "module:class" of the `explanation.explainer.Explainer` of these traces, imported when needed.
-    explainer_name: str | None = None
-    # On the host, ahead of the step: `observe(previous_image, image) -> observed` from two
-    # consecutive frames, uint8 RGB [H, W, 3] in the pixels that boxes are given in. The
-    # previous one is None in the first frame, both are None where frames come as features.
-    observe: Callable[[Any, Any], Any] | None = None
-    # Whether parts come from attention between the patches of a frame: `wants_attention(static)`;
-    # left out, they do not.
-    wants_attention: Callable[[Static], bool] | None = None
-    # How gaps between masks are measured, as options of `masks.reduction.reduce_masks`:
-    # `gap_options(thresholds)`; left out, no gap is.
-    gap_options: Callable[[Any], dict[str, float]] | None = None
+    settings: Callable[[], Any]  # published values of its numbers: a dataclass that is a pytree
+    init: Callable[[Static], Any]  # an empty memory of these capacities
+    # `decide(state, seen, *, static, thresholds) -> (state, trace)`: who is who, and what is
+    # remembered of it. The trace is a pytree of arrays, what decisions were made of, or None;
+    # where nobody reads it, the compiler leaves it out. Nothing may overflow for `seen` of zeros
+    # only, which fills up the frames of a scene.
+    decide: Callable[..., tuple[Any, Any]]
+    # `describe(frame_feats, masks, observed, *, static, thresholds) -> seen`, a pytree of arrays:
+    # what a frame looks like, whatever is remembered. `static` counts no objects there.
+    describe: Callable[..., Any] = see
+    needs: Needs = Needs()
+    host: Host = Host()
+    sweeping: Sweeping = Sweeping()
     # Switches of `Static` that it reads beside `SHARED_STATIC`; choosing another one is refused.
     static_fields: tuple[str, ...] = ()
-    # Objects that turned out to be others in the last frame: `merges(state)` gives pairs of ids,
-    # the one that is gone and the one that it is.
-    merges: Callable[[Any], list[tuple[int, int]]] | None = None
-    # `delayed(delay)` makes what revises answers that wait: an object with `evidence(state)`, what
-    # it needs of a memory as `json` can write it,
-    # `push(frame, tracks, evidence) -> [(frame, tracks), ...]`, and `flush()`, which gives the
-    # rest.
-    delayed: Callable[[int], Any] | None = None
-    # On the host: `remove(state, empty, ids)` takes objects out of memory, with all that only they
-    # left behind; `empty` is the memory without any. Left out, it cannot.
-    remove: Callable[[Any, Any, np.ndarray], Any] | None = None
-    # On the host: ids that were answered for what is no object in memory yet, `coming_ids(state)`.
-    coming_ids: Callable[[Any], Iterable[int]] | None = None
-    # On the host: phrases about what is wrong with a memory that was read from a file,
-    # `find_faults(state)`, beyond what holds for every method (`session.memory_checks`).
-    find_faults: Callable[[Any], Iterable[str]] | None = None
-    # The same step in two halves; left out, the method cannot be swept.
-    halves: StepHalves | None = None
-    # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
-    # capacities that take too much are refused. Left out, all are tried.
-    count_bytes: Callable[[Static], int] | None = None
-    # How many patches beyond those that a mask covers it reads features, diagonally as well; those
-    # of others may be zero. Left out, it reads all.
-    patch_reach: int | None = None
-    # Whether it also takes `observation.CloseupFeats`, of detections each in a picture of its own,
-    # instead of features of the frame; and whether it does so of itself where they cost little.
-    reads_closeups: bool = False
-    prefers_closeups: bool = False
+
+    def step(
+        self,
+        state: Any,
+        frame_feats: AnyFeats,
+        masks: Masks,
+        observed: Any = None,
+        *,
+        static: Static,
+        thresholds: Any = None,
+    ) -> Any:
+        """The memory after a frame, with `decisions` about it; whoever runs a method does this.
+
+        Args:
+          state: Memory before the frame, from `init` or an earlier step.
+          frame_feats: Patch features of the frame, or of closeups of its detections.
+          masks: Its detections.
+          observed: What `needs.observe` gave for it.
+          static: Capacities; those that `state` was made with.
+          thresholds: Its numbers; the published ones if left out.
+
+        Returns:
+          If the frame needs more slots than there are, only `overflow` is changed.
+        """
+        thresholds = self.settings() if thresholds is None else thresholds
+        options = {"static": static, "thresholds": thresholds}
+        seen = self.describe(frame_feats, masks, observed, **options)
+        return self.decide(state, seen, **options)[0]
 
     @property
     def explainer(self) -> Any:
         """The class that explains the traces of a run; None if there is none."""
-        return None if self.explainer_name is None else _import_attribute(self.explainer_name)
+        return (
+            None
+            if self.host.explainer_name is None
+            else _import_attribute(self.host.explainer_name)
+        )
 
     def check_static(self, names: Iterable[str]) -> None:
         """Makes sure that the switches that a configuration chose are read.
@@ -157,7 +216,7 @@ class Method:
         # On the host, where reading a column compiles nothing: a frame waits for this.
         state = jax.device_get(state)
         empty = self.make_empty(static) if empty is None else empty
-        return (self.grow or extend)(state, empty)
+        return (self.host.grow or extend)(state, empty)
 
     def forget(self, state: Any, object_ids: Iterable[int], static: Static) -> Any:
         """The memory without these objects, on the host; ids that it does not have are left out.
@@ -165,24 +224,24 @@ class Method:
         Raises:
           ConfigError: If this method cannot do so.
         """
-        if self.remove is None:
+        if self.host.remove is None:
             raise ConfigError(
                 f"tracker '{self.name}' cannot forget single objects; start without the memory"
             )
         state, empty = jax.device_get((state, self.init(static)))
-        return self.remove(state, empty, np.array(list(object_ids), int))
+        return self.host.remove(state, empty, np.array(list(object_ids), int))
 
     def known_ids(self, state: Any) -> set[int]:
         """Ids of all objects in memory, and of those that are coming to be."""
         # On the host: of arrays on a device, a program would be compiled for every column.
         state = jax.device_get(state)
-        coming = () if self.coming_ids is None else self.coming_ids(state)
+        coming = () if self.host.coming_ids is None else self.host.coming_ids(state)
         return {int(one) for one in (*state.objects.id, *coming) if one >= 0}
 
     def count_occupied(self, state: Any) -> tuple[Any, Any]:
         """Slots of objects and of pending tracks that are in use."""
-        if self.occupied is not None:
-            return self.occupied(state)
+        if self.host.occupied is not None:
+            return self.host.occupied(state)
         return (state.objects.id >= 0).sum(), 0
 
 
@@ -214,13 +273,17 @@ _methods: dict[str, Method | str] = {
     "iou": "remind_jax.baselines.iou:METHOD",
 }
 
+# Configurations that are a method with its published numbers.
+_CONFIGURED = {"default": "plus", "published": PAPER_METHOD}
+
 
 def get_method(name: str) -> Method:
-    """Gives a method by name.
+    """Gives a method by name, or by that of the configuration `default` or `published`.
 
     Raises:
       ConfigError: If there is no such method.
     """
+    name = _CONFIGURED.get(name, name)
     if name not in _methods:
         raise ConfigError(f"there is no tracker {name!r}; {nearest_names(name, _methods)}")
     method = _methods[name]

@@ -10,6 +10,7 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
@@ -88,6 +89,12 @@ class Masks:
     detector_score: Float[AnyArray, "N"]  # [0, 1]
     relations: MaskRelations  # between every two of them
     valid: Bool[AnyArray, "N"]
+
+
+def without_coverage(masks: Masks) -> Masks:
+    """Masks for what reads no patches: the largest of their arrays are left empty."""
+    nothing = jnp.zeros((len(masks.valid), 0, 0), jnp.float32)
+    return dataclasses.replace(masks, coverage=nothing, filled_coverage=nothing)
 
 
 def coverage_of(frame_feats: AnyFeats, masks: Masks) -> Float[AnyArray, "N Hp Wp"]:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from remind_jax.baselines.masked_mean import look
+from remind_jax.baselines.masked_mean import LookedAt, describe
 from remind_jax.baselines.scene_memory import (
     Matching,
     SceneMemory,
@@ -23,11 +23,10 @@ from remind_jax.baselines.scene_memory import (
     remove_objects,
     same_class,
 )
-from remind_jax.method import Method
+from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.array_faults import not_unit, outside
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
-from remind_jax.observation import AnyFeats, Masks
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.solvers.assignment import assign
@@ -60,16 +59,11 @@ def init(static: Static) -> SceneMemory:
     return empty_memory(static, views)
 
 
-def step(
-    state: SceneMemory,
-    frame_feats: AnyFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: BankThresholds,
-) -> SceneMemory:
+def decide(
+    state: SceneMemory, seen: LookedAt, *, static: Static, thresholds: BankThresholds
+) -> tuple[SceneMemory, None]:
     """Maximizes the summed cosine with the most similar views, class by class; the rest is new."""
-    looks = look(frame_feats, masks)
+    looks, masks = seen.looks, seen.masks
     views: Views = state.looks
     each = dot(looks.vector, views.vector.reshape(-1, views.vector.shape[-1]))
     each = each.reshape(-1, *views.weight.shape)
@@ -89,7 +83,7 @@ def step(
         )
 
     matching = Matching(score, allowed, column, looks.valid, looks.valid)
-    return conclude(state, masks, matching, learn, static, looks.num_bad_patches)
+    return conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
 
 
 def _add_view(
@@ -130,9 +124,9 @@ METHOD = Method(
     "bank",
     BankThresholds,
     init,
-    step,
-    remove=remove_objects,
-    find_faults=_find_faults,
-    patch_reach=0,
-    reads_closeups=True,
+    decide,
+    describe,
+    Needs(patch_reach=0, reads_closeups=True),
+    Host(remove=remove_objects, find_faults=_find_faults),
+    Sweeping(described_by=()),
 )

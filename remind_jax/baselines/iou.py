@@ -10,6 +10,7 @@ Letters: `O` object slots.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,10 +26,10 @@ from remind_jax.baselines.scene_memory import (
     remove_objects,
     same_class,
 )
-from remind_jax.method import Method
+from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.constant_arrays import zeros
-from remind_jax.observation import FrameFeats, Masks
+from remind_jax.observation import AnyFeats, Masks, without_coverage
 from remind_jax.settings.kinds import Real, Whole
 from remind_jax.settings.record import setting
 from remind_jax.solvers.assignment import assign
@@ -59,14 +60,16 @@ def init(static: Static) -> SceneMemory:
     return empty_memory(static, LastBoxes(zeros((static.num_objects, 4))))
 
 
-def step(
-    state: SceneMemory,
-    frame_feats: FrameFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: IouThresholds,
-) -> SceneMemory:
+def describe(
+    frame_feats: AnyFeats, masks: Masks, observed: Any, *, static: Static, thresholds: IouThresholds
+) -> Masks:
+    """Boxes say it all."""
+    return without_coverage(masks)
+
+
+def decide(
+    state: SceneMemory, masks: Masks, *, static: Static, thresholds: IouThresholds
+) -> tuple[SceneMemory, None]:
     """Maximizes the summed overlap with the last boxes, class by class; the rest is new."""
     state = _forget(state, thresholds)
     boxes = jnp.asarray(masks.box, jnp.float32)
@@ -80,7 +83,7 @@ def step(
         return LastBoxes(last.box.at[slot].set(boxes, mode="drop"))
 
     matching = Matching(score, allowed, column, masks.valid, masks.valid)
-    return conclude(state, masks, matching, learn, static)
+    return conclude(state, masks, matching, learn, static), None
 
 
 def _forget(state: SceneMemory, thresholds: IouThresholds) -> SceneMemory:
@@ -92,5 +95,12 @@ def _forget(state: SceneMemory, thresholds: IouThresholds) -> SceneMemory:
 
 
 METHOD = Method(
-    "iou", IouThresholds, init, step, remove=remove_objects, find_faults=find_faults, patch_reach=0
+    "iou",
+    IouThresholds,
+    init,
+    decide,
+    describe,
+    Needs(patch_reach=0),
+    Host(remove=remove_objects, find_faults=find_faults),
+    Sweeping(described_by=()),
 )

@@ -6,14 +6,18 @@ Letters: `N` detection slots, `D` feature dimension.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.pooling import pool_patches, to_unit
-from remind_jax.observation import AnyFeats, Masks, coverage_of
+from remind_jax.observation import AnyFeats, Masks, coverage_of, without_coverage
+from remind_jax.static import Static
 
 
+@jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class Looks:
     """What the detections of a frame look like."""
@@ -21,6 +25,22 @@ class Looks:
     vector: Float[Array, "N D"]  # unit length, zero where not valid
     valid: Bool[Array, "N"]
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class LookedAt:
+    """A frame whose detections are known by their looks."""
+
+    looks: Looks
+    masks: Masks  # without patch coverage
+
+
+def describe(
+    frame_feats: AnyFeats, masks: Masks, observed: Any, *, static: Static, thresholds: Any
+) -> LookedAt:
+    """Looks at each detection, whatever the settings."""
+    return LookedAt(look(frame_feats, masks), without_coverage(masks))
 
 
 def look(frame_feats: AnyFeats, masks: Masks) -> Looks:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.baselines.boxes import box_iou
-from remind_jax.baselines.masked_mean import Looks, look
+from remind_jax.baselines.masked_mean import LookedAt, Looks, describe
 from remind_jax.baselines.scene_memory import (
     Matching,
     SceneMemory,
@@ -27,10 +27,10 @@ from remind_jax.baselines.scene_memory import (
     remove_objects,
     same_class,
 )
-from remind_jax.method import Method
+from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
-from remind_jax.observation import AnyFeats, Masks
+from remind_jax.observation import Masks
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.static import Static
@@ -67,16 +67,11 @@ def init(static: Static) -> SceneMemory:
     return empty_memory(static, Embeddings(zeros((static.num_objects, static.feature_dim))))
 
 
-def step(
-    state: SceneMemory,
-    frame_feats: AnyFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: MomentumThresholds,
-) -> SceneMemory:
+def decide(
+    state: SceneMemory, seen: LookedAt, *, static: Static, thresholds: MomentumThresholds
+) -> tuple[SceneMemory, None]:
     """Matches by bidirectional softmax and cosine, surest detections first."""
-    t, looks = thresholds, look(frame_feats, masks)
+    t, looks, masks = thresholds, seen.looks, seen.masks
     detector_score = jnp.asarray(masks.detector_score, jnp.float32)
     considered = looks.valid & ~_find_distractors(masks, detector_score, t)
     score = _compare(state, looks, considered, t)
@@ -92,7 +87,7 @@ def step(
         return Embeddings(known.vector.at[slot].set(new, mode="drop"))
 
     matching = Matching(score, allowed, column, starts, considered)
-    return conclude(state, masks, matching, learn, static, looks.num_bad_patches)
+    return conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
 
 
 def _compare(
@@ -151,9 +146,9 @@ METHOD = Method(
     "momentum",
     MomentumThresholds,
     init,
-    step,
-    remove=remove_objects,
-    find_faults=find_faults,
-    patch_reach=0,
-    reads_closeups=True,
+    decide,
+    describe,
+    Needs(patch_reach=0, reads_closeups=True),
+    Host(remove=remove_objects, find_faults=find_faults),
+    Sweeping(described_by=()),
 )

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from remind_jax.baselines.masked_mean import look
+from remind_jax.baselines.masked_mean import LookedAt, describe
 from remind_jax.baselines.scene_memory import (
     Matching,
     SceneMemory,
@@ -23,11 +23,10 @@ from remind_jax.baselines.scene_memory import (
     remove_objects,
     same_class,
 )
-from remind_jax.method import Method
+from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.numerics.array_faults import outside
 from remind_jax.numerics.constant_arrays import zeros
 from remind_jax.numerics.pooling import dot, to_unit
-from remind_jax.observation import AnyFeats, Masks
 from remind_jax.settings.kinds import Real
 from remind_jax.settings.record import setting
 from remind_jax.solvers.greedy import assign_greedily
@@ -57,16 +56,11 @@ def init(static: Static) -> SceneMemory:
     return empty_memory(static, Means(zeros((num, dim)), zeros(num, np.int32)))
 
 
-def step(
-    state: SceneMemory,
-    frame_feats: AnyFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: RunningMeanThresholds,
-) -> SceneMemory:
+def decide(
+    state: SceneMemory, seen: LookedAt, *, static: Static, thresholds: RunningMeanThresholds
+) -> tuple[SceneMemory, None]:
     """Matches by falling cosine with the mean of all earlier views; who is left is new."""
-    looks = look(frame_feats, masks)
+    looks, masks = seen.looks, seen.masks
     score = dot(looks.vector, to_unit(state.looks.vector))
     allowed = same_class(state, masks) & looks.valid[:, None]
     least = jnp.full(len(masks.valid), thresholds.match, jnp.float32)
@@ -82,7 +76,7 @@ def step(
         )
 
     matching = Matching(score, allowed, column, looks.valid, looks.valid)
-    return conclude(state, masks, matching, learn, static, looks.num_bad_patches)
+    return conclude(state, masks, matching, learn, static, looks.num_bad_patches), None
 
 
 def _find_faults(state: SceneMemory) -> Iterator[str]:
@@ -95,9 +89,9 @@ METHOD = Method(
     "running-mean",
     RunningMeanThresholds,
     init,
-    step,
-    remove=remove_objects,
-    find_faults=_find_faults,
-    patch_reach=0,
-    reads_closeups=True,
+    decide,
+    describe,
+    Needs(patch_reach=0, reads_closeups=True),
+    Host(remove=remove_objects, find_faults=_find_faults),
+    Sweeping(described_by=()),
 )

@@ -151,8 +151,7 @@ class _Describer:
 def _describe(
     method: Method, static: Static, feats: FrameFeats, masks: Masks, thresholds: Any
 ) -> Descriptors:
-    assert method.halves is not None
-    seen = method.halves.describe(feats, masks, None, static=static, thresholds=thresholds)
+    seen = method.describe(feats, masks, None, static=static, thresholds=thresholds)
     return seen.descriptors
 
 

@@ -61,22 +61,16 @@ def settle_types(state: Any) -> Any:
 
 
 class FrameStep:
-    """The step of one method, compiled for whatever sizes it is given.
-
-    Results are those of `method.step`.
-    """
+    """The step of one method, `describe` and `decide`, compiled for whatever sizes it is given."""
 
     def __init__(self, method: Method, *, traced: bool = False) -> None:
         """Compiles nothing yet.
 
         Args:
-          method: Its `halves` are two programs; its `step` is one, where it has none.
+          method: A method.
           traced: Give the trace of the decisions as well.
         """
         self._method, self._is_traced = method, traced
-        self._halves = method.halves
-        if traced and (self._halves is None or self._halves.decide_traced is None):
-            self._halves = None
         self._prepared: dict[Any, _Programs] = {}
 
     def __call__(
@@ -90,10 +84,9 @@ class FrameStep:
         leaves, structure = jax.tree.flatten(frame_input)
         programs = self._programs(leaves, structure, static)
         state_leaves, state_structure = jax.tree.flatten(state)
-        if programs.describe is not None:
-            seen = programs.describe(*leaves)
-            leaves = [*seen, *jax.tree.leaves(frame_input.thresholds)]
-        answer = programs.decide(*state_leaves, *leaves)
+        seen = programs.describe(*leaves)
+        placed = jax.tree.leaves(frame_input.thresholds)
+        answer = programs.decide(*state_leaves, *seen, *placed)
         state_leaves, rest = answer[: len(state_leaves)], answer[len(state_leaves) :]
         types = programs.readout.vector_types
         readout = Packed(dict(zip(types, rest, strict=False)), programs.readout)
@@ -108,8 +101,7 @@ class FrameStep:
 
     def programs(self) -> list[Program]:
         """Those made so far."""
-        made = (one for both in self._prepared.values() for one in (both.describe, both.decide))
-        return [program for program in made if program is not None]
+        return [one for both in self._prepared.values() for one in (both.describe, both.decide)]
 
     def _programs(self, leaves: list[Any], structure: Any, static: Static) -> _Programs:
         key = (structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), static)
@@ -119,26 +111,20 @@ class FrameStep:
         return found
 
     def _make(self, structure: Any, shapes: Any, static: Static) -> _Programs:
-        method, halves = self._method, self._halves
+        method = self._method
         state = jax.eval_shape(functools.partial(method.init, static))  # takes no memory
         readout = jax.eval_shape(functools.partial(_read_out, method), state)
         example: FrameInput = jax.tree.unflatten(structure, shapes)
-        if halves is None:
-            step: Any = method.step_traced if self._is_traced else method.step
-            decide = self._decide_program(
-                functools.partial(_step_whole, step, static), step, state, example, static
-            )
-            return _Programs(None, decide, Layout.of(readout), self._trace_structure(decide))
         # What a frame looks like does not depend on how much is remembered.
         own = dataclasses.replace(static, num_objects=1, num_pending=1)
-        describe = functools.partial(_describe, halves.describe, own)
+        describe = functools.partial(_describe, method.describe, own)
         described = get_program(
             Recipe(
                 "describe",
                 lambda *leaves: describe(jax.tree.unflatten(structure, leaves)),
                 shapes,
-                (identify(halves.describe), own, structure),
-                is_kept=self._is_kept(halves.describe, static),
+                (identify(method.describe), own, structure),
+                is_kept=self._is_kept(method.describe, static),
             )
         )
 
@@ -146,21 +132,18 @@ class FrameStep:
         def seen_structure() -> Any:
             return described.structure or jax.tree.structure(jax.eval_shape(describe, example))
 
-        half = halves.decide_traced if self._is_traced else halves.decide
-        assert half is not None
-
         def decide_seen(state: Any, given: tuple[tuple, Packed]) -> Any:
             seen = jax.tree.unflatten(seen_structure(), given[0])
-            return half(state, seen, static=static, thresholds=given[1].unpack())
+            return method.decide(state, seen, static=static, thresholds=given[1].unpack())
 
         given = (described.outputs, example.thresholds)
-        decide = self._decide_program(decide_seen, half, state, given, static)
-        return _Programs(described, decide, Layout.of(readout), self._trace_structure(decide))
+        decide = self._decide_program(decide_seen, state, given, static)
+        trace_structure = decide.structure.children()[2] if self._is_traced else None
+        return _Programs(described, decide, Layout.of(readout), trace_structure)
 
     def _decide_program(
         self,
-        run: Callable[[Any, Any], Any],
-        function: Callable[..., Any],
+        run: Callable[[Any, Any], tuple[Any, Any]],
         state: Any,
         given: Any,
         static: Static,
@@ -171,27 +154,28 @@ class FrameStep:
 
         def on_leaves(*leaves: Any) -> Any:
             before = jax.tree.unflatten(state_structure, leaves[: len(state_shapes)])
-            answer = run(before, jax.tree.unflatten(given_structure, leaves[len(state_shapes) :]))
-            after, trace = answer if self._is_traced else (answer, None)
+            given = jax.tree.unflatten(given_structure, leaves[len(state_shapes) :])
+            after, trace = run(before, given)
             after = jax.tree.map(
                 lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
             )
-            return after, Packed.of(_read_out(self._method, after)), trace
+            return (
+                after,
+                Packed.of(_read_out(self._method, after)),
+                trace if self._is_traced else None,
+            )
 
         return get_program(
             Recipe(
                 "decide",
                 on_leaves,
                 (*state_shapes, *shapes_of(given_leaves)),
-                (identify(function), static, given_structure),
+                (identify(self._method.decide), self._is_traced, static, given_structure),
                 num_donated=len(state_shapes),
                 # The structure of a trace is not kept.
-                is_kept=self._is_kept(function, static) and not self._is_traced,
+                is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
             )
         )
-
-    def _trace_structure(self, decide: Program) -> Any:
-        return decide.structure.children()[2] if self._is_traced else None
 
     def _is_kept(self, function: Callable[..., Any], static: Static) -> bool:
         """A program that calls the host holds pointers into this process."""
@@ -202,7 +186,7 @@ class FrameStep:
 class _Programs:
     """Those for one size of inputs and capacities."""
 
-    describe: Program | None  # None: `decide` does it all
+    describe: Program
     decide: Program
     readout: Layout
     trace_structure: Any
@@ -212,15 +196,6 @@ def _describe(describe: Callable[..., Any], static: Static, frame_input: FrameIn
     masks, observed = frame_input.given.unpack()
     thresholds = frame_input.thresholds.unpack()
     return describe(frame_input.frame_feats, masks, observed, static=static, thresholds=thresholds)
-
-
-def _step_whole(
-    step: Callable[..., Any], static: Static, state: Any, frame_input: FrameInput
-) -> Any:
-    masks, observed = frame_input.given.unpack()
-    more = {} if observed is None else {"observed": observed}
-    thresholds = frame_input.thresholds.unpack()
-    return step(state, frame_input.frame_feats, masks, static=static, thresholds=thresholds, **more)
 
 
 def _read_out(method: Method, state: Any) -> Readout:

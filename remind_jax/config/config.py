@@ -243,7 +243,7 @@ def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Conf
 
 def _neutral(tracker: str) -> Config:
     """A tracker with everything as published."""
-    return Config(tracker=tracker, thresholds=get_method(tracker).thresholds())
+    return Config(tracker=tracker, thresholds=get_method(tracker).settings())
 
 
 def _as_tracker(name: Any, origin: str) -> str:

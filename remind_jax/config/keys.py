@@ -120,7 +120,7 @@ def _owners(name: str, tracker: str) -> list[str]:
 
 
 def _thresholds_of(tracker: str) -> list[str]:
-    return [key for key, _ in flatten_fields(get_method(tracker).thresholds())]
+    return [key for key, _ in flatten_fields(get_method(tracker).settings())]
 
 
 def _say_owners(name: str, owners: list[str], tracker: str, origin: str) -> str:

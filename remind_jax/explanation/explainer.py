@@ -18,7 +18,7 @@ from remind_jax.tracks import Tracks
 
 
 class Explainer(abc.ABC, Generic[Record]):
-    """Explains decisions of one run; a method names its own as `Method.explainer_name`."""
+    """Explains decisions of one run; a method names its own as `Host.explainer_name`."""
 
     RECORD: ClassVar[type]  # what is kept of a frame
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.method import Method, StepHalves
+from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.observation import AnyFeats, Masks
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
@@ -18,7 +18,7 @@ from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
 from remind_jax.plus.state import PlusState, Verdicts, init
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.plus.tracker import advance, step, step_traced
+from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
 
 
@@ -40,25 +40,18 @@ def describe_frame(
     static: Static,
     thresholds: PlusThresholds,
 ) -> SeenFrame:
-    """Pools looks and brings lengths to frame units, as `tracker.step` does first."""
+    """Pools looks and brings lengths to frame units."""
     unit_patches = thresholds.as_arrays().looks.unit_patches
     return SeenFrame(*observe(frame_feats, masks, observed, unit_patches), jnp.asarray(masks.valid))
 
 
-def decide_seen(
-    state: PlusState, seen: SeenFrame, *, static: Static, thresholds: PlusThresholds
-) -> PlusState:
-    """Decides who is who and remembers it."""
-    return advance(
-        state, seen.sightings, seen.motion, seen.present, static=static, thresholds=thresholds
-    )
-
-
-def decide_seen_traced(
+def decide(
     state: PlusState, seen: SeenFrame, *, static: Static, thresholds: PlusThresholds
 ) -> tuple[PlusState, Verdicts]:
-    """As `decide_seen`, with the trace of every decision."""
-    after = decide_seen(state, seen, static=static, thresholds=thresholds)
+    """Decides who is who and remembers it; the trace is part of the memory."""
+    after = advance(
+        state, seen.sightings, seen.motion, seen.present, static=static, thresholds=thresholds
+    )
     return after, after.verdicts
 
 
@@ -71,25 +64,20 @@ METHOD = Method(
     "plus",
     PlusThresholds,
     init,
-    step,
-    occupied=count_occupied,
-    count_bytes=count_bytes,
-    observe=observe_motion,
-    merges=find_merges,
-    delayed=DelayedAnswers,
-    remove=remove_objects,
-    coming_ids=coming_ids,
-    find_faults=find_faults,
-    step_traced=step_traced,
-    explainer_name="remind_jax.explanation.plus.explainer:PlusExplainer",
-    halves=StepHalves(
-        describe_frame,
-        decide_seen,
-        decide_seen_traced,
-        described_by=("looks.unit_patches",),
-        in_turn_on_cpu=True,
+    decide,
+    describe_frame,
+    Needs(
+        observe=observe_motion, patch_reach=RING_PATCHES, reads_closeups=True, prefers_closeups=True
     ),
-    patch_reach=RING_PATCHES,
-    reads_closeups=True,
-    prefers_closeups=True,
+    Host(
+        occupied=count_occupied,
+        explainer_name="remind_jax.explanation.plus.explainer:PlusExplainer",
+        merges=find_merges,
+        delayed=DelayedAnswers,
+        remove=remove_objects,
+        coming_ids=coming_ids,
+        find_faults=find_faults,
+        count_bytes=count_bytes,
+    ),
+    Sweeping(described_by=("looks.unit_patches",), in_turn_on_cpu=True),
 )

@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Int
 from remind_jax.decision import Outcome, Overflow
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
-from remind_jax.observation import AnyFeats, Masks
 from remind_jax.plus.answers import conclude, report
 from remind_jax.plus.decision import decide, learn_familiarity
 from remind_jax.plus.evidence import (
@@ -43,7 +42,7 @@ from remind_jax.plus.linking import (
     link,
 )
 from remind_jax.plus.motion_check import check_motion
-from remind_jax.plus.observation import Motion, Sightings, observe
+from remind_jax.plus.observation import Motion, Sightings
 from remind_jax.plus.own_movement import first_speed, learn_speeds, mobility_of
 from remind_jax.plus.scene_map import (
     center_variance,
@@ -53,56 +52,12 @@ from remind_jax.plus.scene_map import (
     shift_of,
 )
 from remind_jax.plus.slots import NO_ROW, rows_of
-from remind_jax.plus.state import PlusState, Tracklets, Verdicts, init
+from remind_jax.plus.state import PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.whitening import learn_scatter, renew_whitening, whiten
 from remind_jax.static import Static
 
-__all__ = ["advance", "init", "step", "step_traced"]
-
-
-def step(
-    state: PlusState,
-    frame_feats: AnyFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: PlusThresholds,
-    observed: Motion,
-) -> PlusState:
-    """Decides who is who in one frame and remembers it.
-
-    Pure: `jit` (with `static` static), `vmap` and `scan` apply unchanged.
-
-    Args:
-      state: Memory before the frame, from `init` or an earlier step.
-      frame_feats: Patch features of the frame, or of closeups of its detections.
-      masks: Detections.
-      static: Capacities; those that `state` was made with.
-      thresholds: Every tunable number.
-      observed: How the image moved since the last frame, in pixels of the masks.
-
-    Returns:
-      Memory after the frame with `verdicts` about it. If the frame may need more object slots than
-      there are, only `overflow` is changed.
-    """
-    t = thresholds.as_arrays()
-    sightings, motion = observe(frame_feats, masks, observed, t.looks.unit_patches)
-    return advance(state, sightings, motion, jnp.asarray(masks.valid), static=static, thresholds=t)
-
-
-def step_traced(
-    state: PlusState,
-    frame_feats: AnyFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: PlusThresholds,
-    observed: Motion,
-) -> tuple[PlusState, Verdicts]:
-    """As `step`, with the trace of every decision."""
-    after = step(state, frame_feats, masks, static=static, thresholds=thresholds, observed=observed)
-    return after, after.verdicts
+__all__ = ["advance", "init"]
 
 
 def advance(
@@ -114,7 +69,20 @@ def advance(
     static: Static,
     thresholds: PlusThresholds,
 ) -> PlusState:
-    """`step` on detections that are described already; `present`: slots that hold a mask."""
+    """Decides who is who in one frame and remembers it.
+
+    Args:
+      state: Memory before the frame, from `init` or an earlier step.
+      sightings: Its detections.
+      motion: How the image moved since the last frame.
+      present: Slots that hold a mask.
+      static: Capacities; those that `state` was made with.
+      thresholds: Every tunable number.
+
+    Returns:
+      Memory after the frame with `verdicts` about it. If the frame may need more object slots than
+      there are, only `overflow` is changed.
+    """
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
     counted = state.objects.exists, sightings.valid, state.tracklets.is_open

@@ -1,16 +1,15 @@
-"""The tracker on one page: `init` and the pure `step` from one frame to the next.
-
-`step_described` is the same step for detections that were described before; `step_traced` and
-`step_described_traced` trace its decisions.
-"""
+"""The tracker on one page: the pure step from one frame to the next, in its two halves."""
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
+import jax
 import jax.numpy as jnp
 
 from remind_jax.decision import Outcome
-from remind_jax.errors import ConfigError
-from remind_jax.observation import Descriptors, FrameFeats, Masks
+from remind_jax.observation import Descriptors, FrameFeats, Masks, without_coverage
 from remind_jax.remind.association.assignment import associate
 from remind_jax.remind.association.diagnosis import diagnose, find_anchors
 from remind_jax.remind.association.gating import read_context
@@ -18,7 +17,7 @@ from remind_jax.remind.association.quality import assess
 from remind_jax.remind.association.similarity import compare, count_terms
 from remind_jax.remind.context.evidence import view_frame
 from remind_jax.remind.context.reasoning import reason
-from remind_jax.remind.outcome import decide
+from remind_jax.remind.outcome import decide as decide_outcomes
 from remind_jax.remind.perception.description import describe
 from remind_jax.remind.perception.relations import observe_relations
 from remind_jax.remind.remember import remember
@@ -30,82 +29,43 @@ from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import tabulate_pairs
 from remind_jax.static import Static
 
-__all__ = ["init", "step", "step_described", "step_described_traced", "step_traced"]
+__all__ = ["decide", "describe_frame", "init"]
 
 
-def step(
-    state: TrackerState,
-    frame_feats: FrameFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: Thresholds,
-) -> TrackerState:
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class DescribedFrame:
+    """What `decide` is given."""
+
+    descriptors: Descriptors
+    masks: Masks  # without patch coverage, which nothing reads after the description
+
+
+def describe_frame(
+    frame_feats: FrameFeats, masks: Masks, observed: Any, *, static: Static, thresholds: Thresholds
+) -> DescribedFrame:
+    """What does each detection look like? Nothing is observed beside them."""
+    descriptors = describe(frame_feats, masks, static, thresholds.as_arrays(static.scalar))
+    return DescribedFrame(descriptors, without_coverage(masks))
+
+
+def decide(
+    state: TrackerState, seen: DescribedFrame, *, static: Static, thresholds: Thresholds
+) -> tuple[TrackerState, Trace]:
     """Decides who is who in one frame and remembers it.
-
-    Pure: `jit` (with `static` static), `vmap` and `scan` apply unchanged.
 
     Args:
       state: Memory before the frame, from `init` or an earlier step.
-      frame_feats: Patch features of the frame.
-      masks: Its detections.
+      seen: Its detections.
       static: Capacities and structural switches; those that `state` was made with.
       thresholds: Every tunable number.
 
     Returns:
-      Memory after the frame with `decisions` about it. If the frame needs more object slots than
-      there are, only `overflow` is changed.
-
-    Raises:
-      ConfigError: If `static` or `thresholds` are of another kind.
+      Memory after the frame with `decisions` about it, and what they were made of. If the frame
+      needs more object slots than there are, only `overflow` is changed.
     """
-    for name, given, kind in (("static", static, Static), ("thresholds", thresholds, Thresholds)):
-        if not isinstance(given, kind):
-            raise ConfigError(
-                f"{name} are of type {type(given).__name__}; give remind_jax.{kind.__name__}"
-            )
-    # What does each detection look like?
     t = thresholds.as_arrays(static.scalar)
-    return _advance(state, describe(frame_feats, masks, static, t), masks, static, t)[0]
-
-
-def step_described(
-    state: TrackerState,
-    descriptors: Descriptors,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: Thresholds,
-) -> TrackerState:
-    """As `step` for detections that `describe` has seen already; patch coverage is not read."""
-    return _advance(state, descriptors, masks, static, thresholds.as_arrays(static.scalar))[0]
-
-
-def step_traced(
-    state: TrackerState,
-    frame_feats: FrameFeats,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: Thresholds,
-) -> tuple[TrackerState, Trace]:
-    """As `step`, with the trace of every decision."""
-    t = thresholds.as_arrays(static.scalar)
-    descriptors = describe(frame_feats, masks, static, t)
-    return step_described_traced(state, descriptors, masks, static=static, thresholds=thresholds)
-
-
-def step_described_traced(
-    state: TrackerState,
-    descriptors: Descriptors,
-    masks: Masks,
-    *,
-    static: Static,
-    thresholds: Thresholds,
-) -> tuple[TrackerState, Trace]:
-    """As `step_described`, with the trace of every decision."""
-    t = thresholds.as_arrays(static.scalar)
-    after, intermediates = _advance(state, descriptors, masks, static, t)
+    after, intermediates = _advance(state, seen.descriptors, seen.masks, static, t)
     return after, collect_trace(intermediates, static, t)
 
 
@@ -148,7 +108,7 @@ def _advance(
     table = tabulate_pairs(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
     settlement = settle(table, assignment, state, descriptors, relations, static, t)
     final = diagnose(pairs.score_final, pairs.eligible, num_terms, static.margin, t.diagnosis)
-    decisions = decide(
+    decisions = decide_outcomes(
         state.objects, masks, descriptors, table, anchors, evidence, final, assignment,
         settlement, static,
     )  # fmt: skip

@@ -48,13 +48,13 @@ class FrameFeatures:
           ConfigError: If they are to be, and the method reads none.
         """
         method = self._method
-        if choice == "always" and not method.reads_closeups:
+        if choice == "always" and not method.needs.reads_closeups:
             raise ConfigError(
                 f"input.closeups is 'always', but tracker '{method.name}' reads features of the "
                 "frame only; leave it at 'auto' or choose another tracker"
             )
         return choice == "always" or (
-            choice == "auto" and method.prefers_closeups and self._backbone.is_local
+            choice == "auto" and method.needs.prefers_closeups and self._backbone.is_local
         )
 
     def describe(self, prepared: Prepared, static: Static) -> AnyFeats:
@@ -115,7 +115,7 @@ class FrameFeatures:
 
     def _near(self, covered: Bool[np.ndarray, "K Hp Wp"]) -> Bool[np.ndarray, "K Hp Wp"] | None:
         """Patches whose features the method reads, beside covered ones; None for all."""
-        reach = self._method.patch_reach
+        reach = self._method.needs.patch_reach
         if reach is None:
             return None
         square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
@@ -123,5 +123,5 @@ class FrameFeatures:
 
     def _wants_attention(self, static: Static) -> bool:
         """Whether parts come from attention."""
-        wants = self._method.wants_attention
+        wants = self._method.needs.wants_attention
         return wants is not None and wants(static)

@@ -105,7 +105,7 @@ class Tracker:
             self.config = self.config.with_tracker(tracker)
         self.announce_after = choose_after(announce_after, self.config.input.announce_after, False)
         self.method = get_method(self.config.tracker)
-        if trace and (self.method.step_traced is None or self.method.explainer_name is None):
+        if trace and self.method.explainer is None:
             raise ConfigError(
                 f"tracker '{self.method.name}' does not explain its decisions; leave out trace"
             )
@@ -341,7 +341,7 @@ class Tracker:
         self.events = []
         decisions, outlines = self._memory.step(frame_feats, prepared, self.config.thresholds)
         decided = read_tracks(prepared.frame, prepared.detections, outlines, decisions)
-        merges = [] if self.method.merges is None else self.method.merges(self.state)
+        merges = [] if self.method.host.merges is None else self.method.host.merges(self.state)
         pictured = prepared.frame.image if self.config.input.keep_pictures else None
         known_ids = functools.partial(self.method.known_ids, self.state)
         tracks, found = self.identities.add(decided, merges, pictured, known_ids)

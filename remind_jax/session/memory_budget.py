@@ -25,9 +25,9 @@ def check_room(method: Method, static: Static) -> None:
     Raises:
       SourceError: If they do not.
     """
-    if method.count_bytes is None:
+    if method.host.count_bytes is None:
         return
-    needed, total = method.count_bytes(static), device_bytes()
+    needed, total = method.host.count_bytes(static), device_bytes()
     if total and needed > BUDGET_SHARE * total:
         raise SourceError(
             f"room for {static.num_detections} detections in a frame and {static.num_objects} "
@@ -45,7 +45,7 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
       static: Capacities that were chosen; what there is room for is allowed.
       feature_dim: Width of the features, where `static` does not say it yet.
     """
-    if method.count_bytes is None:
+    if method.host.count_bytes is None:
         return max(static.num_detections, MOST_UNCOUNTED)
     empty = dataclasses.replace(
         static, num_objects=1, num_pending=1, feature_dim=static.feature_dim or feature_dim
@@ -55,7 +55,7 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
         # Each may be open in one frame, and be an object beside a new one in the next.
         needed = most * GROWTH_STEP
         room = empty.grow(num_detections=needed, num_objects=2 * needed, num_pending=needed)
-        if method.count_bytes(room) > MOST_FRAME_BYTES:
+        if method.host.count_bytes(room) > MOST_FRAME_BYTES:
             break
         most = needed
     return most

@@ -1,6 +1,6 @@
 """Whether a memory that was read from a file is one that a run could have left: as a whole (host).
 
-What holds for every method is here; each method brings the rest as `Method.find_faults`.
+What holds for every method is here; each method brings the rest as `Host.find_faults`.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def find_fault(
     """
     faults = _find_faults(state, class_names, first_id)
     fault = next(faults, None) or next(_of_announcements(announced, int(state.next_id)), None)
-    if fault is None and method.find_faults is not None:
-        fault = next(iter(method.find_faults(state)), None)
+    if fault is None and method.host.find_faults is not None:
+        fault = next(iter(method.host.find_faults(state)), None)
     return fault
 
 

@@ -67,8 +67,8 @@ class FramePreparer:
         alignment = self._align(frame, config)
         options = config.input
         gaps: dict[str, Any] = {"exact_gap_max": None}
-        if self._method.gap_options is not None:
-            gaps = self._method.gap_options(config.thresholds)
+        if self._method.needs.gap_options is not None:
+            gaps = self._method.needs.gap_options(config.thresholds)
         masks = alignment.align_masks(detections.masks)
         reduced = reduce_masks(
             masks,
@@ -92,8 +92,8 @@ class FramePreparer:
         reduced_at = time.perf_counter()
         spent = {"masks": 1000 * (reduced_at - start)}
         observed = None
-        if self._method.observe is not None:
-            observed = self._method.observe(self.last_image, image)
+        if self._method.needs.observe is not None:
+            observed = self._method.needs.observe(self.last_image, image)
             self.last_image = image
             spent["observe"] = 1000 * (time.perf_counter() - reduced_at)
         return Prepared(
@@ -114,7 +114,7 @@ class FramePreparer:
         Raises:
           SourceError: If the frame is smaller than a patch.
         """
-        if self._method.observe is None or frame.features is not None:
+        if self._method.needs.observe is None or frame.features is not None:
             return
         alignment = self._align(frame, config)
         self.last_image = None if frame.image is None else alignment.align_image(frame.image)

@@ -285,9 +285,9 @@ def _delay_answers(tracker: Tracker, delay: int) -> Any:
     check_option("delay", delay, 0, _MOST_DELAY)
     if not delay:
         return None
-    if tracker.method.delayed is None:
+    if tracker.method.host.delayed is None:
         raise ConfigError(
             f"tracker '{tracker.method.name}' never revises an answer; leave out delay, or use "
             "tracker 'plus'"
         )
-    return tracker.method.delayed(delay)
+    return tracker.method.host.delayed(delay)

@@ -58,5 +58,5 @@ class SpareMemory:
             _log.debug("could not make room for %s", static, exc_info=True)
 
     def _is_small(self, static: Static) -> bool:
-        count = self._method.count_bytes
+        count = self._method.host.count_bytes
         return count is None or count(static) <= MOST_IDLE_BYTES

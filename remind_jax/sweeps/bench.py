@@ -14,7 +14,7 @@ from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.errors import SweepError, nearest_names
-from remind_jax.method import StepHalves, get_method, list_methods
+from remind_jax.method import get_method
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sources.opening import check_options
@@ -69,7 +69,7 @@ class SceneBench:
             if value is not None:
                 check_option(name, value, 1, most)
         self._config = load_config(config)
-        self._halves = _halves_of(self._config.tracker)
+        self._sweeping = get_method(self._config.tracker).sweeping
         self._backbone = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
         sources = [
             open_source(scene, sampling=sampling, **source_options) for scene in _as_list(scenes)
@@ -162,7 +162,7 @@ class SceneBench:
         missing = {key: i for i, key in enumerate(keys) if key not in self._records}
         tally.add(name, sum(key in self._records for key in keys))
         indices = list(missing.values())
-        groups = group_by_description([settings[i] for i in indices], self._halves.described_by)
+        groups = group_by_description([settings[i] for i in indices], self._sweeping.described_by)
 
         def keep(rows: Iterable[int], scores: Iterable[dict[str, float]]) -> None:
             found = [
@@ -209,7 +209,7 @@ class SceneBench:
         starts = (self._config, self._config.for_backbone(*self._backbone.identity))
         given: list[dict[str, Any]] = [dict(flatten_fields(one.thresholds)) for one in starts]
         reading = {}
-        for name in self._halves.reduced_by:
+        for name in self._sweeping.reduced_by:
             asked = [start | one for start in given for one in (self._reading, *settings)]
             reading[name] = max(float(one[name]) for one in asked)
         if reading != self._reading:
@@ -291,17 +291,6 @@ class _Tally:
         self._num_done += num_rows
         if self._progress is not None and num_rows:
             self._progress(Progress(scene, self._num_done, self._num_rows))
-
-
-def _halves_of(tracker: str) -> StepHalves:
-    halves = get_method(tracker).halves
-    if halves is None:
-        others = (f"'{name}'" for name in list_methods() if get_method(name).halves is not None)
-        raise SweepError(
-            f"the configuration is for the tracker '{tracker}'; only {' and '.join(others)} can be "
-            "swept"
-        )
-    return halves
 
 
 def _as_list(scenes: Any) -> list[Any]:

@@ -28,7 +28,7 @@ from remind_jax.compiled.programs import (
     shapes_of,
 )
 from remind_jax.decision import NO_ID, Outcome
-from remind_jax.method import Method, StepHalves
+from remind_jax.method import Method
 from remind_jax.metrics.in_graph import GraphScores, score_labels
 from remind_jax.static import Static
 
@@ -54,7 +54,7 @@ def empty_memories(method: Method, static: Static, num_settings: int) -> Any:
 
 
 def follow(
-    states: Any, thresholds: Any, frames: Any, *, halves: StepHalves, static: Static
+    states: Any, thresholds: Any, frames: Any, *, method: Method, static: Static
 ) -> tuple[Any, Answers]:
     """Takes the memories of all settings through some frames.
 
@@ -62,12 +62,12 @@ def follow(
       states: One memory per setting.
       thresholds: Thresholds of all settings, each `[S]`.
       frames: Described frames, leading axis `T`.
-      halves: The step of the method, of which the second half is taken.
+      method: The method, whose `decide` is taken.
       static: Capacities of the memories.
     """
 
     def advance(state: Any, t: Any, frame: Any) -> tuple[Any, Answers]:
-        state = settle_types(halves.decide(state, frame, static=static, thresholds=t))
+        state = settle_types(method.decide(state, frame, static=static, thresholds=t)[0])
         said, lacks = state.decisions, state.overflow
         answers = Answers(said.outcome, said.object_id, said.score, lacks.objects, lacks.pending)
         return state, answers
@@ -76,7 +76,7 @@ def follow(
         state, t = given
         return jax.lax.scan(lambda state, frame: advance(state, t, frame), state, frames)
 
-    if halves.in_turn_on_cpu and jax.default_backend() == "cpu":
+    if method.sweeping.in_turn_on_cpu and jax.default_backend() == "cpu":
         states, answers = jax.lax.map(follow_one, (states, thresholds))
         return states, jax.tree.map(lambda leaf: leaf.swapaxes(0, 1), answers)
     advance_all = jax.vmap(advance, in_axes=(0, 0, None))
@@ -182,11 +182,10 @@ def compile_follow(
 def _compile(
     method: Method, static: Static, num_settings: int, shapes: Shapes, structure: Any
 ) -> Program:
-    assert method.halves is not None
     states = jax.eval_shape(lambda: empty_memories(method, static, num_settings))
-    run = functools.partial(follow, halves=method.halves, static=static)
+    run = functools.partial(follow, method=method, static=static)
     if (where := _shardings()) is None:
-        return _compile_kept(run, method.halves.decide, states, shapes, structure)
+        return _compile_kept(run, method.decide, states, shapes, structure)
     settings, frame, answers = where
     # Every device goes its own way: a branch is taken where one of its own settings needs it.
     program = jax.jit(

@@ -143,10 +143,10 @@ def describe_scene(scene: SceneFrames, static: Static, config: Config) -> Any:
     Args:
       scene: What is to be described.
       static: Capacities; `num_detections` fits the scene.
-      config: The method and its thresholds, of which those of `StepHalves.described_by` matter.
+      config: The method and its thresholds, of which those of `Sweeping.described_by` matter.
 
     Returns:
-      Frames ready for `StepHalves.decide`, leading axis `T`.
+      Frames ready for `Method.decide`, leading axis `T`.
     """
     method = get_method(config.tracker)
     thresholds = stack(config.thresholds, [{}], static.scalar)
@@ -170,5 +170,4 @@ def _describe(
     observed: Any,
     thresholds: Any,
 ) -> Any:
-    assert method.halves is not None
-    return method.halves.describe(feats, masks, observed, static=static, thresholds=thresholds)
+    return method.describe(feats, masks, observed, static=static, thresholds=thresholds)

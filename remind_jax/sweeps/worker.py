@@ -53,8 +53,7 @@ class Worker:
         self._static = dataclasses.replace(config.static, num_detections=1)
         self._budget_bytes, self._wanted = int(memory_gib * GIB), batch
         self._method = get_method(config.tracker)
-        assert self._method.halves is not None
-        self._described_by = self._method.halves.described_by
+        self._described_by = self._method.sweeping.described_by
         self._described: tuple[tuple, Any] | None = None
 
     def start(self, scene: SceneFrames, jobs: Sequence[Mapping[int, Setting]], keep: Keep) -> None:
@@ -121,9 +120,9 @@ class Worker:
 
 
 def group_by_description(
-    settings: Sequence[Setting], described_by: Sequence[str]
+    settings: Sequence[Setting], described_by: Sequence[str] | None
 ) -> list[list[int]]:
-    """Indices of settings to which frames look the same (`methods.StepHalves.described_by`)."""
+    """Indices of settings to which frames look the same (`method.Sweeping.described_by`)."""
     groups: dict[tuple, list[int]] = {}
     for index, setting in enumerate(settings):
         groups.setdefault(tuple(sorted(_under(described_by, setting).items())), []).append(index)
@@ -149,8 +148,10 @@ def _cost(sizes: Sequence[int], batch: int) -> int:
     return int(np.sum(-(-np.asarray(sizes) // batch)) * (batch + beside))
 
 
-def _under(names: Sequence[str], setting: Setting) -> Setting:
-    """The part of a setting that is about these thresholds and sections."""
+def _under(names: Sequence[str] | None, setting: Setting) -> Setting:
+    """The part of a setting that is about these thresholds and sections; None: all of them."""
+    if names is None:
+        return dict(setting)
     return {
         name: value
         for name, value in setting.items()
