@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import numpy as np
 
 import remind_jax as rj
-from benchmarks.field_ours import OURS, Describer, Ours
+from benchmarks.field_ours import OURS, Ours, TrialWriter
 from benchmarks.field_page import write_figures, write_page, write_tables
 from benchmarks.field_peers.environments import PEERS, AbsentError, ask, prepare
 from benchmarks.field_scoring import Outcome, judge, pool, truth_of
@@ -57,10 +57,10 @@ def answer_peers(
     reports, absent = {}, {}
     sequences = out / "sequences"
     sequences.mkdir(parents=True, exist_ok=True)
-    describer = Describer() if names else None
+    writer = TrialWriter() if names else None
     for trial in trials:
-        if describer is not None and not (sequences / f"{trial.name}.npz").is_file():
-            describer.write(trial, sequences / f"{trial.name}.npz")
+        if writer is not None and not (sequences / f"{trial.name}.npz").is_file():
+            writer.write(trial, sequences / f"{trial.name}.npz")
     for name in names:
         answers = out / "answers" / name
         try:

@@ -1,0 +1,388 @@
+"""Real clips with the saved detections of a real detector: who is who, by our trackers and others.
+
+    python benchmarks/realvideo.py CLIPS                     ours, and every peer that can be had
+    python benchmarks/realvideo.py CLIPS OTHERS --peers none two sets, each with a pooled row; ours
+    python benchmarks/realvideo.py CLIPS --contenders default --set mobility.gain=0
+    python benchmarks/realvideo.py CLIPS --json FILE         and every number; --clips a,b: some
+
+CLIPS holds a folder per clip: `JPEGImages/CLIP/`, the detections in `*.jsonl.gz`, and
+`metadata.json` with `id_to_class` and `labels_of_detections` (the true object of every detection by
+frame; 0: not known). Detections that the truth knows are compared, not masks; an undecided one has
+no identity. A contender is a configuration, a tracker, or `bank-closeups` (see `field_ours.py`).
+
+Returns: objects that are back after more than 10 frames; recovered: they have their right identity
+in some frame of the visit, kept: in more than half of them, at once: in the first. Merged: pairs of
+one class that share an identity for 5 rows each at least; identities that the tracker declared to
+be one are one. Sure and right: of answers with a confidence of 0.97 or more. ECE: mean distance of
+confidence and share right, in ten bins. Intervals are of 95 %, over clips.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import dataclasses
+import gzip
+import itertools
+import json
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import jax
+
+import remind_jax as rj
+from benchmarks.field_ours import Describer, make_ours, write_sequence
+from benchmarks.field_peers.environments import PEERS, AbsentError, ask, prepare
+from benchmarks.field_scoring import first_sayings
+from remind_jax.cli.overrides import parse_assignments
+from remind_jax.config import Config
+from remind_jax.files import user_cache_folder
+from remind_jax.metrics import (
+    Column,
+    ComparisonTable,
+    Row,
+    TrackingSequence,
+    bootstrap_intervals,
+    evaluate_sequence,
+    pool_evaluations,
+    stack_counts,
+)
+from remind_jax.metrics.combine import pool_counts, ratio
+from remind_jax.metrics.evaluation import Evaluation, scene_intervals, without_nan
+from remind_jax.metrics.recovery import NO_LABEL, collect_answers, find_reference
+from remind_jax.sources import open_source
+
+CONTENDERS = ("default", "remind", "bank", "bank-closeups", "running-mean")
+ABSENT = 10  # frames; who is away for longer returns
+SHARED = 5  # rows of each, from which on two objects are merged
+SURE = 0.97
+ANNOUNCE_AFTER = 5  # as for any detector
+_BINS = 10
+_FPS = 30.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Clip:
+    """A clip and its truth; `R` rows are the detections that the truth knows, ordered by frame."""
+
+    name: str
+    folder: Path
+    num_frames: int
+    counts: tuple[int, ...]  # detections of every frame
+    frame: Int[np.ndarray, "R"]
+    detection: Int[np.ndarray, "R"]  # row in its frame
+    instance: Int[np.ndarray, "R"]
+    class_of: dict[int, str]
+
+    def open(self, scratch: Path) -> Any:
+        """Its frames with their detections, which are unpacked into a folder."""
+        (packed,) = self.folder.glob("*.jsonl.gz")
+        masks = scratch / f"{self.name}.jsonl"
+        masks.write_bytes(gzip.decompress(packed.read_bytes()))
+        return open_source(self.folder / "JPEGImages" / self.name, masks=masks)
+
+
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """What a tracker said of every row of a clip."""
+
+    ids: Int[np.ndarray, "R"]  # -1: nothing
+    confidence: Float[np.ndarray, "R"]  # NaN without one
+    became: dict[int, int] = dataclasses.field(default_factory=dict)  # identities declared another
+    seconds: float = float("nan")
+
+
+@dataclasses.dataclass(frozen=True)
+class Counts:
+    """What is counted beside the usual scores; counts of several clips add up."""
+
+    returns: Any
+    recovered: Any
+    kept: Any
+    at_once: Any
+    pairs: Any  # of objects of one class
+    merged: Any
+    sure: Any
+    sure_right: Any
+    binned: Any  # [..., bins] answers by confidence
+    binned_sure: Any  # [..., bins] sums of their confidence
+    binned_right: Any  # [..., bins]
+
+
+@dataclasses.dataclass(frozen=True)
+class Judged:
+    """One tracker on one clip."""
+
+    evaluation: Evaluation
+    counts: Counts
+    seconds: float
+
+
+def find_clips(folder: Path, wanted: Sequence[str] = ()) -> list[Clip]:
+    """The clips of a folder, by name."""
+    return [
+        _read_clip(file.parent)
+        for file in sorted(folder.glob("*/metadata.json"))
+        if not wanted or file.parent.name in wanted
+    ]
+
+
+def _read_clip(folder: Path) -> Clip:
+    told = json.loads((folder / "metadata.json").read_text())
+    labels = told["labels_of_detections"]
+    rows = [(t, d, g) for t, row in enumerate(labels) for d, g in enumerate(row) if g]
+    frame, detection, instance = np.array(rows, int).reshape(-1, 3).T
+    classes = {int(number): name for number, name in told["id_to_class"].items()}
+    counts = tuple(map(len, labels))
+    return Clip(folder.name, folder, len(labels), counts, frame, detection, instance, classes)
+
+
+def answer_ours(config: Config, clip: Clip, scratch: Path) -> Answers:
+    """Runs one of our trackers."""
+    start = time.perf_counter()
+    frames = clip.open(scratch)
+    result = rj.run(frames, config=config, announce_after=ANNOUNCE_AFTER, progress=False)
+    seconds = time.perf_counter() - start
+    jax.clear_caches()  # compiled programs hold hundreds of MiB each
+    ids, confidence = [], []
+    for frame, row in zip(clip.frame.tolist(), clip.detection.tolist(), strict=True):
+        tracks = result.tracks[frame]
+        sure = tracks.shown_confidence(row)
+        ids.append(int(tracks.object_id[row]))
+        confidence.append(np.nan if sure is None else sure)
+    told = [re.findall(r"\d+", one.message) for one in result.events if one.kind == "merged"]
+    became = {int(gone): int(kept) for gone, kept in told}
+    return Answers(np.array(ids), np.array(confidence), became, seconds)
+
+
+def answer_peers(
+    clips: Sequence[Clip], names: Sequence[str], scratch: Path, environments: Path
+) -> tuple[dict[str, dict[str, Answers]], dict[str, str]]:
+    """Answers of the trackers of others by their title and clip, and why some are absent."""
+    sequences = scratch / "sequences"
+    sequences.mkdir()
+    describer = Describer()
+    for clip in clips if names else ():
+        frames = list(clip.open(scratch))
+        pictures = scratch / f"{clip.name}.npy"
+        np.save(pictures, np.stack([np.asarray(frame.image) for frame in frames]))
+        shown = [(index, describer.describe(frame)) for index, frame in enumerate(frames)]
+        file = sequences / f"{clip.name}.npz"
+        write_sequence(file, shown, np.arange(len(frames)), pictures, _FPS)
+    found: dict[str, dict[str, Answers]] = {}
+    absent = {}
+    for name in names:
+        out = scratch / "peers" / name
+        try:
+            report = ask(PEERS[name], prepare(PEERS[name], environments), sequences, out)
+        except AbsentError as error:
+            absent[name] = str(error)
+            continue
+        for key, told in report["settings"].items():
+            tracker, setting = key.split(".")
+            if told["error"]:
+                absent[key] = told["error"]
+                continue
+            found[f"{tracker} ({name}), {setting.replace('-', ' ')}"] = {
+                clip.name: _of_rows(clip, np.load(out / key / f"{clip.name}.npy")) for clip in clips
+            }
+    return found, absent
+
+
+def _of_rows(clip: Clip, ids: Int[np.ndarray, "M"]) -> Answers:
+    """The answers about all detections as those about the rows that the truth knows."""
+    first = np.cumsum((0, *clip.counts))
+    own = ids[first[clip.frame] + clip.detection]
+    return Answers(own, np.full(len(own), np.nan))
+
+
+def judge(clip: Clip, answers: Answers) -> Judged:
+    """Scores the answers about a clip; who is right is who has most rows, one to one."""
+    said = answers.ids != NO_LABEL
+    rows = first_sayings(clip.frame, answers.ids)
+    sequence = TrackingSequence.create(
+        clip.num_frames,
+        (clip.frame, clip.instance),
+        (clip.frame[rows], answers.ids[rows]),
+        (rows, np.arange(len(rows)), np.ones(len(rows))),
+        name=clip.name,
+    )
+    given = collect_answers(sequence)
+    reference = find_reference(given)
+    right = said & (given.label == reference[np.searchsorted(given.objects, clip.instance)])
+    visits = [visit for own in _visits(clip) for visit in own[1:]]
+    rated = said & np.isfinite(answers.confidence)
+    sure, hit = answers.confidence[rated], right[rated]
+    place = np.minimum((_BINS * sure).astype(int), _BINS - 1)
+    merged, pairs = _merged(clip, answers)
+    binned = [np.bincount(place, each, _BINS) for each in (None, sure, hit)]
+    counts = (
+        len(visits),
+        sum(right[visit].any() for visit in visits),
+        sum(2 * right[visit].sum() > len(visit) for visit in visits),
+        sum(right[visit[0]] for visit in visits),
+        pairs,
+        merged,
+        (sure >= SURE).sum(),
+        hit[sure >= SURE].sum(),
+        *binned,
+    )
+    return Judged(evaluate_sequence(sequence), Counts(*map(np.asarray, counts)), answers.seconds)
+
+
+def _visits(clip: Clip) -> Iterable[list[np.ndarray]]:
+    """The rows of every visit of every object, in order."""
+    for instance in np.unique(clip.instance):
+        own = np.flatnonzero(clip.instance == instance)
+        yield np.split(own, np.flatnonzero(np.diff(clip.frame[own]) > ABSENT) + 1)
+
+
+def _merged(clip: Clip, answers: Answers) -> tuple[int, int]:
+    """Pairs of objects of one class that share an identity, and all such pairs."""
+    called: dict[int, set[int]] = {}
+    for instance in np.unique(clip.instance).tolist():
+        own = answers.ids[(clip.instance == instance) & (answers.ids != NO_LABEL)].tolist()
+        names = collections.Counter(_final(answers.became, one) for one in own)
+        called[instance] = {name for name, num in names.items() if num >= SHARED}
+    same = [
+        bool(called[a] & called[b])
+        for a, b in itertools.combinations(called, 2)
+        if clip.class_of[a] == clip.class_of[b]
+    ]
+    return sum(same), len(same)
+
+
+def _final(became: dict[int, int], number: int) -> int:
+    seen = set()
+    while number in became and number not in seen:
+        seen.add(number)
+        number = became[number]
+    return number
+
+
+def _extra_scores(counts: Counts) -> dict[str, Any]:
+    distance = np.abs(counts.binned_sure - counts.binned_right).sum(-1)
+    counted = ("returns", "recovered", "kept", "at_once", "pairs", "merged")
+    return {
+        **{name: getattr(counts, name) for name in counted},
+        "sure_right": ratio(counts.sure_right, counts.sure),
+        "ece": ratio(distance, counts.binned.sum(-1)),
+    }
+
+
+COLUMNS = (
+    "IDF1",
+    "AssA",
+    Column("IDs", "count", label="Identities"),
+    "GT_IDs",
+    Column("returns", "count", label="Returns"),
+    Column("recovered", "count", "higher", label="recovered"),
+    Column("kept", "count", "higher", label="kept"),
+    Column("at_once", "count", "higher", label="at once"),
+    Column("merged", "count", "lower", label="Merged"),
+    Column("pairs", "count", label="of pairs"),
+    Column("undecided", "percent", "lower", label="Undecided"),
+    Column("sure_right", "percent", "higher", label="Sure and right"),
+    Column("ece", "percent", "lower", label="ECE"),
+)
+
+
+def row_of(title: str, judged: Sequence[Judged]) -> Row:
+    """One clip, or several pooled, with intervals over them."""
+    evaluation = pool_evaluations([one.evaluation for one in judged])
+    counts = pool_counts(one.counts for one in judged)
+    scores = {**evaluation.scores(), **_extra_scores(counts)}
+    scores = {name: float(value) for name, value in scores.items()}
+    scores["undecided"] = 1 - scores["Dets"] / scores["GT_Dets"]
+    scores["seconds"] = sum(one.seconds for one in judged)
+    if len(judged) < 2:
+        return Row(title, scores)
+    extra = bootstrap_intervals(stack_counts(one.counts for one in judged), _extra_scores)
+    intervals = scene_intervals([one.evaluation for one in judged]) | extra
+    shown = ("IDF1", "AssA", "sure_right", "ece")
+    return Row(title, scores, {name: intervals[name] for name in shown})
+
+
+def make_tables(
+    sets: dict[str, list[Clip]], judged: dict[str, dict[str, Judged]]
+) -> list[ComparisonTable]:
+    """One table per set of clips, pooled, then one per clip."""
+    clips = [clip for some in sets.values() for clip in some]
+    groups = {f"{name}, pooled": some for name, some in sets.items() if len(some) > 1}
+    if len(sets) > 1:
+        groups["all, pooled"] = clips
+    groups |= {clip.name: [clip] for clip in clips}
+    return [
+        ComparisonTable(
+            [row_of(who, [own[clip.name] for clip in some]) for who, own in judged.items()],
+            COLUMNS,
+            title=name,
+        )
+        for name, some in groups.items()
+    ]
+
+
+def measure(given: argparse.Namespace, scratch: Path) -> tuple[list[ComparisonTable], dict]:
+    """All tables, and why some peers are absent."""
+    sets = {folder.name: find_clips(folder, given.clips) for folder in given.folders}
+    clips = [clip for some in sets.values() for clip in some]
+    judged: dict[str, dict[str, Judged]] = {}
+    for contender in make_ours(given.contenders):
+        config = contender.config.updated(parse_assignments(given.set))
+        judged[contender.title] = {}
+        for clip in clips:
+            one = judge(clip, answer_ours(config, clip, scratch))
+            judged[contender.title][clip.name] = one
+            say(f"{contender.title}, {clip.name}: {one.evaluation.scores()['IDF1']:.3f}")
+    names = [] if given.peers == ["none"] else given.peers or list(PEERS)
+    found, absent = answer_peers(clips, names, scratch, given.environments)
+    for title, own in found.items():
+        judged[title] = {clip.name: judge(clip, own[clip.name]) for clip in clips}
+    return make_tables(sets, judged), absent
+
+
+def say(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def main() -> None:
+    """Parses the command line, measures and prints."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folders", type=Path, nargs="+", metavar="CLIPS")
+    parser.add_argument("--clips", type=lambda text: text.split(","), default=[])
+    parser.add_argument("--contenders", nargs="*", default=CONTENDERS)
+    parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="of ours")
+    parser.add_argument("--peers", nargs="*", choices=[*PEERS, "none"], help="all if left out")
+    parser.add_argument("--json", type=Path)
+    parser.add_argument(
+        "--environments",
+        type=Path,
+        default=user_cache_folder() / "field-peers",
+        help="folder of the environments of peers",
+    )
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        tables, absent = measure(given, Path(scratch))
+    for table in tables:
+        print(table.to_markdown())
+    for name, why in absent.items():
+        print(f"* {name} is absent: {why}")
+    if given.json is not None:
+        rows = {t.title: {r.name: without_nan(r.scores) for r in t.rows} for t in tables}
+        given.json.write_text(json.dumps({"tables": rows, "absent": absent}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
