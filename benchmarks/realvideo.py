@@ -22,6 +22,7 @@ from __future__ import annotations
 import argparse
 import collections
 import dataclasses
+import functools
 import gzip
 import itertools
 import json
@@ -29,7 +30,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +43,17 @@ import jax
 
 import remind_jax as rj
 from benchmarks.field_ours import Describer, make_ours, write_sequence
-from benchmarks.field_peers.environments import PEERS, AbsentError, ask, prepare
+from benchmarks.field_peers.environments import (
+    PEERS,
+    AbsentError,
+    add_peer_options,
+    ask,
+    chosen_peers,
+    prepare,
+)
 from benchmarks.field_scoring import first_sayings
 from remind_jax.cli.overrides import parse_assignments
 from remind_jax.config import Config
-from remind_jax.files import user_cache_folder
 from remind_jax.metrics import (
     Column,
     ComparisonTable,
@@ -77,19 +84,43 @@ class Clip:
 
     name: str
     folder: Path
-    num_frames: int
-    counts: tuple[int, ...]  # detections of every frame
-    frame: Int[np.ndarray, "R"]
-    detection: Int[np.ndarray, "R"]  # row in its frame
-    instance: Int[np.ndarray, "R"]
+    lines: tuple[dict[str, Any], ...]  # the file of detections
+    labels: tuple[tuple[int, ...], ...]  # the true object of every detection of every frame, or 0
     class_of: dict[int, str]
 
+    @functools.cached_property
+    def rows(self) -> Int[np.ndarray, "3 R"]:
+        """Frame, detection and true object."""
+        rows = [(t, d, g) for t, row in enumerate(self.labels) for d, g in enumerate(row) if g]
+        return np.array(rows, int).reshape(-1, 3).T
+
     def open(self, scratch: Path) -> Any:
-        """Its frames with their detections, which are unpacked into a folder."""
-        (packed,) = self.folder.glob("*.jsonl.gz")
+        """Its frames with their detections, which are written into a folder."""
         masks = scratch / f"{self.name}.jsonl"
-        masks.write_bytes(gzip.decompress(packed.read_bytes()))
+        masks.write_text("".join(json.dumps(line) + "\n" for line in self.lines))
         return open_source(self.folder / "JPEGImages" / self.name, masks=masks)
+
+    def one_class(self) -> Clip:
+        """The same with one class for everything."""
+        return dataclasses.replace(self, lines=self._with(lambda d: [{**d, "label": "thing"}])[0])
+
+    def only(self, label: str) -> Clip:
+        """The same with the detections of one class."""
+        lines, labels = self._with(lambda d: [d] if d["label"] == label else [])
+        return dataclasses.replace(self, lines=lines, labels=labels)
+
+    def _with(self, change: Callable[[dict[str, Any]], list[dict[str, Any]]]) -> tuple[Any, Any]:
+        """Lines and labels with every detection changed into none or one."""
+        changed = [[change(one) for one in line["detections"]] for line in self.lines]
+        lines = (
+            {**line, "detections": [one for some in own for one in some]}
+            for line, own in zip(self.lines, changed, strict=True)
+        )
+        labels = (
+            tuple(label for label, some in zip(row, own, strict=True) if some)
+            for row, own in zip(self.labels, changed, strict=True)
+        )
+        return tuple(lines), tuple(labels)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,23 +170,27 @@ def find_clips(folder: Path, wanted: Sequence[str] = ()) -> list[Clip]:
 
 def _read_clip(folder: Path) -> Clip:
     told = json.loads((folder / "metadata.json").read_text())
-    labels = told["labels_of_detections"]
-    rows = [(t, d, g) for t, row in enumerate(labels) for d, g in enumerate(row) if g]
-    frame, detection, instance = np.array(rows, int).reshape(-1, 3).T
+    (packed,) = folder.glob("*.jsonl.gz")
+    lines = tuple(map(json.loads, gzip.decompress(packed.read_bytes()).splitlines()))
+    labels = tuple(map(tuple, told["labels_of_detections"]))
     classes = {int(number): name for number, name in told["id_to_class"].items()}
-    counts = tuple(map(len, labels))
-    return Clip(folder.name, folder, len(labels), counts, frame, detection, instance, classes)
+    return Clip(folder.name, folder, lines, labels, classes)
 
 
-def answer_ours(config: Config, clip: Clip, scratch: Path) -> Answers:
+def answer_ours(config: Config, clip: Clip, scratch: Path, delay: int = 0) -> Answers:
     """Runs one of our trackers."""
     start = time.perf_counter()
-    frames = clip.open(scratch)
-    result = rj.run(frames, config=config, announce_after=ANNOUNCE_AFTER, progress=False)
+    result = rj.run(
+        clip.open(scratch),
+        config=config,
+        delay=delay,
+        announce_after=ANNOUNCE_AFTER,
+        progress=False,
+    )
     seconds = time.perf_counter() - start
     jax.clear_caches()  # compiled programs hold hundreds of MiB each
     ids, confidence = [], []
-    for frame, row in zip(clip.frame.tolist(), clip.detection.tolist(), strict=True):
+    for frame, row, _ in clip.rows.T.tolist():
         tracks = result.tracks[frame]
         sure = tracks.shown_confidence(row)
         ids.append(int(tracks.object_id[row]))
@@ -201,25 +236,26 @@ def answer_peers(
 
 def _of_rows(clip: Clip, ids: Int[np.ndarray, "M"]) -> Answers:
     """The answers about all detections as those about the rows that the truth knows."""
-    first = np.cumsum((0, *clip.counts))
-    own = ids[first[clip.frame] + clip.detection]
+    first = np.cumsum([0, *map(len, clip.labels)])
+    own = ids[first[clip.rows[0]] + clip.rows[1]]
     return Answers(own, np.full(len(own), np.nan))
 
 
 def judge(clip: Clip, answers: Answers) -> Judged:
     """Scores the answers about a clip; who is right is who has most rows, one to one."""
+    frame, _, instance = clip.rows
     said = answers.ids != NO_LABEL
-    rows = first_sayings(clip.frame, answers.ids)
+    rows = first_sayings(frame, answers.ids)
     sequence = TrackingSequence.create(
-        clip.num_frames,
-        (clip.frame, clip.instance),
-        (clip.frame[rows], answers.ids[rows]),
+        len(clip.labels),
+        (frame, instance),
+        (frame[rows], answers.ids[rows]),
         (rows, np.arange(len(rows)), np.ones(len(rows))),
         name=clip.name,
     )
     given = collect_answers(sequence)
     reference = find_reference(given)
-    right = said & (given.label == reference[np.searchsorted(given.objects, clip.instance)])
+    right = said & (given.label == reference[np.searchsorted(given.objects, instance)])
     visits = [visit for own in _visits(clip) for visit in own[1:]]
     rated = said & np.isfinite(answers.confidence)
     sure, hit = answers.confidence[rated], right[rated]
@@ -242,18 +278,19 @@ def judge(clip: Clip, answers: Answers) -> Judged:
 
 def _visits(clip: Clip) -> Iterable[list[np.ndarray]]:
     """The rows of every visit of every object, in order."""
-    for instance in np.unique(clip.instance):
-        own = np.flatnonzero(clip.instance == instance)
-        yield np.split(own, np.flatnonzero(np.diff(clip.frame[own]) > ABSENT) + 1)
+    frame, _, instance = clip.rows
+    for number in np.unique(instance):
+        own = np.flatnonzero(instance == number)
+        yield np.split(own, np.flatnonzero(np.diff(frame[own]) > ABSENT) + 1)
 
 
 def _merged(clip: Clip, answers: Answers) -> tuple[int, int]:
     """Pairs of objects of one class that share an identity, and all such pairs."""
     called: dict[int, set[int]] = {}
-    for instance in np.unique(clip.instance).tolist():
-        own = answers.ids[(clip.instance == instance) & (answers.ids != NO_LABEL)].tolist()
+    for number in np.unique(clip.rows[2]).tolist():
+        own = answers.ids[(clip.rows[2] == number) & (answers.ids != NO_LABEL)].tolist()
         names = collections.Counter(_final(answers.became, one) for one in own)
-        called[instance] = {name for name, num in names.items() if num >= SHARED}
+        called[number] = {name for name, num in names.items() if num >= SHARED}
     same = [
         bool(called[a] & called[b])
         for a, b in itertools.combinations(called, 2)
@@ -332,23 +369,31 @@ def make_tables(
     ]
 
 
-def measure(given: argparse.Namespace, scratch: Path) -> tuple[list[ComparisonTable], dict]:
-    """All tables, and why some peers are absent."""
-    sets = {folder.name: find_clips(folder, given.clips) for folder in given.folders}
-    clips = [clip for some in sets.values() for clip in some]
+def judge_contenders(
+    clips: Sequence[Clip], names: Sequence[str], changes: Sequence[str], scratch: Path
+) -> dict[str, dict[str, Judged]]:
+    """Our trackers by title and clip."""
     judged: dict[str, dict[str, Judged]] = {}
-    for contender in make_ours(given.contenders):
-        config = contender.config.updated(parse_assignments(given.set))
+    for contender in make_ours(names):
+        config = contender.config.updated(parse_assignments(changes))
         judged[contender.title] = {}
         for clip in clips:
             one = judge(clip, answer_ours(config, clip, scratch))
             judged[contender.title][clip.name] = one
             say(f"{contender.title}, {clip.name}: {one.evaluation.scores()['IDF1']:.3f}")
-    names = [] if given.peers == ["none"] else given.peers or list(PEERS)
-    found, absent = answer_peers(clips, names, scratch, given.environments)
-    for title, own in found.items():
-        judged[title] = {clip.name: judge(clip, own[clip.name]) for clip in clips}
-    return make_tables(sets, judged), absent
+    return judged
+
+
+def judge_peers(
+    clips: Sequence[Clip], names: Sequence[str], scratch: Path, environments: Path
+) -> tuple[dict[str, dict[str, Judged]], dict[str, str]]:
+    """Trackers of others by title and clip, and why some are absent."""
+    found, absent = answer_peers(clips, names, scratch, environments)
+    judged = {
+        title: {clip.name: judge(clip, own[clip.name]) for clip in clips}
+        for title, own in found.items()
+    }
+    return judged, absent
 
 
 def say(sentence: str) -> None:
@@ -364,17 +409,17 @@ def main() -> None:
     parser.add_argument("--clips", type=lambda text: text.split(","), default=[])
     parser.add_argument("--contenders", nargs="*", default=CONTENDERS)
     parser.add_argument("--set", nargs="*", default=[], metavar="KEY=VALUE", help="of ours")
-    parser.add_argument("--peers", nargs="*", choices=[*PEERS, "none"], help="all if left out")
     parser.add_argument("--json", type=Path)
-    parser.add_argument(
-        "--environments",
-        type=Path,
-        default=user_cache_folder() / "field-peers",
-        help="folder of the environments of peers",
-    )
+    add_peer_options(parser)
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as scratch:
-        tables, absent = measure(given, Path(scratch))
+    sets = {folder.name: find_clips(folder, given.clips) for folder in given.folders}
+    clips = [clip for some in sets.values() for clip in some]
+    with tempfile.TemporaryDirectory() as folder:
+        judged = judge_contenders(clips, given.contenders, given.set, Path(folder))
+        peers, absent = judge_peers(
+            clips, chosen_peers(given.peers), Path(folder), given.environments
+        )
+    tables = make_tables(sets, judged | peers)
     for table in tables:
         print(table.to_markdown())
     for name, why in absent.items():
