@@ -66,6 +66,7 @@ _CLIPS = (
     Column("merged", "count", "lower", label="merged"),
 )
 _KEPT = sorted({one if isinstance(one, str) else one.name for one in (*_TOURS, *_CLIPS)})
+POOLED = "pooled"
 _SIZES = ("returns", "pairs", "IDs", "GT_IDs")
 Scores = Mapping[str, Mapping[str, float | None]]  # by title, then by name of the score
 
@@ -75,8 +76,9 @@ def tables_of(data: Mapping[str, Any]) -> dict[str, str]:
     return {
         "figures:tours": _table(data["tours"], _TOURS),
         "figures:tours-short": _table(data["tours"], _SHORT),
-        "figures:clips": _clips_table(data["clips"]["pooled"]),
-        "figures:kinds": _kinds_table(data["clips"]),
+        "figures:clips": _pooled(data["clips"][POOLED]),
+        "figures:turns": _by_clip(data["turns"]),
+        "figures:people": _pooled(data["people"][POOLED]),
     }
 
 
@@ -88,7 +90,7 @@ def _table(scores: Scores, columns: Sequence[str | Column]) -> str:
     return ComparisonTable(rows, columns).to_markdown()
 
 
-def _clips_table(scores: Scores) -> str:
+def _pooled(scores: Scores) -> str:
     """All clips pooled; of every tracker of others the setting that fares best."""
     best: dict[str, str] = {}
     for title, own in scores.items():
@@ -115,11 +117,11 @@ def _is_peer(title: str) -> bool:
     return title.endswith((", published", ", open", ", for ever"))
 
 
-def _kinds_table(clips: Mapping[str, Scores]) -> str:
-    """IDF1 of our trackers by clip."""
-    ours = [title for title in clips["pooled"] if not _is_peer(title)]
-    names = [name for name in clips if name != "pooled"]
-    scores = {title: {name: clips[name][title]["IDF1"] for name in names} for title in ours}
+def _by_clip(clips: Mapping[str, Scores]) -> str:
+    """IDF1 by clip."""
+    names = [name for name in clips if name != POOLED]
+    titles = next(iter(clips.values()), {})
+    scores = {one: {name: clips[name][one]["IDF1"] for name in names} for one in titles}
     return _table(scores, [Column(name, "percent", "higher") for name in names])
 
 
@@ -154,21 +156,35 @@ def measure_tours(repeats: int) -> dict[str, dict[str, float | None]]:
     return {one.title: without_nan(_kept(found[one.name])) for one in contenders}
 
 
-def measure_clips(given: argparse.Namespace) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Every contender and peer on real clips: pooled, and by clip."""
+def measure_clips(given: argparse.Namespace) -> dict[str, dict[str, Scores]]:
+    """On real clips: every contender and peer, and what the default gains by options."""
     clips = realvideo.find_clips(given.clips)
     with tempfile.TemporaryDirectory() as folder:
         judged = realvideo.judge_contenders(clips, OF_CLIPS, (), Path(folder))
         names = chosen_peers(given.peers)
         peers, absent = realvideo.judge_peers(clips, names, Path(folder), given.environments)
+        turns, people = realvideo.judge_turns(clips, Path(folder))
     for name, why in absent.items():
         say(f"{name} is absent: {why}")
-    tables = realvideo.make_tables({"clips": clips}, judged | peers)
+    as_it_is = {"as it is": next(iter(judged.values()))}
+    everything = {"clips": judged | peers, "turns": as_it_is | turns, "people": people}
+    return {name: scores_of(clips, some) for name, some in everything.items()}
+
+
+def scores_of(
+    clips: Sequence[realvideo.Clip], judged: Mapping[str, Mapping[str, realvideo.Judged]]
+) -> dict[str, Scores]:
+    """What is kept of clips: all pooled, and each."""
+    judged_clips = [clip for clip in clips if all(clip.name in own for own in judged.values())]
+    groups = {POOLED: judged_clips, **{clip.name: [clip] for clip in judged_clips}}
     return {
-        table.title.removeprefix("clips, "): {
-            row.name: without_nan(_kept(row.scores)) for row in table.rows
+        group: {
+            title: without_nan(
+                _kept(realvideo.row_of(title, [own[clip.name] for clip in some]).scores)
+            )
+            for title, own in judged.items()
         }
-        for table in tables
+        for group, some in groups.items()
     }
 
 
@@ -200,7 +216,7 @@ def main() -> None:
         if not given.clips_only:
             data["tours"] = measure_tours(given.repeats)
         if given.clips is not None:
-            data["clips"] = measure_clips(given)
+            data |= measure_clips(given)
         DATA.write_text(json.dumps(data, indent=1) + "\n")
     tables = tables_of(data)
     for page in PAGES:

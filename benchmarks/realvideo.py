@@ -53,7 +53,7 @@ from benchmarks.field_peers.environments import (
 )
 from benchmarks.field_scoring import first_sayings
 from remind_jax.cli.overrides import parse_assignments
-from remind_jax.config import Config
+from remind_jax.config import Config, load_config
 from remind_jax.metrics import (
     Column,
     ComparisonTable,
@@ -74,6 +74,8 @@ ABSENT = 10  # frames; who is away for longer returns
 SHARED = 5  # rows of each, from which on two objects are merged
 SURE = 0.97
 ANNOUNCE_AFTER = 5  # as for any detector
+PERSON = "person"
+DELAY = 15  # frames
 _BINS = 10
 _FPS = 30.0
 
@@ -108,6 +110,17 @@ class Clip:
         """The same with the detections of one class."""
         lines, labels = self._with(lambda d: [d] if d["label"] == label else [])
         return dataclasses.replace(self, lines=lines, labels=labels)
+
+    def judged_by(self, label: str) -> Clip:
+        """The same, with a truth of the detections of one class."""
+        labels = tuple(
+            tuple(
+                g if d["label"] == label else 0
+                for g, d in zip(row, line["detections"], strict=True)
+            )
+            for row, line in zip(self.labels, self.lines, strict=True)
+        )
+        return dataclasses.replace(self, labels=labels)
 
     def _with(self, change: Callable[[dict[str, Any]], list[dict[str, Any]]]) -> tuple[Any, Any]:
         """Lines and labels with every detection changed into none or one."""
@@ -382,6 +395,29 @@ def judge_contenders(
             judged[contender.title][clip.name] = one
             say(f"{contender.title}, {clip.name}: {one.evaluation.scores()['IDF1']:.3f}")
     return judged
+
+
+def judge_turns(
+    clips: Sequence[Clip], scratch: Path
+) -> tuple[dict[str, dict[str, Judged]], dict[str, dict[str, Judged]]]:
+    """What the default gains by options, by title and clip; the second of clips with people."""
+    config = load_config("default")
+
+    def run(change: Callable[[Clip], Clip], clip: Clip, delay: int = 0) -> Judged:
+        changed = change(clip)
+        say(f"{clip.name}, a turn")
+        return judge(changed, answer_ours(config, changed, scratch, delay))
+
+    people = [clip for clip in clips if list(clip.class_of.values()).count(PERSON) > 1]
+    turns = {
+        f"`--delay {DELAY}`": {clip.name: run(lambda c: c, clip, DELAY) for clip in clips},
+        "one class for all": {clip.name: run(Clip.one_class, clip) for clip in clips},
+    }
+    alone = {
+        "among all classes": {c.name: run(lambda c: c.judged_by(PERSON), c) for c in people},
+        f"`--classes {PERSON}`": {c.name: run(lambda c: c.only(PERSON), c) for c in people},
+    }
+    return turns, alone
 
 
 def judge_peers(
