@@ -78,7 +78,7 @@ def tables_of(data: Mapping[str, Any]) -> dict[str, str]:
         "figures:tours-short": _table(data["tours"], _SHORT),
         "figures:clips": _pooled(data["clips"][POOLED]),
         "figures:turns": _by_clip(data["turns"]),
-        "figures:people": _pooled(data["people"][POOLED]),
+        "figures:people": _by_clip(data["people"]),
     }
 
 
