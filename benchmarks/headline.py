@@ -66,7 +66,6 @@ _CLIPS = (
     Column("merged", "count", "lower", label="merged"),
 )
 _KEPT = sorted({one if isinstance(one, str) else one.name for one in (*_TOURS, *_CLIPS)})
-POOLED = "pooled"
 _SIZES = ("returns", "pairs", "IDs", "GT_IDs")
 Scores = Mapping[str, Mapping[str, float | None]]  # by title, then by name of the score
 
@@ -76,7 +75,7 @@ def tables_of(data: Mapping[str, Any]) -> dict[str, str]:
     return {
         "figures:tours": _table(data["tours"], _TOURS),
         "figures:tours-short": _table(data["tours"], _SHORT),
-        "figures:clips": _pooled(data["clips"][POOLED]),
+        "figures:clips": _pooled(data["clips"]),
         "figures:turns": _by_clip(data["turns"]),
         "figures:people": _by_clip(data["people"]),
     }
@@ -117,11 +116,8 @@ def _is_peer(title: str) -> bool:
     return title.endswith((", published", ", open", ", for ever"))
 
 
-def _by_clip(clips: Mapping[str, Scores]) -> str:
-    """IDF1 by clip."""
-    names = [name for name in clips if name != POOLED]
-    titles = next(iter(clips.values()), {})
-    scores = {one: {name: clips[name][one]["IDF1"] for name in names} for one in titles}
+def _by_clip(scores: Scores) -> str:
+    names = next(iter(scores.values()), {})
     return _table(scores, [Column(name, "percent", "higher") for name in names])
 
 
@@ -156,7 +152,7 @@ def measure_tours(repeats: int) -> dict[str, dict[str, float | None]]:
     return {one.title: without_nan(_kept(found[one.name])) for one in contenders}
 
 
-def measure_clips(given: argparse.Namespace) -> dict[str, dict[str, Scores]]:
+def measure_clips(given: argparse.Namespace) -> dict[str, Scores]:
     """On real clips: every contender and peer, and what the default gains by options."""
     clips = realvideo.find_clips(given.clips)
     with tempfile.TemporaryDirectory() as folder:
@@ -167,24 +163,20 @@ def measure_clips(given: argparse.Namespace) -> dict[str, dict[str, Scores]]:
     for name, why in absent.items():
         say(f"{name} is absent: {why}")
     as_it_is = {"as it is": next(iter(judged.values()))}
-    everything = {"clips": judged | peers, "turns": as_it_is | turns, "people": people}
-    return {name: scores_of(clips, some) for name, some in everything.items()}
-
-
-def scores_of(
-    clips: Sequence[realvideo.Clip], judged: Mapping[str, Mapping[str, realvideo.Judged]]
-) -> dict[str, Scores]:
-    """What is kept of clips: all pooled, and each."""
-    judged_clips = [clip for clip in clips if all(clip.name in own for own in judged.values())]
-    groups = {POOLED: judged_clips, **{clip.name: [clip] for clip in judged_clips}}
     return {
-        group: {
-            title: without_nan(
-                _kept(realvideo.row_of(title, [own[clip.name] for clip in some]).scores)
-            )
-            for title, own in judged.items()
-        }
-        for group, some in groups.items()
+        "clips": {
+            title: without_nan(_kept(realvideo.row_of(title, list(own.values())).scores))
+            for title, own in (judged | peers).items()
+        },
+        "turns": _idf1_by_clip(as_it_is | turns),
+        "people": _idf1_by_clip(people),
+    }
+
+
+def _idf1_by_clip(judged: Mapping[str, Mapping[str, realvideo.Judged]]) -> Scores:
+    return {
+        title: {clip: round(one.evaluation.scores()["IDF1"], 4) for clip, one in own.items()}
+        for title, own in judged.items()
     }
 
 

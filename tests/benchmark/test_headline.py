@@ -44,7 +44,7 @@ def test_of_the_trackers_of_others_the_best_setting_is_shown():
     scores |= {"returns": 3, "pairs": 2}
     titles = ("ours, closeups", "X (p), published", "X (q), open", "Y (p), open")
     pooled = {title: {**scores, "IDF1": 0.1 * n} for n, title in enumerate(titles)}
-    data = {"tours": {}, "clips": {"pooled": pooled}, "turns": {}, "people": {}}
+    data = {"tours": {}, "clips": pooled, "turns": {}, "people": {}}
     table = headline.tables_of(data)["figures:clips"]
     shown = [line.split("|")[1].strip() for line in table.splitlines()[2:] if "|" in line]
     assert shown == ["ours, closeups", "X (q), open", "Y (p), open"]
