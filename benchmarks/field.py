@@ -3,7 +3,7 @@
     python benchmarks/field.py --out DIR                     ours, and every peer that can be had
     python benchmarks/field.py --out DIR --peers norfair     ours and some; `--peers none`: ours
     python benchmarks/field.py --out DIR --quick             few points of each plot, one seed
-    python benchmarks/field.py --out DIR --page              and writes tables into docs/field.md
+    python benchmarks/field.py --out DIR --page              and writes docs/field.md
 
 All trackers get the same frames, detections and embeddings (`field_worlds.py`, `field_ours.py`).
 Peers run in environments of their own (`field_peers/`), which are made with pip when they are first
@@ -175,7 +175,11 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=NUM_SEEDS, help="scenes of each kind")
     parser.add_argument("--quick", action="store_true", help="few points, one seed")
     parser.add_argument("--kept", action="store_true", help="ask no peer, score what is in DIR")
-    parser.add_argument("--page", action="store_true", help="write docs/field.md and its figures")
+    parser.add_argument(
+        "--page",
+        action="store_true",
+        help="write docs/field.md; not --quick: all of it, with its figures",
+    )
     add_peer_options(parser)
     given = parser.parse_args()
     try:
@@ -186,11 +190,15 @@ def main() -> int:
     (given.out / "field.json").write_text(json.dumps(result, indent=1))
     tables = write_tables(result)
     write_figures(result, given.out)
-    (given.out / "field.md").write_text("\n\n".join(tables.values()) + "\n")
+    text = "\n\n".join(tables.values())
+    (given.out / "field.md").write_text(text + "\n")
     if given.page:
-        write_figures(result, PAGE.parent / "figures")
+        if given.quick:
+            tables = {"quick": tables["all"]}
+        else:
+            write_figures(result, PAGE.parent / "figures")
         fill_file(PAGE, {f"field:{name}": table for name, table in tables.items()})
-    print("\n\n".join(tables.values()))
+    print(text)
     return 0
 
 

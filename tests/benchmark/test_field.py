@@ -154,7 +154,12 @@ def test_the_page_has_a_place_for_every_table():
         {"varied": q.varied, "world": q.world, "value": q.value, "contender": "x"}
         for q in questions()
     ]
-    names = {"all", "peers", *(f"{r['varied']}-{r['world'].replace(' ', '-')}" for r in rows)}
+    names = {
+        "all",
+        "quick",
+        "peers",
+        *(f"{r['varied']}-{r['world'].replace(' ', '-')}" for r in rows),
+    }
     page = field.PAGE.read_text()
     assert {name for name in names if f"<!-- field:{name} -->" in page} == names
     assert set(write_tables(result)) <= names
