@@ -24,6 +24,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks import cold_start, realvideo
+from benchmarks.clips import Judged, find_clips
 from benchmarks.field_peers.environments import add_peer_options, chosen_peers
 from benchmarks.pages import fill_file
 from remind_jax.backbone import get_backbone
@@ -154,7 +155,7 @@ def measure_tours(repeats: int) -> dict[str, dict[str, float | None]]:
 
 def measure_clips(given: argparse.Namespace) -> dict[str, Scores]:
     """On real clips: every contender and peer, and what the default gains by options."""
-    clips = realvideo.find_clips(given.clips)
+    clips = find_clips(given.clips)
     with tempfile.TemporaryDirectory() as folder:
         judged = realvideo.judge_contenders(clips, OF_CLIPS, (), Path(folder))
         names = chosen_peers(given.peers)
@@ -173,7 +174,7 @@ def measure_clips(given: argparse.Namespace) -> dict[str, Scores]:
     }
 
 
-def _idf1_by_clip(judged: Mapping[str, Mapping[str, realvideo.Judged]]) -> Scores:
+def _idf1_by_clip(judged: Mapping[str, Mapping[str, Judged]]) -> Scores:
     return {
         title: {clip: round(one.evaluation.scores()["IDF1"], 4) for clip, one in own.items()}
         for title, own in judged.items()

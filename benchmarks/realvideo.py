@@ -20,28 +20,23 @@ confidence and share right, in ten bins. Intervals are of 95 %, over clips.
 from __future__ import annotations
 
 import argparse
-import collections
-import dataclasses
-import functools
-import gzip
-import itertools
 import json
 import re
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import jax
 
 import remind_jax as rj
+from benchmarks.clips import Answers, Clip, Judged, extra_scores, find_clips, judge
 from benchmarks.field_ours import Describer, make_ours, write_sequence
 from benchmarks.field_peers.environments import (
     PEERS,
@@ -51,143 +46,24 @@ from benchmarks.field_peers.environments import (
     chosen_peers,
     prepare,
 )
-from benchmarks.field_scoring import first_sayings
 from remind_jax.cli.overrides import parse_assignments
 from remind_jax.config import Config, load_config
 from remind_jax.metrics import (
     Column,
     ComparisonTable,
     Row,
-    TrackingSequence,
     bootstrap_intervals,
-    evaluate_sequence,
     pool_evaluations,
     stack_counts,
 )
-from remind_jax.metrics.combine import pool_counts, ratio
-from remind_jax.metrics.evaluation import Evaluation, scene_intervals, without_nan
-from remind_jax.metrics.recovery import NO_LABEL, collect_answers, find_reference
-from remind_jax.sources import open_source
+from remind_jax.metrics.combine import pool_counts
+from remind_jax.metrics.evaluation import scene_intervals, without_nan
 
 CONTENDERS = ("default", "remind", "bank", "bank-closeups", "running-mean")
-ABSENT = 10  # frames; who is away for longer returns
-SHARED = 5  # rows of each, from which on two objects are merged
-SURE = 0.97
 ANNOUNCE_AFTER = 5  # as for any detector
 PERSON = "person"
 DELAY = 15  # frames
-_BINS = 10
 _FPS = 30.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Clip:
-    """A clip and its truth; `R` rows are the detections that the truth knows, ordered by frame."""
-
-    name: str
-    folder: Path
-    lines: tuple[dict[str, Any], ...]  # the file of detections
-    labels: tuple[tuple[int, ...], ...]  # the true object of every detection of every frame, or 0
-    class_of: dict[int, str]
-
-    @functools.cached_property
-    def rows(self) -> Int[np.ndarray, "3 R"]:
-        """Frame, detection and true object."""
-        rows = [(t, d, g) for t, row in enumerate(self.labels) for d, g in enumerate(row) if g]
-        return np.array(rows, int).reshape(-1, 3).T
-
-    def open(self, scratch: Path) -> Any:
-        """Its frames with their detections, which are written into a folder."""
-        masks = scratch / f"{self.name}.jsonl"
-        masks.write_text("".join(json.dumps(line) + "\n" for line in self.lines))
-        return open_source(self.folder / "JPEGImages" / self.name, masks=masks)
-
-    def one_class(self) -> Clip:
-        """The same with one class for everything."""
-        return dataclasses.replace(self, lines=self._with(lambda d: [{**d, "label": "thing"}])[0])
-
-    def only(self, label: str) -> Clip:
-        """The same with the detections of one class."""
-        lines, labels = self._with(lambda d: [d] if d["label"] == label else [])
-        return dataclasses.replace(self, lines=lines, labels=labels)
-
-    def judged_by(self, label: str) -> Clip:
-        """The same, with a truth of the detections of one class."""
-        labels = tuple(
-            tuple(
-                g if d["label"] == label else 0
-                for g, d in zip(row, line["detections"], strict=True)
-            )
-            for row, line in zip(self.labels, self.lines, strict=True)
-        )
-        return dataclasses.replace(self, labels=labels)
-
-    def _with(self, change: Callable[[dict[str, Any]], list[dict[str, Any]]]) -> tuple[Any, Any]:
-        """Lines and labels with every detection changed into none or one."""
-        changed = [[change(one) for one in line["detections"]] for line in self.lines]
-        lines = (
-            {**line, "detections": [one for some in own for one in some]}
-            for line, own in zip(self.lines, changed, strict=True)
-        )
-        labels = (
-            tuple(label for label, some in zip(row, own, strict=True) if some)
-            for row, own in zip(self.labels, changed, strict=True)
-        )
-        return tuple(lines), tuple(labels)
-
-
-@dataclasses.dataclass(frozen=True)
-class Answers:
-    """What a tracker said of every row of a clip."""
-
-    ids: Int[np.ndarray, "R"]  # -1: nothing
-    confidence: Float[np.ndarray, "R"]  # NaN without one
-    became: dict[int, int] = dataclasses.field(default_factory=dict)  # identities declared another
-    seconds: float = float("nan")
-
-
-@dataclasses.dataclass(frozen=True)
-class Counts:
-    """What is counted beside the usual scores; counts of several clips add up."""
-
-    returns: Any
-    recovered: Any
-    kept: Any
-    at_once: Any
-    pairs: Any  # of objects of one class
-    merged: Any
-    sure: Any
-    sure_right: Any
-    binned: Any  # [..., bins] answers by confidence
-    binned_sure: Any  # [..., bins] sums of their confidence
-    binned_right: Any  # [..., bins]
-
-
-@dataclasses.dataclass(frozen=True)
-class Judged:
-    """One tracker on one clip."""
-
-    evaluation: Evaluation
-    counts: Counts
-    seconds: float
-
-
-def find_clips(folder: Path, wanted: Sequence[str] = ()) -> list[Clip]:
-    """The clips of a folder, by name."""
-    return [
-        _read_clip(file.parent)
-        for file in sorted(folder.glob("*/metadata.json"))
-        if not wanted or file.parent.name in wanted
-    ]
-
-
-def _read_clip(folder: Path) -> Clip:
-    told = json.loads((folder / "metadata.json").read_text())
-    (packed,) = folder.glob("*.jsonl.gz")
-    lines = tuple(map(json.loads, gzip.decompress(packed.read_bytes()).splitlines()))
-    labels = tuple(map(tuple, told["labels_of_detections"]))
-    classes = {int(number): name for number, name in told["id_to_class"].items()}
-    return Clip(folder.name, folder, lines, labels, classes)
 
 
 def answer_ours(config: Config, clip: Clip, scratch: Path, delay: int = 0) -> Answers:
@@ -254,82 +130,6 @@ def _of_rows(clip: Clip, ids: Int[np.ndarray, "M"]) -> Answers:
     return Answers(own, np.full(len(own), np.nan))
 
 
-def judge(clip: Clip, answers: Answers) -> Judged:
-    """Scores the answers about a clip; who is right is who has most rows, one to one."""
-    frame, _, instance = clip.rows
-    said = answers.ids != NO_LABEL
-    rows = first_sayings(frame, answers.ids)
-    sequence = TrackingSequence.create(
-        len(clip.labels),
-        (frame, instance),
-        (frame[rows], answers.ids[rows]),
-        (rows, np.arange(len(rows)), np.ones(len(rows))),
-        name=clip.name,
-    )
-    given = collect_answers(sequence)
-    reference = find_reference(given)
-    right = said & (given.label == reference[np.searchsorted(given.objects, instance)])
-    visits = [visit for own in _visits(clip) for visit in own[1:]]
-    rated = said & np.isfinite(answers.confidence)
-    sure, hit = answers.confidence[rated], right[rated]
-    place = np.minimum((_BINS * sure).astype(int), _BINS - 1)
-    merged, pairs = _merged(clip, answers)
-    binned = [np.bincount(place, each, _BINS) for each in (None, sure, hit)]
-    counts = (
-        len(visits),
-        sum(right[visit].any() for visit in visits),
-        sum(2 * right[visit].sum() > len(visit) for visit in visits),
-        sum(right[visit[0]] for visit in visits),
-        pairs,
-        merged,
-        (sure >= SURE).sum(),
-        hit[sure >= SURE].sum(),
-        *binned,
-    )
-    return Judged(evaluate_sequence(sequence), Counts(*map(np.asarray, counts)), answers.seconds)
-
-
-def _visits(clip: Clip) -> Iterable[list[np.ndarray]]:
-    """The rows of every visit of every object, in order."""
-    frame, _, instance = clip.rows
-    for number in np.unique(instance):
-        own = np.flatnonzero(instance == number)
-        yield np.split(own, np.flatnonzero(np.diff(frame[own]) > ABSENT) + 1)
-
-
-def _merged(clip: Clip, answers: Answers) -> tuple[int, int]:
-    """Pairs of objects of one class that share an identity, and all such pairs."""
-    called: dict[int, set[int]] = {}
-    for number in np.unique(clip.rows[2]).tolist():
-        own = answers.ids[(clip.rows[2] == number) & (answers.ids != NO_LABEL)].tolist()
-        names = collections.Counter(_final(answers.became, one) for one in own)
-        called[number] = {name for name, num in names.items() if num >= SHARED}
-    same = [
-        bool(called[a] & called[b])
-        for a, b in itertools.combinations(called, 2)
-        if clip.class_of[a] == clip.class_of[b]
-    ]
-    return sum(same), len(same)
-
-
-def _final(became: dict[int, int], number: int) -> int:
-    seen = set()
-    while number in became and number not in seen:
-        seen.add(number)
-        number = became[number]
-    return number
-
-
-def _extra_scores(counts: Counts) -> dict[str, Any]:
-    distance = np.abs(counts.binned_sure - counts.binned_right).sum(-1)
-    counted = ("returns", "recovered", "kept", "at_once", "pairs", "merged")
-    return {
-        **{name: getattr(counts, name) for name in counted},
-        "sure_right": ratio(counts.sure_right, counts.sure),
-        "ece": ratio(distance, counts.binned.sum(-1)),
-    }
-
-
 COLUMNS = (
     "IDF1",
     "AssA",
@@ -351,13 +151,13 @@ def row_of(title: str, judged: Sequence[Judged]) -> Row:
     """One clip, or several pooled, with intervals over them."""
     evaluation = pool_evaluations([one.evaluation for one in judged])
     counts = pool_counts(one.counts for one in judged)
-    scores = {**evaluation.scores(), **_extra_scores(counts)}
+    scores = {**evaluation.scores(), **extra_scores(counts)}
     scores = {name: float(value) for name, value in scores.items()}
     scores["undecided"] = 1 - scores["Dets"] / scores["GT_Dets"]
     scores["seconds"] = sum(one.seconds for one in judged)
     if len(judged) < 2:
         return Row(title, scores)
-    extra = bootstrap_intervals(stack_counts(one.counts for one in judged), _extra_scores)
+    extra = bootstrap_intervals(stack_counts(one.counts for one in judged), extra_scores)
     intervals = scene_intervals([one.evaluation for one in judged]) | extra
     shown = ("IDF1", "AssA", "sure_right", "ece")
     return Row(title, scores, {name: intervals[name] for name in shown})

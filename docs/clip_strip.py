@@ -20,7 +20,8 @@ from jaxtyping import UInt8
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import remind_jax as rj
-from benchmarks.realvideo import ANNOUNCE_AFTER, find_clips
+from benchmarks.clips import find_clips
+from benchmarks.realvideo import ANNOUNCE_AFTER
 from remind_jax.masks.run_length import encode_masks
 
 WIDTH_PX = 320

@@ -8,7 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.realvideo import ABSENT, Answers, find_clips, judge, make_tables, row_of
+from benchmarks.clips import ABSENT, Answers, find_clips, judge
+from benchmarks.realvideo import make_tables, row_of
 
 VISIT = 6  # frames
 AWAY = ABSENT + 1
