@@ -46,8 +46,8 @@ bench: $(VENV)/.dev  ## what is claimed about speed
 	$(BIN)/python benchmarks/step.py
 	$(BIN)/python benchmarks/metrics.py
 
-figures: $(VENV)/.core  ## the figures that the README leads with (three minutes)
-	$(BIN)/python benchmarks/headline.py
+figures: $(VENV)/.core  ## the figures that pages lead with (three minutes; CLIPS=FOLDER: real clips too)
+	$(BIN)/python benchmarks/headline.py $(if $(CLIPS),--clips $(CLIPS))
 
 notebooks: $(VENV)/.dev  ## execute the notebooks and write their pages anew
 	$(BIN)/python notebooks/execute.py

@@ -3,7 +3,7 @@
     python benchmarks/field.py --out DIR                     ours, and every peer that can be had
     python benchmarks/field.py --out DIR --peers norfair     ours and some; `--peers none`: ours
     python benchmarks/field.py --out DIR --quick             few points of each plot, one seed
-    python benchmarks/field.py --out DIR --page              and writes tables into docs/field.md
+    python benchmarks/field.py --out DIR --page              and writes docs/field.md
 
 All trackers get the same frames, detections and embeddings (`field_worlds.py`, `field_ours.py`).
 Peers run in environments of their own (`field_peers/`), which are made with pip when they are first
@@ -24,13 +24,20 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import numpy as np
 
 import remind_jax as rj
-from benchmarks.field_ours import OURS, Describer, Ours
-from benchmarks.field_page import write_figures, write_page, write_tables
-from benchmarks.field_peers.environments import PEERS, AbsentError, ask, prepare
+from benchmarks.field_ours import OURS, Ours, TrialWriter
+from benchmarks.field_page import write_figures, write_tables
+from benchmarks.field_peers.environments import (
+    PEERS,
+    AbsentError,
+    add_peer_options,
+    ask,
+    chosen_peers,
+    prepare,
+)
 from benchmarks.field_scoring import Outcome, judge, pool, truth_of
 from benchmarks.field_worlds import FIRST_SEED, Trial, make_trials, questions
+from benchmarks.pages import fill_file
 from remind_jax.errors import RemindError
-from remind_jax.files import user_cache_folder
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "field.md"
 NUM_SEEDS = 2
@@ -57,10 +64,10 @@ def answer_peers(
     reports, absent = {}, {}
     sequences = out / "sequences"
     sequences.mkdir(parents=True, exist_ok=True)
-    describer = Describer() if names else None
+    writer = TrialWriter() if names else None
     for trial in trials:
-        if describer is not None and not (sequences / f"{trial.name}.npz").is_file():
-            describer.write(trial, sequences / f"{trial.name}.npz")
+        if writer is not None and not (sequences / f"{trial.name}.npz").is_file():
+            writer.write(trial, sequences / f"{trial.name}.npz")
     for name in names:
         answers = out / "answers" / name
         try:
@@ -136,7 +143,7 @@ def run(given: argparse.Namespace) -> dict[str, Any]:
     seeds = range(FIRST_SEED, FIRST_SEED + (1 if given.quick else given.seeds))
     trials = [trial for seed in seeds for trial in make_trials(asked, seed, out / "scenes")]
     titles = answer_ours(trials, out / "answers", OURS)
-    names = [] if given.peers == ["none"] else given.peers or list(PEERS)
+    names = chosen_peers(given.peers)
     reports, absent = answer_peers(trials, names, out, given.environments, given.kept)
     contenders = {title: out / "answers" / name for name, title in titles.items()}
     about: dict[str, Any] = {title: {"setting": "ours"} for title in titles.values()}
@@ -165,17 +172,15 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, required=True, help="folder of all that is made")
-    parser.add_argument("--peers", nargs="*", choices=[*PEERS, "none"], help="all if left out")
     parser.add_argument("--seeds", type=int, default=NUM_SEEDS, help="scenes of each kind")
     parser.add_argument("--quick", action="store_true", help="few points, one seed")
     parser.add_argument("--kept", action="store_true", help="ask no peer, score what is in DIR")
-    parser.add_argument("--page", action="store_true", help="write docs/field.md and its figures")
     parser.add_argument(
-        "--environments",
-        type=Path,
-        default=user_cache_folder() / "field-peers",
-        help="folder of the environments of peers",
+        "--page",
+        action="store_true",
+        help="write docs/field.md; not --quick: all of it, with its figures",
     )
+    add_peer_options(parser)
     given = parser.parse_args()
     try:
         result = run(given)
@@ -185,11 +190,15 @@ def main() -> int:
     (given.out / "field.json").write_text(json.dumps(result, indent=1))
     tables = write_tables(result)
     write_figures(result, given.out)
-    (given.out / "field.md").write_text("\n\n".join(tables.values()) + "\n")
+    text = "\n\n".join(tables.values())
+    (given.out / "field.md").write_text(text + "\n")
     if given.page:
-        write_figures(result, PAGE.parent / "figures")
-        write_page(tables, PAGE)
-    print("\n\n".join(tables.values()))
+        if given.quick:
+            tables = {"quick": tables["all"]}
+        else:
+            write_figures(result, PAGE.parent / "figures")
+        fill_file(PAGE, {f"field:{name}": table for name, table in tables.items()})
+    print(text)
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,24 +12,41 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from benchmarks.field_worlds import COVERED, FPS, SCORE, Trial
+from benchmarks.field_worlds import COVERED, FPS, Trial
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.baselines.masked_mean import look
-from remind_jax.benchmark.contenders import make_contenders
-from remind_jax.masks.reduction import pad_masks
-from remind_jax.observation import FrameFeats
+from remind_jax.benchmark.contenders import Contender, make_contenders
+from remind_jax.frame import Frame
+from remind_jax.masks.reduction import pad_feats, pad_masks
+from remind_jax.masks.relations import box_of
 from remind_jax.session.live import Tracker
 
-OURS = ("default", "remind", "bank")
-_MOST_DETECTIONS = 32  # of one picture
+OURS = ("default", "remind", "bank-closeups")
+_CLOSEUPS = "-closeups"
+_SLOTS = 32
 _REMEMBERED = 500  # pictures, less than a GB
+
+
+def make_ours(names: Sequence[str]) -> tuple[Contender, ...]:
+    """As `make_contenders`; `NAME-closeups` sees closeups where NAME by itself sees the frame."""
+
+    def make(name: str) -> Contender:
+        (one,) = make_contenders([name.removesuffix(_CLOSEUPS)])
+        if not name.endswith(_CLOSEUPS):
+            return one
+        config = one.config.updated({"input": {"closeups": "always"}})
+        return Contender(name, f"{one.title}, closeups", config)
+
+    return tuple(make(name) for name in names)
 
 
 @dataclasses.dataclass(frozen=True)
 class Described:
-    """What a picture shows, for trackers that take boxes and embeddings."""
+    """What a frame shows, for trackers that take boxes and embeddings."""
 
     boxes: Float[np.ndarray, "N 4"]  # left, top, right, bottom; right and bottom excluded
+    scores: Float[np.ndarray, "N"]
+    classes: Int[np.ndarray, "N"]
     embeddings: Float[np.ndarray, "N D"]  # of unit length
 
 
@@ -52,8 +70,9 @@ class Ours:
 
     def __init__(self, names: tuple[str, ...] = OURS) -> None:
         backbone = _described_once(get_backbone("patch-statistics"))
-        self.titles = {one.name: one.title for one in make_contenders(names)}
-        self._trackers = {one.name: Tracker(one.config, backbone) for one in make_contenders(names)}
+        contenders = make_ours(names)
+        self.titles = {one.name: one.title for one in contenders}
+        self._trackers = {one.name: Tracker(one.config, backbone) for one in contenders}
 
     def answer(self, name: str, trial: Trial) -> Int[np.ndarray, "M"]:
         """Identities as they were given in each frame, -1 where there was none yet."""
@@ -72,46 +91,75 @@ class Ours:
 
 
 class Describer:
-    """Boxes and masked means of our default features, each picture once."""
+    """Boxes and masked means of the features that plus sees: those of closeups."""
 
     def __init__(self) -> None:
-        self._tracker = Tracker("default", tracker="bank")
-        self._known: dict[tuple[Path, int], Described] = {}
+        (bank,) = make_ours(["bank-closeups"])
+        self._tracker = Tracker(bank.config)
         self._look = jax.jit(lambda feats, masks: look(feats, masks).vector)
 
+    def describe(self, frame: Frame) -> Described:
+        """What a frame with detections shows."""
+        prepared = self._tracker.prepare(frame)
+        found = prepared.detections
+        num = len(found)
+        slots = -(-max(num, 1) // _SLOTS) * _SLOTS  # few sizes, so that few programs are compiled
+        feats = pad_feats(self._tracker.describe(prepared), slots)
+        vectors = jax.device_get(self._look(feats, pad_masks(prepared.masks, slots)))
+        boxes = np.array([box_of(found.masks, row) for row in range(num)]).reshape(num, 4)
+        boxes[:, 2:] += boxes[:, :2]
+        return Described(boxes, found.scores, np.asarray(prepared.masks.class_id), vectors[:num])
+
+
+def write_sequence(
+    file: Path,
+    shown: Iterable[tuple[int, Described]],
+    picture: Int[np.ndarray, "T"],
+    pictures: Path,
+    fps: float,
+) -> None:
+    """Writes the neutral file of a sequence (`field_peers/neutral.py`); it holds no truth.
+
+    Args:
+      file: What is written.
+      shown: Frames with detections, in order.
+      picture: Number of the picture of each frame, -1 where the lens is covered.
+      pictures: File of all pictures.
+      fps: Frames per second.
+    """
+    parts = list(shown)
+    np.savez(
+        file,
+        frame=np.concatenate([np.full(len(one.boxes), index) for index, one in parts]),
+        boxes=np.concatenate([one.boxes for _, one in parts]).astype(np.float32),
+        scores=np.concatenate([one.scores for _, one in parts]).astype(np.float32),
+        classes=np.concatenate([one.classes for _, one in parts]).astype(np.int64),
+        embeddings=np.concatenate([one.embeddings for _, one in parts]).astype(np.float32),
+        picture=picture,
+        pictures=str(pictures.resolve()),
+        fps=fps,
+    )
+
+
+class TrialWriter:
+    """Neutral files of trials; every picture is described once."""
+
+    def __init__(self) -> None:
+        self._describer = Describer()
+        self._known: dict[tuple[Path, int], Described] = {}
+
     def write(self, trial: Trial, file: Path) -> None:
-        """Writes the neutral file of a trial; it holds no truth."""
-        parts = [
+        """Writes the file of a trial."""
+        shown = [
             (index, self._describe(trial, int(number)))
             for index, number in enumerate(trial.picture)
             if number >= 0
         ]
-        boxes = np.concatenate([one.boxes for _, one in parts])
-        np.savez(
-            file,
-            frame=np.concatenate([np.full(len(one.boxes), index) for index, one in parts]),
-            boxes=boxes.astype(np.float32),
-            scores=np.full(len(boxes), SCORE, np.float32),
-            classes=np.zeros(len(boxes), np.int64),
-            embeddings=np.concatenate([one.embeddings for _, one in parts]).astype(np.float32),
-            picture=trial.picture,
-            pictures=str(trial.pictures.file.resolve()),
-            fps=FPS,
-        )
+        write_sequence(file, shown, trial.picture, trial.pictures.file, FPS)
 
     def _describe(self, trial: Trial, number: int) -> Described:
         key = trial.pictures.file, number
         if key not in self._known:
-            self._known[key] = self._look_at(trial, number)
+            (frame,) = dataclasses.replace(trial, picture=np.array([number])).frames()
+            self._known[key] = self._describer.describe(frame)
         return self._known[key]
-
-    def _look_at(self, trial: Trial, number: int) -> Described:
-        one = dataclasses.replace(trial, picture=np.array([number]))
-        (frame,) = one.frames()
-        prepared = self._tracker.prepare(frame)
-        assert prepared.image is not None
-        patches = self._tracker.backbone.extract(prepared.image[None])[0]
-        feats = FrameFeats(patches, np.array(frame.size, np.int32))
-        vectors = jax.device_get(self._look(feats, pad_masks(prepared.masks, _MOST_DETECTIONS)))
-        num = len(prepared.detections)
-        return Described(np.asarray(prepared.masks.box)[:num], vectors[:num])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -209,12 +208,3 @@ def _line(axis: Any, rows: list[Row], score: str, **style: Any) -> None:
     rows = sorted(rows, key=lambda row: row["value"])
     if rows:
         axis.plot([row["value"] for row in rows], [row[score] for row in rows], **style)
-
-
-def write_page(tables: dict[str, str], page: Path) -> None:
-    """Puts every table between `<!-- field:NAME -->` and `<!-- end -->`."""
-    text = page.read_text(encoding="utf-8")
-    for name, table in tables.items():
-        between = re.compile(rf"(<!-- field:{re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
-        text = between.sub(lambda found, table=table: f"{found[1]}\n{table}\n\n{found[2]}", text)
-    page.write_text(text, encoding="utf-8")

@@ -54,11 +54,16 @@ def truth_of(trial: Trial) -> Truth:
     return Truth(len(trial.picture), np.array(frames, int), np.array(instances, int))
 
 
+def first_sayings(frame: Int[np.ndarray, "M"], ids: Int[np.ndarray, "M"]) -> Int[np.ndarray, "K"]:
+    """Rows with an identity that no earlier row of their frame has."""
+    said = np.flatnonzero(ids != UNANSWERED)
+    _, first = np.unique(np.stack([frame[said], ids[said]]), axis=1, return_index=True)
+    return said[np.sort(first)]
+
+
 def judge(trial: Trial, truth: Truth, ids: Int[np.ndarray, "M"]) -> Outcome:
     """Scores the identities of all detections; an id given twice in a frame counts once."""
-    said = np.flatnonzero(ids != UNANSWERED)
-    _, first = np.unique(np.stack([truth.frame[said], ids[said]]), axis=1, return_index=True)
-    said = said[np.sort(first)]
+    said = first_sayings(truth.frame, ids)
     sequence = TrackingSequence.create(
         truth.num_frames,
         (truth.frame, truth.instance),

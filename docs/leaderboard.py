@@ -9,10 +9,12 @@ Results are kept in benchmarks-out/, so that a second run only adds what is miss
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from benchmarks.pages import fill_file
 from remind_jax.cli.main import main as remind
 
 PAGE = Path(__file__).with_name("benchmark.md")
@@ -30,17 +32,9 @@ def main() -> int:
     words = ["benchmark", *([options.real] if options.real else []), "--out", str(out)]
     if not options.write_only and (code := remind(words)):
         return code
-    page = PAGE.read_text(encoding="utf-8")
-    for table in sorted((out / "tables").glob("*.md")):
-        page = _replace(page, f"{name}:{table.stem}", table.read_text(encoding="utf-8"))
-    PAGE.write_text(page, encoding="utf-8")
+    tables = sorted((out / "tables").glob("*.md"))
+    fill_file(PAGE, {f"{name}:{one.stem}": one.read_text(encoding="utf-8") for one in tables})
     return 0
-
-
-def _replace(page: str, mark: str, text: str) -> str:
-    """Puts a table between `<!-- mark -->` and `<!-- end -->`; the page may lack the mark."""
-    between = re.compile(rf"(<!-- {re.escape(mark)} -->\n).*?(<!-- end -->)", re.DOTALL)
-    return between.sub(lambda found: f"{found[1]}\n{text}\n{found[2]}", page)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ adapters, the modules beside this one, run as processes of those environments.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import json
 import os
@@ -15,6 +16,8 @@ import sys
 import venv
 from pathlib import Path
 from typing import Any
+
+from remind_jax.files import user_cache_folder
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 _READY = "ready.json"
@@ -43,6 +46,22 @@ PEERS = {
         Peer("norfair", ("norfair==2.3.0",), "BSD-3-Clause"),
     )
 }
+
+
+def add_peer_options(parser: argparse.ArgumentParser) -> None:
+    """Options that say which peers are asked, and where their environments are."""
+    parser.add_argument("--peers", nargs="*", choices=[*PEERS, "none"], help="all if left out")
+    parser.add_argument(
+        "--environments",
+        type=Path,
+        default=user_cache_folder() / "field-peers",
+        help="folder of the environments of peers",
+    )
+
+
+def chosen_peers(given: list[str] | None) -> list[str]:
+    """Names of the peers that `--peers` asks for."""
+    return [] if given == ["none"] else given or list(PEERS)
 
 
 class AbsentError(Exception):

@@ -1,4 +1,4 @@
-"""Installation by colcon; `remind-jax` itself comes from pip."""
+"""Installation by colcon; `remind-jax` itself is installed before, from a clone."""
 
 from setuptools import setup
 
