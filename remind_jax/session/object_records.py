@@ -42,6 +42,9 @@ class Sight:
     session: int  # from 1
     frame: int  # number of the frame in that session
 
+    def __str__(self) -> str:
+        return f"session {self.session}, frame {self.frame}"
+
 
 @dataclasses.dataclass(frozen=True)
 class RememberedObject:
@@ -54,7 +57,7 @@ class RememberedObject:
     first: Sight
     last: Sight
     merged: tuple[int, ...] = ()  # objects that people declared to be this one
-    pictures: tuple[bytes, ...] = ()  # JPEG, best first
+    pictures: tuple[bytes, ...] = dataclasses.field(default=(), repr=False)  # JPEG, best first
 
     @property
     def title(self) -> str:
