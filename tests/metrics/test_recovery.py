@@ -70,7 +70,8 @@ def test_scenes_are_pooled_by_adding_counts():
 def test_a_return_may_need_a_longer_absence():
     answers = collect_answers(sequence_from_answers("aaa.a....aa..b"))
     counts = [
-        sum_counts(count_recovery(answers, find_reference(answers), least)) for least in (1, 2, 3, 5)
+        sum_counts(count_recovery(answers, find_reference(answers), least))
+        for least in (1, 2, 3, 5)
     ]
     assert [float(one.opportunities) for one in counts] == [3, 2, 1, 0]
     assert [float(one.recovered) for one in counts] == [2, 1, 1, 0]
