@@ -73,11 +73,7 @@ def test_what_is_printed_is_short(tracker):
     assert "\\x" not in shown  # no bytes of pictures
     head, *rows = repr(tracker).splitlines()
     assert head == f"tracker 'plus' on patch-statistics: 3 objects after {FRAMES} frames"
-    assert rows[1].split() == [
-        *tracker.objects()[0].title.split(),
-        "12",
-        *"session 1, frame 11".split(),
-    ]
+    assert rows[1].endswith(f" {FRAMES}  session 1, frame {FRAMES - 1}")
 
 
 def test_a_loaded_memory_begins_a_session_with_its_next_frame(tracker):
