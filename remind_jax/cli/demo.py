@@ -105,7 +105,7 @@ def compare(result: Result, scores: Mapping[str, float]) -> tuple[tuple[str, ...
     found = result.summary()
     away = f"back in view after {MIN_ABSENCE_FRAMES} frames or more"
     return (
-        ("IDF1", share("IDF1"), "", "detections with the identity of their object"),
+        ("IDF1", share("IDF1"), "", "detections with the id of their object"),
         ("recovery", share("Recovery"), "", "returns that got the old identity back"),
         ("hard recovery", share("HardRecovery"), "", "the same, in their first frame"),
         ("returns", str(found["returns"]), count("Opportunities"), away),

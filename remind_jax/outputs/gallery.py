@@ -41,10 +41,11 @@ _CLEARLY_BETTER = 1.1
 _BORDER_SHARE = 0.005
 # What a view loses that the border of the frame cuts off.
 _CUT_OFF = 0.25
-# How far the shape of a view may be from the usual one of its object, in log units, until it loses
-# two thirds: two in one mask, or half of one, are about twice as far.
-_USUAL = 0.35
-_SHAPES_KEPT = 30  # views that the usual shape is the average of
+# What a view loses whose shape is not the usual one of its object, as of two in one mask. In log
+# units: how far a usual shape may be off, and over how much more it becomes an odd one.
+_ODD, _USUAL, _FALL = 0.35, 0.1, 0.12
+# Views that the usual shape is the average of: sides, filling, and the size, which may change soon.
+_SHAPES_KEPT = np.array([30, 30, 5])
 # Sharpness is compared at one size, about that at which views are shown; more pixels show no more.
 _COMPARED_PX = 112
 # Of a picture without any contrast, in gray levels: the size decides alone.
@@ -73,16 +74,16 @@ class _Visit:
     place: int | None = None  # in the list of sightings; None where no more are shown
     quality: float = 0.0  # of the view kept
     count: int = 0  # visits so far
-    shape: Float[np.ndarray, "2"] | float = 0.0  # of the identity, on average of the latest views
+    shape: Float[np.ndarray, "3"] | float = 0.0  # of the identity, on average of the latest views
     num_shapes: int = 0
 
-    def likeness(self, shape: Float[np.ndarray, "2"], is_whole: bool) -> float:
-        """How usual a shape is for the identity, from 0 to 1; whole ones make what is usual."""
+    def likeness(self, shape: Float[np.ndarray, "3"], is_whole: bool) -> float:
+        """How usual a shape is for the identity, up to 1; whole ones make what is usual."""
         if is_whole:
             self.num_shapes += 1
-            self.shape += (shape - self.shape) / min(self.num_shapes, _SHAPES_KEPT)
+            self.shape += (shape - self.shape) / np.minimum(self.num_shapes, _SHAPES_KEPT)
         distance = np.linalg.norm(shape - self.shape) if self.num_shapes else 0.0
-        return math.exp(-((float(distance) / _USUAL) ** 2))
+        return max(_ODD, math.exp(-((max(0.0, float(distance) - _USUAL) / _FALL) ** 2)))
 
 
 class SightingCollector:
@@ -168,11 +169,11 @@ def _share_taken(tracks: Tracks, row: int) -> float:
     return min(float(shared[same].max(initial=0.0)) / size, 0.9)
 
 
-def _shape(tracks: Tracks, row: int) -> Float[np.ndarray, "2"]:
-    """Width by height of the box, and the share of it that the mask fills, as logarithms."""
+def _shape(tracks: Tracks, row: int) -> Float[np.ndarray, "3"]:
+    """Width by height of the box, how far the mask fills it, and its size, as logarithms."""
     width, height = np.maximum(tracks.boxes[row, 2:] - tracks.boxes[row, :2], 1.0)
-    fill = max(float(tracks.areas[row]), 1.0) / (width * height)
-    return np.log([width / height, fill])
+    area = max(float(tracks.areas[row]), 1.0)
+    return np.log([width / height, area / (width * height), math.sqrt(area)])
 
 
 def touches_border(tracks: Tracks, row: int) -> bool:
@@ -296,5 +297,5 @@ def _draw_identity(canvas: np.ndarray, group: list[Sighting], left: int, top: in
         canvas[y : y + CROP_PX, x : x + CROP_PX] = sighting.image
         caption = f"frame {sighting.picture_frame}"
         if sighting.absent_frames:
-            caption += f", after {sighting.absent_frames} away"
+            caption += f", {sighting.absent_frames} away"
         put_text(canvas, shorten(caption, 12, CROP_PX), x, y + CROP_PX + 16, 12, _FAINT)

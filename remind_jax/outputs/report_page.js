@@ -193,7 +193,8 @@ function drawWhy(frame, position, row) {
     score !== null && `score with context ${number(score)}`,
     confidence !== null && `confidence ${number(confidence)}`].filter(Boolean).join(", ");
   const shares = new Map(id >= 0 ? [[id, null]] : candidates);
-  const could = run.identities.filter((who) => shares.has(who.id));
+  const could = run.identities.filter((who) => shares.has(who.id))
+    .sort((a, b) => shares.get(b.id) - shares.get(a.id));
   byId("why-body").replaceChildren(make("p", { class: "faint" }, sum),
     ...(explained ? drawReasons(frame, explained) : [make("p", {}, ...howToExplain(position, row))]),
     ...(id < 0 && could.length ? [make("h3", {}, "It could be")] : []),
@@ -399,7 +400,7 @@ function prepareFilter() {
   const option = (value) => make("option", { value }, words(value));
   byId("filter-class").append(...[...run.classes].sort().map(option));
   byId("filter-outcome").append(...run.outcomes.filter((_, code) => used.has(code)).map(option));
-  byId("filter").addEventListener("input", applyFilter);
+  for (const kind of ["input", "change"]) byId("filter").addEventListener(kind, applyFilter);
   byId("filter").addEventListener("submit", (event) => {
     event.preventDefault();
     if (hits.length) seek(hits.find((position) => position > shown) ?? hits[0]);

@@ -87,11 +87,14 @@ def test_an_object_alone_is_better_than_a_larger_view_with_another_of_its_class(
     assert collector.sightings[0].image.tobytes() == crops[1]
 
 
-def test_the_usual_shape_is_better_than_a_larger_one_of_two_people_in_one_mask():
-    one, two = np.zeros((2, 90, 120), bool)
-    one[20:60, 40:60] = True
-    two[15:65, 20:70] = True
-    assert best_of([(one, textured())] * 4 + [(two, textured())])[0] == 0
+@pytest.mark.parametrize(
+    "two", [np.s_[15:65, 20:70], np.s_[10:70, 37:67]], ids=["side by side", "behind one another"]
+)
+def test_the_usual_shape_is_better_than_a_larger_one_of_two_people_in_one_mask(two):
+    masks = np.zeros((5, 90, 120), bool)
+    masks[:4, 20:60, 40:60] = True
+    masks[4][two] = True
+    assert best_of([(mask, textured()) for mask in masks])[0] == 0
 
 
 @pytest.mark.parametrize("cut_off", [square(-10, 30, 40), square(90, 30, 40), square(40, 60, 40)])
