@@ -46,6 +46,7 @@ class Demo:
     # as in 'remind run'; that of the configuration if left out
     tracker: Annotated[str | None, arg(metavar="NAME")] = None
     changes: Assignments = ()
+    trace: bool = False  # keep why everything was decided, for the report and 'remind explain'
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
 
@@ -73,6 +74,7 @@ class Demo:
             self.out,
             source=render(scene),
             config=config,
+            trace=self.trace,
             overwrite=is_earlier_run,
             name=NAME,
             image_fps=options.fps,
