@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +21,7 @@ from remind_jax.errors import OutputError
 from remind_jax.printing.terminal import print_table
 
 if TYPE_CHECKING:
-    from remind_jax.metrics import Evaluation
+    from remind_jax.outputs.result import Result
 
 NAME = "demo"
 
@@ -45,13 +46,17 @@ class Demo:
     # as in 'remind run'; that of the configuration if left out
     tracker: Annotated[str | None, arg(metavar="NAME")] = None
     changes: Assignments = ()
+    trace: bool = False  # keep why everything was decided, for the report and 'remind explain'
     quiet: bool = False  # say nothing but errors
     json: bool = False  # print the summary as JSON on stdout
 
     def execute(self) -> int:
         """Renders, tracks, evaluates and prints; returns the exit code."""
         from remind_jax.metrics import evaluate_tracks
+        from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
+        from remind_jax.outputs.result import COMPARISON_HEADS
         from remind_jax.outputs.store import DETECTIONS_NAME
+        from remind_jax.outputs.writer import add_comparison
         from remind_jax.synthetic import demo_options, make_scene, render
 
         is_earlier_run = (self.out / DETECTIONS_NAME).exists()
@@ -69,23 +74,29 @@ class Demo:
             self.out,
             source=render(scene),
             config=config,
+            trace=self.trace,
             overwrite=is_earlier_run,
             name=NAME,
             image_fps=options.fps,
         )
-        evaluation = evaluate_tracks(result.tracks, name=NAME)
+        evaluation = evaluate_tracks(
+            result.tracks, name=NAME, min_absence_frames=MIN_ABSENCE_FRAMES
+        )
+        result = add_comparison(self.out, result, compare(result, evaluation.scores()))
         if self.json:
             facts = summary_facts(result, self.out) | evaluation.to_json()
             print(json.dumps(facts, indent=1))
         elif not self.quiet:
             print_summary(result, self.out)
-            print_recovered(evaluation)
+            print_table(
+                [COMPARISON_HEADS, *result.comparison], "Compared with the truth", is_text=(0, 3)
+            )
         return process.FINE if result.complete else process.stopped_by(display.signal)
 
 
-def print_recovered(evaluation: Evaluation) -> None:
-    """Prints what a tour gave back of its truth, with what each number means."""
-    scores = evaluation.scores()
+def compare(result: Result, scores: Mapping[str, float]) -> tuple[tuple[str, ...], ...]:
+    """What a tour gave back of its truth, and what each number means (`Result.comparison`)."""
+    from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 
     def share(name: str) -> str:
         return "-" if math.isnan(scores[name]) else f"{100 * scores[name]:.1f} %"
@@ -93,13 +104,12 @@ def print_recovered(evaluation: Evaluation) -> None:
     def count(name: str) -> str:
         return f"{scores[name]:.0f}"
 
-    rows = [
-        ("measure", "value", "meaning"),
-        ("IDF1", share("IDF1"), "detections with the identity of their object"),
-        ("recovery", share("Recovery"), "returns that got the old identity back"),
-        ("hard recovery", share("HardRecovery"), "the same, in their first frame"),
-        ("returns", count("Opportunities"), "times that an object came back into view"),
-        ("objects", count("GT_IDs"), "true objects seen"),
-        ("identities", count("IDs"), "identities found; best: as many as objects"),
-    ]
-    print_table(rows, "What was recovered", is_text=(0, 2))
+    found = result.summary()
+    away = f"back in view after {MIN_ABSENCE_FRAMES} frames or more"
+    return (
+        ("IDF1", share("IDF1"), "", "detections with the id of their object"),
+        ("recovery", share("Recovery"), "", "returns that got the old identity back"),
+        ("hard recovery", share("HardRecovery"), "", "the same, in their first frame"),
+        ("returns", str(found["returns"]), count("Opportunities"), away),
+        ("identities", str(found["identities"]), count("GT_IDs"), "best: as many as true objects"),
+    )

@@ -28,6 +28,7 @@ FormatName = Literal[
 
 
 _MOST_RESAMPLES = 1_000_000
+_MOST_ABSENCE = 1_000_000
 
 
 @quiet_defaults
@@ -68,6 +69,9 @@ class Eval:
     collapse: Literal["hungarian", "greedy"] = "hungarian"
     num_frames: int | None = None  # text: length of the sequence; up to the last frame if left out
     class_id: int | None = None  # text: class to score; MOT: all, MOTS: 2 (pedestrian) if left out
+    # processed frames out of view that make a return; 5, as in reports, suits truth with gaps where
+    # a detector missed something
+    min_absence_frames: int = 1
     # also score every class apart (in --json), where both sides name classes
     by_class: bool = False
     json: Path | None = None  # also write every field to this file
@@ -85,6 +89,12 @@ class Eval:
             raise OptionError(f"'num_frames' is {self.num_frames}; give 1 or more", "num_frames")
         for path in (*self._table_files, *([] if self.json is None else [self.json])):
             refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
+        check_option("min_absence_frames", self.min_absence_frames, 1, _MOST_ABSENCE)
+        if self.min_absence_frames > 1 and (self.visits or self.protocol == "paper"):
+            raise OptionError(
+                "'min_absence_frames' is of the standard protocol without visits; leave it out",
+                "min_absence_frames",
+            )
         if self.visits:
             return self._execute_visits()
         if self.protocol == "paper":
@@ -176,6 +186,7 @@ class Eval:
             undecided=self.undecided,
             by_class=self.by_class,
             by_object=bool(self.table) or len(self.predictions) > 1,
+            min_absence_frames=self.min_absence_frames,
         )
         return [
             evaluate(
@@ -206,6 +217,7 @@ class Eval:
             undecided=self.undecided,
             by_class=self.by_class,
             by_object=bool(self.table),
+            min_absence_frames=self.min_absence_frames,
             name=run.info.name,
         )
         return SetEvaluation(self.truth.name, (evaluation,))

@@ -166,7 +166,6 @@ def _print_objects(objects: Sequence[RememberedObject]) -> None:
         ("id", "class", "name", "frames seen", "first seen", "last seen", "merged", "pictures")
     ]
     for known in objects:
-        sights = (f"session {at.session}, frame {at.frame}" for at in (known.first, known.last))
         merged = ", ".join(map(str, known.merged))
         rows.append(
             (
@@ -174,7 +173,8 @@ def _print_objects(objects: Sequence[RememberedObject]) -> None:
                 known.label,
                 known.name,
                 str(known.num_frames),
-                *sights,
+                str(known.first),
+                str(known.last),
                 merged,
                 str(len(known.pictures)),
             )

@@ -70,6 +70,15 @@ class TraceArchive(Generic[Record]):
         self._read()
         return self._frames.get(frame_index)
 
+    def frames(self) -> list[tuple[int, Record]]:
+        """Every frame's number and record, in their order.
+
+        Raises:
+          OutputError: If the file is damaged.
+        """
+        self._read()
+        return sorted(self._frames.items(), key=lambda frame: frame[0])
+
     def renumbered(self, number: Callable[[Iterable[int]], Mapping[int, int]]) -> Self:
         """The same records with other ids of objects.
 

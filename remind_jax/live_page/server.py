@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import json
+import logging
 import socket
 import threading
 from http import HTTPStatus
@@ -23,6 +24,7 @@ from remind_jax.errors import OptionError, OutputError
 from remind_jax.live_page.view import LiveView
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8642
+_MOST_PORTS = 10  # that are tried from the default one on
 MOST_CLIENTS = 32  # answered at once; a browser that looks on takes two
 TIMEOUT_S = 10.0
 _NEWS_WITHIN_S = 2.0  # that an answer about the state may wait for news
@@ -43,6 +45,8 @@ _HEADERS = {
     "Cache-Control": "no-store",
 }
 
+_log = logging.getLogger(__name__)
+
 
 class LivePage(contextlib.AbstractContextManager):
     """Serves a view while it is open.
@@ -56,14 +60,15 @@ class LivePage(contextlib.AbstractContextManager):
 
         Args:
           view: What is shown.
-          where: `"HOST:PORT"`; True for a port of this machine that only this machine reaches.
+          where: `"HOST:PORT"`; True for the first free one of ten ports, which only this machine
+            reaches.
 
         Raises:
           OptionError: If it is something else.
         """
         self._view = view
         self._host, self._port = parse_where(where)
-        self._may_move = where is True
+        self._last_port = self._port + (_MOST_PORTS - 1 if where is True else 0)
         self._server: _Server | None = None
         self.address = ""
 
@@ -82,15 +87,22 @@ class LivePage(contextlib.AbstractContextManager):
             self._server = None
 
     def _listen(self) -> _Server:
-        try:
-            return _Server(self._view, self._host, self._port)
-        except OSError as error:
-            if self._may_move:
-                return _Server(self._view, self._host, 0)
-            raise OutputError(
-                f"no page can be shown at '{self._host}:{self._port}': "
-                f"{error.strerror or error}; give another HOST:PORT, port 0 for any that is free"
-            ) from error
+        port = self._port
+        while True:
+            try:
+                server = _Server(self._view, self._host, port)
+            except OSError as error:
+                if port == self._last_port:
+                    raise OutputError(
+                        f"no page can be shown at '{self._host}:{port}': "
+                        f"{error.strerror or error}; give another HOST:PORT, port 0 for any that "
+                        "is free"
+                    ) from error
+                port += 1
+            else:
+                if port != self._port:
+                    _log.warning("port %d is taken; the live page is at %d", self._port, port)
+                return server
 
 
 def parse_where(where: bool | str) -> tuple[str, int]:

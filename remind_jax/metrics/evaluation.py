@@ -143,6 +143,7 @@ def evaluate_sequence(
     breakdowns: Mapping[str, Breakdown] | None = None,
     num_repeated: int = 0,
     recovery_similarity: float = 0.5,
+    min_absence_frames: int = 1,
     by_object: bool = False,
 ) -> Evaluation:
     """Scores one sequence.
@@ -154,11 +155,12 @@ def evaluate_sequence(
       breakdowns: IDF1 by circumstances, if it was counted.
       num_repeated: Ids taken back before, because they were given twice in one frame.
       recovery_similarity: Least overlap at which an answer counts for recovery (the paper: 0).
+      min_absence_frames: Processed frames out of view that make a return.
       by_object: Also keep the counts of every object, for `intervals`.
     """
     answers = collect_answers(sequence if firm is None else firm, recovery_similarity)
     recovery, majority = (
-        count_recovery(answers, find_reference(answers, kind))
+        count_recovery(answers, find_reference(answers, kind), min_absence_frames)
         for kind in ("one_to_one", "majority")
     )
     sizes = (
@@ -184,12 +186,18 @@ def evaluate_sequence(
 
 
 def evaluate_classes(
-    sequence: TrackingSequence, firm: TrackingSequence | None = None
+    sequence: TrackingSequence,
+    firm: TrackingSequence | None = None,
+    min_absence_frames: int = 1,
 ) -> dict[str, Evaluation]:
     """Scores every class apart: its objects against the predictions of that class."""
     firm = sequence if firm is None else firm
     return {
-        label: evaluate_sequence(sequence.select_class(label), firm=firm.select_class(label))
+        label: evaluate_sequence(
+            sequence.select_class(label),
+            firm=firm.select_class(label),
+            min_absence_frames=min_absence_frames,
+        )
         for label in sequence.class_names
     }
 

@@ -91,14 +91,22 @@ def find_reference(answers: Answers, kind: Reference = "one_to_one") -> Int[np.n
     return _one_to_one_reference(answers)
 
 
-def count_recovery(answers: Answers, reference: Int[np.ndarray, "objects"]) -> RecoveryCounts:
-    """Counts the returns of every object, in the order of `answers.objects`, and the recovered."""
+def count_recovery(
+    answers: Answers, reference: Int[np.ndarray, "objects"], min_absence_frames: int = 1
+) -> RecoveryCounts:
+    """Counts the returns of every object, in the order of `answers.objects`, and the recovered.
+
+    Args:
+      answers: Of all objects.
+      reference: The right label of each object.
+      min_absence_frames: After shorter gaps an object does not return, it was there.
+    """
     objects, index = number_ids(answers.gt_id)
     order = np.lexsort((answers.frame, index))
     index, frame = index[order], answers.frame[order]
     is_right = (answers.label[order] == reference[index]) & (answers.label[order] != NO_LABEL)
     is_first_sight = np.diff(index, prepend=-1) != 0
-    is_return = ~is_first_sight & (np.diff(frame, prepend=0) > 1)
+    is_return = ~is_first_sight & (np.diff(frame, prepend=0) > min_absence_frames)
     interval = np.cumsum(is_first_sight | is_return) - 1
     starts = np.flatnonzero(is_first_sight | is_return)
     has_right = np.bincount(interval, is_right, len(starts)) > 0

@@ -73,6 +73,7 @@ def evaluate_tracks(
     undecided: Undecided = "strict",
     by_class: bool = False,
     by_object: bool = False,
+    min_absence_frames: int = 1,
     name: str = "run",
 ) -> Evaluation:
     """Scores a run whose detections carry their true instance (`Tracks.instance_ids`).
@@ -86,6 +87,7 @@ def evaluate_tracks(
       undecided: See the head of this module.
       by_class: Also scores every class apart (`Evaluation.by_class`).
       by_object: Also keeps the counts of every object, for intervals over them.
+      min_absence_frames: Processed frames out of view that make a return.
       name: Shown in messages and tables.
 
     Raises:
@@ -102,6 +104,7 @@ def evaluate_tracks(
         undecided=undecided,
         by_class=by_class,
         by_object=by_object,
+        min_absence_frames=min_absence_frames,
         area_share=area_share,
     )[0]
 
@@ -129,6 +132,7 @@ def evaluate_pair(
     undecided: Undecided = "strict",
     by_class: bool = False,
     by_object: bool = False,
+    min_absence_frames: int = 1,
     area_share: Float[np.ndarray, "N"] | None = None,
 ) -> tuple[Evaluation, tuple[str, ...]]:
     """Scores a paired scene; also notes about what was left out.
@@ -139,6 +143,7 @@ def evaluate_pair(
       undecided: See the head of this module.
       by_class: Also score every class separately.
       by_object: Keep the counts of every object, for intervals over them.
+      min_absence_frames: Processed frames out of view that make a return.
       area_share: Share of the frame that each row of truth covers; by the truth if left out.
     """
     firm = None if tracks is None else Labels.create(tracks, "strict")
@@ -159,10 +164,11 @@ def evaluate_pair(
         uncertainty=None if tracks is None else _judge(paired.sequence, tracks),
         breakdowns=break_down(sequence, truth, area_share),
         num_repeated=0 if chosen is None else chosen.num_repeated,
+        min_absence_frames=min_absence_frames,
         by_object=by_object,
     )
     if by_class:
-        classes = evaluate_classes(sequence, firm_sequence)
+        classes = evaluate_classes(sequence, firm_sequence, min_absence_frames)
         evaluation = dataclasses.replace(evaluation, by_class=classes)
     if truth.federation is None:
         return evaluation, paired.notes

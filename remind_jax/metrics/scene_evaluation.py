@@ -50,6 +50,7 @@ class SceneOptions:
     undecided: Undecided = "strict"  # what becomes of undecided detections of a run
     by_class: bool = False  # also score every class apart, where both sides name classes
     by_object: bool = False  # keep counts by object of a single scene, for intervals over them
+    min_absence_frames: int = 1  # processed frames out of view that make a return
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -216,6 +217,7 @@ def _score_scene(
         undecided=options.undecided,
         by_class=options.by_class and read.has_classes,
         by_object=options.by_object,
+        min_absence_frames=options.min_absence_frames,
         area_share=read.area_share,
     )
     return dataclasses.replace(evaluation, name=scene), [*left_out, *read.notes]

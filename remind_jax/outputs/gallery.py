@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from remind_jax.masks.run_length import cut_masks
 from remind_jax.outputs.drawing import (
@@ -41,7 +41,12 @@ _CLEARLY_BETTER = 1.1
 _BORDER_SHARE = 0.005
 # What a view loses that the border of the frame cuts off.
 _CUT_OFF = 0.25
-# Sharpness is compared at one size, about that at which views are shown.
+# What a view loses whose shape is not the usual one of its object, as of two in one mask. In log
+# units: how far a usual shape may be off, and over how much more it becomes an odd one.
+_ODD, _USUAL, _FALL = 0.35, 0.1, 0.12
+# Views that the usual shape is the average of: sides, filling, and the size, which may change soon.
+_SHAPES_KEPT = np.array([30, 30, 5])
+# Sharpness is compared at one size, about that at which views are shown; more pixels show no more.
 _COMPARED_PX = 112
 # Of a picture without any contrast, in gray levels: the size decides alone.
 _LEAST_CONTRAST = 0.1
@@ -55,8 +60,9 @@ class Sighting:
     label: str
     name: str  # given by people; empty without one
     position: int  # of the first frame of the visit in the run, 0, 1, 2, ...
-    frame_index: int  # number of that frame
     absent_frames: int  # before the visit; 0 at first sight
+    picture_position: int  # of the frame of the best view
+    picture_frame: int  # number of that frame
     image: UInt8[np.ndarray, "S S 3"]  # best view of the visit: RGB, outlined, S = CROP_PX
 
 
@@ -68,6 +74,16 @@ class _Visit:
     place: int | None = None  # in the list of sightings; None where no more are shown
     quality: float = 0.0  # of the view kept
     count: int = 0  # visits so far
+    shape: Float[np.ndarray, "3"] | float = 0.0  # of the identity, on average of the latest views
+    num_shapes: int = 0
+
+    def likeness(self, shape: Float[np.ndarray, "3"], is_whole: bool) -> float:
+        """How usual a shape is for the identity, up to 1; whole ones make what is usual."""
+        if is_whole:
+            self.num_shapes += 1
+            self.shape += (shape - self.shape) / np.minimum(self.num_shapes, _SHAPES_KEPT)
+        distance = np.linalg.norm(shape - self.shape) if self.num_shapes else 0.0
+        return max(_ODD, math.exp(-((max(0.0, float(distance) - _USUAL) / _FALL) ** 2)))
 
 
 class SightingCollector:
@@ -89,11 +105,15 @@ class SightingCollector:
             visit = self._follow(tracks, row)
             if visit.place is None:
                 continue
-            quality = view_quality(image, tracks, row)
+            likeness = visit.likeness(_shape(tracks, row), not touches_border(tracks, row))
+            quality = likeness * view_quality(image, tracks, row)
             if quality > _CLEARLY_BETTER * visit.quality:
                 visit.quality = quality
                 self.sightings[visit.place] = dataclasses.replace(
-                    self.sightings[visit.place], image=crop_detection(image, tracks, row)
+                    self.sightings[visit.place],
+                    picture_position=self._position,
+                    picture_frame=tracks.frame_index,
+                    image=crop_detection(image, tracks, row),
                 )
         self._position += 1
 
@@ -115,8 +135,9 @@ class SightingCollector:
                     label=tracks.labels[row],
                     name=tracks.names.get(object_id, ""),
                     position=self._position,
-                    frame_index=tracks.frame_index,
                     absent_frames=absent,
+                    picture_position=self._position,
+                    picture_frame=tracks.frame_index,
                     image=_NO_VIEW,
                 )
             )
@@ -131,9 +152,28 @@ def view_quality(image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks, row: 
       tracks: Its detections.
       row: The one to judge.
     """
-    size_px = math.sqrt(max(float(tracks.areas[row]), 0.0))
+    size_px = min(math.sqrt(max(float(tracks.areas[row]), 0.0)), _COMPARED_PX)
     whole = _CUT_OFF if touches_border(tracks, row) else 1.0
-    return whole * size_px * math.sqrt(_contrast(image, tracks.boxes[row]))
+    alone = 1.0 - _share_taken(tracks, row)
+    return whole * alone * size_px * math.sqrt(_contrast(image, tracks.boxes[row]))
+
+
+def _share_taken(tracks: Tracks, row: int) -> float:
+    """The largest share of the box that another detection of the class has, up to nine tenths."""
+    box, others = tracks.boxes[row], tracks.boxes
+    corner, end = np.maximum(others[:, :2], box[:2]), np.minimum(others[:, 2:], box[2:])
+    shared = np.prod(np.clip(end - corner, 0.0, None), axis=1)
+    same = np.array([label == tracks.labels[row] for label in tracks.labels])
+    same[row] = False
+    size = max(float(np.prod(box[2:] - box[:2])), 1.0)
+    return min(float(shared[same].max(initial=0.0)) / size, 0.9)
+
+
+def _shape(tracks: Tracks, row: int) -> Float[np.ndarray, "3"]:
+    """Width by height of the box, how far the mask fills it, and its size, as logarithms."""
+    width, height = np.maximum(tracks.boxes[row, 2:] - tracks.boxes[row, :2], 1.0)
+    area = max(float(tracks.areas[row]), 1.0)
+    return np.log([width / height, area / (width * height), math.sqrt(area)])
 
 
 def touches_border(tracks: Tracks, row: int) -> bool:
@@ -255,7 +295,7 @@ def _draw_identity(canvas: np.ndarray, group: list[Sighting], left: int, top: in
     for column, sighting in enumerate(group):
         x, y = left + column * (CROP_PX + _GAP_PX), top + _NAME_PX
         canvas[y : y + CROP_PX, x : x + CROP_PX] = sighting.image
-        caption = f"frame {sighting.frame_index}"
+        caption = f"frame {sighting.picture_frame}"
         if sighting.absent_frames:
             caption += f", {sighting.absent_frames} away"
         put_text(canvas, shorten(caption, 12, CROP_PX), x, y + CROP_PX + 16, 12, _FAINT)

@@ -132,7 +132,7 @@ function identitiesNow() {
     const absences = seen.slice(1).map((span, place) => [seen[place][1] + 1, span[0] - 1])
       .filter(([first, last]) => last - first + 1 >= MIN_ABSENCE);
     return { id, label, name: firstOf.get(id)?.name ?? `${label} ${id}`, color: colorFor(id), seen,
-      candidate: [], absences, returns: absences.map(([, last]) => last + 1),
+      candidate: [], absences, returns: absences.map(([, last]) => last + 1), decided: [],
       first: seen[0][0], last: seen.at(-1)[1], num_frames: new Set(positions).size,
       sightings: sightings.get(id) ?? [] };
   }).sort((a, b) => a.first - b.first || a.id - b.id);
@@ -143,8 +143,8 @@ function cropsNow() {
   const crops = new Map();
   for (const who of firstOf.values()) {
     for (const crop of who.sightings) {
-      const row = labeling.labels[crop.position].indexOf(who.id);
-      const id = row < 0 ? NOBODY : labels[crop.position][row];
+      const row = labeling.labels[crop.picture_position].indexOf(who.id);
+      const id = row < 0 ? NOBODY : labels[crop.picture_position][row];
       if (id !== NOBODY) crops.set(id, [...(crops.get(id) ?? []), crop]);
     }
   }
@@ -390,7 +390,7 @@ function prepareLabeling() {
   }, true);
   byId("cards").addEventListener("click", (event) => {
     const place = [...byId("cards").children].indexOf(event.target.closest("#cards > *"));
-    choose(event, run.identities[place]?.id);
+    choose(event, shownIdentities()[place]?.id);
   }, true);
   document.addEventListener("keydown", takeKey);
   onFrame.push((position) => { decorateList(position); drawBoxes(position); });

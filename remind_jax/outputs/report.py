@@ -12,7 +12,7 @@ import gzip
 import html
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.outputs.drawing import encode_jpeg, identity_color, to_hex
 from remind_jax.outputs.gallery import Sighting
-from remind_jax.outputs.result import Result
+from remind_jax.outputs.result import COMPARISON_HEADS, Result
 from remind_jax.outputs.timeline import build_timeline, frame_steps, time_steps
 from remind_jax.tracks import Tracks
 
@@ -85,6 +85,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
     info, timeline = result.info, build_timeline(result)
     summary = result.summary()
     position_of = {tracks.frame_index: place for place, tracks in enumerate(result.tracks)}
+    class_of = {label: number for number, label in enumerate(result.class_names)}
     return {
         "about": ", ".join(info.facts()),
         "complete": result.complete,
@@ -95,7 +96,8 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
         "fps": info.fps,
         "frame_steps": frame_steps(timeline.num_frames),
         "time_steps": time_steps(max(timeline.num_frames, 1) / info.fps) if info.fps > 0 else [],
-        "frames": [_frame_data(tracks) for tracks in result.tracks],
+        "classes": list(class_of),
+        "frames": [_frame_data(tracks, class_of) for tracks in result.tracks],
         "outcomes": [outcome.name.lower() for outcome in Outcome],
         "reasons": [reason.name.lower() for reason in Reason],
         "identities": [
@@ -108,6 +110,10 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
                 "candidate": row.candidate,
                 "absences": row.absences,
                 "returns": row.returns,
+                "decided": [
+                    position_of.get(_frame_decided(result, row.object_id, place), -1)
+                    for place in row.returns
+                ],
                 "first": row.seen[0][0],
                 "last": row.seen[-1][1],
                 "num_frames": row.num_frames,
@@ -119,6 +125,7 @@ def report_data(result: Result, sightings: Sequence[Sighting], video: str | None
             }
             for row in timeline.rows
         ],
+        "comparison": [COMPARISON_HEADS, *result.comparison] if result.comparison else [],
         "ambiguous": timeline.ambiguous,
         "provisional": timeline.provisional,
         "stages": [{"name": name, **times} for name, times in summary["ms_per_frame"].items()],
@@ -196,8 +203,9 @@ def read_sightings(path: Path) -> list[Sighting]:
                 label=who["label"],
                 name="" if who["name"] == f"{who['label']} {who['id']}" else who["name"],
                 position=crop["position"],
-                frame_index=run["frames"][crop["position"]]["frame"],
                 absent_frames=crop["absent_frames"],
+                picture_position=crop["picture_position"],
+                picture_frame=run["frames"][crop["picture_position"]]["frame"],
                 image=_image_from_address(crop["image"]),
             )
             for who in run["identities"]
@@ -228,17 +236,27 @@ def _start_up(result: Result) -> str:
     return ", ".join(parts).capitalize()
 
 
-def _frame_data(tracks: Tracks) -> dict[str, Any]:
+def _frame_decided(result: Result, object_id: int, position: int) -> int:
+    """The frame in which it was decided who returned, -1 if the run does not tell."""
+    if result.explainer is None:
+        return -1
+    tracks = result.tracks[position]
+    (row, *_) = np.flatnonzero(tracks.object_id == object_id)
+    at = result.explain(tracks.frame_index, int(row)).decided_at
+    return -1 if at is None else at
+
+
+def _frame_data(tracks: Tracks, class_of: Mapping[str, int]) -> dict[str, Any]:
     return {
         "frame": tracks.frame_index,
         "time_s": round(float(tracks.time_s), 3),
         "name": tracks.name,
-        "detections": [_detection_data(tracks, row) for row in range(len(tracks))],
+        "detections": [_detection_data(tracks, row, class_of) for row in range(len(tracks))],
     }
 
 
-def _detection_data(tracks: Tracks, row: int) -> list[Any]:
-    """Id, name, outcome, reason, score, confidence, candidates; a list keeps the page small."""
+def _detection_data(tracks: Tracks, row: int, class_of: Mapping[str, int]) -> list[Any]:
+    """Id, name, outcome, reason, score, confidence, candidates, class; a list is small."""
     shown = np.flatnonzero(tracks.candidate_id[row] != NO_ID)[:_SHOWN_CANDIDATES]
     return [
         int(tracks.object_id[row]),
@@ -251,6 +269,7 @@ def _detection_data(tracks: Tracks, row: int) -> list[Any]:
             [int(tracks.candidate_id[row, place]), _short(tracks.candidate_score[row, place])]
             for place in shown
         ],
+        class_of[tracks.labels[row]],
     ]
 
 
@@ -263,6 +282,7 @@ def _sighting_data(sighting: Sighting) -> dict[str, Any]:
     return {
         "position": sighting.position,
         "absent_frames": sighting.absent_frames,
+        "picture_position": sighting.picture_position,
         "image": f"data:image/jpeg;base64,{encoded}",
     }
 

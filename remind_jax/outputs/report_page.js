@@ -65,27 +65,50 @@ function drawStage() {
   }
   byId("back").addEventListener("click", () => seek(shown - 1));
   byId("forth").addEventListener("click", () => seek(shown + 1));
+  document.addEventListener("keydown", takePlayerKey);
   onFrame.push((position) => {
-    const frame = run.frames[position];
-    byId("clock").textContent = `frame ${frame.frame} of ${frameLabel(numFrames - 1)}, ` +
-      `${frame.time_s.toFixed(2)} s, ${frame.name}`;
+    byId("clock").textContent = `frame ${frameLabel(position)} of ${frameLabel(numFrames - 1)}, ` +
+      `${timesOf(position)}, ${run.frames[position].name}`;
   });
   onFrame.push(drawDetections);
+}
+
+const hasOtherClock = run.frames.some(({ time_s: time }, position) =>
+  Math.abs(time - position / run.fps) > 1);
+
+/** When a frame is in the video and, where that differs, by the clock of the source, which jumps. */
+function timesOf(position) {
+  const inVideo = timeLabel(position / run.fps, 0.1);
+  return hasOtherClock ? `${inVideo} in the video, ` +
+    `${timeLabel(run.frames[position].time_s, 0.1)} by the clock of the source` : inVideo;
+}
+
+/** Arrow keys and space, wherever the focus is, but in what needs them itself. */
+function takePlayerKey(event) {
+  if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.target.matches("input, select, textarea")) return;
+  if (event.key === "ArrowLeft" || event.key === "ArrowRight") {
+    seek(shown + (event.key === "ArrowLeft" ? -1 : 1));
+  } else if (event.key === " " && run.video && !event.target.matches("button, summary")) {
+    if (video.paused) video.play();
+    else video.pause();
+  } else return;
+  event.preventDefault();
 }
 
 const hasScores = run.frames.some((frame) => frame.detections.some((row) => row[4] !== null));
 
 function drawDetections(position) {
-  const rows = run.frames[position].detections.map(
-    ([id, name, outcome, reason, score, confidence, candidates], row) => {
-      const list = candidates.map(([other, value]) => `${other}: ${number(value)}`).join(", ");
-      const why = [words(run.reasons[reason]), list && `candidates ${list}`].filter(Boolean);
-      return make("tr", { title: why.join("; "), ...rowToExplain(position, row) },
-        make("td", {}, swatch(colorOf.get(id)), nameToExplain(position, row, name)),
-        make("td", {}, words(run.outcomes[outcome])),
-        ...(hasScores ? [make("td", { class: "number" }, number(score))] : []),
-        make("td", { class: "number" }, number(confidence)));
-    });
+  const rows = run.frames[position].detections.map((detection, row) => {
+    const [id, name, outcome, reason, score, confidence, candidates] = detection;
+    const list = candidates.map(([other, value]) => `${other}: ${number(value)}`).join(", ");
+    const why = [words(run.reasons[reason]), list && `candidates ${list}`].filter(Boolean);
+    return make("tr", { title: why.join("; "), ...rowToExplain(position, row, passes(detection)) },
+      make("td", {}, swatch(colorOf.get(id)), nameToExplain(position, row, name)),
+      make("td", {}, words(run.outcomes[outcome])),
+      ...(hasScores ? [make("td", { class: "number" }, number(score))] : []),
+      make("td", { class: "number" }, number(confidence)));
+  });
   const head = make("tr", {}, make("th", {}, "Detection"), make("th", {}, "Outcome"),
     ...(hasScores ? [make("th", { class: "number narrow" }, "Score with context")] : []),
     make("th", { class: "number" }, "Confidence"));
@@ -101,22 +124,25 @@ const number = (value) => (value === null ? ""
 // --- why: the decision about one detection ---------------------------------------------------
 
 const canExplain = Boolean(run.explanations) && "DecompressionStream" in window;
+const canOpen = !run.labeling; // there, a click picks what is corrected
 const unpacked = new Map(); // block of frames -> promise of its content
 let asked = null; // position and row of the detection explained
 
 /** What makes a row of the list of detections open the panel. */
-function rowToExplain(position, row) {
-  return canExplain ? { class: "open", onclick: () => explain(position, row, true) } : {};
+function rowToExplain(position, row, stands) {
+  const kind = stands ? "" : " dim";
+  return canOpen ? { class: `open${kind}`, onclick: () => explain(position, row, true) } : { class: kind };
 }
 
 /** Its name, as a button for the keyboard; a click reaches the row as well. */
 function nameToExplain(position, row, name) {
-  if (!canExplain) return name;
+  if (!canOpen) return name;
   const isAsked = asked !== null && asked.position === position && asked.row === row;
   return make("button", { type: "button", "aria-expanded": isAsked, "aria-controls": "why" }, name);
 }
 
 async function explanationsOf(position) {
+  if (!canExplain) return null;
   const { blocks, frames_per_block: size } = run.explanations;
   const block = Math.floor(position / size);
   if (block >= blocks.length) return null;
@@ -158,23 +184,33 @@ function followWhy(position) {
 }
 
 function drawWhy(frame, position, row) {
-  const [, name, outcome, reason, score] = run.frames[position].detections[row];
-  const title = `frame ${frameLabel(position)}, detection ${row}`;
-  if (!frame) {
-    byId("why-title").textContent = `Why ${name.replace("?", "")}? (${title})`;
-    byId("why-body").replaceChildren(make("p", {},
-      "The run is too long to be explained whole in this page. In a terminal: ",
-      make("code", {}, `remind explain RUN --frame ${frameLabel(position)} --detection ${row}`)));
-    return;
-  }
-  const explained = frame.detections[row];
-  byId("why-title").textContent = `Why ${explained.name.replace("?", "")}? (${title})`;
+  const [id, name, outcome, reason, score, confidence, candidates] =
+    run.frames[position].detections[row];
+  const explained = frame?.detections[row];
+  byId("why-title").textContent = `Why ${(explained?.name ?? name).replace("?", "")}? ` +
+    `(frame ${frameLabel(position)}, detection ${row})`;
   const sum = [`${words(run.outcomes[outcome])} (${words(run.reasons[reason])})`,
     score !== null && `score with context ${number(score)}`,
-    explained.confidence !== null && `confidence ${number(explained.confidence)}`].filter(Boolean).join(", ");
+    confidence !== null && `confidence ${number(confidence)}`].filter(Boolean).join(", ");
+  const shares = new Map(id >= 0 ? [[id, null]] : candidates);
+  const could = run.identities.filter((who) => shares.has(who.id))
+    .sort((a, b) => shares.get(b.id) - shares.get(a.id));
   byId("why-body").replaceChildren(make("p", { class: "faint" }, sum),
-    make("ol", {}, ...explained.why.map((text) => make("li", {}, text))),
-    ...("context" in frame ? drawDecision(frame, explained) : drawEvidence(explained)));
+    ...(explained ? drawReasons(frame, explained) : [make("p", {}, ...howToExplain(position, row))]),
+    ...(id < 0 && could.length ? [make("h3", {}, "It could be")] : []),
+    make("div", { class: "candidates" }, ...could.map((who) => drawCard(who, shares.get(who.id)))));
+}
+
+function drawReasons(frame, explained) {
+  return [make("ol", {}, ...explained.why.map((text) => make("li", {}, text))),
+    ...("context" in frame ? drawDecision(frame, explained) : drawEvidence(explained))];
+}
+
+/** Where the reasons are that this page does not hold. */
+function howToExplain(position, row) {
+  if (!run.explanations) return ["Run with ", make("code", {}, "--trace"), " to read here why it was decided so."];
+  return ["The run is too long to be explained whole in this page. In a terminal: ",
+    make("code", {}, `remind explain RUN --frame ${frameLabel(position)} --detection ${row}`)];
 }
 
 /** What a decision of REMIND was made of. */
@@ -307,15 +343,68 @@ function drawContext(frame, explained) {
 
 /** The detection that a lane of the timeline shows in a frame, -1 for none. */
 function rowOfLane(lane, position) {
-  const isUndecided = (outcome) => run.outcomes[outcome].startsWith(lane.name);
-  return run.frames[position].detections.findIndex(([id, , outcome]) =>
-    (lane.marks ? isUndecided(outcome) : id === lane.id));
+  const { detections } = run.frames[position];
+  const isKind = ([, , outcome]) => run.outcomes[outcome].startsWith(lane.name);
+  if (lane.marks) return detections.findIndex(isKind);
+  const seen = detections.findIndex(([id]) => id === lane.id);
+  return seen >= 0 ? seen : detections.findIndex(([, , , , , , candidates]) =>
+    candidates.some(([id]) => id === lane.id));
 }
 
 function prepareWhy() {
   byId("why-close").addEventListener("click", closeWhy);
   byId("why").addEventListener("keydown", (event) => { if (event.key === "Escape") closeWhy(); });
   onFrame.push(followWhy);
+}
+
+// --- filter ---------------------------------------------------------------------------------
+
+const filter = { name: "", class: "", outcome: "" };
+let withOutcome = new Set(); // identities that a detection of the outcome is, or could be
+let hits = []; // positions of the frames with a detection that passes
+
+const nameFits = (name) => name.toLowerCase().includes(filter.name.trim().toLowerCase());
+const passes = ([, name, outcome, , , , , label]) => nameFits(name) &&
+  (!filter.class || run.classes[label] === filter.class) &&
+  (!filter.outcome || run.outcomes[outcome] === filter.outcome);
+const shownIdentities = () => run.identities.filter((who) => nameFits(who.name) &&
+  (!filter.class || who.label === filter.class) && (!filter.outcome || withOutcome.has(who.id)));
+
+function applyFilter() {
+  for (const name of Object.keys(filter)) filter[name] = byId(`filter-${name}`).value;
+  const isSet = Object.values(filter).some(Boolean);
+  let count = 0;
+  [withOutcome, hits] = [new Set(), []];
+  run.frames.forEach(({ detections }, position) => {
+    for (const [id, , outcome, , , , candidates] of detections) {
+      if (run.outcomes[outcome] !== filter.outcome) continue;
+      for (const one of [id, ...candidates.map(([other]) => other)]) withOutcome.add(one);
+    }
+    const found = detections.filter(passes).length;
+    count += found;
+    if (found) hits.push(position);
+  });
+  byId("filter-next").hidden = !isSet || !hits.length;
+  byId("filter-count").textContent = isSet
+    ? `${plural(count, "detection")} in ${plural(hits.length, "frame")}` : "";
+  layOutLanes();
+  drawNames();
+  drawLanes();
+  drawGallery();
+  drawIdentities();
+  show(shown);
+}
+
+function prepareFilter() {
+  const used = new Set(run.frames.flatMap(({ detections }) => detections.map((row) => row[2])));
+  const option = (value) => make("option", { value }, words(value));
+  byId("filter-class").append(...[...run.classes].sort().map(option));
+  byId("filter-outcome").append(...run.outcomes.filter((_, code) => used.has(code)).map(option));
+  for (const kind of ["input", "change"]) byId("filter").addEventListener(kind, applyFilter);
+  byId("filter").addEventListener("submit", (event) => {
+    event.preventDefault();
+    if (hits.length) seek(hits.find((position) => position > shown) ?? hits[0]);
+  });
 }
 
 // --- header ---------------------------------------------------------------------------------
@@ -326,6 +415,13 @@ function drawHeader() {
   byId("facts").append(...run.facts.map(([value, name]) =>
     make("li", {}, make("b", {}, value), make("span", {}, name))));
   byId("foot").textContent = run.footer;
+  if (!run.comparison.length) return;
+  byId("comparison").hidden = false;
+  const line = (tag) => (row) => make("tr", {}, ...row.map((text, column) =>
+    make(tag, column % 3 ? { class: "number" } : {}, text)));
+  const [heads, ...rows] = run.comparison;
+  byId("comparison").append(make("table", {}, make("thead", {}, line("th")(heads)),
+    make("tbody", {}, ...rows.map(line("td")))));
 }
 
 // --- timeline -------------------------------------------------------------------------------
@@ -334,7 +430,7 @@ let lanes = [], laneHeight = 0;
 
 function layOutLanes() {
   lanes = [
-    ...run.identities,
+    ...shownIdentities(),
     { name: "ambiguous", marks: run.ambiguous, markColor: "#ffffff" },
     { name: "provisional", marks: run.provisional, markColor: "#c8cdd4" },
   ];
@@ -431,8 +527,8 @@ function drawTimeline() {
     track.setPointerCapture(event.pointerId);
     seek(at(event));
     const lane = lanes[Math.floor(event.offsetY / laneHeight)];
-    const row = lane && canExplain ? rowOfLane(lane, shown) : -1;
-    if (row >= 0) explain(shown, row);
+    const row = lane && canOpen ? rowOfLane(lane, shown) : -1;
+    if (row >= 0 && (canExplain || run.frames[shown].detections[row][0] < 0)) explain(shown, row);
   });
   track.addEventListener("pointermove", (event) => {
     if (track.hasPointerCapture(event.pointerId)) seek(at(event));
@@ -443,8 +539,7 @@ function drawTimeline() {
   onFrame.push((position) => {
     byId("playhead").style.left = `${(100 * (position + 0.5)) / numFrames}%`;
     track.setAttribute("aria-valuenow", position);
-    track.setAttribute("aria-valuetext",
-      `frame ${frameLabel(position)}, ${run.frames[position].time_s.toFixed(2)} seconds`);
+    track.setAttribute("aria-valuetext", `frame ${frameLabel(position)}, ${timesOf(position)}`);
   });
   new ResizeObserver(drawLanes).observe(track);
 }
@@ -472,20 +567,38 @@ function drawTip(event, position) {
 // --- gallery and identities -----------------------------------------------------------------
 
 function drawGallery() {
-  byId("cards").replaceChildren(...run.identities.map((who) => {
-    const crops = who.sightings.map((crop) => {
-      const when = `frame ${frameLabel(crop.position)}`;
-      const away = crop.absent_frames ? `${crop.absent_frames} frames away` : "first sight";
-      return make("button", { type: "button", "data-position": crop.position,
-        onclick: () => seek(crop.position) },
-      make("img", { src: crop.image, alt: `${who.name}, best view of the visit from ${when}, ${away}`, loading: "lazy" }),
-      make("span", {}, when), make("span", {}, away));
-    });
-    return make("div", { class: crops.length > 2 ? "card wide" : "card",
-      style: { borderLeftColor: who.color } },
-    make("h3", {}, who.name, make("span", {}, who.returns.length ? plural(who.returns.length, "return") : "no return")),
-    make("div", { class: "crops" }, ...crops));
-  }));
+  byId("cards").replaceChildren(...shownIdentities().map((who) => drawCard(who)));
+}
+
+/** The visits of an identity; `share`: how far something undecided may be it. */
+function drawCard(who, share = null) {
+  const crops = who.sightings.map((crop) => {
+    const { position, absent_frames: absent, picture_position: pictured } = crop;
+    const when = `frame ${frameLabel(pictured)}`;
+    const start = chip(position, `${absent ? "back" : "first"} at ${frameLabel(position)}`);
+    return make("div", {}, make("button", { type: "button", class: "view",
+      "data-position": pictured, onclick: () => seek(pictured) },
+    make("img", { src: crop.image, alt: `${who.name}, best view of a visit, ${when}`, loading: "lazy" }),
+    make("span", {}, when)), start, ...decidedChip(who, position),
+    ...(absent ? [make("span", { class: "faint" }, `${absent} frames away`)] : []));
+  });
+  const said = share === null
+    ? (who.returns.length ? plural(who.returns.length, "return") : "no return") : number(share);
+  return make("div", { class: crops.length > 2 ? "card wide" : "card",
+    style: { borderLeftColor: who.color } },
+  make("h3", {}, who.name, make("span", {}, said)), make("div", { class: "crops" }, ...crops));
+}
+
+/** A link to the frame in which a return was decided, where the run tells it. */
+function decidedChip(who, position) {
+  const decided = who.decided[who.returns.indexOf(position)] ?? -1;
+  if (decided < 0) return [];
+  const link = chip(decided, `decided at ${frameLabel(decided)}`);
+  link.addEventListener("click", () => {
+    const row = rowOfLane(who, decided);
+    if (row >= 0) explain(decided, row, true);
+  });
+  return [link];
 }
 
 const columns = [
@@ -500,7 +613,7 @@ let order = { column: 0, falling: false };
 function drawIdentities() {
   const key = columns[order.column][1];
   const compare = (a, b) => (key(a) < key(b) ? -1 : key(a) > key(b) ? 1 : a.id - b.id);
-  const sorted = [...run.identities].sort((a, b) => (order.falling ? compare(b, a) : compare(a, b)));
+  const sorted = shownIdentities().sort((a, b) => (order.falling ? compare(b, a) : compare(a, b)));
   const heads = columns.map(([name], column) => make("th", {
     scope: "col",
     "aria-sort": column !== order.column ? "none" : order.falling ? "descending" : "ascending",
@@ -515,7 +628,7 @@ function drawIdentities() {
     make("td", {}, ...who.absences.map(([first, last]) => {
       const absence = chip(last + 1, `${frameLabel(first)}\u2013${frameLabel(last)}`);
       absence.title = "Show the return";
-      return absence;
+      return make("span", {}, absence, ...decidedChip(who, last + 1));
     }))));
   byId("identities").replaceChildren(make("table", {},
     make("thead", {}, make("tr", {}, ...heads, make("th", { scope: "col" }, "Absences"))),
@@ -573,6 +686,7 @@ function drawSettings() {
 drawHeader();
 drawStage();
 prepareWhy();
+prepareFilter();
 drawTimeline();
 drawGallery();
 drawIdentities();

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
     import supervision as sv
 
 
+COMPARISON_HEADS = ("measure", "found", "truth", "meaning")
+
+
 @dataclasses.dataclass(frozen=True, repr=False)
 class Result(Printable):
     """Everything a run found, in frame order."""
@@ -52,6 +55,7 @@ class Result(Printable):
     events: tuple[Event, ...] = ()
     grown_at: tuple[int, ...] = ()  # frames at which the memory got more room; not kept in files
     complete: bool = True  # False if the run was interrupted
+    comparison: tuple[tuple[str, ...], ...] = ()  # with the truth: rows under `COMPARISON_HEADS`
     # What the decisions were made of, if that was kept.
     trace: TraceArchive | None = None
 
@@ -206,6 +210,7 @@ class Result(Printable):
             "compile_s": self.compile_s,
             "skipped": [dataclasses.asdict(frame) for frame in self.skipped],
             "events": [dataclasses.asdict(event) for event in self.events],
+            "comparison": self.comparison,
             "timings_ms": {
                 stage: [round(float(ms), 3) for ms in times]
                 for stage, times in self.timings_ms.items()
@@ -242,6 +247,7 @@ class Result(Printable):
             skipped=tuple(SkippedFrame(f.name, f.reason, f.count) for f in run.skipped),
             events=tuple(Event(e.frame_index, e.kind, e.message) for e in run.events),
             complete=run.complete,
+            comparison=run.comparison,
             trace=trace,
         )
 

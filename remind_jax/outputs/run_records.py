@@ -144,6 +144,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     skipped: Annotated[list[SkippedRecord], Meta(max_length=MOST_FRAMES)]
     events: Annotated[list[EventRecord], Meta(max_length=MOST_FRAMES)]
     summary: SummaryRecord | None = None
+    comparison: Annotated[tuple[tuple[Label, Label, Label, Label], ...], Meta(max_length=100)] = ()
 
 
 def tracks_of(frame: FrameRow) -> Tracks:

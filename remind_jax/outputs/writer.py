@@ -259,6 +259,23 @@ def _render(folder: Path, result: Result, source: Iterable[Frame] | None) -> Non
         result.save_run_json(folder)
 
 
+def add_comparison(run_dir: Path, result: Result, rows: tuple[tuple[str, ...], ...]) -> Result:
+    """Adds a comparison with the truth to the report and `run.json` of a run that is there.
+
+    Args:
+      run_dir: Its folder.
+      result: The run.
+      rows: See `Result.comparison`.
+
+    Raises:
+      OutputError: If they cannot be written.
+    """
+    result = dataclasses.replace(result, comparison=rows)
+    _write_report(run_dir, result, report.read_sightings(run_dir / report.REPORT_NAME))
+    result.save_run_json(run_dir)
+    return result
+
+
 def _draw_overlay_again(
     folder: Path, result: Result, images: Iterable[np.ndarray | None], keep: bool
 ) -> list[gallery.Sighting]:
@@ -307,6 +324,10 @@ def _write_products(folder: Path, result: Result, sightings: list[gallery.Sighti
     tables.write_tables(folder, result.tracks, result.class_names, info.name, info.fps)
     _write_png(folder / TIMELINE_NAME, timeline.draw_timeline(result))
     _write_png(folder / GALLERY_NAME, gallery.draw_gallery(sightings, result.info.name))
+    _write_report(folder, result, sightings)
+
+
+def _write_report(folder: Path, result: Result, sightings: list[gallery.Sighting]) -> None:
     video = folder / OVERLAY_NAME
     report.write_report(folder, result, sightings, video if overlay.is_playable(video) else None)
 

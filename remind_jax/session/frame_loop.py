@@ -214,7 +214,7 @@ class FrameLoop:
         if archive is not None and not announced.is_identity:
             archive = archive.renumbered(announced.number)
         return Result(
-            tracks=tuple(self._tracker.identities.answer(decided) for decided in self._decided),
+            tracks=self._tracker.identities.conclude(self._decided),
             info=info,
             timings_ms={stage: times.tolist() for stage, times in self._timings.items()},
             first_frame_ms=self._first_frame_ms,

@@ -5,7 +5,7 @@ The memory decides about objects under ids of its own; answers speak of what was
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 import numpy as np
 from jaxtyping import UInt8
@@ -100,6 +100,16 @@ class Identities:
     def answer(self, decided: Tracks) -> Tracks:
         """The answers about a frame that was decided, by what is announced, named and merged."""
         return self.records.answer(as_announced(self.announcements, decided))
+
+    def conclude(self, run: Iterable[Tracks]) -> tuple[Tracks, ...]:
+        """The final answers about all frames that were decided, which the records then agree with.
+
+        Args:
+          run: By ids of the memory, with what later frames changed.
+        """
+        announced = [as_announced(self.announcements, decided) for decided in run]
+        self.records.recount(announced)
+        return tuple(self.records.answer(tracks) for tracks in announced)
 
     def _tell_less(self, known_ids: Collection[int]) -> None:
         """Lets go of what is told of objects that memory has no more, before it becomes much."""

@@ -28,6 +28,8 @@ from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_o
 from remind_jax.method import get_method
 from remind_jax.observation import AnyFeats
 from remind_jax.outputs.run_info import Event
+from remind_jax.printing.small_table import Printable, SmallTable
+from remind_jax.printing.words import plural
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.answers import note_omissions, read_tracks
 from remind_jax.session.forgetting import forget_object
@@ -53,7 +55,7 @@ from remind_jax.tracks import Tracks
 FEATURES_GIVEN = "features"  # name of the backbone of sources that bring their own features
 
 
-class Tracker:
+class Tracker(Printable):
     """Remembers objects over an unbounded stream of frames.
 
     For one thread at a time: a second one is refused. Touches no file but in `save` and `load`, and
@@ -135,6 +137,16 @@ class Tracker:
         self.events: list[Event] = []  # of the last frame
         self.stage_ms: dict[str, float] = {}  # of the last frame
         self.compile_s = 0.0  # waited for programs to be compiled or loaded, so far
+
+    def _summarize(self) -> SmallTable:
+        seen = 0 if self.state is None else int(self.state.frame)
+        known = self.objects()
+        return SmallTable(
+            f"tracker '{self.method.name}' on {self.backbone.name}: {plural(len(known), 'object')} "
+            f"after {plural(seen, 'frame')}",
+            heads=("object", "frames seen", "last seen"),
+            rows=[(one.title, str(one.num_frames), str(one.last)) for one in known],
+        )
 
     @property
     def num_objects(self) -> int:

@@ -42,6 +42,9 @@ class Sight:
     session: int  # from 1
     frame: int  # number of the frame in that session
 
+    def __str__(self) -> str:
+        return f"session {self.session}, frame {self.frame}"
+
 
 @dataclasses.dataclass(frozen=True)
 class RememberedObject:
@@ -54,7 +57,7 @@ class RememberedObject:
     first: Sight
     last: Sight
     merged: tuple[int, ...] = ()  # objects that people declared to be this one
-    pictures: tuple[bytes, ...] = ()  # JPEG, best first
+    pictures: tuple[bytes, ...] = dataclasses.field(default=(), repr=False)  # JPEG, best first
 
     @property
     def title(self) -> str:
@@ -71,16 +74,23 @@ class _Record:
     first: Sight
     last: Sight
     pictures: Pictures
+    num_now: int = 0  # of these frames, those in the session of the last sight
+
+    def frames_in(self, session: int) -> int:
+        """Frames in a session that is the newest."""
+        return self.num_now if self.last.session == session else 0
 
     def joined(self, other: _Record) -> _Record:
         """The two as one."""
         earlier = best_of((*self.pictures.best, *other.pictures.best))
+        last = max(self.last, other.last)
         return _Record(
             label=self.label,
             num_frames=self.num_frames + other.num_frames,
             first=min(self.first, other.first),
-            last=max(self.last, other.last),
+            last=last,
             pictures=Pictures(earlier),
+            num_now=self.frames_in(last.session) + other.frames_in(last.session),
         )
 
 
@@ -97,6 +107,7 @@ class _Row(msgspec.Struct, frozen=True):
         Meta(max_length=MOST_PICTURES),
     ]  # quality and bytes of each
     visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MOST_PICTURES)]]  # its frames, its picture
+    now: Count = 0  # frames in the session of the last sight
 
 
 class FiledRecords(msgspec.Struct, frozen=True):
@@ -149,6 +160,29 @@ class ObjectRecords:
                 first=min(record.first, now),
                 last=max(record.last, now),
                 pictures=pictures,
+                num_now=record.frames_in(now.session) + 1,
+            )
+
+    def recount(self, run: Iterable[Tracks]) -> None:
+        """Counts the frames of this session anew: later ones changed what was answered.
+
+        Args:
+          run: All frames of the session, as announced in the end.
+        """
+        seen: dict[int, list[int]] = {}
+        for tracks in run:
+            for row in firm_rows(tracks).tolist():
+                seen.setdefault(int(tracks.object_id[row]), []).append(tracks.frame_index)
+        for object_id in seen.keys() & self._records.keys():
+            record, frames = self._records[object_id], seen[object_id]
+            before = record.num_frames - record.frames_in(self.session)
+            first = Sight(self.session, frames[0])
+            self._records[object_id] = dataclasses.replace(
+                record,
+                num_frames=before + len(frames),
+                first=min(record.first, first) if before else first,
+                last=Sight(self.session, frames[-1]),
+                num_now=len(frames),
             )
 
     def found_to_be(self, gone: int, kept: int) -> None:
@@ -329,6 +363,7 @@ class ObjectRecords:
                 "last": dataclasses.astuple(record.last),
                 "pictures": [(picture.quality, len(picture.jpeg)) for picture in fitting[one]],
                 "visit": (record.pictures.num_frames, record.pictures.place_of_now(fitting[one])),
+                "now": record.num_now,
             }
             for one, record in kept.items()
         ]
@@ -371,7 +406,7 @@ class ObjectRecords:
             num_frames, place = row.visit
             now = views.pop(place) if 0 <= place < len(views) else None
             known = Pictures(best_of(views), now, num_frames)
-            records._records[row.id] = _Record(row.label, row.frames, first, last, known)
+            records._records[row.id] = _Record(row.label, row.frames, first, last, known, row.now)
         if start != len(pictures):
             raise SourceError(f"{len(pictures) - start} bytes of pictures belong to no object")
         records._take_in(filed.names, filed.merged)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 
 import pytest
 
@@ -31,7 +32,13 @@ def test_demo_prints_what_was_recovered(command):
     assert (outcome.code, outcome.stderr) == (0, "")
     assert "demo: 4 frames" in outcome.stdout
     assert "IDF1" in outcome.stdout
-    assert Result.load("tour").info.config["tracker"] == "plus"
+    result = Result.load("tour")
+    assert result.info.config["tracker"] == "plus"
+    compared = {name: found for name, found, _, _ in result.comparison}
+    assert compared["returns"] == str(result.summary()["returns"])
+    assert f"{compared['returns']} returns" in outcome.stdout
+    page = Path("tour", "report.html").read_text(encoding="utf-8")
+    assert json.dumps(result.comparison[0], separators=(",", ":")) in page
     again = command(*words, "--json", "--seed", 1)
     facts = json.loads(again.stdout)
     assert facts["frames"] == 4

@@ -210,10 +210,18 @@ def test_the_page_closes_at_once_whoever_looks(view):
         socket.create_connection(("127.0.0.1", port_of(page)), timeout=20)
 
 
-def test_only_this_machine_sees_it_unless_told(view):
-    with LivePage(view) as first, LivePage(view) as second:  # the port is taken: another one
-        assert urlsplit(first.address).hostname == urlsplit(second.address).hostname == "127.0.0.1"
-        assert first.address != second.address
+def test_only_this_machine_sees_it_unless_told(view, monkeypatch, caplog):
+    monkeypatch.setattr(servers, "_MOST_PORTS", 2)
+    with LivePage(view, "127.0.0.1:0") as other:
+        monkeypatch.setattr(servers, "DEFAULT_PORT", port_of(other))
+        with LivePage(view) as moved:
+            assert urlsplit(moved.address).hostname == "127.0.0.1"
+            assert port_of(moved) == port_of(other) + 1
+            said = f"port {port_of(other)} is taken; the live page is at {port_of(moved)}"
+            assert said in caplog.text
+            with pytest.raises(OutputError, match="no page can be shown at"):  # the next is too
+                LivePage(view).__enter__()
+    with LivePage(view) as first:
         taken = urlsplit(first.address).netloc
         with pytest.raises(OutputError, match=r"no page can be shown at .*: Address already in u"):
             LivePage(view, taken).__enter__()

@@ -67,6 +67,16 @@ def test_scenes_are_pooled_by_adding_counts():
     assert scores["HardRecovery"] == expected["hard_recovery"]
 
 
+def test_a_return_may_need_a_longer_absence():
+    answers = collect_answers(sequence_from_answers("aaa.a....aa..b"))
+    counts = [
+        sum_counts(count_recovery(answers, find_reference(answers), least))
+        for least in (1, 2, 3, 5)
+    ]
+    assert [float(one.opportunities) for one in counts] == [3, 2, 1, 0]
+    assert [float(one.recovered) for one in counts] == [2, 1, 1, 0]
+
+
 def test_the_papers_example_from_a_sequence():
     sequence = sequence_from_answers("aaaa...ba....aa.bb")
     answers = collect_answers(sequence)

@@ -28,7 +28,7 @@ def test_crops_are_taken_at_the_returns_that_the_result_reports():
     for frame, tracks in zip(frames, result.tracks, strict=True):
         collector.add(frame.image, tracks)
     returns = [(history.object_id, at) for history in result.objects() for at in history.returns]
-    taken = [(s.object_id, s.frame_index) for s in collector.sightings if s.absent_frames]
+    taken = [(s.object_id, s.position) for s in collector.sightings if s.absent_frames]
     assert sorted(taken) == sorted(returns)
     firsts = [s.object_id for s in collector.sightings if not s.absent_frames]
     assert firsts == [0, 1, 2, 3, 4, 5]
@@ -68,11 +68,33 @@ def best_of(views) -> tuple[int, SightingCollector]:
     return crops.index(sighting.image.tobytes()), collector
 
 
-def test_the_largest_view_of_a_visit_is_kept_and_its_first_frame_named():
+def test_the_largest_view_of_a_visit_is_kept_and_its_frame_named():
     masks = [square(40, 30, side) for side in (8, 14, 30, 12)]
     kept, collector = best_of([(mask, textured(i)) for i, mask in enumerate(masks)])
     assert kept == 2
-    assert (collector.sightings[0].position, collector.sightings[0].frame_index) == (0, 0)
+    (sighting,) = collector.sightings
+    assert (sighting.position, sighting.picture_position, sighting.picture_frame) == (0, 2, 2)
+
+
+def test_an_object_alone_is_better_than_a_larger_view_with_another_of_its_class():
+    alone, beside = square(40, 30, 24), square(40, 30, 30)
+    collector, crops = SightingCollector(), []
+    for index, masks in enumerate([[beside, square(50, 25, 30)], [alone, square(80, 30, 30)]]):
+        rows = [{"object_id": number, "label": "person"} for number in range(2)]
+        tracks = make_tracks(index, np.array(masks), rows)
+        collector.add(None, tracks)
+        crops.append(crop_detection(None, tracks, 0).tobytes())
+    assert collector.sightings[0].image.tobytes() == crops[1]
+
+
+@pytest.mark.parametrize(
+    "two", [np.s_[15:65, 20:70], np.s_[10:70, 37:67]], ids=["side by side", "behind one another"]
+)
+def test_the_usual_shape_is_better_than_a_larger_one_of_two_people_in_one_mask(two):
+    masks = np.zeros((5, 90, 120), bool)
+    masks[:4, 20:60, 40:60] = True
+    masks[4][two] = True
+    assert best_of([(mask, textured()) for mask in masks])[0] == 0
 
 
 @pytest.mark.parametrize("cut_off", [square(-10, 30, 40), square(90, 30, 40), square(40, 60, 40)])

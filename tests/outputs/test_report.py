@@ -105,8 +105,7 @@ def test_crops_can_be_read_back(tmp_path):
     ours = {(s.object_id, s.position): s for s in read}
     for sighting in sightings:
         mine = ours[sighting.object_id, sighting.position]
-        assert (mine.label, mine.frame_index) == (sighting.label, sighting.frame_index)
-        assert mine.absent_frames == sighting.absent_frames
+        assert dataclasses.replace(mine, image=sighting.image) == sighting
         # JPEG changes noise and sharp outlines, but not the picture.
         assert np.abs(mine.image.astype(int) - sighting.image).mean() < 12
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import itertools
 import json
 
@@ -123,6 +124,84 @@ def test_the_timeline_works_by_keyboard(page):
         assert track.get_attribute("aria-valuenow") == str(position)
 
 
+def test_the_player_works_by_keyboard_without_focus(page):
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.keys import Keys
+
+    def press(*keys: str) -> None:
+        ActionChains(page).send_keys(*keys).perform()
+
+    page.execute_script("document.activeElement.blur(); seek(0)")
+    press(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_RIGHT, Keys.ARROW_LEFT)
+    assert settled_position(page) == 2
+    press(Keys.SPACE)
+    wait_for(page, "!video.paused")
+    press(Keys.SPACE)
+    wait_for(page, "video.paused")
+    page.execute_script("seek(5); document.getElementById('filter-name').focus()")
+    press(Keys.ARROW_RIGHT, Keys.SPACE)
+    assert settled_position(page) == 5
+    assert page.execute_script("return video.paused")
+
+
+def shown_names(page) -> list[list[str]]:
+    """Identities in the timeline, the gallery and the table, each as `cup 0`."""
+    return page.execute_script(
+        """return [lanes.filter((lane) => !lane.marks).map((lane) => lane.name),
+          [...document.querySelectorAll("#cards h3")].map((head) => head.firstChild.textContent),
+          [...document.querySelectorAll("#identities td.name")].map((cell) => cell.textContent)]"""
+    )
+
+
+def test_what_is_shown_can_be_filtered(page):
+    from selenium.webdriver.support.ui import Select
+
+    name = find(page, "#filter-name")
+    name.send_keys("Cup ")
+    for names in shown_names(page):
+        assert names == ["cup 0", "cup 1"]
+    name.clear()
+    name.send_keys(" ")
+    Select(find(page, "#filter-class")).select_by_visible_text("book")
+    for names in shown_names(page):
+        assert names == ["book 2"]
+    Select(find(page, "#filter-class")).select_by_value("")
+    outcomes = Select(find(page, "#filter-outcome"))
+    assert [one.text for one in outcomes.options] == [
+        *("all outcomes", "match", "new", "ambiguous", "provisional new")
+    ]
+    outcomes.select_by_visible_text("ambiguous")
+    for names in shown_names(page):
+        assert names == ["cup 0", "cup 1"]  # it could be either
+    assert find(page, "#filter-count").text == "3 detections in 3 frames"
+    page.execute_script("seek(0)")
+    for position in (40, 41, 42, 40):
+        find(page, "#filter-next").click()
+        assert settled_position(page) == position
+    outlines = page.find_elements("css selector", "#seen tr.open:not(.dim)")
+    assert [row.text.partition("?")[0] for row in outlines] == ["cup 1 or 0"]
+
+
+def test_a_clock_that_jumps_is_told_apart_from_the_video(browser, tmp_path):
+    result = make_plus_run()
+    late = [
+        dataclasses.replace(t, time_s=t.time_s + 180 * (t.frame_index > 1)) for t in result.tracks
+    ]
+    for tracks, said in ((result.tracks, "0:00.3, "), (late, "0:00.3 in the video, 3:00.3 by")):
+        one = dataclasses.replace(result, tracks=tuple(tracks))
+        report.write_report(tmp_path, one, [], None)
+        browser.get(f"file://{tmp_path / report.REPORT_NAME}")
+        browser.execute_script("seek(3)")
+        assert said in find(browser, "#clock").text
+
+
+def test_a_comparison_with_the_truth_is_shown(browser, tmp_path):
+    row = ("returns", "16", "17", "back in view")
+    report.write_report(tmp_path, dataclasses.replace(make_plus_run(), comparison=(row,)), [], None)
+    browser.get(f"file://{tmp_path / report.REPORT_NAME}")
+    assert find(browser, "#comparison tbody").text == "returns 16 17 back in view"
+
+
 def test_the_axes_have_round_numbers(page):
     def ticks(axis: str) -> list[str]:
         return page.execute_script(
@@ -152,10 +231,17 @@ def test_one_number_is_shown_once(browser, tmp_path):
 
 
 def test_crops_and_absences_seek(page):
-    crop = find(page, '#cards button[data-position="43"]')  # object 1 decides at frame 43
-    assert "cup 1" in crop.find_element("css selector", "img").get_attribute("alt")
-    page.execute_script("arguments[0].click()", crop)
+    start = find(page, '#cards .chip[data-position="43"]')  # object 1 decides at frame 43
+    assert start.text == "back at 43"
+    page.execute_script("arguments[0].click()", start)
     assert settled_position(page) == 43
+    crop = start.find_element("xpath", "preceding-sibling::button")
+    assert "cup 1" in crop.find_element("css selector", "img").get_attribute("alt")
+    pictured = int(crop.get_attribute("data-position"))
+    assert pictured >= 43
+    assert crop.text == f"frame {pictured}"
+    page.execute_script("arguments[0].click()", crop)
+    assert settled_position(page) == pictured
     absence = find(page, '#identities td:last-child button[data-position="40"]')
     assert absence.text == "20–39"
     page.execute_script("arguments[0].click()", absence)
@@ -211,10 +297,13 @@ def is_closed(browser) -> bool:
     return browser.execute_script("return document.getElementById('why').hidden")
 
 
-def test_a_run_without_trace_has_nothing_to_open(page):
-    page.execute_script("seek(3)")
-    assert page.find_elements("css selector", "#seen tbody button") == []
-    page.find_elements("css selector", "#seen tbody tr")[0].click()
+def test_without_trace_a_detection_shows_whom_it_may_be(page):
+    open_row(page, 41, 1)
+    assert find(page, "#why-title").text == "Why cup 1 or 0? (frame 41, detection 1)"
+    assert "--trace" in find(page, "#why-body p code").text
+    cards = page.find_elements("css selector", "#why .card h3")
+    assert [card.text for card in cards] == ["cup 10.82", "cup 00.79"]
+    click_timeline(page, 20)
     assert is_closed(page)
 
 
@@ -299,6 +388,16 @@ def test_a_decision_of_plus_shows_the_evidence(browser, tmp_path):
     assert shown_reasons(browser) == list(result.explain(4, 0).why)
     assert browser.find_elements("css selector", "#why table") == []
     assert [entry["message"] for entry in browser.get_log("browser")] == []
+
+
+def test_a_return_leads_to_the_frame_that_decided_it(browser, tmp_path):
+    report.write_report(tmp_path, make_plus_run(14, back_at=9), [], None)
+    browser.get(f"file://{tmp_path / report.REPORT_NAME}")
+    link = find(browser, '#identities .chip[data-position="11"]')
+    assert link.text == "decided at 11"
+    link.click()
+    wait_for(browser, "!document.getElementById('why').hidden")
+    assert find(browser, "#why-title").text == "Why mug 0? (frame 11, detection 0)"
 
 
 def test_the_explanation_follows_the_identity(traced_page, traced):

@@ -66,15 +66,19 @@ def make_traced_run(num_frames: int = 40) -> tuple[list[Frame], Result]:
     return frames, Result(tuple(tracks), info, trace=archive)
 
 
-def make_plus_run(num_frames: int = 8) -> Result:
-    """Mug 0 as REMIND plus recognises it: settled, but for frame 3, where mug 1 is likely, too."""
+def make_plus_run(num_frames: int = 8, back_at: int = 99) -> Result:
+    """Mug 0 as REMIND plus recognises it: settled, but for frame 3, where mug 1 is likely, too.
+
+    In the five frames before `back_at` it is nobody; two frames after it, it is decided again.
+    """
     archive, tracks = TraceArchive("plus", PlusRecord), []
     masks = np.zeros((1, *SIZE), bool)
     masks[:, 20:60, 10:50] = True
     for index in range(num_frames):
         names = (*Verdicts.columns, "option_id", "option_parts")
         blank = {name: np.array(getattr(no_verdicts(1), name)) for name in names}
-        shown = blank | {"tracklet_id": np.array([5]), "answer_id": np.array([0])}
+        tracklet = 5 if index < back_at else 6
+        shown = blank | {"tracklet_id": np.array([tracklet]), "answer_id": np.array([0])}
         if index == 3:
             shown |= {"stage": np.array([Stage.OPEN]), "age": np.array([2])}
             shown |= {"new_odds": np.array([0.5], np.float32)}
@@ -86,8 +90,11 @@ def make_plus_run(num_frames: int = 8) -> Result:
                 for part, value in evidence.items():
                     shown["option_parts"][0, place, PARTS.index(part)] = value
         else:
-            shown |= {"stage": np.array([Stage.SETTLED]), "is_decided": np.array([True])}
+            is_decided = not back_at <= index < back_at + 2
+            shown |= {"stage": np.array([Stage.SETTLED]), "is_decided": np.array([is_decided])}
         row = {"label": "mug", "outcome": Outcome.MATCH, "object_id": 0}
+        if back_at - 5 <= index < back_at:
+            row |= {"outcome": Outcome.AMBIGUOUS, "object_id": -1}
         row |= {"score": 0.75, "confidence": 0.75}  # plus has one number
         tracks.append(make_tracks(index, masks, [row]))
         odds, belief, parts = (shown.pop(f"option_{name}") for name in ("odds", "belief", "parts"))

@@ -42,6 +42,37 @@ def test_objects_that_become_one_are_an_event_and_one_record():
     assert [(one.object_id, one.num_frames) for one in told.records.objects()] == [(4, 3)]
 
 
+def test_records_agree_with_the_final_answers():
+    """Object 4 gets its id in its second frame; of frame 2 it is known only later that it is 4."""
+    told = Identities(2, 0)
+    frames = [frame_of(0, 4), frame_of(1, 4), frame_of(2), frame_of(3, 4)]
+    for decided in frames:
+        told.add(decided, [], None, never)
+    (known,) = told.records.objects()
+    assert (known.num_frames, known.first) == (2, Sight(1, 1))
+    run = told.conclude([*frames[:2], frame_of(2, 4), frames[3]])
+    assert [tracks.object_id.tolist() for tracks in run] == [[0]] * 4
+    (known,) = told.records.objects()
+    assert (known.num_frames, known.first, known.last) == (4, Sight(1, 0), Sight(1, 3))
+
+
+def test_what_earlier_sessions_counted_stays(tmp_path):
+    tracker = rj.Tracker()
+    for index in range(2):
+        tracker.update(*scenes.picture(index))
+    tracker.save(tmp_path / "memory.safetensors")
+    again = rj.Tracker()
+    again.load(tmp_path / "memory.safetensors")
+    for index in range(2, 5):
+        again.update(*scenes.picture(index))
+    before = again.objects()
+    told = again.identities
+    assert told.decided is not None
+    told.conclude([told.decided])  # of this session, one frame is left in the end
+    for one, was in zip(again.objects(), before, strict=True):
+        assert (one.num_frames, one.first, one.last) == (was.num_frames - 2, was.first, was.last)
+
+
 def test_what_was_never_announced_becomes_another_in_silence():
     told = Identities(2, 0)
     told.add(frame_of(0, 4, 7), [], None, never)

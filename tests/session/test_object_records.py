@@ -66,6 +66,16 @@ def test_objects_are_listed(tracker):
         assert all(jpeg.startswith(b"\xff\xd8\xff") for jpeg in one.pictures)
 
 
+def test_what_is_printed_is_short(tracker):
+    shown = repr(tracker.objects())
+    assert "object_id=2" in shown
+    assert len(shown) < 1000
+    assert "\\x" not in shown  # no bytes of pictures
+    head, *rows = repr(tracker).splitlines()
+    assert head == f"tracker 'plus' on patch-statistics: 3 objects after {FRAMES} frames"
+    assert rows[1].endswith(f" {FRAMES}  session 1, frame {FRAMES - 1}")
+
+
 def test_a_loaded_memory_begins_a_session_with_its_next_frame(tracker):
     assert tracker.objects()[0].last == Sight(1, FRAMES - 1)
     look(tracker)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from typing import cast
 
@@ -59,6 +60,7 @@ class PlusExplainer(Explainer[PlusRecord]):
             outcome=Outcome(int(tracks.outcome[row])),
             reason=Reason(int(tracks.reason[row])),
             object_id=id_or_none(tracks.object_id[row]),
+            decided_at=self._decided_at.get(int(v.tracklet_id[row])),
             confidence=tracks.shown_confidence(row),
             id_without_delay=id_or_none(record.object_id[row]),
             stage=stage,
@@ -76,6 +78,18 @@ class PlusExplainer(Explainer[PlusRecord]):
         )
         why = give_reasons(explanation, cast(PlusThresholds, self._config.thresholds))
         return dataclasses.replace(explanation, why=why)
+
+    @functools.cached_property
+    def _decided_at(self) -> dict[int, int]:
+        """By tracklet, the frame in which it was decided, or turned out to be a known object."""
+        found: dict[int, int] = {}
+        for frame, record in self._archive.frames():
+            v = record.verdicts
+            for row in np.flatnonzero(v.is_decided & (v.tracklet_id != NO_ID)):
+                tracklet = int(v.tracklet_id[row])
+                if tracklet not in found or v.merged_id[row] != NO_ID:
+                    found[tracklet] = frame
+        return found
 
 
 def _candidates(

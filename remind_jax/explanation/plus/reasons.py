@@ -25,8 +25,8 @@ def _explain(e: PlusExplanation, t: PlusThresholds) -> Iterator[str]:
         return
     if e.stage == Stage.SETTLED:
         yield (
-            f"it goes on with a tracklet of {plural(e.age, 'detection')} that was decided before: "
-            f"{_answer(e)}"
+            f"it goes on with a tracklet of {plural(e.age, 'detection')} that was decided "
+            f"{'before' if e.decided_at is None else f'in frame {e.decided_at}'}: {_answer(e)}"
         )
     else:
         yield _explain_stage(e, t)
@@ -148,7 +148,9 @@ def _could_be(candidate: PlusCandidate, t: PlusThresholds) -> bool:
 
 
 def _explain_revision(e: PlusExplanation) -> Iterator[str]:
-    """What a delay changed."""
+    """When it was decided, if not yet, and what a delay changed."""
+    if e.decided_at is not None and e.decided_at > e.frame:
+        yield f"its tracklet was decided in frame {e.decided_at}"
     if e.object_id is not None and e.object_id != e.id_without_delay:
         before = (
             "no firm answer" if e.id_without_delay is None else f"{e.label} {e.id_without_delay}"

@@ -96,6 +96,7 @@ class RemindExplainer(Explainer[FrameRecord]):
             outcome=case.outcome,
             reason=case.reason,
             object_id=id_or_none(found("object_id")),
+            decided_at=None if found("object_id") == NO_ID else tracks.frame_index,
             score=found("score") if is_rated else None,
             confidence=found("confidence") if is_rated else None,
             status=Status(found("status")),

@@ -59,9 +59,23 @@ def test_every_stage_is_explained_and_fits_the_answer(explained):
     for one in explained:
         text = " ".join(one.why)
         assert str(one.answer_id) in text or one.object_id is None
-        assert ("decided before" in text) == (one.stage == Stage.SETTLED)
+        assert ("that was decided in frame" in text) == (one.stage == Stage.SETTLED)
         if one.stage == Stage.OPEN:
-            assert ("Not decided yet and" in one.why[-1]) == (one.object_id is None)
+            assert ("Not decided yet and" in text) == (one.object_id is None)
+
+
+def test_the_frame_in_which_a_tracklet_was_decided_is_named(explained):
+    by_tracklet: dict[int, list] = {}
+    for one in explained:
+        by_tracklet.setdefault(one.tracklet_id, []).append(one)
+    for views in by_tracklet.values():
+        decided = [one.frame for one in views if one.is_decided]
+        late = [one.frame for one in views if one.merged_id is not None]
+        expected = (late[-1:] or decided[:1] or [None])[0]
+        assert {one.decided_at for one in views} == {expected}
+        for one in views:
+            waits = expected is not None and one.frame < expected
+            assert (f"Its tracklet was decided in frame {expected}." in one.why) == waits
 
 
 def test_a_recognized_square_names_the_evidence_for_it(explained):
