@@ -70,7 +70,7 @@ def track(frames: Iterable[tuple[Frame, Detections]], config: str) -> list[Seen]
     seen = []
     for frame, truth in frames:
         tracks = live.update(frame)
-        merges = [] if live.method.merges is None else live.method.merges(live.state)
+        merges = [] if live.method.host.merges is None else live.method.host.merges(live.state)
         true_rles = list(encode_masks(truth.masks))
         overlap = np.zeros((len(tracks), len(true_rles)))
         if overlap.size:

@@ -78,54 +78,41 @@ def example_input(method: Method) -> tuple[AnyFeats, Any, Any]:
     feats: AnyFeats = FrameFeats(
         np.zeros((rows, columns, STATIC.feature_dim), np.float32), np.array(size, np.int32)
     )
-    if method.prefers_closeups:
+    if method.needs.prefers_closeups:
         shape = (STATIC.num_detections, CLOSEUP_PATCHES, CLOSEUP_PATCHES)
         feats = CloseupFeats(
             np.zeros((*shape, STATIC.feature_dim), np.float32),
             np.zeros(shape, np.float32),
             feats.frame_size,
         )
-    gaps = {"exact_gap_max": None} if method.gap_options is None else {}
+    gaps = {"exact_gap_max": None} if method.needs.gap_options is None else {}
     nothing = reduce_masks(
         np.zeros((0, *size), bool), np.zeros(0, np.int32), np.zeros(0), num_slots=0,
         patch_px=PATCH_PX, **gaps,
     )  # fmt: skip
-    observed = None if method.observe is None else method.observe(None, None)
+    observed = None if method.needs.observe is None else method.needs.observe(None, None)
     return feats, pad_masks(nothing, STATIC.num_detections), observed
 
 
 def programs_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[..., Any], tuple]]:
-    """Name, function and arguments of the programs of a method: two, or one where it has no halves.
+    """Name, function and arguments of the programs of a method.
 
-    With `traced`, only the one that decides, and none where the method has no trace.
+    With `traced`, only the one that decides, with what its decisions were made of.
     """
-    if traced and method.step_traced is None:
-        return
-    thresholds = jax.tree.map(jnp.asarray, method.thresholds())
+    thresholds = jax.tree.map(jnp.asarray, method.settings())
     given = example_input(method)
-    if method.halves is None:
-        step: Any = method.step_traced if traced else method.step
 
-        def advance(state: Any, given: Any, thresholds: Any) -> Any:
-            feats, masks, observed = given
-            more = {} if method.observe is None else {"observed": observed}
-            return step(state, feats, masks, static=STATIC, thresholds=thresholds, **more)
+    def describe(given: Any, thresholds: Any) -> Any:
+        return method.describe(*given, static=STATIC, thresholds=thresholds)
 
-        yield "step", advance, (method.init(STATIC), given, thresholds)
-        return
-    describe = method.halves.describe
-    decide: Any = method.halves.decide_traced if traced else method.halves.decide
-
-    def describe_frame(given: Any, thresholds: Any) -> Any:
-        return describe(*given, static=STATIC, thresholds=thresholds)
-
-    def decide_frame(state: Any, seen: Any, thresholds: Any) -> Any:
-        return decide(state, seen, static=STATIC, thresholds=thresholds)
+    def decide(state: Any, seen: Any, thresholds: Any) -> Any:
+        answer = method.decide(state, seen, static=STATIC, thresholds=thresholds)
+        return answer if traced else answer[0]
 
     if not traced:
-        yield "describe", describe_frame, (given, thresholds)
-    seen = jax.jit(describe_frame)(given, thresholds)
-    yield "decide", decide_frame, (method.init(STATIC), seen, thresholds)
+        yield "describe", describe, (given, thresholds)
+    seen = jax.jit(describe)(given, thresholds)
+    yield "decide", decide, (method.init(STATIC), seen, thresholds)
 
 
 def measure(name: str, method: Method, function: Callable[..., Any], arguments: tuple) -> Measured:

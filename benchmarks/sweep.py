@@ -32,7 +32,7 @@ from remind_jax.compiled.compiler_options import compiler_options
 from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import load_config
 from remind_jax.remind.state import init
-from remind_jax.remind.tracker import step_described
+from remind_jax.remind.tracker import decide
 from remind_jax.sources import open_source
 from remind_jax.sweeps.batches import plan_batch, run_batch
 from remind_jax.sweeps.scene_arrays import describe_scene, load_scene
@@ -89,9 +89,7 @@ def main() -> None:
     first_s = time.process_time() - start
 
     step = jax.jit(
-        lambda state, frame, t: settle_types(
-            step_described(state, frame.descriptors, frame.masks, static=static, thresholds=t)
-        ),
+        lambda state, frame, t: settle_types(decide(state, frame, static=static, thresholds=t)[0]),
         donate_argnums=0,
         compiler_options=compiler_options(),
     )

@@ -78,7 +78,7 @@ def score_all(
     dim = inputs[0][0].patches.shape[-1]
     static = dataclasses.replace(config.static, feature_dim=dim, **CAPACITIES)
     swept = {key: jnp.array([s[key] for s in settings], jnp.float32) for key in settings[0]}
-    base = jax.tree.map(lambda v: jnp.full(len(settings), v), method.thresholds())
+    base = jax.tree.map(lambda v: jnp.full(len(settings), v), method.settings())
     thresholds = dataclasses.replace(base, **swept)
     step = _compile(name, static)
     state = jax.vmap(lambda _: method.init(static))(jnp.arange(len(settings)))

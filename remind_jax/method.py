@@ -177,7 +177,11 @@ class Method:
         thresholds = self.settings() if thresholds is None else thresholds
         options = {"static": static, "thresholds": thresholds}
         seen = self.describe(frame_feats, masks, observed, **options)
-        return self.decide(state, seen, **options)[0]
+        after, _ = self.decide(state, seen, **options)
+        # In the types that it came in, so that steps can be scanned.
+        return jax.tree.map(
+            lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, state
+        )
 
     @property
     def explainer(self) -> Any:
@@ -285,7 +289,7 @@ def get_method(name: str) -> Method:
     """
     name = _CONFIGURED.get(name, name)
     if name not in _methods:
-        raise ConfigError(f"there is no tracker {name!r}; {nearest_names(name, _methods)}")
+        raise ConfigError(f"there is no tracker {name!r}; {nearest_names(str(name), _methods)}")
     method = _methods[name]
     if isinstance(method, str):
         method = _methods[name] = _import_attribute(method)

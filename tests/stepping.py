@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from remind_jax.compiled.frame_step import settle_types
-from remind_jax.remind.tracker import step
+from remind_jax.remind.method import METHOD
 
 
 def step_once(
@@ -17,10 +17,9 @@ def step_once(
     *,
     static: Any,
     thresholds: Any,
-    step: Callable[..., Any] = step,
+    step: Callable[..., Any] = METHOD.step,
 ) -> Any:
     """The memory comes back in the types that it is given in."""
-    more = {} if observed is None else {"observed": observed}
     return settle_types(
-        step(state, frame_feats, masks, static=static, thresholds=thresholds, **more)
+        step(state, frame_feats, masks, observed, static=static, thresholds=thresholds)
     )

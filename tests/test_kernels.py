@@ -6,7 +6,37 @@ import jax
 import jax.numpy as jnp
 
 from benchmarks.kernels import Kernel, make_rows, record, sum_events
-from tests.test_program_size import PROGRAM
+from benchmarks.program import count_instructions
+
+PROGRAM = """HloModule jit_f
+
+FileNames
+1 "/home/me/remind_jax/plus/learning.py"
+2 "/lib/jax/numpy.py"
+
+FunctionNames
+1 "learn"
+
+FileLocations
+1 {file_name_id=1 function_name_id=1 line=7}
+2 {file_name_id=2 function_name_id=1 line=9}
+
+StackFrames
+1 {file_location_id=1 parent_frame_id=1}
+2 {file_location_id=2 parent_frame_id=1}
+
+%fused_computation (p: f32[2]) -> f32[2] {
+  %p = f32[2]{0} parameter(0)
+  ROOT %s = f32[2]{0} sine(%p), metadata={op_name="sin" stack_frame_id=2}
+}
+
+ENTRY %main (a: f32[2]) -> (f32[2], s32[]) {
+  %a = f32[2]{0} parameter(0)
+  %f = f32[2]{0} fusion(%a), kind=kLoop, calls=%fused_computation, metadata={stack_frame_id=2}
+  %w = (f32[2]{0}, s32[]) while(%f), condition=%c, body=%b
+  ROOT %t = (f32[2]{0}, s32[]) tuple(%f, %w)
+}
+"""
 
 
 def event(name, start_us, lasts_us, thread=1):
@@ -49,3 +79,10 @@ def test_kernels_of_real_programs_are_recorded():
     ran = [kernel for kernel in recording.kernels if kernel.program == "jit_rank_products"]
     assert ran
     assert all(kernel.runs % 3 == 0 and kernel.milliseconds >= 0 for kernel in ran)
+
+
+def test_instructions_are_counted_where_they_come_from():
+    kinds, modules, lines = count_instructions(PROGRAM)
+    assert kinds == {"fusion": 1, "while": 1}
+    assert modules == {"plus/learning.py": 1, "no place recorded": 1}
+    assert lines["plus/learning.py:7"] == 1

@@ -13,7 +13,7 @@ from remind_jax import method as methods
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, no_decisions
 from remind_jax.errors import ConfigError, RemindError
-from remind_jax.method import Method, get_method, list_methods, register_method
+from remind_jax.method import Method, Needs, get_method, list_methods, register_method
 from remind_jax.session import live
 from remind_jax.static import Static
 
@@ -56,7 +56,8 @@ def empty(static: Static) -> Counter:
     )
 
 
-def count(state, frame_feats, masks, *, static, thresholds, observed):
+def count(state, seen, *, static, thresholds):
+    masks, observed = seen.masks, seen.observed
     used = jnp.sum(state.objects.id != NO_ID)
     rank = jnp.cumsum(masks.valid) - 1
     ids = jnp.where(masks.valid, thresholds.first_id + used + rank, NO_ID)
@@ -77,7 +78,7 @@ def count(state, frame_feats, masks, *, static, thresholds, observed):
     )
     kept = jax.tree.map(lambda new, old: jnp.where(fits, new, old), after, state)
     short = Overflow(jnp.where(fits, 0, needed), jnp.int32(0))
-    return dataclasses.replace(kept, overflow=short)
+    return dataclasses.replace(kept, overflow=short), None
 
 
 def observe(previous, image):
@@ -88,7 +89,7 @@ def observe(previous, image):
 @pytest.fixture
 def counter(monkeypatch):
     monkeypatch.setattr(methods, "_methods", dict(methods._methods))
-    method = Method("counter", Numbers, empty, count, observe=observe)
+    method = Method("counter", Numbers, empty, count, needs=Needs(observe=observe))
     register_method(method)
     return method
 

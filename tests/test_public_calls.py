@@ -297,8 +297,10 @@ CALLS = {
     "static float": lambda: rj.Static(num_objects=1.5),
     "static none": lambda: rj.Static(num_objects=None),
     "static none2": lambda: rj.Static(precision=None),
-    "init none": lambda: rj.init(None),
-    "step none": lambda: rj.step(None, None, None, static=None, thresholds=None),
+    "method none": lambda: rj.get_method(None),
+    "stack nothing": lambda: rj.stack_scene("/nope"),
+    "stack none": lambda: rj.stack_scene([], num_objects=0),
+    "settings": lambda: rj.sweeps.stack(rj.Config().thresholds, [{"matching.mach": 1.0}]),
 }
 
 

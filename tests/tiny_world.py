@@ -7,7 +7,8 @@ three looks. Which boxes are in view, where exactly and how they look is drawn f
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+import functools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -20,8 +21,10 @@ from remind_jax.frame import Detections
 from remind_jax.frame import Frame as SceneFrame
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats, Masks
+from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
+from remind_jax.remind.trace import Trace
 from remind_jax.static import Static
 from tests.stepping import step_once
 
@@ -165,6 +168,17 @@ def run(
         state = STEP(state, feats, masks, static=static, thresholds=arrays)
         states.append(jax.device_get(state))
     return states
+
+
+@functools.cache
+def compiled_trace() -> Callable[..., tuple[TrackerState, Trace]]:
+    """A step that gives what its decisions were made of as well."""
+
+    def step(state: Any, feats: Any, masks: Any, *, static: Static, thresholds: Any) -> Any:
+        options = {"static": static, "thresholds": thresholds}
+        return METHOD.decide(state, METHOD.describe(feats, masks, None, **options), **options)
+
+    return jax.jit(step, static_argnames="static")
 
 
 def decided(state: TrackerState) -> dict[str, np.ndarray]:

@@ -39,9 +39,9 @@ def cell_mean(values: Float[Array, "*C H W"]) -> Float[Array, "*C Hc Wc"]:
     *leading, height, width = values.shape
     # Written out: the compiler makes no vector instructions of a sum over such an axis.
     rows = values.reshape(*leading, height // CELL_PX, CELL_PX, width)
-    columns = sum(rows[..., i, :] for i in range(CELL_PX))
+    columns = jnp.asarray(sum(rows[..., i, :] for i in range(CELL_PX)))
     columns = columns.reshape(*leading, height // CELL_PX, width // CELL_PX, CELL_PX)
-    return sum(columns[..., i] for i in range(CELL_PX)) / CELL_PX**2
+    return jnp.asarray(sum(columns[..., i] for i in range(CELL_PX))) / CELL_PX**2
 
 
 def window_mean(cells: Float[Array, "*C Hc Wc"], radius: int) -> Float[Array, "*C Hc Wc"]:
@@ -137,7 +137,7 @@ def smooth(
         padding = [(reach_px, reach_px) if i == axis else (0, 0) for i in range(values.ndim)]
         padded = jnp.pad(values, padding, mode="edge")
         parts = [jax.lax.slice_in_dim(padded, i, i + length, axis=axis) for i in range(len(taps))]
-        values = sum((tap * part for tap, part in zip(taps, parts, strict=True)), 0.0)
+        values = jnp.asarray(sum(tap * part for tap, part in zip(taps, parts, strict=True)))
     return values
 
 

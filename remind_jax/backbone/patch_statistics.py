@@ -183,7 +183,7 @@ def bins_of() -> dict[str, slice]:
 
 def _pixel_planes(image: UInt8[Array, "H W 3"]) -> PixelPlanes:
     color = halve(image)
-    gray = sum(color) / len(color)
+    gray = jnp.asarray(sum(color)) / len(color)
     around = spread(window_mean(cell_mean(gray), 1))
     red, green, blue = jnp.log(color + SENSOR_OFFSET + LOCAL_OFFSET * around)
     chroma = jnp.stack([red - green, blue - (red + green) / 2])

@@ -149,7 +149,8 @@ class KeptFunction:
         kind: Kind = "features",
     ) -> None:
         """Compiles nothing yet; the arguments are those of a `Recipe`."""
-        self._name, self._function, self._key, self._kind = name, function, key, kind
+        self._name, self._function, self._key = name, function, key
+        self._kind: Kind = kind
 
     def __call__(self, *args: Any) -> Any:
         """What the function gives."""

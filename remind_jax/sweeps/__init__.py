@@ -8,6 +8,8 @@ from remind_jax.sweeps.cross_validation import cross_validate as cross_validate
 from remind_jax.sweeps.cross_validation import cross_validate_choice as cross_validate_choice
 from remind_jax.sweeps.result import Standing as Standing
 from remind_jax.sweeps.result import SweepResult as SweepResult
+from remind_jax.sweeps.scene_arrays import StackedScene as StackedScene
+from remind_jax.sweeps.scene_arrays import stack_scene as stack_scene
 from remind_jax.sweeps.search import hyperband as hyperband
 from remind_jax.sweeps.search import search as search
 from remind_jax.sweeps.sensitivity import PAPER_SPACE as PAPER_SPACE
@@ -19,4 +21,5 @@ from remind_jax.sweeps.settings import draw as draw
 from remind_jax.sweeps.settings import grid as grid
 from remind_jax.sweeps.settings import parse_values as parse_values
 from remind_jax.sweeps.settings import read_settings as read_settings
+from remind_jax.sweeps.settings import stack as stack
 from remind_jax.sweeps.worker import Progress as Progress

@@ -9,14 +9,16 @@ import dataclasses
 import functools
 import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
-from remind_jax.backbone.registry import Backbone
-from remind_jax.config import Config
+from remind_jax.backbone.opening import open_backbone
+from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
+from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.errors import SourceError
 from remind_jax.frame import NO_INSTANCE
@@ -24,8 +26,10 @@ from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method, get_method
 from remind_jax.observation import AnyFeats, Masks
 from remind_jax.session.live import Tracker
+from remind_jax.settings.ranges import check_option
+from remind_jax.sources import open_source
 from remind_jax.sources.source import Source
-from remind_jax.static import Static
+from remind_jax.static import MOST_OBJECTS, Static
 from remind_jax.sweeps.settings import stack
 
 NONE = -1
@@ -38,6 +42,25 @@ class Truth:
     object_index: Int[np.ndarray, "T N"]  # 0, 1, ...; -1 where there is none
     class_id: Int[np.ndarray, "T N"]
     num_objects: int
+
+
+@dataclasses.dataclass(frozen=True)
+class StackedScene:
+    """A scene as arrays of fixed shapes, for `jax.lax.scan` over the frames of any method.
+
+    Letters: `N` detection slots, as many as the fullest frame has detections.
+    """
+
+    # `observation.FrameFeats` or `CloseupFeats`, `observation.Masks`, and what the method observed
+    # beside them or None: `method.step(state, *frame, ...)`. Leading axis `T`.
+    frames: tuple[AnyFeats, Masks, Any]
+    static: Static  # capacities, for `init` and `step`
+    settings: Any  # the numbers of the configuration, for the features that frames have
+
+    @property
+    def valid(self) -> Bool[np.ndarray, "T N"]:
+        """Slots that hold a detection; those of a frame come first, in their order."""
+        return np.asarray(self.frames[1].valid)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,17 +129,9 @@ def load_scene(
       SourceError: If the source is empty, or does not say which objects its masks show.
     """
     reader = Tracker(config.updated({"thresholds": nest(reduced_with or {})}), backbone)
-    feats, masks, observed, instances = [], [], [], []
-    for frame in source:
-        prepared = reader.prepare(frame)
-        if prepared.features is None:
-            config = config.for_backbone(*backbone.identity)
-        feats.append(jax.device_get(reader.describe(prepared)))
-        masks.append(prepared.masks)
-        observed.append(prepared.observed)
-        instances.append(prepared.detections.instance_ids)
-    if not masks:
-        raise SourceError(f"'{source.name}' has no frames")
+    feats, masks, observed, instances, brings_features = _read(source, reader)
+    if not brings_features:
+        config = config.for_backbone(*backbone.identity)
     found = sorted({int(i) for ids in instances for i in ids} - {NO_INSTANCE})
     if not found:
         raise SourceError(
@@ -125,6 +140,78 @@ def load_scene(
         )
     truth = _truth(instances, masks, found)
     return SceneFrames(source.name, feats, masks, observed, truth, config)
+
+
+def stack_scene(
+    source: Any,
+    config: str | Path | Config | Mapping[str, Any] = "default",
+    backbone: str | Backbone = DEFAULT_BACKBONE,
+    *,
+    num_objects: int = 128,
+    **source_options: Any,
+) -> StackedScene:
+    """Reads a scene into arrays on which the pure functions of a method run.
+
+    Example:
+      >>> scene = rj.stack_scene("rooms.mp4", masks="masks/")
+      >>> method = rj.get_method("default")
+      >>> def advance(state, frame):
+      ...     state = method.step(state, *frame, static=scene.static, thresholds=scene.settings)
+      ...     return state, state.decisions.object_id
+      >>> state, ids = jax.lax.scan(advance, method.init(scene.static), scene.frames)
+
+    Args:
+      source: Whatever `open_source` opens, with its detections.
+      config: The method, its settings and how input is read.
+      backbone: What features come from where the source brings none.
+      num_objects: Object slots. `state.overflow.objects` says how many the last frame lacked, 0 if
+        they sufficed.
+      **source_options: Of `open_source`: `masks`, `sampling`, ...
+
+    Raises:
+      RemindError: If source, configuration or backbone are not accepted.
+    """
+    check_option("num_objects", num_objects, 1, MOST_OBJECTS)
+    source = open_source(source, **source_options)
+    config = load_config(config)
+    backbone = open_backbone(backbone)
+    feats, masks, observed, _, brings_features = _read(source, Tracker(config, backbone))
+    if not brings_features:
+        config = config.for_backbone(*backbone.identity)
+    static = dataclasses.replace(
+        config.static,
+        num_detections=max(1, *(len(one.valid) for one in masks)),
+        num_objects=num_objects,
+        feature_dim=feats[0].patches.shape[-1],
+    )
+    padded = [
+        (pad_feats(one, static.num_detections), pad_masks(some, static.num_detections), beside)
+        for one, some, beside in zip(feats, masks, observed, strict=True)
+    ]
+    frames = jax.tree.map(lambda *leaves: np.stack(leaves), *padded)
+    return StackedScene(frames, static, config.thresholds)
+
+
+def _read(
+    source: Source, reader: Tracker
+) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], bool]:
+    """Features, masks, what is observed and instances of every frame; whether it brings features.
+
+    Raises:
+      SourceError: If there are no frames.
+    """
+    feats, masks, observed, instances = [], [], [], []
+    brings_features = False
+    for frame in source:
+        prepared = reader.prepare(frame)
+        brings_features = prepared.features is not None
+        feats.append(jax.device_get(reader.describe(prepared)))
+        masks.append(prepared.masks)
+        observed.append(prepared.observed)
+        instances.append(prepared.detections.instance_ids)
+    if not masks:
+        raise SourceError(f"'{source.name}' has no frames")
+    return feats, masks, observed, instances, brings_features
 
 
 def _truth(instances: list[np.ndarray], masks: list[Masks], found: list[int]) -> Truth:

@@ -25,7 +25,7 @@ from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.keys import THRESHOLDS, full_key
-from remind_jax.errors import ConfigError
+from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.files import records
 from remind_jax.files.csv_cells import unguard_cell
 
@@ -283,16 +283,24 @@ def _threshold(name: str, known: Collection[str], config: Config) -> str:
     return key.removeprefix(THRESHOLDS)
 
 
-def stack(thresholds: Any, settings: Sequence[Mapping[str, Value]], scalar: Any) -> Any:
+def stack(
+    thresholds: Any, settings: Sequence[Mapping[str, Value]], scalar: Any = np.float32
+) -> Any:
     """All settings as one pytree of thresholds, each of them an array `[settings]`.
 
     Args:
       thresholds: Values of what a setting does not name.
-      settings: From `complete`.
+      settings: By dotted name, as from `complete`.
       scalar: Type of numbers that are not whole.
+
+    Raises:
+      ConfigError: If there is no threshold of a name.
     """
     kinds = {bool: np.bool_, int: np.int32, float: scalar}
     leaves, structure = jax.tree_util.tree_flatten_with_path(thresholds)
+    known = [".".join(key.name for key in path) for path, _ in leaves]
+    for name in sorted({name for setting in settings for name in setting}.difference(known)):
+        raise ConfigError(f"there is no threshold {name!r}; {nearest_names(name, known)}")
 
     def column(path: Sequence[Any], value: Value) -> np.ndarray:
         name = ".".join(key.name for key in path)

@@ -40,7 +40,7 @@ def stepper(name: str):
 
 def track(name: str, frames, static: Static = STATIC, **changes):
     method = get_method(name)
-    thresholds = dataclasses.replace(method.thresholds(), **changes)
+    thresholds = dataclasses.replace(method.settings(), **changes)
     state = settle_types(method.init(static))
     states = []
     for feats, masks in frames:
@@ -108,7 +108,7 @@ def test_a_frame_that_does_not_fit_changes_nothing_and_fits_after_growth(name):
 
     method, grown = get_method(name), tight.grow(num_objects=world.BOXES)
     state = method.enlarge(kept, grown)
-    state = stepper(name)(state, *frames[0], static=grown, thresholds=method.thresholds())
+    state = stepper(name)(state, *frames[0], static=grown, thresholds=method.settings())
     assert state.overflow.objects == 0
     assert state.decisions.object_id.tolist() == list(range(world.BOXES))
 
@@ -158,7 +158,7 @@ def test_default_takes_the_values_tuned_for_a_backbone(name, match):
         return config.for_backbone(backbone).thresholds.match
 
     config = load_config("default").with_tracker(name)
-    published = get_method(name).thresholds().match
+    published = get_method(name).settings().match
     assert match_of(config, "patch-statistics") == match
     assert match_of(config, "dinov3-vits16") == published
     mine = config.updated({"thresholds": {"match": 0.9}})

@@ -98,11 +98,6 @@ def test_more_objects_compile_the_decision_only(compiled):
     assert first.decide is not second.decide
 
 
-def test_a_whole_step_is_one_program(compiled):
-    follow(make("running-mean"), 1)
-    assert compiled == ["decide"]
-
-
 @pytest.mark.parametrize("name", ["plus", pytest.param("remind", marks=pytest.mark.slow)])
 def test_a_trace_changes_no_decision(name):
     plain, traced = make(name), make(name, trace=True)
@@ -114,9 +109,7 @@ def test_a_trace_changes_no_decision(name):
 
 def test_a_method_that_calls_the_host_is_not_kept():
     step = FrameStep(get_method("plus"))
-    halves = get_method("plus").halves
-    assert halves is not None
-    decide = halves.decide
+    decide = get_method("plus").decide
     assert step._is_kept(decide, Static())
     assert not step._is_kept(decide, Static(solver="host"))
 
@@ -136,12 +129,13 @@ def test_a_method_that_is_defined_anew_is_compiled_anew():
         tracker = make("running-mean")
         method = tracker.method
 
-        def step(state, *args, **options):
-            after = method.step(state, *args, **options)
+        def decide(state, seen, **options):
+            after, trace = method.decide(state, seen, **options)
             ids = after.decisions.object_id + by
-            return dataclasses.replace(after, decisions=after.decisions.replaced(object_id=ids))
+            decisions = after.decisions.replaced(object_id=ids)
+            return dataclasses.replace(after, decisions=decisions), trace
 
-        tracker._memory.frame_step = FrameStep(dataclasses.replace(method, step=step))
+        tracker._memory.frame_step = FrameStep(dataclasses.replace(method, decide=decide))
         return tracker
 
     first, second = (follow(shifted(by), 1)[0].object_id for by in (100, 200))

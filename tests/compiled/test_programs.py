@@ -18,7 +18,7 @@ from remind_jax.compiled.programs import (
     shapes_of,
     waited_s,
 )
-from remind_jax.remind.tracker import step
+from remind_jax.remind.tracker import decide
 
 from .counting import PAIR, Counted, files, run
 
@@ -86,7 +86,7 @@ def test_a_kept_function_is_itself_under_jit(folder):
 
 
 def test_only_functions_that_the_text_of_the_package_defines_are_kept():
-    assert is_of_this_package(step)
+    assert is_of_this_package(decide)
     assert not is_of_this_package(np.add)
     assert not is_of_this_package(lambda state: state)
-    assert not is_of_this_package(functools.partial(step))
+    assert not is_of_this_package(functools.partial(decide))

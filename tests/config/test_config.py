@@ -54,7 +54,7 @@ def test_a_profile_fills_in_what_nobody_chose(match):
 @pytest.mark.parametrize("tracker", WITH_PROFILE)
 def test_every_threshold_set_to_its_published_value_runs_with_it(tracker):
     default = load_config("default").with_tracker(tracker)
-    published = Config(tracker=tracker, thresholds=get_method(tracker).thresholds())
+    published = Config(tracker=tracker, thresholds=get_method(tracker).settings())
     profile = {key for key, _, _ in default.for_backbone(BACKBONE).difference(default)}
     assert profile
     values = dict(flatten(published.to_dict()["thresholds"]))

@@ -12,7 +12,6 @@ import pytest
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import init
-from remind_jax.remind.tracker import step_traced
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests import tiny_world as world
 
@@ -35,7 +34,7 @@ OBJECT, BACKGROUND, PARTS, RING_PROTOTYPES = range(4)
 @pytest.fixture(scope="module")
 def steps():
     """States and traces of a drawn sequence, on the host."""
-    stepper = jax.jit(step_traced, static_argnames="static")
+    stepper = world.compiled_trace()
     thresholds = THRESHOLDS.as_arrays(STATIC.scalar)
     state, seen = init(STATIC), []
     for feats, masks in world.make_frames(NUM_FRAMES, seed=3):

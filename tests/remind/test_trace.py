@@ -10,7 +10,6 @@ import pytest
 from remind_jax.decision import Outcome
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.state import init
-from remind_jax.remind.tracker import step_traced
 from tests import tiny_world as world
 
 NUM_FRAMES = 24
@@ -19,7 +18,7 @@ NUM_FRAMES = 24
 @pytest.fixture(scope="module")
 def steps():
     """States and traces of a drawn sequence, on the host."""
-    stepper = jax.jit(step_traced, static_argnames="static")
+    stepper = world.compiled_trace()
     thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
     state, seen = init(world.STATIC), []
     for feats, masks in world.make_frames(NUM_FRAMES, seed=3):

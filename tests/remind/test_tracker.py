@@ -19,7 +19,6 @@ from remind_jax.decision import Decisions, Outcome, Reason
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import TrackerState, init
-from remind_jax.remind.tracker import step
 from remind_jax.static import Static
 from tests import tiny_world as world
 from tests.stepping import step_once
@@ -109,7 +108,7 @@ def sweep(frames, states) -> TrackerState:
 
     def track(state: TrackerState, scene: world.Frame, thresholds: Any) -> TrackerState:
         def advance(state, frame):
-            stepped = step(state, *frame, static=LARGER, thresholds=thresholds)
+            stepped = METHOD.step(state, *frame, static=LARGER, thresholds=thresholds)
             return settle_types(stepped), stepped
 
         return jax.lax.scan(advance, state, scene)[1]
@@ -150,7 +149,7 @@ def test_capacities_alone_change_nothing(frames, states):
 @pytest.mark.slow
 def test_scan_alone_is_a_loop(frames, states):
     def advance(state, frame):
-        state = step(state, *frame, static=world.STATIC, thresholds=thresholds)
+        state = METHOD.step(state, *frame, static=world.STATIC, thresholds=thresholds)
         return settle_types(state), state
 
     thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
@@ -301,7 +300,7 @@ def test_thresholds_alone_can_be_swept(frames):
         )
 
         def advance(state, frame):
-            state = step(state, *frame, static=world.STATIC, thresholds=swept)
+            state = METHOD.step(state, *frame, static=world.STATIC, thresholds=swept)
             return state, state.decisions
 
         return jax.lax.scan(advance, init(world.STATIC), batch(*frames))[1]
@@ -328,7 +327,7 @@ def test_decisions_do_not_depend_on(frames, states, change):
 
 @pytest.mark.slow
 def test_decisions_do_not_depend_on_compiler_options(frames, states, optimized):
-    compiled = jax.jit(step, static_argnames="static")
+    compiled = jax.jit(METHOD.step, static_argnames="static")
     state = init(world.STATIC)
     thresholds = world.THRESHOLDS.as_arrays(world.STATIC.scalar)
     for frame, expected in zip(frames, states, strict=True):

@@ -20,7 +20,7 @@ from remind_jax.session.live import Tracker
 
 PATCH_PX, HEIGHT, WIDTH = 8, 96, 128
 GARBAGE = 77.0
-METHODS = [name for name in list_methods() if get_method(name).patch_reach is not None]
+METHODS = [name for name in list_methods() if get_method(name).needs.patch_reach is not None]
 
 
 def describe(images: np.ndarray) -> np.ndarray:
@@ -90,7 +90,9 @@ def test_plus_asks_for_objects_and_what_is_around_them():
 def test_a_method_that_reads_all_gets_all():
     recorder, (image, masks) = Recorder(), next(frames(1))
     tracker = Tracker(backbone=recorder.in_part, tracker="bank")
-    method = dataclasses.replace(tracker.method, patch_reach=None)
+    method = dataclasses.replace(
+        tracker.method, needs=dataclasses.replace(tracker.method.needs, patch_reach=None)
+    )
     prepared = tracker.prepare(
         Frame(0, 0, 0.0, "one", image, Detections.create(masks, ["box"] * 3))
     )
@@ -104,7 +106,7 @@ def closeup_tracker(name: str = "plus", backbone: Backbone | None = None, **opti
     return Tracker(config, backbone or Recorder().whole)
 
 
-CLOSEUP_METHODS = [name for name in list_methods() if get_method(name).reads_closeups]
+CLOSEUP_METHODS = [name for name in list_methods() if get_method(name).needs.reads_closeups]
 
 
 @pytest.mark.parametrize("name", CLOSEUP_METHODS)

@@ -25,7 +25,7 @@ def test_a_frame_that_does_not_fit_is_refused_before_compilation_and_the_next_on
     image, labels = frames(1)[0]
     few = labels * (labels == labels[labels > 0][0])
     before = tracker.update(image, few)
-    need = get_method("plus").count_bytes
+    need = get_method("plus").host.count_bytes
     assert need is not None
     room = need(tracker.static) / memory_budget.BUDGET_SHARE
     monkeypatch.setattr(memory_budget, "device_bytes", lambda: int(room) + 1)
@@ -62,5 +62,5 @@ def test_the_estimate_holds_the_memory_and_is_of_its_size(name):
     static = Static(num_detections=16, num_objects=512, feature_dim=96)
     state = jax.eval_shape(lambda: method.init(static))
     num_bytes = sum(math.prod(leaf.shape) * leaf.dtype.itemsize for leaf in jax.tree.leaves(state))
-    assert method.count_bytes is not None
-    assert num_bytes <= method.count_bytes(static) <= 2 * num_bytes
+    assert method.host.count_bytes is not None
+    assert num_bytes <= method.host.count_bytes(static) <= 2 * num_bytes

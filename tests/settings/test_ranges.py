@@ -27,7 +27,7 @@ def numbers(tree) -> list:
 
 @pytest.mark.parametrize("name", list_methods())
 def test_every_threshold_has_a_range_that_its_value_lies_in(name):
-    for key, value, record in numbers(get_method(name).thresholds()):
+    for key, value, record in numbers(get_method(name).settings()):
         least, most = range_of(record)
         assert math.isfinite(least), key
         assert math.isfinite(most), key
@@ -43,7 +43,7 @@ def test_every_count_has_a_limit():
 
 def test_the_table_names_no_unit_that_nobody_has():
     records = [
-        record for name in list_methods() for *_, record in numbers(get_method(name).thresholds())
+        record for name in list_methods() for *_, record in numbers(get_method(name).settings())
     ]
     assert set(RANGES) == {record.unit for record in records}
 

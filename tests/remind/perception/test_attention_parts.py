@@ -12,7 +12,8 @@ import pytest
 from remind_jax.backbone import get_backbone
 from remind_jax.config import load_config
 from remind_jax.errors import ConfigError
-from remind_jax.remind.tracker import init, step
+from remind_jax.remind.method import METHOD
+from remind_jax.remind.tracker import init
 from remind_jax.session import frame_features
 from remind_jax.session.growing_memory import GrowingMemory
 from remind_jax.session.live import Tracker
@@ -87,7 +88,7 @@ def test_the_step_gets_the_attention_between_object_patches(backbone, frame, rea
     static = dataclasses.replace(
         tracker.static, feature_dim=eyes.dim, num_detections=len(reduced.valid)
     )
-    run = functools.partial(step, static=static, thresholds=tracker.config.thresholds)
+    run = functools.partial(METHOD.step, static=static, thresholds=tracker.config.thresholds)
     state = init(static)
     after = jax.eval_shape(run, state, feats, reduced)
     assert after.parts.size.shape[1] == 2
