@@ -18,7 +18,7 @@
 #
 # * a detector: any function from an image to masks;
 # * a backbone: any function from images to patch features, and a network in an ONNX file;
-# * a tracker of your own, as two pure functions;
+# * a tracker of your own, as pure functions;
 # * a rule around any tracker, and a rule inside REMIND.
 #
 # In more detail: [Extension points](../docs/extension_points.md).
@@ -171,20 +171,19 @@ draw_identities({"own features, own detector, tracker 'bank'": result})
 # %% [markdown]
 # ## A tracker
 #
-# A `Method` is two pure functions and a dataclass of thresholds. `init` makes an empty memory of fixed
-# shapes, `step` takes it from one frame to the next; `remind_jax.baselines` has parts to build from.
+# A `Method` is pure functions and a dataclass of settings. `init` makes an empty memory of fixed shapes,
+# `decide` takes it from one frame to the next; `remind_jax.baselines` has parts to build from.
 # This one knows only positions: each detection is matched to the nearest object.
 
 # %%
 from remind_jax.baselines.scene_memory import Matching, conclude, empty_memory, same_class
-from remind_jax.method import Method, get_method, register_method
 from remind_jax.solvers.greedy import assign_greedily
 
 
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class NearestThresholds:
-    """Thresholds of the nearest neighbor."""
+class NearestSettings:
+    """Numbers of the nearest neighbor."""
 
     reach_px: float = 40.0  # an object further away is not matched
 
@@ -193,7 +192,8 @@ def init(static):
     return empty_memory(static, jnp.zeros((static.num_objects, 2)))  # last center of each object
 
 
-def step(state, frame_feats, masks, *, static, thresholds):
+def decide(state, seen, *, static, thresholds):
+    masks = seen.masks
     apart_px = jnp.linalg.norm(masks.center[:, None] - state.looks[None], axis=-1)
     least = jnp.full(len(masks.valid), -thresholds.reach_px)
     column = assign_greedily(-apart_px, same_class(state, masks), least, jnp.array(True))
@@ -202,10 +202,10 @@ def step(state, frame_feats, masks, *, static, thresholds):
         return centers.at[slot].set(masks.center, mode="drop")
 
     matching = Matching(-apart_px, same_class(state, masks), column, masks.valid, masks.valid)
-    return conclude(state, masks, matching, learn, static)
+    return conclude(state, masks, matching, learn, static), None  # no trace
 
 
-register_method(Method("nearest", NearestThresholds, init, step))
+rj.register_method(rj.Method("nearest", NearestSettings, init, decide))
 near = rj.run(video, detector=find_discs, announce_after=1, backbone=backbone, tracker="nearest")
 
 # %% [markdown]
@@ -223,23 +223,23 @@ draw_identities({"'nearest', reach 40 px": near, "'nearest', reach 10 px": short
 #
 # ## A rule around any tracker
 #
-# A rule about the input of a tracker needs no change inside it: wrap its step. Here masks that touch the
-# border of the image are left out.
+# A rule about what enters a tracker is put around `describe`, one about what leaves it around `decide`.
+# Here masks that touch the border of the image are left out.
 
 
 # %%
 def without_border(name):
-    inner = get_method(name)
+    inner = rj.get_method(name)
 
-    def step(state, frame_feats, masks, **options):
+    def describe(frame_feats, masks, observed, **options):
         whole = masks.valid & ~masks.relations.touches_border
         seen = dataclasses.replace(masks, valid=whole)
-        return inner.step(state, frame_feats, seen, **options)
+        return inner.describe(frame_feats, seen, observed, **options)
 
-    return dataclasses.replace(inner, name=f"{name}-without-border", step=step)
+    return dataclasses.replace(inner, name=f"{name}-without-border", describe=describe)
 
 
-register_method(without_border("bank"))
+rj.register_method(without_border("bank"))
 whole = rj.run(
     video, detector=find_discs, announce_after=1, backbone=backbone, tracker="bank-without-border"
 )
@@ -249,27 +249,27 @@ draw_identities({"'bank', discs that touch the border left out": whole})
 # ## A rule inside REMIND
 #
 # `remind_jax/remind/tracker.py` is the whole chain on one page, and each stage is a pure function in the
-# package named for it. The chain can be entered after perception, with `step_described`: here parts of
-# small objects are not used.
+# package named for it. What it makes of a frame passes between the halves of its step, where a rule can
+# change it: here parts of small objects are not used.
 #
 # A tracker under another name starts from the published thresholds of REMIND, made for other features.
 
+
 # %%
-from remind_jax.remind import tracker
-from remind_jax.remind.perception.description import describe
+def careful():
+    inner = rj.get_method("remind")
+
+    def describe(frame_feats, masks, observed, **options):
+        seen = inner.describe(frame_feats, masks, observed, **options)
+        large = seen.descriptors.patch_sum >= 16.0  # effective patches
+        valid = seen.descriptors.parts_valid & large[:, None, None]
+        descriptors = dataclasses.replace(seen.descriptors, parts_valid=valid)
+        return dataclasses.replace(seen, descriptors=descriptors)
+
+    return dataclasses.replace(inner, name="careful", describe=describe)
 
 
-def careful_step(state, frame_feats, masks, *, static, thresholds):
-    numbers = thresholds.as_arrays(static.scalar)
-    described = describe(frame_feats, masks, static, numbers)
-    large = described.patch_sum >= 16.0  # effective patches
-    valid = described.parts_valid & large[:, None, None]
-    described = dataclasses.replace(described, parts_valid=valid)
-    return tracker.step_described(state, described, masks, static=static, thresholds=thresholds)
-
-
-careful = dataclasses.replace(get_method("remind"), name="careful", step=careful_step)
-register_method(dataclasses.replace(careful, step_traced=None))
+rj.register_method(careful())
 capacities = {"num_detections": 4, "num_objects": 8, "num_pending": 4}  # they grow if need be
 inside = rj.run(
     video,

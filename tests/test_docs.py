@@ -55,7 +55,7 @@ def page(monkeypatch):
     return module
 
 
-INSIDE = "A rule inside REMIND"
+INSIDE = "A rule inside a tracker"
 
 
 def test_extension_points_that_need_no_compiled_remind_work(page):
@@ -132,7 +132,7 @@ def test_recipes_for_detectors_work_with_what_they_publish(page, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_rule_inside_remind_works(page):
+def test_a_rule_inside_a_tracker_works(page):
     run(code_of("extension_points.md"), page)
     assert len(page.tracks) == 2
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import remind_jax as rj
 from remind_jax import method as methods
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Decisions, Outcome, Overflow, no_decisions
@@ -147,6 +148,90 @@ def test_wrong_names_are_refused(counter):
         register_method(dataclasses.replace(counter))
     register_method(counter)  # a notebook cell that is run twice
     assert list_methods()[0] == load_config().tracker == "plus"
+
+
+HEAVY = pytest.mark.slow
+
+
+@pytest.fixture(params=["bank", "plus", pytest.param("remind", marks=HEAVY)])
+def counted(request, monkeypatch):
+    """A method with something around each half of its step, and how often that was called."""
+    monkeypatch.setattr(methods, "_methods", dict(methods._methods))
+    inner, calls = get_method(request.param), {"describe": 0, "decide": 0}
+
+    def around(half):
+        def count():
+            calls[half] += 1
+
+        def call(*args, **options):
+            jax.debug.callback(count)
+            return getattr(inner, half)(*args, **options)
+
+        return call
+
+    halves = {half: around(half) for half in calls}
+    register_method(dataclasses.replace(inner, name="counted", **halves))
+    return calls
+
+
+def called(calls):
+    jax.effects_barrier()
+    return calls["describe"], calls["decide"]
+
+
+def scene_of_squares():
+    return [
+        (picture(50 + 40 * row), rj.Detections.create(two_masks(), instance_ids=[1, 2]))
+        for row in range(3)
+    ]
+
+
+def test_what_is_around_a_method_is_called_once_a_frame_live(counted):
+    tracker = live.Tracker(tracker="counted")
+    for image, detections in scene_of_squares():
+        tracker.update(image, detections)
+    assert called(counted) == (3, 3)
+
+
+def test_what_is_around_a_method_is_called_once_a_frame_in_a_run(counted):
+    assert rj.run(scene_of_squares(), tracker="counted").complete
+    assert called(counted) == (3, 3)
+
+
+def test_what_is_around_a_method_is_called_once_a_frame_and_setting_in_a_sweep(counted):
+    found = rj.sweep([scene_of_squares()], [{}], config={"tracker": "counted"})
+    assert len(found.rows) == 1
+    describes, decides = called(counted)
+    assert describes == 3
+    # Frames are filled up to a round number with such as hold nothing.
+    assert decides >= 3
+
+
+def test_what_is_around_a_method_is_called_once_a_frame_alone(counted):
+    method = get_method("counted")
+    scene = rj.stack_scene(scene_of_squares(), {"tracker": "counted"}, num_objects=16)
+
+    @jax.jit
+    def follow(settings):
+        def advance(state, frame):
+            state = method.step(state, *frame, static=scene.static, thresholds=settings)
+            return state, state.decisions.object_id
+
+        return jax.lax.scan(advance, method.init(scene.static), scene.frames)[1]
+
+    assert np.sort(follow(scene.settings)).tolist() == [[0, 1]] * 3
+    assert called(counted) == (3, 3)
+
+
+def test_a_method_is_what_a_configuration_of_its_name_runs():
+    assert get_method("default") is get_method("plus")
+    assert get_method("published") is get_method("remind")
+    assert load_config("default").thresholds == get_method("default").settings()
+    assert load_config("published").thresholds == get_method("published").settings()
+
+
+def test_a_method_has_few_fields():
+    assert len(dataclasses.fields(Method)) <= 10
 
 
 @pytest.mark.parametrize("name", list_methods())

@@ -1,0 +1,80 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # 07 Pure functions
+#
+# Every tracker is a few pure functions of arrays. You learn to
+#
+# * read a scene into stacked, padded arrays;
+# * take a tracker through them with `jax.lax.scan`;
+# * run settings side by side with `jax.vmap`;
+# * read the memory, which is a pytree.
+#
+# For scores over many scenes there are [sweeps](03_sweep_and_pick_thresholds.ipynb).
+
+# %%
+import jax
+import numpy as np
+
+import remind_jax as rj
+from remind_jax.synthetic import demo_options, make_scene, render
+
+tracker = rj.get_method("default")
+scene = rj.stack_scene(render(make_scene(demo_options())))  # the sequence of `make demo`
+features, masks, observed = scene.frames
+print("features", features.patches.shape, "detections", masks.valid.sum())
+print("room for", scene.static.num_objects, "objects")
+
+# %% [markdown]
+# `scene.static` fixes the shapes, `scene.settings` are the numbers of the configuration: a pytree of
+# scalars. `tracker.step` gives the memory after a frame, with the decisions about it.
+
+
+# %%
+def follow(settings):
+    def advance(state, frame):
+        state = tracker.step(state, *frame, static=scene.static, thresholds=settings)
+        return state, state.decisions.object_id
+
+    return jax.lax.scan(advance, tracker.init(scene.static), scene.frames)
+
+
+options = rj.compiler_options()  # compile in half of the time
+state, ids = jax.jit(follow, compiler_options=options)(scene.settings)
+print("identities", ids.shape, "objects", int((state.objects.id >= 0).sum()))
+assert not state.overflow.objects
+
+# %% [markdown]
+# The same identities as `rj.Tracker` gives, frame by frame:
+
+# %%
+live = rj.Tracker()
+for row, frame in enumerate(render(make_scene(demo_options()))):
+    found = live.update(frame.image, frame.detections)
+    assert (np.asarray(ids)[row, : len(found)] == found.object_id).all()
+
+# %% [markdown]
+# A setting with a leading axis is many settings. Here looks count from little to much when tracklets are
+# linked.
+
+# %%
+values = np.linspace(0, 3, 8)
+settings = rj.sweeps.stack(scene.settings, [{"linking.look": float(x)} for x in values])
+_, many = jax.jit(jax.vmap(follow), compiler_options=options)(settings)
+for value, found in zip(values, np.asarray(many), strict=True):
+    print(f"linking.look {value:.1f}: {len(np.unique(found[found >= 0]))} identities")
+
+# %% [markdown]
+# The paper's tracker is `rj.get_method("published")`; its scene is stacked with
+# `rj.stack_scene(source, "published")`. A tracker of your own is registered as in
+# [05](05_your_own_backbone_detector_or_rule.ipynb).
