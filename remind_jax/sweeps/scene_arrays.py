@@ -147,7 +147,7 @@ def stack_scene(
     config: str | Path | Config | Mapping[str, Any] = "default",
     backbone: str | Backbone = DEFAULT_BACKBONE,
     *,
-    num_objects: int = 128,
+    num_objects: int | None = None,
     **source_options: Any,
 ) -> StackedScene:
     """Reads a scene into arrays on which the pure functions of a method run.
@@ -164,14 +164,15 @@ def stack_scene(
       source: Whatever `open_source` opens, with its detections.
       config: The method, its settings and how input is read.
       backbone: What features come from where the source brings none.
-      num_objects: Object slots. `state.overflow.objects` says how many the last frame lacked, 0 if
+      num_objects: Object slots, as in the configuration if left out. `state.overflow.objects` says how many the last frame lacked, 0 if
         they sufficed.
       **source_options: Of `open_source`: `masks`, `sampling`, ...
 
     Raises:
       RemindError: If source, configuration or backbone are not accepted.
     """
-    check_option("num_objects", num_objects, 1, MOST_OBJECTS)
+    if num_objects is not None:
+        check_option("num_objects", num_objects, 1, MOST_OBJECTS)
     source = open_source(source, **source_options)
     config = load_config(config)
     backbone = open_backbone(backbone)
@@ -181,7 +182,7 @@ def stack_scene(
     static = dataclasses.replace(
         config.static,
         num_detections=max(1, *(len(one.valid) for one in masks)),
-        num_objects=num_objects,
+        num_objects=num_objects or config.static.num_objects,
         feature_dim=feats[0].patches.shape[-1],
     )
     padded = [
