@@ -164,8 +164,8 @@ def stack_scene(
       source: Whatever `open_source` opens, with its detections.
       config: The method, its settings and how input is read.
       backbone: What features come from where the source brings none.
-      num_objects: Object slots, as in the configuration if left out. `state.overflow.objects` says how many the last frame lacked, 0 if
-        they sufficed.
+      num_objects: Object slots, as in the configuration if left out. `state.overflow.objects` says
+        how many the last frame lacked, 0 if they sufficed.
       **source_options: Of `open_source`: `masks`, `sampling`, ...
 
     Raises:
