@@ -59,7 +59,7 @@ class Section:
 
 def list_sections(method: str = PAPER_METHOD) -> list[Section]:
     """The settings of a tracker, section by section; those that all share come with REMIND."""
-    thresholds: Any = get_method(method).thresholds()
+    thresholds: Any = get_method(method).settings()
     nested = [
         field.name
         for field in dataclasses.fields(thresholds)

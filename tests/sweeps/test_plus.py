@@ -9,7 +9,7 @@ import remind_jax as rj
 from remind_jax.backbone.registry import get_backbone
 from remind_jax.config import load_config
 from remind_jax.config.dotted_keys import nest
-from remind_jax.errors import ConfigError, SweepError
+from remind_jax.errors import ConfigError
 from remind_jax.metrics import evaluate_tracks
 from remind_jax.sources import open_source
 from remind_jax.sweeps import draw, sweep
@@ -102,9 +102,14 @@ def test_rows_are_the_scores_of_single_runs_whatever_the_capacities(scenes, alon
     assert len({row.scores["IDF1"] for rows in result.rows for row in rows}) > len(SETTINGS)
 
 
-def test_a_method_that_cannot_be_swept_is_refused():
-    with pytest.raises(SweepError, match="tracker 'iou'; only 'plus' and 'remind' can be swept"):
-        sweep(SCENES, [{}], config={"tracker": "iou"})
+def test_a_baseline_is_swept_as_it_runs(scenes):
+    settings = [{"min_iou": value} for value in (0.1, 0.9)]
+    found = sweep(scenes[:1], settings, config={"tracker": "iou"})
+    for setting, (row,) in zip(settings, found.rows, strict=True):
+        result = rj.run(scenes[0], config={"tracker": "iou", "thresholds": setting})
+        scores = evaluate_tracks(result.tracks).scores()
+        # Single precision on the device.
+        assert row.scores["IDF1"] == pytest.approx(scores["IDF1"], abs=1e-5)
 
 
 def test_thresholds_are_those_of_the_method():
