@@ -34,6 +34,7 @@ scene = rj.stack_scene(render(make_scene(demo_options())))  # the sequence of `m
 features, masks, observed = scene.frames
 print("features", features.patches.shape, "detections", masks.valid.sum())
 print("room for", scene.static.num_objects, "objects")
+jax.tree.map(np.shape, masks)
 
 # %% [markdown]
 # `scene.static` fixes the shapes, `scene.settings` are the numbers of the configuration: a pytree of
@@ -75,6 +76,7 @@ for value, found in zip(values, np.asarray(many), strict=True):
     print(f"linking.look {value:.1f}: {len(np.unique(found[found >= 0]))} identities")
 
 # %% [markdown]
-# The paper's tracker is `rj.get_method("published")`; its scene is stacked with
+# **Take-away.** A tracker is a few pure functions of arrays: what you know of JAX applies. The paper's
+# tracker is `rj.get_method("published")`; its scene is stacked with
 # `rj.stack_scene(source, "published")`. A tracker of your own is registered as in
 # [05](05_your_own_backbone_detector_or_rule.ipynb).

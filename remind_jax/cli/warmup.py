@@ -26,8 +26,8 @@ _MOST_SIDE_PX = 16_384
 class Warmup:
     """Compile ahead for frames of some sizes, so that later starts wait less.
 
-    More detections or objects than were prepared for, other settings and new
-    versions are compiled when they come.
+    What needs more than that is compiled when it comes.
+
     Kept in the user's cache folder; the variable REMIND_PROGRAMS names another.
 
     Examples:

@@ -55,7 +55,7 @@ def read_page(source: Path):
 
 
 def test_all_notebooks_are_there():
-    assert [source.name[:2] for source in SOURCES] == ["01", "02", "03", "04", "05", "06"]
+    assert [source.name[:2] for source in SOURCES] == ["01", "02", "03", "04", "05", "06", "07"]
     assert executor.sources() == SOURCES
     pages = {page.stem for page in FOLDER.glob("*.ipynb")}
     assert pages == {source.stem for source in SOURCES}

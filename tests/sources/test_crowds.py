@@ -124,7 +124,7 @@ def test_boxes_of_large_pictures_are_compared_before_they_are_filled(monkeypatch
 
 def test_a_tracker_takes_no_more_than_it_has_memory_for(monkeypatch):
     monkeypatch.setattr(memory_budget, "MOST_FRAME_BYTES", 1)
-    most = rj.Static().num_detections
+    most = rj.load_config("default").static.num_detections
     assert rj.Tracker().most_detections == most
     chosen = {"static": {"num_detections": 4 * most}}
     assert rj.Tracker({"base": "default", **chosen}).most_detections == 4 * most
