@@ -50,9 +50,11 @@ def test_classes_are_numbered_as_they_are_met():
 
 def test_the_previous_image_is_observed_by_methods_that_observe(monkeypatch):
     seen = []
-    method = dataclasses.replace(
-        get_method("plus"), observe=lambda before, image: seen.append((before, image))
+    plus = get_method("plus")
+    needs = dataclasses.replace(
+        plus.needs, observe=lambda before, image: seen.append((before, image))
     )
+    method = dataclasses.replace(plus, needs=needs)
     one = FramePreparer(method, PATCH)
     for _ in range(2):
         one.prepare(frame_of("mug"), CONFIG)

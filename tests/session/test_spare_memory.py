@@ -38,7 +38,8 @@ def test_other_capacities_are_not_served():
 
 def test_a_large_one_is_made_only_when_it_is_foreseen(monkeypatch):
     monkeypatch.setattr(spare_memory, "MOST_IDLE_BYTES", 1000)
-    spare = SpareMemory(dataclasses.replace(METHOD, count_bytes=lambda static: 1001))
+    host = dataclasses.replace(METHOD.host, count_bytes=lambda static: 1001)
+    spare = SpareMemory(dataclasses.replace(METHOD, host=host))
     spare.ask_for(LARGE, is_foreseen=False, waits=True)
     assert spare.take(LARGE) is None
     spare.ask_for(LARGE, is_foreseen=True, waits=True)
