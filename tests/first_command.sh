@@ -8,7 +8,7 @@ cd "$(dirname "$0")/.."
 find_pythons() {
   for minor in 11 12 13 14; do
     "python3.$minor" -c '' 2>/dev/null && command -v "python3.$minor" && continue
-    ls -d "${PYENV_ROOT:-$HOME/.pyenv}/versions/3.$minor".*/bin/python 2>/dev/null | tail -n 1
+    compgen -G "${PYENV_ROOT:-$HOME/.pyenv}/versions/3.$minor.*/bin/python" | tail -n 1 || continue
   done
 }
 
