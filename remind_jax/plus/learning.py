@@ -305,6 +305,7 @@ def learn_cosines(
     choice: Choice,
     cosine: Float[Array, "N O"],
     since_first: Float[Array, "N"],
+    share: Float[Array, "N"],
     frame: Int[Array, ""],
     t: th.Calibration,
 ) -> Scene:
@@ -328,7 +329,7 @@ def learn_cosines(
     old = sure & (here.age >= t.min_age) & (frame % t.every == 0)
     same = jnp.stack([choice.cosine, since_first])
     same_weight = jnp.stack(
-        [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight, 0.0)]
+        [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight * share, 0.0)]
     )
 
     held = jnp.where(sure, here.slot, num_o)
@@ -336,6 +337,8 @@ def learn_cosines(
     apart = (held[:, None] != held[None, :]) & old[:, None] & sure[None, :]
     alike = here.class_id[:, None] == here.class_id[None, :]
     weight = jnp.where(apart, jnp.where(alike, t.other_weight, t.foreign_weight), 0.0)
+    # A pair teaches as much as the less known of the two.
+    weight = weight * jnp.maximum(share[:, None], share[None, :])
 
     def moments(weight: Array, value: Array) -> Array:
         return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))

@@ -54,7 +54,7 @@ from remind_jax.plus.scene_map import (
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.plus.whitening import learn_scatter, renew_whitening, whiten
+from remind_jax.plus.whitening import learn_scatter, renew_whitening, share_of, whiten
 from remind_jax.static import Static
 
 __all__ = ["advance", "init"]
@@ -139,7 +139,8 @@ def _advance(
     )
     here = jax.tree.map(lambda leaf: leaf[:num], tracklets)
     # Which differences of looks matter in this scene?
-    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, frame, t.looks)
+    share = share_of(here, objects, t.looks)
+    scene = learn_scatter(state.scene, sightings, change, origin != NO_SLOT, share, frame, t.looks)
     scene, objects = renew_whitening(scene, objects, frame, t.looks)
     # What could every open tracklet be?
     rows = find_rows(here, sightings.valid, t.decision)
@@ -197,7 +198,7 @@ def _advance(
         objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
     )
     since_first = jnp.sum(white[0] * white[1], axis=1)
-    scene = learn_cosines(scene, here, sure, choice, cosine, since_first, frame, t.calibration)
+    scene = learn_cosines(scene, here, sure, choice, cosine, since_first, share, frame, t.calibration)
     objects, scene = learn_speeds(objects, scene, here, row, t.mobility)
     pairs = learn_relations(objects, pairs, row, sightings, t.layout, t.mobility)
     objects = learn_objects(objects, row, sightings, frame)

@@ -19,12 +19,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import count_up
 from remind_jax.numerics.pooling import to_unit
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.small_matrices import diagonal, orthonormalize, root_of_inverse
-from remind_jax.plus.state import SUMMED, Objects, Scene
+from remind_jax.plus.state import SUMMED, Objects, Scene, Tracklets
 from remind_jax.plus.static import REFRESH_FRAMES
 
 EAGER_FRAMES = 5  # the whitening is renewed in each of the first frames
@@ -37,11 +38,22 @@ def whiten(scene: Scene, looks: Float[Array, "*any D"]) -> Float[Array, "*any E"
     return to_unit(jnp.einsum("...d,ed->...e", centered, scene.whitener, precision="highest"))
 
 
+def share_of(here: Tracklets, objects: Objects, t: th.Looks) -> Float[Array, "N"]:
+    """How much each detection teaches: the more its object was seen, the less.
+
+    What stands still for a thousand frames would be all that the statistics know.
+    """
+    decided = here.slot != NO_SLOT
+    seen = jnp.where(decided, objects.seen[jnp.maximum(here.slot, 0)], 0)
+    return jnp.minimum(1.0, t.teaches / jnp.maximum(jnp.maximum(seen, here.age), 1))
+
+
 def learn_scatter(
     scene: Scene,
     sightings: Sightings,
     step: Float[Array, "N D"],
     linked: Bool[Array, "N"],
+    share: Float[Array, "N"],
     frame: Int[Array, ""],
     t: th.Looks,
 ) -> Scene:
@@ -54,23 +66,25 @@ def learn_scatter(
       sightings: Detections.
       step: Look minus the smoothed look of its tracklet before.
       linked: Detections that continue a tracklet.
+      share: How much each teaches (`share_of`).
       frame: Number of this frame.
       t: Memory lengths.
     """
     valid = sightings.valid
     taught = jnp.stack([valid, sightings.has_ring, valid, linked])  # as the columns of weights
-    counts = jnp.sum(taught, axis=1)
+    counts = jnp.sum(taught * share, axis=1)
     fade = t.scatter_decay**counts
     # Running means forget beyond a number of samples, scatters with each.
     limited = jnp.minimum(scene.weights + counts, t.mean_samples)
     weights = jnp.where(np.arange(4) < 2, limited, scene.weights * fade + counts)
-    rate = 1.0 / jnp.maximum(weights[:2, None], 1.0)
-    off_mean = jnp.where(valid[:, None], sightings.look - scene.mean, 0.0)
-    off_ring = jnp.where(sightings.has_ring[:, None], sightings.ring - scene.ring_mean, 0.0)
+    rate = 1.0 / jnp.maximum(weights[:2, None], 1e-6)
+    of_look, of_ring = (share * taught[:2])[..., None]
+    off_mean = of_look * (sightings.look - scene.mean)
+    off_ring = of_ring * (sightings.ring - scene.ring_mean)
     step_of_means = jnp.stack([jnp.sum(off_mean, axis=0), jnp.sum(off_ring, axis=0)])
     means = scene.means + rate * step_of_means
-    around = jnp.where(valid[:, None], sightings.look - means[0], 0.0)
-    within = jnp.where(linked[:, None], step, 0.0)
+    root = jnp.sqrt(share * taught[2:])[..., None]
+    around, within = root[0] * (sightings.look - means[0]), root[1] * step
     place = frame % REFRESH_FRAMES
     teaches = (np.arange(REFRESH_FRAMES) == place) & (counts[2:, None] > 0)
     return dataclasses.replace(
