@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Rows, Shortlist
-from remind_jax.plus.slots import count_before
-from remind_jax.plus.state import Scene, Tracklets
+from remind_jax.plus.slots import NO_ROW, rows_of
+from remind_jax.plus.state import Objects, Scene, Tracklets
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 _ROUNDS = 5  # in which the share of new things settles
@@ -101,12 +101,23 @@ def expect_new(
     return prior(jax.lax.fori_loop(0, _ROUNDS, agree, scene.familiarity))
 
 
-def learn_familiarity(scene: Scene, choice: Choice, t: th.Decision) -> Scene:
-    """Follows how often young rows turn out to be new, decision by decision."""
+def learn_familiarity(
+    scene: Scene, objects: Objects, choice: Choice, t: th.Decision
+) -> tuple[Scene, Objects]:
+    """Follows how often young rows turn out to be new, decision by decision.
+
+    The same object recognized again and again tells less each time: what flickers before a still
+    camera says nothing about newcomers.
+    """
     commits = choice.recognized | choice.born
-    num = jnp.sum(commits)
-    after = num - count_before(commits) - commits
-    fade = 1.0 - t.familiarity_rate
-    news = jnp.sum(jnp.where(choice.born, t.familiarity_rate * fade**after, 0.0))
-    value = scene.familiarity * fade**num + news
-    return dataclasses.replace(scene, familiarity=value)
+    slot = jnp.maximum(choice.slot, 0)
+    weight = jnp.where(choice.recognized, 1.0 / jnp.maximum(objects.visits[slot], 1), 1.0)
+    rate = jnp.where(commits, t.familiarity_rate * weight, 0.0)
+    left = jnp.cumprod((1.0 - rate)[::-1])[::-1]
+    after = jnp.concatenate([left[1:], jnp.ones(1, left.dtype)])
+    value = scene.familiarity * left[0] + jnp.sum(jnp.where(choice.born, rate * after, 0.0))
+    row = rows_of(choice.slot, choice.recognized, len(objects.id))
+    return (
+        dataclasses.replace(scene, familiarity=value),
+        objects.replaced(visits=objects.visits + (row != NO_ROW)),
+    )

@@ -33,6 +33,7 @@ def weigh_jointly(
     sightings: Sightings,
     objects: Objects,
     pairs: Pairs,
+    frame: Int[Array, ""],
     t: th.PlusThresholds,
 ) -> Float[Array, "N C 11"]:
     """Evidence of each candidate with that of all others in view.
@@ -60,7 +61,7 @@ def weigh_jointly(
     o, p = shortlist.slot[:, :, None, None], others.of(party)[:, None]
     usable = shortlist.valid[:, :, None, None] & others.of(present)[:, None]
     usable &= others.is_other[:, None, :, None] & (o != p)
-    covisible = _covisible_evidence(o, p, others, objects, pairs, t.layout)
+    covisible = _covisible_evidence(o, p, others, objects, pairs, frame, t.layout)
     lies = look_up(pairs.lies, o, p)
     related = usable & (lies[..., Pairs.spread.index] < NO_RELATION)
     layout = _layout_evidence(lies, others, t.layout)
@@ -208,12 +209,15 @@ def _covisible_evidence(
     others: _Others,
     objects: Objects,
     pairs: Pairs,
+    frame: Int[Array, ""],
     t: th.Layout,
 ) -> Float[Array, "N C W C"]:
     """Are these objects seen together more often than by chance?"""
     together = look_up(pairs.covisible, o, p) + 0.5
     frames = jnp.minimum(objects.seen[o], objects.seen[p]) + 3.0
-    odds = jnp.log(together / frames / t.covisible_typical)
+    # What is always in view is beside everybody.
+    usual = jnp.maximum(objects.seen[o], objects.seen[p]) / jnp.maximum(frame, 1)
+    odds = jnp.log(together / frames / jnp.maximum(t.covisible_typical, usual))
     odds = jnp.clip(odds, -t.covisible_best, t.covisible_best)
     # The absence of a companion means little far away from it.
     nearness = jnp.exp(-others.squared / (2 * t.near**2))[:, None, :, None]

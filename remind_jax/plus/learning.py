@@ -58,6 +58,7 @@ def create_objects(
         seen=nothing,
         last=tracklets.last,
         ring_count=nothing,
+        visits=nothing + 1,
     )
     objects = dataclasses.replace(
         objects,

@@ -58,7 +58,7 @@ class Stage(enum.IntEnum):
 class Objects(Table):
     """One row per remembered object."""
 
-    wholes: Int[Array, "O 5"]
+    wholes: Int[Array, "O 6"]
     place: Float[Array, "O 4"]  # center in the present frame, visible or not, size and speed
     bank: Float[Array, "O K D"]  # kept looks
     bank_count: Int[Array, "O K"]  # sights in each, 0: free
@@ -70,6 +70,7 @@ class Objects(Table):
     seen = Column("wholes")  # frames in which it was seen and decided
     last = Column("wholes")  # the last of them
     ring_count = Column("wholes")
+    visits = Column("wholes")  # times that it was decided
 
     @property
     def position(self) -> Float[Array, "O 2"]:
@@ -303,6 +304,7 @@ def init(static: Static) -> PlusState:
             seen=whole(num_o),
             last=whole(num_o, value=LONG_AGO),
             ring_count=whole(num_o),
+            visits=whole(num_o),
             place=full((num_o, 4), (0, 0, 1, 0), np.float32),
             bank=real(num_o, num_k, dim),
             bank_count=whole(num_o, num_k),

@@ -132,7 +132,7 @@ class Looks:
     prior_round: Real = setting(0.7, "part of it that is equal in all directions", "share")
     ridge: Real = setting(0.1, "of the mean variance, added in all directions", "share")
     total_share: Real = setting(0.02, "share of the total scatter that is added", "share")
-    teaches: Real = setting(1e9, "detections of an object that teach in full", "detections")
+    teaches: Real = setting(16.0, "detections of an object that teach in full", "detections")
     scatter_decay: Real = setting(0.9995, "what each sample leaves of the scatter so far", "factor")
     mean_samples: Real = setting(3000.0, "running means forget beyond this many", "samples")
     gain: Real = setting(0.8, "log odds per calibrated log odd", "factor")

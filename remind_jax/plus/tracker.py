@@ -153,7 +153,7 @@ def _advance(
     def weigh() -> tuple[Shortlist, Array]:
         admitted = admit(here, rows, held, objects, pairs, t.decision)
         best = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
-        return best, weigh_jointly(best, here.slot, visible, sightings, objects, pairs, t)
+        return best, weigh_jointly(best, here.slot, visible, sightings, objects, pairs, frame, t)
 
     # In many frames everything in view is decided.
     candidates, weighed = branch(jnp.any(rows.any), weigh, lambda: nothing_weighed(num))
@@ -166,7 +166,7 @@ def _advance(
         verdicts, weighed[..., 1], candidates.base, moves, here, present, sightings, static, t
     )
     # What does that teach?
-    scene = learn_familiarity(scene, choice, t.decision)
+    scene, objects = learn_familiarity(scene, objects, choice, t.decision)
     ended = find_ended(tracklets, frame, t.decision)
     unseen = len(ended) - num
     touches = jnp.pad(sightings.touches, (0, unseen), constant_values=True)
