@@ -200,6 +200,14 @@ def shortlist(
     )
 
 
+def look_odds_of(
+    cosine: Float[Array, "*any"], scene: Scene, t: th.PlusThresholds
+) -> Float[Array, "*any"]:
+    """Log odds that two looks of this cosine are of one object."""
+    other, same, variance = calibrate(scene, t.calibration)
+    return t.looks.gain * (same - other) / variance * (cosine - (same + other) / 2)
+
+
 def _look_evidence(
     cosine: Float[Array, "N O"],
     patches: Float[Array, "N"],
@@ -207,8 +215,7 @@ def _look_evidence(
     scene: Scene,
     t: th.PlusThresholds,
 ) -> Float[Array, "N O"]:
-    other, same, variance = calibrate(scene, t.calibration)
-    odds = t.looks.gain * (same - other) / variance * (cosine - (same + other) / 2)
+    odds = look_odds_of(cosine, scene, t)
     # Looks of masks that hardly fill a patch are mostly background.
     weight = jnp.clip(patches / t.looks.sure_patches, t.looks.least_weight, 1.0)
     best = t.looks.best + moves * (t.mobility.best - t.looks.best)

@@ -58,6 +58,7 @@ def score_links(
     tracklets: Tracklets,
     sightings: Sightings,
     cosine: Float[Array, "N T"],
+    look_odds: Float[Array, "N T"],
     frame: Int[Array, ""],
     t: th.Linking,
 ) -> Links:
@@ -81,6 +82,7 @@ def score_links(
         - 1.0
         - t.distance * relative
         + t.look * (cosine - t.look_middle)
+        + jnp.minimum(t.veto * look_odds, 0.0)
         - t.size * log_ratio
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]

@@ -29,6 +29,7 @@ def check_motion(
     tracklets: Tracklets,
     sightings: Sightings,
     cosine: Float[Array, "N T"],
+    look_odds: Float[Array, "N T"],
     frame: Int[Array, ""],
     t: th.PlusThresholds,
 ) -> tuple[Motion, Links]:
@@ -51,7 +52,7 @@ def check_motion(
 
     def follow(hypothesis: Motion) -> Links:
         return score_links(
-            carry(tracklets, hypothesis, t.mobility), sightings, cosine, frame, t.linking
+            carry(tracklets, hypothesis, t.mobility), sightings, cosine, look_odds, frame, t.linking
         )
 
     def support(hypothesis: Motion) -> Float[Array, ""]:

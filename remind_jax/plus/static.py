@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from remind_jax.static import Static
 
-MISSED_FRAMES = 3  # a tracklet survives this many frames without a detection
+MISSED_FRAMES = 8
 COMPARED_DIM = 64  # looks are compared in at most this many main directions
 BANK_SLOTS = 8  # remembered looks per object
 NUM_CANDIDATES = 8  # objects that an open tracklet is compared with at length

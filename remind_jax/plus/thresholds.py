@@ -34,6 +34,7 @@ class Linking:
     slack: Real = setting(0.12, "length added to the scale of distances per frame unseen", "length")
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
+    veto: Real = setting(1.0, "of looks that contradict", "factor")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
     least: Real = setting(-2.0, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
@@ -88,7 +89,7 @@ class Mobility:
     rate: Real = setting(0.05, "what a frame changes of the speed of the scene", "share")
     half: Real = setting(0.02, "speed of an object that is by half one that moves", "length")
     best: Real = setting(8.0, "most evidence of looks of an object that moves", "log odds")
-    gain: Real = setting(1.5, "log odds of an object that moves, in place of those of its place",
+    gain: Real = setting(0.7, "log odds of an object that moves, in place of those of its place",
         "log odds")
     crowd: Real = setting(1.0, "more of the loss by `decision.crowd` for an object that moves",
         "share")

@@ -24,6 +24,7 @@ from remind_jax.plus.evidence import (
     best_cosine,
     find_ended,
     find_rows,
+    look_odds_of,
     shortlist,
 )
 from remind_jax.plus.layout import nothing_weighed, weigh_jointly
@@ -119,7 +120,10 @@ def _advance(
     frame, num = state.frame, static.num_detections
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
-    motion, links = check_motion(motion, state.tracklets, sightings, likeness, frame, t)
+    look_odds = look_odds_of(likeness, state.scene, t)
+    motion, links = check_motion(
+        motion, state.tracklets, sightings, likeness, look_odds, frame, t
+    )
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility
     )
