@@ -301,6 +301,7 @@ def keep_look(
 
 def learn_cosines(
     scene: Scene,
+    objects: Objects,
     here: Tracklets,
     sure: Bool[Array, "N"],
     choice: Choice,
@@ -333,13 +334,19 @@ def learn_cosines(
         [jnp.where(clear, t.sure_weight, 0.0), jnp.where(old, t.same_weight * share, 0.0)]
     )
 
-    held = jnp.where(sure, here.slot, num_o)
-    other = cosine[:, jnp.minimum(held, num_o - 1)]  # [N N]
-    apart = (held[:, None] != held[None, :]) & old[:, None] & sure[None, :]
-    alike = here.class_id[:, None] == here.class_id[None, :]
-    weight = jnp.where(apart, jnp.where(alike, t.other_weight, t.foreign_weight), 0.0)
+    is_own = here.slot[:, None] == jnp.arange(num_o)
+    apart = objects.exists[None] & ~is_own & old[:, None]
+    alike = here.class_id[:, None] == objects.class_id[None]
+    row = rows_of(here.slot, sure, num_o)
+    beside = (row != NO_ROW)[None] & apart
+    known = apart & alike & ~beside & ~here.fresh[:, None]
+    few = jnp.minimum(1.0, t.absent_most / jnp.maximum(jnp.sum(known, axis=1, keepdims=True), 1))
+    weight = jnp.where(beside, jnp.where(alike, t.other_weight, t.foreign_weight), 0.0)
+    weight = weight + jnp.where(known, t.absent_weight * few, 0.0)
     # A pair teaches as much as the less known of the two.
-    weight = weight * jnp.maximum(share[:, None], share[None, :])
+    shares = jnp.where(row != NO_ROW, share[row], 0.0)
+    weight = weight * jnp.maximum(share[:, None], shares[None, :])
+    other = cosine
 
     def moments(weight: Array, value: Array) -> Array:
         return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))

@@ -34,7 +34,7 @@ class Linking:
     slack: Real = setting(0.12, "length added to the scale of distances per frame unseen", "length")
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
-    veto: Real = setting(1.0, "of looks that contradict", "factor")
+    veto: Real = setting(0.5, "of looks that contradict", "factor")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
     least: Real = setting(-2.0, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
@@ -169,6 +169,8 @@ class Calibration:
     every: Whole = setting(2, "calibrated once in so many frames", "frames")
     same_weight: Real = setting(0.5, "of now and first sight of a tracklet", "weight")
     other_weight: Real = setting(0.5, "of other objects of the class in view", "weight")
+    absent_weight: Real = setting(0.5, "of other known objects of the class", "weight")
+    absent_most: Real = setting(4.0, "of which so many count", "objects")
     foreign_weight: Real = setting(0.1, "of objects of other classes in view", "weight")
     sure_weight: Real = setting(2.0, "of a clearly recognized object", "weight")
     sure_margin: Real = setting(3.0, "lead of a clearly recognized object", "log odds")
@@ -187,6 +189,8 @@ class Layout:
         "log odds")
     moved: Real = setting(-3.0,
         "log odds of an object that lies where it should not, place included", "log odds")
+    most: Real = setting(1000.0, "most place and layout together", "log odds")
+    most_mobile: Real = setting(0.0, "less of it for what moves", "share")
     moved_gone: Real = setting(-0.5, "the same if its old place is seen to be empty", "log odds")
     gone_anchors: Whole = setting(3, "decided objects that tell where the old place is", "objects")
     gone_error: Real = setting(1.5, "greatest standard deviation of that, per size of the object",
@@ -236,7 +240,7 @@ class Layout:
 class Decision:
     """Known or new, now or later (method_plus.md#novelty, method_plus.md#decision)."""
 
-    new: Real = setting(1.0, "log odds of a new object", "log odds")
+    new: Real = setting(0.0, "log odds of a new object", "log odds")
     familiarity: Real = setting(1.0, "weight of how much was new of what came last and is in view",
         "weight")
     familiarity_rate: Real = setting(0.2, "what one decision changes of it", "share")

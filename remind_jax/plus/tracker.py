@@ -202,7 +202,7 @@ def _advance(
         objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
     )
     since_first = jnp.sum(white[0] * white[1], axis=1)
-    scene = learn_cosines(scene, here, sure, choice, cosine, since_first, share, frame, t.calibration)
+    scene = learn_cosines(scene, objects, here, sure, choice, cosine, since_first, share, frame, t.calibration)
     objects, scene = learn_speeds(objects, scene, here, row, t.mobility)
     pairs = learn_relations(objects, pairs, row, sightings, t.layout, t.mobility)
     objects = learn_objects(objects, row, sightings, frame)
