@@ -83,6 +83,7 @@ def score_links(
         - t.distance * relative
         + t.look * (cosine - t.look_middle)
         + jnp.minimum(t.veto * look_odds, 0.0)
+        - t.missed * jnp.log2(jnp.maximum(gap, 1.0))
         - t.size * log_ratio
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]

@@ -35,6 +35,7 @@ class Linking:
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
     veto: Real = setting(0.5, "of looks that contradict", "factor")
+    missed: Real = setting(1.0, "loss per doubling of the time since it was seen", "log odds")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
     least: Real = setting(-2.0, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
@@ -240,7 +241,7 @@ class Layout:
 class Decision:
     """Known or new, now or later (method_plus.md#novelty, method_plus.md#decision)."""
 
-    new: Real = setting(0.0, "log odds of a new object", "log odds")
+    new: Real = setting(0.5, "log odds of a new object", "log odds")
     familiarity: Real = setting(1.0, "weight of how much was new of what came last and is in view",
         "weight")
     familiarity_rate: Real = setting(0.2, "what one decision changes of it", "share")
