@@ -90,7 +90,7 @@ class Mobility:
     rate: Real = setting(0.05, "what a frame changes of the speed of the scene", "share")
     half: Real = setting(0.02, "speed of an object that is by half one that moves", "length")
     best: Real = setting(8.0, "most evidence of looks of an object that moves", "log odds")
-    gain: Real = setting(0.7, "log odds of an object that moves, in place of those of its place",
+    gain: Real = setting(0.0, "log odds of an object that moves, in place of those of its place",
         "log odds")
     crowd: Real = setting(1.0, "more of the loss by `decision.crowd` for an object that moves",
         "share")
@@ -190,7 +190,7 @@ class Layout:
         "log odds")
     moved: Real = setting(-3.0,
         "log odds of an object that lies where it should not, place included", "log odds")
-    most: Real = setting(1000.0, "most place and layout together", "log odds")
+    most: Real = setting(4.0, "most place and layout together", "log odds")
     most_mobile: Real = setting(0.0, "less of it for what moves", "share")
     moved_gone: Real = setting(-0.5, "the same if its old place is seen to be empty", "log odds")
     gone_anchors: Whole = setting(3, "decided objects that tell where the old place is", "objects")
@@ -241,7 +241,7 @@ class Layout:
 class Decision:
     """Known or new, now or later (method_plus.md#novelty, method_plus.md#decision)."""
 
-    new: Real = setting(0.5, "log odds of a new object", "log odds")
+    new: Real = setting(1.0, "log odds of a new object", "log odds")
     familiarity: Real = setting(1.0, "weight of how much was new of what came last and is in view",
         "weight")
     familiarity_rate: Real = setting(0.2, "what one decision changes of it", "share")
