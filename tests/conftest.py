@@ -26,8 +26,9 @@ from tests import shape_checks
 
 shape_checks.switch_on()
 
-from remind_jax.compiled import ahead, kept, programs  # noqa: E402  (checked as well)
+from remind_jax.compiled import kept, programs  # noqa: E402  (checked as well)
 from remind_jax.config import profiles  # noqa: E402
+from remind_jax.session import growing_memory  # noqa: E402
 
 # The tests ask what is decided, not how fast: a third of the time to compile, the same results.
 jax.config.update("jax_disable_most_optimizations", True)
@@ -91,9 +92,7 @@ def _let_programs_go():
 def _look_ahead_only_when_asked(request, monkeypatch):
     """Capacities of tests are tight on purpose; the next ones are not worth compiling."""
     if "looks_ahead" not in request.fixturenames:
-        monkeypatch.setattr(ahead.Forecast, "needed", lambda self, static: static)
-        monkeypatch.setattr(ahead, "SETTLED_S", float("inf"))
-        monkeypatch.setattr(ahead, "SETTLED_FRAMES", float("inf"))
+        monkeypatch.setattr(growing_memory.GrowingMemory, "_look_ahead", lambda *_: None)
 
 
 @pytest.fixture

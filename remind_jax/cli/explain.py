@@ -60,7 +60,7 @@ class Explain:
         """Prints the detections of the frame."""
         from remind_jax.explanation.explainer import find_frame
         from remind_jax.explanation.text import render_frame
-        from remind_jax.outputs.store import tracks_to_json
+        from remind_jax.outputs.run_records import tracks_to_json
 
         tracks = find_frame(result.tracks, self.frame)
         if self.json:

@@ -35,10 +35,9 @@ class Label:
     # folder (davis) or file to write
     out: Annotated[Path | None, arg(aliases=["-o"], metavar="TRUTH")] = None
     # instance maps with classes, or what `remind export` writes
-    format: Annotated[
-        Literal["davis", "cvat", "mots-png", "label-studio"],
-        arg(metavar="davis|cvat|mots-png|label-studio"),
-    ] = "davis"
+    format: Annotated[Literal["davis", "cvat", "mots-png"], arg(metavar="davis|cvat|mots-png")] = (
+        "davis"
+    )
     overwrite: bool = False  # replace what is there
     quiet: bool = False  # say nothing but errors
 

@@ -92,8 +92,6 @@ class Run:
     resume: bool = False  # go on with the run in the folder that was killed or stopped
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
-    # record for Rerun's viewer (out.rrd), or the address of one that is open (rerun+http://...)
-    rerun: Annotated[str | None, arg(metavar="FILE|ADDRESS")] = None
     mcap: Path | None = None  # record for Foxglove (out.mcap)
     delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
     # detections after which an object gets its id; 1 for masks, 5 for a detector if left out
@@ -155,7 +153,6 @@ class Run:
             announce_after=self.announce_after,
             overwrite=self.overwrite,
             resume=self.resume,
-            rerun=self.rerun,
             mcap=self.mcap,
             record=self.live_source.record,
             live=False if page is None else page.where,

@@ -1,4 +1,4 @@
-"""`remind view`: draws overlay, timeline, gallery and report of a run again."""
+"""`remind view`: draws overlay and report of a run again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class View:
-    """Draw overlay, timeline, gallery and report of a run again, finished or not.
+    """Draw overlay and report of a run again, finished or not.
 
     Frames are read where the run found them; without them the overlay stays.
 

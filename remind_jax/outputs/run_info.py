@@ -1,33 +1,30 @@
-"""What a run was made with, and what happened in it beside its decisions."""
+"""What a run was made with, and what happened in it beside its decisions.
+
+These records are what files of runs hold: their fields say what is allowed.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+from msgspec import Meta
 
 from remind_jax.errors import OutputError
-from remind_jax.files.records import Label, check
-from remind_jax.outputs.run_records import InfoRecord
+from remind_jax.files.records import MOST_ROWS, Label, Side, Small, Text, check
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import title_of
-
-
-class _ConfigRecord(msgspec.Struct):
-    """What every configuration names."""
-
-    tracker: Label
 
 
 @dataclasses.dataclass(frozen=True)
 class KnownObject:
     """An object that the memory knew before the run."""
 
-    object_id: int
-    label: str  # class
-    name: str  # given by people; empty without one
+    object_id: Small
+    label: Label  # class
+    name: Label  # given by people; empty without one
 
     @property
     def title(self) -> str:
@@ -39,26 +36,25 @@ class KnownObject:
 class RunInfo(Printable):
     """What a run was made with: enough to read its outputs and to repeat it."""
 
-    name: str
-    source: dict[str, Any] | None  # what the source needs to be opened again; None if it cannot be
-    frame_size: tuple[int, int]  # height, width in pixels
-    fps: float  # processed frames per second
-    class_names: tuple[str, ...]
+    name: Text
+    # what the source needs to be opened again; None if it cannot be
+    source: dict[str, Any] | None
+    frame_size: tuple[Side, Side]  # height, width in pixels
+    fps: Annotated[float, Meta(ge=0.0, le=1e6)]  # processed frames per second
+    class_names: Annotated[tuple[Text, ...], Meta(max_length=100_000)]
     config: dict[str, Any]  # nested, as it would be written to YAML
-    backbone: str
-    versions: dict[str, str]  # remind_jax, jax, numpy, opencv, python
-    device: str
-    started_at: str  # ISO 8601
+    backbone: Text
+    # of remind_jax, jax, numpy, opencv, python
+    versions: Annotated[dict[Label, Text], Meta(max_length=1_000)]
+    device: Text
+    started_at: Label  # ISO 8601
     detector: dict[str, Any] | None = None  # what found the detections; None for given masks
-    known_objects: tuple[KnownObject, ...] = ()  # of the memory that the run went on from
+    # of the memory that the run went on from
+    known_objects: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The same as a dictionary that `json` can write."""
-        return dataclasses.asdict(self) | {
-            "frame_size": list(self.frame_size),
-            "class_names": list(self.class_names),
-            "known_objects": [dataclasses.asdict(one) for one in self.known_objects],
-        }
+        return msgspec.to_builtins(self)
 
     @classmethod
     def from_json(
@@ -69,10 +65,17 @@ class RunInfo(Printable):
         Raises:
           OutputError: If a key is missing or of another kind; `where` it stands is named.
         """
-        record = check(content, InfoRecord, where, refused=OutputError)
-        check(record.config, _ConfigRecord, f"{where}, `config`", refused=OutputError)
-        known = tuple(KnownObject(**msgspec.structs.asdict(one)) for one in record.known_objects)
-        return cls(**{**msgspec.structs.asdict(record), "known_objects": known})
+        return check(content, RunInfo, where, refused=OutputError).checked(where)
+
+    def checked(self, where: str) -> RunInfo:
+        """This one, if its configuration names a tracker, as every configuration does.
+
+        Raises:
+          OutputError: If it does not.
+        """
+        if not isinstance(self.config.get("tracker"), str):
+            raise OutputError(f"{where}: its `config` names no `tracker`")
+        return self
 
     @property
     def object_names(self) -> dict[int, str]:
@@ -100,6 +103,6 @@ class RunInfo(Printable):
 class Event:
     """Something worth knowing that happened at a frame, as detections that were dropped."""
 
-    frame_index: int
-    kind: str  # a word or two: "dropped", "features"
-    message: str
+    frame_index: Annotated[int, Meta(ge=-1, lt=MOST_ROWS)]
+    kind: Label  # a word or two: "dropped", "features"
+    message: Text

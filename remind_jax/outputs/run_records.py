@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,13 +18,14 @@ from remind_jax.files.records import (
     MOST_ROWS,
     Count,
     Label,
-    Positive,
     Side,
     Small,
     Text,
     Whole,
 )
+from remind_jax.frame import SkippedFrame
 from remind_jax.masks.run_length import find_malformed
+from remind_jax.outputs.run_info import Event, RunInfo
 from remind_jax.static import MOST_DETECTIONS
 from remind_jax.tracks import Tracks
 
@@ -83,47 +85,6 @@ class StartRow(msgspec.Struct, frozen=True):
     info: msgspec.Raw = msgspec.Raw(b"{}")
 
 
-class KnownRecord(msgspec.Struct, frozen=True):
-    """See `KnownObject`."""
-
-    object_id: Small
-    label: Label
-    name: Label
-
-
-class InfoRecord(msgspec.Struct, frozen=True):
-    """The description of a run; see `RunInfo`."""
-
-    name: Text
-    source: dict[str, Any] | None
-    frame_size: tuple[Side, Side]
-    fps: Annotated[float, Meta(gt=0.0, le=1e6)]
-    class_names: Annotated[tuple[Text, ...], Meta(max_length=100_000)]
-    config: dict[str, Any]
-    backbone: Text
-    versions: Annotated[dict[Label, Text], Meta(max_length=1_000)]
-    device: Text
-    started_at: Label
-    detector: dict[str, Any] | None = None
-    known_objects: Annotated[list[KnownRecord], Meta(max_length=1_000_000)] = []
-
-
-class SkippedRecord(msgspec.Struct, frozen=True):
-    """See `SkippedFrame`."""
-
-    name: Text
-    reason: Text
-    count: Positive = 1
-
-
-class EventRecord(msgspec.Struct, frozen=True):
-    """See `Event`."""
-
-    frame_index: Annotated[int, Meta(ge=-1, lt=MOST_FRAMES)]
-    kind: Label
-    message: Text
-
-
 class SummaryRecord(msgspec.Struct, frozen=True):
     """What is read of the summary in `run.json`."""
 
@@ -134,17 +95,65 @@ class RunRecord(msgspec.Struct, frozen=True):
     """What is read of `run.json`; what it says further follows from the frames."""
 
     complete: bool
-    info: msgspec.Raw
+    info: RunInfo
     timings_ms: Annotated[
         dict[Label, Annotated[list[Milliseconds], Meta(max_length=MOST_FRAMES)]],
         Meta(max_length=100),
     ]
     first_frame_ms: Milliseconds | None
     compile_s: Milliseconds | None
-    skipped: Annotated[list[SkippedRecord], Meta(max_length=MOST_FRAMES)]
-    events: Annotated[list[EventRecord], Meta(max_length=MOST_FRAMES)]
+    skipped: Annotated[list[SkippedFrame], Meta(max_length=MOST_FRAMES)]
+    events: Annotated[list[Event], Meta(max_length=MOST_FRAMES)]
     summary: SummaryRecord | None = None
     comparison: Annotated[tuple[tuple[Label, Label, Label, Label], ...], Meta(max_length=100)] = ()
+
+
+# Keys of a detection, and the fields of `Tracks` that they are.
+_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
+_INTEGERS = {
+    "object_id": "object_id",
+    "pending_id": "pending_id",
+    "area": "areas",
+    "instance_id": "instance_ids",
+}
+_REALS = {"score": "score", "confidence": "confidence", "detector_score": "detector_scores"}
+
+
+def tracks_to_json(tracks: Tracks) -> dict[str, Any]:
+    """One frame as a dictionary that `json` can write; numbers that are not finite become null."""
+    height, width = tracks.frame_size
+    return {
+        "frame": int(tracks.frame_index),
+        "source_index": int(tracks.source_index),
+        "time_s": _number(tracks.time_s),
+        "name": tracks.name,
+        "size": [int(height), int(width)],
+        "num_candidates": int(tracks.candidate_id.shape[1]),
+        "detections": [_detection_to_json(tracks, row) for row in range(len(tracks))],
+    }
+
+
+def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
+    shown = tracks.candidate_id[row] != NO_ID
+    candidates = zip(
+        tracks.candidate_id[row, shown].tolist(),
+        map(_number, tracks.candidate_score[row, shown]),
+        strict=True,
+    )
+    return {
+        "label": tracks.labels[row],
+        **{key: kind(getattr(tracks, key)[row]).name.lower() for key, kind in _CODES.items()},
+        **{key: int(getattr(tracks, field)[row]) for key, field in _INTEGERS.items()},
+        **{key: _number(getattr(tracks, field)[row]) for key, field in _REALS.items()},
+        "candidates": [list(pair) for pair in candidates],
+        "box": [_number(side) for side in tracks.boxes[row]],
+        "rle": tracks.rles[row]["counts"].decode("ascii"),
+    }
+
+
+def _number(value: Any) -> float | None:
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 def tracks_of(frame: FrameRow) -> Tracks:

@@ -376,10 +376,15 @@ class Tracker(Printable):
         """
         self._preparer.pass_over(frame, self.config)
 
-    def go_on(self, attention_slots: int) -> None:
-        """After `load`: as if the frames that the memory has seen had been seen here."""
+    def go_on(self, attention_slots: int, merged_into: Mapping[int, int]) -> None:
+        """After `load`: as if the frames that the memory has seen had been seen here.
+
+        Args:
+          attention_slots: As they were.
+          merged_into: Objects that turned out to be others in these frames, by ids of the memory.
+        """
         self._features.attention_slots = attention_slots
-        self.identities.go_on()
+        self.identities.go_on(merged_into)
         if not self._features_given:
             self._follow_profile()
 

@@ -93,22 +93,6 @@ class SceneFrames:
         digest.update(np.ascontiguousarray(self.truth.object_index).data)
         return digest.hexdigest()
 
-    def first(self, num_frames: int) -> SceneFrames:
-        """The scene as if it had ended earlier."""
-        truth = dataclasses.replace(
-            self.truth,
-            object_index=self.truth.object_index[:num_frames],
-            class_id=self.truth.class_id[:num_frames],
-        )
-        return SceneFrames(
-            self.name,
-            self.feats[:num_frames],
-            self.masks[:num_frames],
-            self.observed[:num_frames],
-            truth,
-            self.config,
-        )
-
 
 def load_scene(
     source: Source,
