@@ -59,7 +59,7 @@ class Label:
         return self._write_truth(self.apply, self.out)
 
     def _write_page(self) -> int:
-        from remind_jax.outputs.label_page import write_label_page
+        from remind_jax.outputs.label_edits import write_label_page
 
         page, result = write_label_page(self.run)
         if not self.quiet:
@@ -73,9 +73,8 @@ class Label:
         return process.FINE
 
     def _write_truth(self, edits_file: Path, out: Path) -> int:
-        from remind_jax.outputs.instance_maps import write_instance_maps
         from remind_jax.outputs.label_edits import apply_edits, read_edits
-        from remind_jax.outputs.labeling import export
+        from remind_jax.outputs.labeling import export, write_instance_maps
         from remind_jax.outputs.result import Result
 
         is_folder = self.format == "davis"

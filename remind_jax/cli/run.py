@@ -16,14 +16,15 @@ from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
 from remind_jax.cli.flags import (
+    Assignments,
     BackboneName,
     DetectionFlags,
     LiveFlags,
     SamplingFlags,
+    load_config_with,
     quiet_defaults,
     refuse_flags,
 )
-from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError, SourceError

@@ -15,7 +15,7 @@ from remind_jax.errors import SourceError
 from remind_jax.files import refuse_file, refuse_folder
 
 if TYPE_CHECKING:
-    from remind_jax.outputs.run_info import RunInfo
+    from remind_jax.outputs.run_records import RunInfo
     from remind_jax.sources import Source
 
 

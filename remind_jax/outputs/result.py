@@ -29,7 +29,7 @@ from remind_jax.outputs.presence import (
     ObjectHistory,
     find_histories,
 )
-from remind_jax.outputs.run_info import Event, KnownObject, RunInfo
+from remind_jax.outputs.run_records import Event, KnownObject, RunInfo
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 

@@ -17,9 +17,9 @@ from typing import Any
 from remind_jax.errors import OutputError
 from remind_jax.files import check_regular, replace_file, writing
 from remind_jax.files.records import decode_json, read_json, read_lines
-from remind_jax.outputs.run_info import RunInfo
 from remind_jax.outputs.run_records import (
     FrameRow,
+    RunInfo,
     RunRecord,
     StartRow,
     check_masks,

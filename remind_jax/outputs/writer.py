@@ -20,7 +20,7 @@ from remind_jax.frame import Frame
 from remind_jax.outputs import gallery, overlay, report, store, tables
 from remind_jax.outputs.kept_tracks import KeptTracks
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import RunInfo
+from remind_jax.outputs.run_records import RunInfo
 from remind_jax.tracks import Tracks
 
 CSV_NAME = "tracks.csv"

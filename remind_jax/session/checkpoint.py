@@ -23,8 +23,8 @@ from remind_jax import files
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TraceArchive
 from remind_jax.files.records import Count, Label, Small, decode_json, read_lines
-from remind_jax.outputs.run_info import Event
 from remind_jax.outputs.run_records import (
+    Event,
     FrameRow,
     Milliseconds,
     check_masks,

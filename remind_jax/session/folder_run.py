@@ -17,7 +17,7 @@ import remind_jax
 from remind_jax.errors import OutputError, RemindError
 from remind_jax.outputs import store
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import KnownObject, RunInfo
+from remind_jax.outputs.run_records import KnownObject, RunInfo
 from remind_jax.outputs.writer import MEMORY_NAME, RunWriter, ViewerRecord
 from remind_jax.session.checkpoint import Checkpoints, Header
 from remind_jax.session.frame_loop import FrameLoop

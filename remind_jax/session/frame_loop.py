@@ -28,7 +28,7 @@ from remind_jax.outputs.frame_record import FrameRecord
 from remind_jax.outputs.kept_tracks import KeptTracks
 from remind_jax.outputs.presence import UNDECIDED
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import Event, RunInfo
+from remind_jax.outputs.run_records import Event, RunInfo
 from remind_jax.outputs.writer import RunWriter
 from remind_jax.printing.words import plural
 from remind_jax.session.checkpoint import Checkpoints, Header, Step

@@ -6,8 +6,10 @@ import contextlib
 import dataclasses
 import gc
 import logging
+import os
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -22,9 +24,8 @@ from remind_jax.method import Method
 from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
 from remind_jax.session.answers import Outlines, outline
-from remind_jax.session.memory_budget import check_room
 from remind_jax.session.preparation import Prepared
-from remind_jax.static import GROWTH_STEP, Static
+from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
 
 _CAPACITIES = {
     "detections": "num_detections",
@@ -42,6 +43,13 @@ MOST_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth
 _RETURN_EVERY = 1000
 
 _log = logging.getLogger("remind_jax")
+
+
+BUDGET_SHARE = 0.75  # of the memory of the device; the rest is for frames, masks and the network
+GIB = 2**30
+MOST_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
+MOST_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
+_GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
 
 
 class GrowingMemory:
@@ -352,3 +360,59 @@ def holds(large: Static, small: Static) -> bool:
 
 def _capacities(static: Static) -> tuple[int, ...]:
     return static.num_objects, static.num_detections, static.num_pending
+
+
+def check_room(method: Method, static: Static) -> None:
+    """Makes sure that memory and step of a method fit into three quarters of the device's memory.
+
+    Raises:
+      SourceError: If they do not.
+    """
+    if method.host.count_bytes is None:
+        return
+    needed, total = method.host.count_bytes(static), device_bytes()
+    if total and needed > BUDGET_SHARE * total:
+        raise SourceError(
+            f"room for {static.num_detections} detections in a frame and {static.num_objects} "
+            f"objects takes about {needed / GIB:.1f} GiB, and {BUDGET_SHARE * total / GIB:.1f} GiB "
+            "of this machine's memory may be used; keep fewer detections (best ones or "
+            "wanted classes only), or start with an empty memory"
+        )
+
+
+def most_detections(method: Method, static: Static, feature_dim: int) -> int:
+    """How many detections a frame may have, so that no single frame takes much memory.
+
+    Args:
+      method: The tracker.
+      static: Capacities that were chosen; what there is room for is allowed.
+      feature_dim: Width of the features, where `static` does not say it yet.
+    """
+    if method.host.count_bytes is None:
+        return max(static.num_detections, MOST_UNCOUNTED)
+    empty = dataclasses.replace(
+        static, num_objects=1, num_pending=1, feature_dim=static.feature_dim or feature_dim
+    )
+    most = static.num_detections
+    while most * GROWTH_STEP <= MOST_DETECTIONS:
+        # Each may be open in one frame, and be an object beside a new one in the next.
+        needed = most * GROWTH_STEP
+        room = empty.grow(num_detections=needed, num_objects=2 * needed, num_pending=needed)
+        if method.host.count_bytes(room) > MOST_FRAME_BYTES:
+            break
+        most = needed
+    return most
+
+
+def device_bytes() -> int:
+    """Memory of the device that steps run on, 0 where that is not known."""
+    stats = jax.local_devices()[0].memory_stats()
+    if stats and stats.get("bytes_limit"):
+        return int(stats["bytes_limit"])
+    if jax.default_backend() != "cpu" or not hasattr(os, "sysconf"):
+        return 0
+    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        return min(total, int(_GROUP_LIMIT.read_text(encoding="ascii")))
+    except (OSError, ValueError):  # no such group, or "max"
+        return total

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID
-from remind_jax.outputs.run_info import Event
+from remind_jax.outputs.run_records import Event
 from remind_jax.session.announcement import Announcements, announce, as_announced
 from remind_jax.session.memory_file import SavedMemory
 from remind_jax.session.object_records import ObjectRecords

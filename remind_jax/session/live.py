@@ -27,21 +27,20 @@ from remind_jax.files import as_path
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
 from remind_jax.observation import AnyFeats
-from remind_jax.outputs.run_info import Event
+from remind_jax.outputs.run_records import Event
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.answers import note_omissions, read_tracks
-from remind_jax.session.forgetting import forget_object
 from remind_jax.session.frame_features import FrameFeatures
-from remind_jax.session.growing_memory import GrowingMemory
+from remind_jax.session.growing_memory import GrowingMemory, most_detections
 from remind_jax.session.identities import Identities
-from remind_jax.session.memory_budget import most_detections
 from remind_jax.session.memory_file import (
     SavedMemory,
     check_backbone,
     check_tracker,
     chosen_switches,
+    forget_object,
     load_memory,
     save_memory,
     static_of,

@@ -9,7 +9,7 @@ from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
 from remind_jax.metrics.formats.run_folder import read_tracks
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import RunInfo
+from remind_jax.outputs.run_records import RunInfo
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 

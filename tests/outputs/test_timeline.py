@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.outputs.timeline import (
+from remind_jax.outputs.report import (
     build_timeline,
     frame_steps,
     time_steps,

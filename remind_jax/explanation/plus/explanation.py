@@ -8,8 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-from remind_jax.explanation.explanation import Explanation
-from remind_jax.explanation.text import lay_out
+from remind_jax.explanation.explanation import Explanation, lay_out
 from remind_jax.plus.state import PARTS, Stage
 from remind_jax.printing.words import change, number
 
