@@ -204,11 +204,7 @@ def _parse(words: Sequence[str]) -> Verb:
 
 @contextlib.contextmanager
 def _in_one_sentence() -> Iterator[None]:
-    """Turns what the parser puts into a box into one sentence.
-
-    Raises:
-      UsageError: If it refuses the words.
-    """
+    """Turns what the parser puts into a box into one sentence."""
     box = io.StringIO()
     try:
         with contextlib.redirect_stderr(box):

@@ -76,11 +76,7 @@ class Edits(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def read_edits(path: str | Path) -> Edits:
-    """Reads what the labeling page saved.
-
-    Raises:
-      SourceError: If it cannot be read, or holds no edits.
-    """
+    """Reads what the labeling page saved."""
     return read_json(path, Edits)
 
 

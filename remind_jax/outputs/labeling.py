@@ -44,9 +44,6 @@ def export(result: Result, format: LabelingFormat, path: str | Path) -> None:
       result: The run.
       format: `cvat` (XML) or `mots-png` (zip).
       path: File to write; one that is there is replaced.
-
-    Raises:
-      OutputError: If it cannot be written, or the format cannot hold the run.
     """
     content = to_cvat(result) if format == "cvat" else to_mots_png(result)
     files.replace_file(Path(path), content)

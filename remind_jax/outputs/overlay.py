@@ -252,11 +252,7 @@ class OverlayVideo(contextlib.AbstractContextManager):
         self._size = (0, 0)
 
     def add(self, image: UInt8[np.ndarray, "H W 3"]) -> None:
-        """Appends one RGB frame.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Appends one RGB frame."""
         with writing(self._path, FFmpegError):
             stream = self._stream or self._start(image.shape[0], image.shape[1])
             image = fit_image(image, *self._size)
@@ -267,11 +263,7 @@ class OverlayVideo(contextlib.AbstractContextManager):
                 self._container.mux(packet)
 
     def close(self) -> None:
-        """Writes what the encoder still holds and closes the file; it plays afterwards.
-
-        Raises:
-          OutputError: If that cannot be written.
-        """
+        """Writes what the encoder still holds and closes the file; it plays afterwards."""
         with writing(self._path, FFmpegError):
             try:
                 if self._stream is not None:

@@ -64,9 +64,6 @@ def write_report(
       result: The run.
       sightings: Crops of the gallery.
       video: The overlay, in `folder`; embedded unless it is large, None without one.
-
-    Raises:
-      OutputError: If the page cannot be written.
     """
     page = render_report(result, sightings, None if video is None else video_address(video))
     files.replace_file(folder / REPORT_NAME, page.encode("utf-8"))

@@ -50,11 +50,7 @@ class DetectionsWriter(contextlib.AbstractContextManager):
                 self._write({"format": FORMAT, "version": VERSION, "info": info})
 
     def add(self, tracks: Tracks) -> None:
-        """Appends one frame.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Appends one frame."""
         with writing(self._path):
             self._write(tracks_to_json(tracks))
 
@@ -150,22 +146,14 @@ def check_all_there(folder: Path, tracks: Sequence[Tracks], run: RunRecord | Non
 
 
 def write_run_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes `run.json` at once or not at all; lists of numbers stay on one line.
-
-    Raises:
-      OutputError: If it cannot be written.
-    """
+    """Writes `run.json` at once or not at all; lists of numbers stay on one line."""
     text = json.dumps(content, indent=2, ensure_ascii=False)
     text = _LIST_OF_NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text)
     replace_file(path, (text + "\n").encode("utf-8"))
 
 
 def read_run_json(path: Path) -> RunRecord | None:
-    """Reads `run.json`; None if the run ended before it was written.
-
-    Raises:
-      OutputError: If it is damaged.
-    """
+    """Reads `run.json`; None if the run ended before it was written."""
     if not path.exists():
         return None
     try:

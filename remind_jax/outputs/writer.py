@@ -89,9 +89,6 @@ class RunWriter:
           resume: Allow a folder with files of a run, which are kept until they are written anew.
           viewers: Records that get every frame as well, such as `McapRecord`.
           endless: Nobody knows how many frames will come, so memory must not grow with them.
-
-        Raises:
-          OutputError: If the folder cannot be written to, or has files and `overwrite` is False.
         """
         self.folder = Path(out_dir)
         self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
@@ -145,11 +142,7 @@ class RunWriter:
         self.is_repeating = False
 
     def add(self, frame: Frame, tracks: Tracks) -> None:
-        """Writes one frame.
-
-        Raises:
-          OutputError: If something cannot be written, as on a full disk.
-        """
+        """Writes one frame."""
         self._detections.add(tracks)
         self._tracks.append(tracks)
         self._csv.add(tracks)
@@ -160,11 +153,7 @@ class RunWriter:
             viewer.add(frame, tracks)
 
     def finish(self, result: Result) -> None:
-        """Closes the streamed files, draws the report, and writes `run.json`.
-
-        Raises:
-          OutputError: If something cannot be written.
-        """
+        """Closes the streamed files, draws the report, and writes `run.json`."""
         self._finished = True
         result = dataclasses.replace(
             result, info=dataclasses.replace(result.info, fps=_usable_fps(result.info.fps))
@@ -261,9 +250,6 @@ def add_comparison(run_dir: Path, result: Result, rows: tuple[tuple[str, ...], .
       run_dir: Its folder.
       result: The run.
       rows: See `Result.comparison`.
-
-    Raises:
-      OutputError: If they cannot be written.
     """
     result = dataclasses.replace(result, comparison=rows)
     _write_report(run_dir, result, report.read_sightings(run_dir / report.REPORT_NAME))

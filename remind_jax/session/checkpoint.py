@@ -132,11 +132,7 @@ class Checkpoints:
             raise OutputError(f"{error}; {_START_ANEW}") from error
 
     def begin(self, header: Header) -> None:
-        """Starts with a new run; what an earlier one left is removed.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Starts with a new run; what an earlier one left is removed."""
         self.remove()
         files.make_folder(self.folder)
         files.replace_file(self._path, msgspec.json.encode(header) + b"\n")
@@ -196,9 +192,6 @@ class Checkpoints:
         Args:
           tracker: After the last of them.
           trace: Records of all frames; None if none are kept.
-
-        Raises:
-          OutputError: If it cannot be written; the one before is kept.
         """
         begun = self._clock()
         state = tracker.state
@@ -219,11 +212,7 @@ class Checkpoints:
         self._due = self._clock() + max(self._every_s, took_s / MOST_OF_A_RUN)
 
     def remove(self) -> None:
-        """Removes everything, once nothing is left to go on with.
-
-        Raises:
-          OutputError: If it cannot be removed.
-        """
+        """Removes everything, once nothing is left to go on with."""
         with files.writing(self.folder), contextlib.suppress(FileNotFoundError):
             shutil.rmtree(self.folder)
 

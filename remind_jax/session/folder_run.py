@@ -96,11 +96,7 @@ def run_into(
 def _find_earlier(
     loop: FrameLoop, checkpoints: Checkpoints, start: int, options: Mapping[str, Any]
 ) -> Result | Header | None:
-    """The run in the folder if it is complete, else the header of its checkpoint, if any.
-
-    Raises:
-      OutputError: If it was made with something else, or left nothing to go on with.
-    """
+    """The run in the folder if it is complete, else the header of its checkpoint, if any."""
     folder = checkpoints.run_folder
     run, found = store.read_run_json(folder / store.RUN_NAME), None
     if run is not None and run.complete:

@@ -106,11 +106,7 @@ class FrameLoop:
         self._num_detections = self._num_undecided = 0
 
     def go_on_after(self, header: Header) -> None:
-        """Takes the tracker to the last checkpoint of a run that was not completed.
-
-        Raises:
-          RemindError: If it is damaged.
-        """
+        """Takes the tracker to the last checkpoint of a run that was not completed."""
         assert self._checkpoints is not None
         self._before = self._checkpoints.go_on(header, self.tracker, self._archive)
         self.num_before = len(self._before)
@@ -182,11 +178,7 @@ class FrameLoop:
         return complete
 
     def keep(self) -> None:
-        """Makes a checkpoint of what was done so far.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Makes a checkpoint of what was done so far."""
         if self._checkpoints is not None:
             self._checkpoints.save(self.tracker, self._archive)
 
@@ -375,11 +367,7 @@ class FrameLoop:
 
 
 def _check_same(was: Tracks, frame: Frame) -> None:
-    """Makes sure that a frame is the one that was decided then.
-
-    Raises:
-      SourceError: If it is another one.
-    """
+    """Makes sure that a frame is the one that was decided then."""
     if (was.source_index, was.name, was.frame_size) != (frame.source_index, frame.name, frame.size):
         raise SourceError(
             f"frame {frame.source_index} ('{frame.name}') is not what the run was begun with: in "

@@ -90,9 +90,6 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
       path: The file.
       memory: What it will hold.
       durably: Return only when it is on the disk, so that it outlives a power cut.
-
-    Raises:
-      OutputError: If the file cannot be written.
     """
     path = Path(path)
     leaves = {name: np.asarray(leaf) for name, leaf in named_leaves(memory.state)}
@@ -225,11 +222,7 @@ def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None
 
 
 def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path) -> None:
-    """Compares what the header says of the tensors with the memory that its settings make.
-
-    Raises:
-      OutputError: If one is missing, of another shape or type, or unknown.
-    """
+    """Compares what the header says of the tensors with the memory that its settings make."""
     leaves = dict(named_leaves(expected))
     for name, leaf in leaves.items():
         entry = tensors.get(name)
@@ -270,11 +263,7 @@ def _checksum(metadata: Mapping[str, str], tensors: Mapping[str, np.ndarray]) ->
 def _read_description(
     metadata: Mapping[str, str], path: Path
 ) -> tuple[Static, tuple[str, ...], Announcements | None, FiledRecords]:
-    """Static, class names of the memory, what was announced, and records of its objects.
-
-    Raises:
-      OutputError: If one is missing or damaged.
-    """
+    """Static, class names of the memory, what was announced, and records of its objects."""
     where = f"'{path}', header"
     for name in ("static", "class_names", "backbone", "tracker", "records"):
         if name not in metadata:

@@ -167,11 +167,7 @@ def check_order(section: Any, path: str) -> None:
 
 
 def check_switch(name: str, value: Any) -> None:
-    """Checks what is either true or false.
-
-    Raises:
-      OptionError: If it is something else.
-    """
+    """Checks what is either true or false."""
     if not isinstance(value, bool):
         raise OptionError(f"'{name}' is {reprlib.repr(value)}; give True or False", name)
 

@@ -180,11 +180,7 @@ def stack_scene(
 def _read(
     source: Source, reader: Tracker
 ) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], bool]:
-    """Features, masks, what is observed and instances of every frame; whether it brings features.
-
-    Raises:
-      SourceError: If there are no frames.
-    """
+    """Features, masks, what is observed and instances of all frames; whether it brings features."""
     feats, masks, observed, instances = [], [], [], []
     brings_features = False
     for frame in source:
