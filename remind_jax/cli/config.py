@@ -12,15 +12,13 @@ from tyro.conf import Positional, arg, subcommand
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
 from remind_jax.cli import process
 from remind_jax.cli.flags import Assignments, BackboneName, load_config_with, quiet_defaults
-from remind_jax.config.config import Config
-from remind_jax.config.keys import full_key, keys_below
 from remind_jax.errors import ConfigError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines
-from remind_jax.settings.record import Setting, walk_settings
 
 if TYPE_CHECKING:
     from remind_jax.config import Config
+    from remind_jax.settings.record import Setting
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,8 +61,6 @@ class Describe:
 
     def execute(self) -> int:
         """Prints a paragraph per setting."""
-        from remind_jax.cli.config import describe_settings
-
         if not self.keys:
             raise ConfigError("name the settings to describe, for example decision.new")
         print_lines(describe_settings(load_config_with(self.config), self.keys))
@@ -194,6 +190,9 @@ def describe_settings(config: Config, names: Sequence[str]) -> Iterator[str]:
     Raises:
       ConfigError: If one of them is unknown, or may be several.
     """
+    from remind_jax.config.keys import full_key, keys_below
+    from remind_jax.settings.record import walk_settings
+
     settings = {key: (value, record) for key, value, record in walk_settings(config)}
     del settings["chosen"]
     for name in names:

@@ -21,7 +21,6 @@ from remind_jax.cli.flags import UsageError, quiet_defaults
 from remind_jax.errors import OutputError, printable
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.printing.words import plural
-from remind_jax.session.object_records import RememberedObject
 
 if TYPE_CHECKING:
     from remind_jax.session.memory_file import SavedMemory
