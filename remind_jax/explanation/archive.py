@@ -24,7 +24,7 @@ from remind_jax.files.tensors import read_npz
 from remind_jax.method import named_leaves
 
 TRACE_NAME = "trace.npz"
-VERSION = 3  # of the file
+VERSION = 4  # of the file
 
 Record = TypeVar("Record", bound=Sized)
 

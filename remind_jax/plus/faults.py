@@ -8,7 +8,7 @@ import numpy as np
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.array_faults import not_unit, outside
-from remind_jax.plus.state import LONG_AGO, PlusState, Stage
+from remind_jax.plus.state import LONG_AGO, PlusState
 
 
 def find_faults(state: PlusState) -> Iterator[str]:
@@ -20,7 +20,6 @@ def find_faults(state: PlusState) -> Iterator[str]:
     pairs = state.pairs
     yield from outside("pairs.covisible", pairs.covisible, 0)
     yield from outside("pairs.spread", pairs.spread, 0)
-    yield from outside("verdicts.stage", state.verdicts.stage, 0, max(Stage))
 
 
 def _of_objects(state: PlusState, now: int) -> Iterator[str]:

@@ -28,11 +28,12 @@ from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements
+from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns
 from remind_jax.session.object_pictures import MOST_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
 
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start
@@ -41,7 +42,14 @@ _SETTINGS = {field.name for field in dataclasses.fields(Static)}
 _PICTURES = "pictures"  # of all objects, one after another
 _RESTORE = "restore the file, or start without it"
 # As safetensors call the types of arrays.
-_TYPES = {"bool": "BOOL", "int32": "I32", "int64": "I64", "float32": "F32", "float64": "F64"}
+_TYPES = {
+    "bool": "BOOL",
+    "uint8": "U8",
+    "int32": "I32",
+    "int64": "I64",
+    "float32": "F32",
+    "float64": "F64",
+}
 
 
 _CODES: dict[str, type[enum.IntEnum]] = {
@@ -129,15 +137,17 @@ def load_memory(path: str | Path) -> SavedMemory:
     metadata = header.metadata
     if metadata.get("format") != _FORMAT:
         raise OutputError(f"'{path}' is not a memory file of remind-jax")
-    if metadata.get("schema") != str(SCHEMA_VERSION):
+    schema = metadata.get("schema")
+    if schema not in (str(EARLIER_VERSION), str(SCHEMA_VERSION)):
         raise OutputError(
-            f"'{path}' has memory schema {metadata.get('schema')!r}; this version reads schema "
-            f"{SCHEMA_VERSION}"
+            f"'{path}' has memory schema {schema!r}; this version reads schema {SCHEMA_VERSION}"
         )
     static, names, announced, filed = _read_description(metadata, path)
     method = get_method(metadata["tracker"])
     expected = _shape(method.name, static)
-    _check_tensors(header.tensors, expected, path)
+    is_earlier = schema == str(EARLIER_VERSION)
+    if not is_earlier:
+        _check_tensors(header.tensors, expected, path)
     try:
         tensors = load_file(path)
     except (OSError, SafetensorError) as error:
@@ -145,6 +155,13 @@ def load_memory(path: str | Path) -> SavedMemory:
     checksum = metadata.get("sha256")
     if checksum is not None and checksum != _checksum(metadata, tensors):
         raise OutputError(f"'{path}' is damaged: its checksum is another one; {_RESTORE}")
+    if is_earlier:
+        tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
+        entries = {
+            name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape, (0, one.nbytes))
+            for name, one in tensors.items()
+        }
+        _check_tensors(entries, expected, path)
     leaves = [tensors[name] for name, _ in named_leaves(expected)]
     state = jax.tree.unflatten(jax.tree.structure(expected), leaves)
     fault = find_fault(state, method, names, announced, static.first_object_id)
