@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow first-command test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
+.PHONY: help demo test test-slow docs-check first-command test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -12,10 +12,13 @@ demo: $(VENV)/.core  ## render a tour, track it and compare with the truth (a mi
 	$(BIN)/remind demo
 
 test: $(VENV)/.dev  ## all tests but the slow ones
-	$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+	$(BIN)/python -m pytest -m "not slow and not prose" -n 2 --dist loadfile
 
-test-slow: $(VENV)/.dev  ## the slow tests
-	$(BIN)/python -m pytest -m slow
+test-slow: $(VENV)/.dev  ## the slow tests, and properties with ten times as many examples
+	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -m "slow or hypothesis"
+
+docs-check: $(VENV)/.dev  ## pages: their links, what they name, what code cites of them
+	$(BIN)/python -m pytest -q -m prose tests/test_architecture.py tests/test_citations.py tests/test_docs.py
 
 first-command: $(VENV)/.dev  ## the demo with oldest and newest versions, on the oldest and the newest Python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check uv

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import functools
 import sys
 import time
 from collections.abc import Iterator
@@ -28,7 +27,7 @@ from benchmarks.rows import show_rows
 from remind_jax.compiled.compiler_options import compiler_options
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.state import init
+from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
 from remind_jax.static import Static
@@ -78,7 +77,7 @@ def endure(num_frames: int = 3000, num_things: int = 200) -> Iterator[dict[str, 
         state = jax.block_until_ready(step(state, *frame))
         spent[row] = 1000 * (time.perf_counter() - start)
         assert not int(state.overflow.objects), "more objects than there is room for"
-        ids[row] = state.verdicts.answer_id
+        ids[row] = state.answers.answer_id
         if (row + 1) % (num_frames // 3) == 0:
             so_far = dataclasses.replace(recording, truth=recording.truth[: row + 1])
             scores = judge(so_far, ids[: row + 1])
@@ -94,11 +93,11 @@ def endure(num_frames: int = 3000, num_things: int = 200) -> Iterator[dict[str, 
 
 def _compile_as_run(static: Static) -> Any:
     """The step with the options of the compiler that runs have."""
-    return jax.jit(
-        functools.partial(advance, static=static, thresholds=PlusThresholds()),
-        donate_argnums=0,
-        compiler_options=compiler_options(),
-    )
+
+    def step(state: PlusState, *frame: Any) -> PlusState:
+        return advance(state, *frame, static=static, thresholds=PlusThresholds())[0]
+
+    return jax.jit(step, donate_argnums=0, compiler_options=compiler_options())
 
 
 def _corridor(num_frames: int, num_things: int, dim: int = 64, most: int = 14) -> Recording:

@@ -53,7 +53,7 @@ def measure(detections: int, objects: int) -> dict[str, Any]:
     state = jax.device_put(_remember(static, look[:objects], place[:objects], size[:objects]))
 
     def step(state: PlusState, frame: Any, thresholds: Any) -> PlusState:
-        return advance(state, *frame, static=static, thresholds=thresholds)
+        return advance(state, *frame, static=static, thresholds=thresholds)[0]
 
     thresholds = jax.tree.map(jnp.asarray, PlusThresholds())
     frames = [

@@ -80,8 +80,8 @@ def record(
 @functools.partial(jax.jit, static_argnames="static")
 def _scan(state: Any, frames: Any, thresholds: PlusThresholds, static: Static) -> Any:
     def one(state: Any, frame: Any) -> Any:
-        state = advance(state, *frame, static=static, thresholds=thresholds)
-        told = (state.verdicts.answer_id, state.decisions.confidence, state.overflow.objects)
+        state, _ = advance(state, *frame, static=static, thresholds=thresholds)
+        told = (state.answers.answer_id, state.decisions.confidence, state.overflow.objects)
         return state, told
 
     return jax.lax.scan(one, state, frames)[1]

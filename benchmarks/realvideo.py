@@ -46,7 +46,7 @@ from benchmarks.field_peers.environments import (
     chosen_peers,
     prepare,
 )
-from remind_jax.cli.overrides import parse_assignments
+from remind_jax.cli.flags import parse_assignments
 from remind_jax.config import Config, load_config
 from remind_jax.metrics import (
     Column,

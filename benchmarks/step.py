@@ -140,7 +140,7 @@ def measure(root: Path, name: str, variant: str) -> list[dict[str, Any]]:
         for index, golden in enumerate(load.load_inputs(name, root)):
             for stage, milliseconds in step_ours(tracker, as_frame(index, golden)).items():
                 ours[stage].append(milliseconds)
-            tracker._memory.preparation.finish()  # what is compiled ahead is no part of a step
+            tracker._memory.ahead.finish()  # what is compiled ahead is no part of a step
             answer = peer.step_ms()
             theirs += [] if answer is None else [answer]
     finally:

@@ -16,7 +16,7 @@
 # A camera leaves a room and comes back later, in worse light. Which box is which? You learn
 #
 # * how to run the tracker on frames with instance masks, and what it leaves behind;
-# * to read overlay, timeline and gallery;
+# * to read the overlay and the report;
 # * how sure an answer is, and what *ambiguous* and *provisional* mean;
 # * how to save the memory and continue from it later.
 #
@@ -127,21 +127,11 @@ show(tile([draw_overlay(tour.frames[i].image, result.tracks[i]) for i in SHOWN])
 # %% [markdown]
 # The same as a video is `overlay.mp4` in the output folder.
 #
-# ## Timeline
+# ## Timeline and gallery
 #
-# One line per identity: bars where it was seen, thin lines where an undecided detection may belong to
-# it, and a mark at each return after an absence.
-
-# %%
-show(cv2.imread(str(work / "tour/timeline.png"))[..., ::-1], 1000)
-
-# %% [markdown]
-# ## Gallery
-#
-# The best view of each visit of every identity: the quickest way to spot a mistake.
-
-# %%
-show(cv2.imread(str(work / "tour/gallery.png"))[..., ::-1], 1000)
+# `report.html` beside it has a timeline, one line per identity: bars where it was seen, thin lines where
+# an undecided detection may belong to it, and a mark at each return after an absence. Below it is the best
+# view of each visit of every identity: the quickest way to spot a mistake.
 
 # %% [markdown]
 # ## How sure is it?

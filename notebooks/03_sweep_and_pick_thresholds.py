@@ -136,7 +136,7 @@ for standing in front:
 #
 # Each threshold moves through its range while all others stay. Most hardly matter; knowing which do
 # shortens a search. (`rj.sweeps.PLUS_SPACE` has sensible ranges of more of them, `PAPER_SPACE` those of the
-# paper's tracker; `rj.sweeps.estimate_sobol` also finds interactions, with many more settings.)
+# paper's tracker.)
 
 # %%
 space = {

@@ -105,7 +105,7 @@ for what, settings in refused.items():
 # never change an identity.
 
 # %%
-from remind_jax.config import reference_keys, reference_switches
+from remind_jax.config import reference_keys
 
 decided = reference_keys.decided_settings(rj.load_config("published"))
 records = [record for settings in decided.values() for record in settings.values()]
@@ -116,7 +116,7 @@ kinds = {
     "renamed": len(decided.keys() - pairs - choices - lists),
     "choices renamed": len(choices),
     "capacities": len(pairs),
-    "several keys\ndecide together": len(reference_switches.SHIPPED),
+    "several keys\ndecide together": len(reference_keys.SHIPPED),
     "one value only": len(reference_keys.FIXED),
     "inert keys\nor sections": len(reference_keys.INERT),
 }

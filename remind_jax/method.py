@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
@@ -85,6 +85,9 @@ class Host:
     # Phrases about what is wrong with a memory that was read from a file, `find_faults(state)`,
     # beyond what holds for every method (`session.memory_checks`).
     find_faults: Callable[[Any], Iterable[str]] | None = None
+    # Arrays of memory files of the schema before, by name: the axis along which each holds several
+    # leaves side by side, and their names (`session.earlier_memory`).
+    columns: Mapping[str, tuple[int, tuple[str, ...]]] = dataclasses.field(default_factory=dict)
     # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
     # capacities that take too much are refused. Left out, all are tried.
     count_bytes: Callable[[Static], int] | None = None

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from remind_jax.errors import ConfigError
-from remind_jax.settings.checks import check_fields
+from remind_jax.settings.ranges import check_fields
 from remind_jax.settings.record import setting
 
 MOST_OBJECTS = 32_768

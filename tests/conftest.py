@@ -5,23 +5,30 @@ broadcasts `[N, C]` with `[C]` as NumPy does in nearly every module; casts would
 Solvers and the metrics in the graph are strict about ranks.
 """
 
+import importlib.metadata
 import os
 import tempfile
 from pathlib import Path
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ["HF_HUB_OFFLINE"] = "1"  # weights come from servers of the tests alone
+# The older emitters of fused operations take half of the time to compile; JAX 0.11 has none.
+if importlib.metadata.version("jax").startswith("0.10."):
+    flags = os.environ.get("XLA_FLAGS", ""), "--xla_cpu_use_fusion_emitters=false"
+    os.environ["XLA_FLAGS"] = " ".join(flags).strip()
 
 import jax
 import jaxtyping
 import pytest
+from hypothesis import settings
 
 from tests import shape_checks
 
 shape_checks.switch_on()
 
-from remind_jax.compiled import ahead, kept, programs  # noqa: E402  (checked as well)
+from remind_jax.compiled import kept, programs  # noqa: E402  (checked as well)
 from remind_jax.config import profiles  # noqa: E402
+from remind_jax.session import growing_memory  # noqa: E402
 
 # The tests ask what is decided, not how fast: a third of the time to compile, the same results.
 jax.config.update("jax_disable_most_optimizations", True)
@@ -32,6 +39,11 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
 # Nothing goes to the cache folder of who runs the tests.
 os.environ[kept.VARIABLE] = kept.OFF
 os.environ[profiles.VARIABLE] = os.devnull  # nor does a profile of theirs change a test
+MOST_MAPS = 32_000
+# Drawn examples of a property; `make test-slow` draws ten times as many.
+settings.register_profile("quick", max_examples=20, deadline=None)
+settings.register_profile("thorough", max_examples=200, deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
 @pytest.fixture
@@ -67,20 +79,20 @@ def optimized():
 def _let_programs_go():
     """Every compiled program holds hundreds of memory maps, of which Linux allows 65,530.
 
-    Those that another module needs come back from the compilation cache on disk.
+    Modules share what they compile until half of them are taken.
     """
     yield
-    jax.clear_caches()
-    programs.clear_programs()
+    maps = Path("/proc/self/maps")
+    if not maps.exists() or maps.read_bytes().count(b"\n") > MOST_MAPS:
+        jax.clear_caches()
+        programs.clear_programs()
 
 
 @pytest.fixture(autouse=True)
 def _look_ahead_only_when_asked(request, monkeypatch):
     """Capacities of tests are tight on purpose; the next ones are not worth compiling."""
     if "looks_ahead" not in request.fixturenames:
-        monkeypatch.setattr(ahead.Forecast, "needed", lambda self, static: static)
-        monkeypatch.setattr(ahead, "SETTLED_S", float("inf"))
-        monkeypatch.setattr(ahead, "SETTLED_FRAMES", float("inf"))
+        monkeypatch.setattr(growing_memory.GrowingMemory, "_look_ahead", lambda *_: None)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from benchmarks.gradients import Candidates, fit_weights, join_candidates, surro
 from remind_jax.config import Config
 from remind_jax.errors import SweepError
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import RunInfo
+from remind_jax.outputs.run_records import RunInfo
 
 THRESHOLDS = Config().thresholds
 

@@ -74,30 +74,32 @@ CITED: dict[tuple[str, str], set[str]] = {}  # modules by page and address
 for _name, _text in PYTHON.items():
     for _found in CITATION.findall(_text):
         CITED.setdefault(_found, set()).add(_name)
-RULES = [(page, address) for page in RULE_PAGES for address in rules(page)]
+
+pytestmark = pytest.mark.prose
 
 
-@pytest.mark.parametrize("page", sorted({page for page, _ in CITED}))
-def test_what_code_cites_is_there(page):
-    assert (DOCS / page).is_file(), CITED
-    wanted = {address for cited, address in CITED if cited == page}
-    assert wanted <= addresses(page), sorted(wanted - addresses(page))
+def test_what_code_cites_is_there():
+    for page in {page for page, _ in CITED}:
+        assert (DOCS / page).is_file(), page
+        wanted = {address for cited, address in CITED if cited == page}
+        assert wanted <= addresses(page), sorted(wanted - addresses(page))
 
 
-@pytest.mark.parametrize("page", RULE_PAGES)
-def test_addresses_are_given_once(page):
-    text = (DOCS / page).read_text(encoding="utf-8")
-    given = [name for name, _, _ in RULE.findall(text)]
-    assert sorted(given) == sorted(set(given))
-    assert len(given) == text.count("<a id="), "an address stands right above its heading"
+def test_addresses_are_given_once():
+    for page in RULE_PAGES:
+        text = (DOCS / page).read_text(encoding="utf-8")
+        given = [name for name, _, _ in RULE.findall(text)]
+        assert sorted(given) == sorted(set(given)), page
+        assert len(given) == text.count("<a id="), "an address stands right above its heading"
 
 
-@pytest.mark.parametrize(("page", "address"), RULES)
-def test_every_rule_is_cited_where_it_lives(page, address):
-    cited = CITED.get((page, address), set())
-    assert cited, f"no code cites {page}#{address}"
-    named = MODULE.findall(rules(page)[address])
-    assert not named or set(named) & cited, f"{named} do not cite it; {cited} do"
+def test_every_rule_is_cited_where_it_lives():
+    for page in RULE_PAGES:
+        for address, rule in rules(page).items():
+            cited = CITED.get((page, address), set())
+            assert cited, f"no code cites {page}#{address}"
+            named = MODULE.findall(rule)
+            assert not named or set(named) & cited, f"{named} do not cite {address}; {cited} do"
 
 
 def test_ten_decisions_are_where_the_table_says():
@@ -109,10 +111,10 @@ def test_ten_decisions_are_where_the_table_says():
         assert not lacking, f"{lacking} do not cite method.md#{address}"
 
 
-@pytest.mark.parametrize("page", METHODS)
-def test_every_rule_names_its_modules(page):
+def test_every_rule_names_its_modules():
     homeless = {
         address
+        for page in METHODS
         for address, text in rules(page).items()
         if "\nCode: " not in text and not _is_chapter(text)
     }
@@ -124,10 +126,10 @@ def _is_chapter(text: str) -> bool:
     return bool(re.search(r'"></a>\n(## \d|### Example )', text))
 
 
-@pytest.mark.parametrize("page", sorted(path.name for path in DOCS.glob("*.md")))
-def test_modules_that_pages_name_exist(page):
-    named = set(MODULE.findall((DOCS / page).read_text(encoding="utf-8")))
-    assert not {name for name in named if not (ROOT / name).is_file()}
+def test_modules_that_pages_name_exist():
+    for page in DOCS.glob("*.md"):
+        named = set(MODULE.findall(page.read_text(encoding="utf-8")))
+        assert not {name for name in named if not (ROOT / name).is_file()}, page
 
 
 def test_nobody_is_sent_to_documents_that_do_not_ship():
@@ -140,19 +142,16 @@ def test_nobody_is_sent_to_documents_that_do_not_ship():
     assert not lost
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_a_lost_reference_is_found():
+    for text in (
         "as told (notes 9.4).",
         "association notes 11",
         "Evaluation reference, section 6",
         "`reference/association.md`",
         "python tests/parity.py ../shared/golden",
         "who it could be (15.3).",
-    ],
-)
-def test_a_lost_reference_is_found(text):
-    assert LOST.search(text) or BARE.search(text)
+    ):
+        assert LOST.search(text) or BARE.search(text), text
 
 
 def settings(page: str) -> dict[str, Any]:

@@ -30,7 +30,6 @@ MODULES = {
     "mcap-protobuf-support": "mcap_protobuf",
     "opencv-python-headless": "cv2",
     "pyyaml": "yaml",
-    "rerun-sdk": "rerun",
 }
 # What is used without being imported by us: where, and by which word.
 TOOLS = {

@@ -18,7 +18,7 @@ import remind_jax
 PACKAGE = Path(remind_jax.__file__).parent
 
 # Extras, and what is too slow to load before it is needed.
-LATE = ("jax", "torch", "matplotlib", "onnxruntime", "rerun", "supervision", "pandas")
+LATE = ("jax", "torch", "matplotlib", "onnxruntime", "supervision", "pandas")
 BUDGET_S = 2.0
 
 # Rooms of pure functions over arrays.

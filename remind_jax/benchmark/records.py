@@ -66,11 +66,7 @@ def folder_of(out: Path, regime: str, contender: str, scene: str) -> Path:
 
 
 def write_record(folder: Path, record: Record) -> None:
-    """Writes a record; it appears complete or not at all.
-
-    Raises:
-      OutputError: If it cannot be written.
-    """
+    """Writes a record; it appears complete or not at all."""
     make_folder(folder)
     text = json.dumps(dataclasses.asdict(record), indent=1) + "\n"
     replace_file(folder / RECORD_NAME, text.encode("utf-8"))

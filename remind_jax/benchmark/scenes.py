@@ -27,11 +27,7 @@ class Scene:
     metadata: Path | None = None  # instead of the metadata of the layout
 
     def open(self, sampling: Sampling | None = None, *, masks: bool = True) -> Source:
-        """Opens the frames, with annotations as detections if `masks`.
-
-        Raises:
-          SourceError: If the scene cannot be read.
-        """
+        """Opens the frames, with annotations as detections if `masks`."""
         options: dict[str, Any] = {"sampling": sampling, "name": self.name}
         if not masks:
             options["masks"] = "none"

@@ -35,11 +35,7 @@ class Scored:
 
 
 def read_truth(scene: Scene, sampling: Sampling | None = None) -> TrackRows:
-    """The annotations of a scene.
-
-    Raises:
-      SourceError: If they cannot be read.
-    """
+    """The annotations of a scene."""
     rows, names, labels = RowCollector(), [], {}
     for frame in scene.open(sampling):
         names.append(frame.name)

@@ -199,11 +199,7 @@ def list_failures(runs: Sequence[Scored]) -> list[str]:
 
 
 def save_tables(tables: Mapping[str, ComparisonTable], folder: Path) -> list[Path]:
-    """Writes every table as Markdown, CSV, LaTeX and text, and as a page where matplotlib is.
-
-    Raises:
-      OutputError: If a file cannot be written.
-    """
+    """Writes every table as Markdown, CSV, LaTeX and text, and as a page where matplotlib is."""
     make_folder(folder)
     written = []
     for name, table in tables.items():

@@ -82,9 +82,6 @@ def render_tours(
       folder: Where to keep the tours; the user's cache folder if left out.
       tours: Which; the twelve if left out.
       progress: Told the name of each tour that is rendered.
-
-    Raises:
-      OutputError: If the folder cannot be written.
     """
     tours = benchmark_tours() if tours is None else tours
     base = user_cache_folder() / "tours" if folder is None else Path(folder)

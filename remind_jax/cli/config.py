@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,14 +11,14 @@ from tyro.conf import Positional, arg, subcommand
 
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, check_name
 from remind_jax.cli import process
-from remind_jax.cli.flags import BackboneName, quiet_defaults
-from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.cli.flags import Assignments, BackboneName, load_config_with, quiet_defaults
 from remind_jax.errors import ConfigError
 from remind_jax.files import refuse_file, writing
 from remind_jax.printing.terminal import print_lines
 
 if TYPE_CHECKING:
     from remind_jax.config import Config
+    from remind_jax.settings.record import Setting
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,8 +61,6 @@ class Describe:
 
     def execute(self) -> int:
         """Prints a paragraph per setting."""
-        from remind_jax.config.help import describe_settings
-
         if not self.keys:
             raise ConfigError("name the settings to describe, for example decision.new")
         print_lines(describe_settings(load_config_with(self.config), self.keys))
@@ -179,3 +178,39 @@ def _as_yaml(values: dict[str, Any]) -> str:
     import yaml
 
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=None).rstrip()
+
+
+def describe_settings(config: Config, names: Sequence[str]) -> Iterator[str]:
+    """A few lines about every setting that is named.
+
+    Args:
+      config: Where the settings and their values are.
+      names: Keys or sections, written as anywhere else (`config/keys.py`).
+
+    Raises:
+      ConfigError: If one of them is unknown, or may be several.
+    """
+    from remind_jax.config.keys import full_key, keys_below
+    from remind_jax.settings.record import walk_settings
+
+    settings = {key: (value, record) for key, value, record in walk_settings(config)}
+    del settings["chosen"]
+    for name in names:
+        found = keys_below(name, settings) or [
+            full_key(name, settings, config.tracker, "'remind config describe'")
+        ]
+        for key in found:
+            yield from _describe(key, *settings[key])
+
+
+def _describe(key: str, value: Any, record: Setting) -> Iterator[str]:
+    shown = str(value).lower() if isinstance(value, bool) else value
+    yield f"{key}: {shown}{f' ({record.unit})' if record.unit else ''}"
+    facts = (
+        ("", record.meaning),
+        ("larger: ", record.more),
+        (f"at most {record.most}: ", record.why),
+        ("in the paper: ", record.symbol),
+        ("in the original: ", ", ".join((*record.own_keys, *record.decided_by))),
+    )
+    yield from (f"  {head}{words}" for head, words in facts if words)

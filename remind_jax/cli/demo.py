@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
-from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.cli.flags import Assignments, load_config_with, quiet_defaults
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.run import track
 from remind_jax.cli.summary import print_summary, summary_facts

@@ -59,8 +59,8 @@ class Explain:
     def _list(self, result: Result) -> None:
         """Prints the detections of the frame."""
         from remind_jax.explanation.explainer import find_frame
-        from remind_jax.explanation.text import render_frame
-        from remind_jax.outputs.store import tracks_to_json
+        from remind_jax.explanation.explanation import render_frame
+        from remind_jax.outputs.run_records import tracks_to_json
 
         tracks = find_frame(result.tracks, self.frame)
         if self.json:

@@ -26,9 +26,9 @@ class Export:
     """
 
     run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
-    # cvat: XML of CVAT for video; mots-png: zip of instance maps; label-studio: JSON with boxes
-    format: Annotated[Literal["cvat", "mots-png", "label-studio"], arg(metavar="NAME")] = "cvat"
-    # file to write; cvat.xml, mots_png.zip or label_studio.json in the folder RUN if left out
+    # cvat: XML of CVAT for video; mots-png: zip of instance maps
+    format: Annotated[Literal["cvat", "mots-png"], arg(metavar="NAME")] = "cvat"
+    # file to write; cvat.xml or mots_png.zip in the folder RUN if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
     overwrite: bool = False  # replace an existing file
     quiet: bool = False  # say nothing but errors

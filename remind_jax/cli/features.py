@@ -10,8 +10,13 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import BackboneName, SamplingFlags, quiet_defaults
-from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.cli.flags import (
+    Assignments,
+    BackboneName,
+    SamplingFlags,
+    load_config_with,
+    quiet_defaults,
+)
 from remind_jax.errors import SourceError
 from remind_jax.files import refuse_folder
 from remind_jax.printing.terminal import print_lines

@@ -35,10 +35,9 @@ class Label:
     # folder (davis) or file to write
     out: Annotated[Path | None, arg(aliases=["-o"], metavar="TRUTH")] = None
     # instance maps with classes, or what `remind export` writes
-    format: Annotated[
-        Literal["davis", "cvat", "mots-png", "label-studio"],
-        arg(metavar="davis|cvat|mots-png|label-studio"),
-    ] = "davis"
+    format: Annotated[Literal["davis", "cvat", "mots-png"], arg(metavar="davis|cvat|mots-png")] = (
+        "davis"
+    )
     overwrite: bool = False  # replace what is there
     quiet: bool = False  # say nothing but errors
 
@@ -60,7 +59,7 @@ class Label:
         return self._write_truth(self.apply, self.out)
 
     def _write_page(self) -> int:
-        from remind_jax.outputs.label_page import write_label_page
+        from remind_jax.outputs.label_edits import write_label_page
 
         page, result = write_label_page(self.run)
         if not self.quiet:
@@ -74,9 +73,8 @@ class Label:
         return process.FINE
 
     def _write_truth(self, edits_file: Path, out: Path) -> int:
-        from remind_jax.outputs.instance_maps import write_instance_maps
         from remind_jax.outputs.label_edits import apply_edits, read_edits
-        from remind_jax.outputs.labeling import export
+        from remind_jax.outputs.labeling import export, write_instance_maps
         from remind_jax.outputs.result import Result
 
         is_folder = self.format == "davis"

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import io
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Protocol, Union
 
 import tyro
@@ -27,7 +30,6 @@ from remind_jax.cli.label import Label
 from remind_jax.cli.memory import Memory
 from remind_jax.cli.run import Run
 from remind_jax.cli.sweep import Sweep
-from remind_jax.cli.usage import explained
 from remind_jax.cli.view import View
 from remind_jax.cli.warmup import Warmup
 from remind_jax.errors import OptionError, RemindError, first_line, is_text, nearest_names
@@ -117,7 +119,7 @@ def _execute(words: Sequence[str], chatter: streams.Chatter) -> int:
     signals: list[int] = []
     try:
         verb = _parse(words)
-        process.silence_libraries()
+        process.prepare_process()
         with process.ending_well() as signals:
             code = verb.execute()
         was_ended = signals and code == process.INTERRUPTED
@@ -178,7 +180,7 @@ def _parse(words: Sequence[str]) -> Verb:
     }
     verb = VERBS.get(words[0])
     if verb is not None:  # alone, so that no other verb is suggested
-        with explained(verb):
+        with _in_one_sentence():
             return parse(
                 verb,
                 prog=f"remind {words[0]}",
@@ -190,7 +192,7 @@ def _parse(words: Sequence[str]) -> Verb:
         Annotated[verb, subcommand(name, description=_first_line(verb))]
         for name, verb in VERBS.items()
     )
-    with explained(None):
+    with _in_one_sentence():
         return parse(
             Union[choices],  # noqa: UP007
             prog="remind",
@@ -198,6 +200,22 @@ def _parse(words: Sequence[str]) -> Verb:
             args=words,
             **options,
         )
+
+
+@contextlib.contextmanager
+def _in_one_sentence() -> Iterator[None]:
+    """Turns what the parser puts into a box into one sentence."""
+    box = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(box):
+            yield
+    except SystemExit as stop:
+        if not stop.code:
+            raise
+        # Below its title are parts with a line between them; the last one names the help.
+        text = re.sub("[\u2500-\u257f]|-{8,}", "", box.getvalue().partition("\n")[2])
+        parts = [" ".join(part.split()) for part in re.split(r"\n\s*\n", text)]
+        raise UsageError("; ".join(filter(None, parts))) from stop
 
 
 def _first_line(verb: type[Verb]) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import html
 import json
 import re
 import reprlib
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +18,7 @@ from tyro.conf import Positional, arg
 from remind_jax import files
 from remind_jax.cli import process
 from remind_jax.cli.flags import UsageError, quiet_defaults
-from remind_jax.errors import OutputError
+from remind_jax.errors import OutputError, printable
 from remind_jax.printing.terminal import print_lines, print_table
 from remind_jax.printing.words import plural
 
@@ -31,6 +34,9 @@ _CHANGES = {
     "split": "split ID (takes back what was merged into it)",
     "forget": "forget ID ... (with their looks and pictures)",
 }
+
+
+_SLOT = re.compile(r"\{\{(\w+)\}\}")
 
 
 @quiet_defaults
@@ -78,8 +84,8 @@ class Memory:
                     raise OutputError(
                         f"'{written}' exists; name another file, or allow --overwrite"
                     )
+        from remind_jax.cli.memory import render_memory
         from remind_jax.session.memory_file import load_memory, save_memory
-        from remind_jax.session.memory_page import render_memory
 
         memory = load_memory(path)
         said = []
@@ -141,7 +147,7 @@ def _apply(
     if kind == "split":
         apart = records.split(first)
         return memory, f"{', '.join(map(str, apart))} split off object {first}"
-    from remind_jax.session.forgetting import forget_object
+    from remind_jax.session.memory_file import forget_object
 
     for object_id in dict.fromkeys(ids):
         memory = forget_object(memory, object_id)
@@ -180,3 +186,48 @@ def _print_objects(objects: Sequence[RememberedObject]) -> None:
             )
         )
     print_table(rows, is_text=(1, 2, 4, 5, 6))
+
+
+def render_memory(objects: Sequence[RememberedObject], title: str, about: str) -> str:
+    """The page as text.
+
+    Args:
+      objects: In the order shown.
+      title: Heading.
+      about: A sentence below it.
+    """
+    template = resources.files("remind_jax.cli").joinpath("memory_page.html")
+    slots = {
+        "title": _escape(title),
+        "about": _escape(about),
+        "cards": "\n".join(map(_card, objects)),
+    }
+    return _SLOT.sub(lambda match: slots[match[1]], template.read_text(encoding="utf-8"))
+
+
+def describe_sights(known: RememberedObject) -> str:
+    """How often and when an object was seen."""
+    first, last = known.first, known.last
+    return (
+        f"seen in {plural(known.num_frames, 'frame')}, first in session {first.session} "
+        f"(frame {first.frame}), last in session {last.session} (frame {last.frame})"
+    )
+
+
+def _card(known: RememberedObject) -> str:
+    views = "".join(
+        f'<img alt="{_escape(known.title)}" src="data:image/jpeg;base64,'
+        f'{base64.b64encode(jpeg).decode("ascii")}">'
+        for jpeg in known.pictures
+    )
+    named = f"{known.label} {known.object_id}; " if known.name else ""
+    merged = f"; with {', '.join(map(str, known.merged))}" if known.merged else ""
+    return (
+        f'<li><div class="views">{views or "<span>no picture</span>"}</div>'
+        f"<h2>{_escape(known.title)}</h2>"
+        f'<div class="faint">{_escape(named + describe_sights(known) + merged)}</div></li>'
+    )
+
+
+def _escape(text: str) -> str:
+    return html.escape(printable(text))

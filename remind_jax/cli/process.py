@@ -22,6 +22,8 @@ INTERRUPTED = 130  # Ctrl-C, after finishing what was done
 TERMINATED = 143  # SIGTERM, the same
 BROKEN_PIPE = 141  # the reader of our output went away
 
+_TURN_S = 0.0005
+
 
 @contextlib.contextmanager
 def ending_well() -> Iterator[list[int]]:
@@ -89,11 +91,16 @@ def _last(error: BaseException) -> str:
     return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else "unknown"
 
 
-def silence_libraries() -> None:
-    """Keeps OpenCV and FFmpeg from writing to the terminal; what fails is reported by us."""
+def prepare_process() -> None:
+    """Keeps OpenCV and FFmpeg from writing to the terminal, and lets threads take short turns.
+
+    At Python's usual 5 ms, a frame that gives way a hundred times while a program is traced in the
+    background takes most of a second. The process is that of the command alone.
+    """
     import av.logging
     import cv2
 
     set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel
     set_level(0)
     av.logging.set_level(None)
+    sys.setswitchinterval(_TURN_S)

@@ -16,14 +16,15 @@ from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
 from remind_jax.cli.flags import (
+    Assignments,
     BackboneName,
     DetectionFlags,
     LiveFlags,
     SamplingFlags,
+    load_config_with,
     quiet_defaults,
     refuse_flags,
 )
-from remind_jax.cli.overrides import Assignments, load_config_with
 from remind_jax.cli.progress import RunDisplay
 from remind_jax.cli.summary import print_summary, summary_facts
 from remind_jax.errors import RemindError, SourceError
@@ -92,8 +93,6 @@ class Run:
     resume: bool = False  # go on with the run in the folder that was killed or stopped
     no_overlay: bool = False  # leave out the overlay video
     trace: bool = False  # keep what every decision was made of, for 'remind explain'
-    # record for Rerun's viewer (out.rrd), or the address of one that is open (rerun+http://...)
-    rerun: Annotated[str | None, arg(metavar="FILE|ADDRESS")] = None
     mcap: Path | None = None  # record for Foxglove (out.mcap)
     delay: int = 0  # frames that answers wait to be revised by what turns out meanwhile
     # detections after which an object gets its id; 1 for masks, 5 for a detector if left out
@@ -155,7 +154,6 @@ class Run:
             announce_after=self.announce_after,
             overwrite=self.overwrite,
             resume=self.resume,
-            rerun=self.rerun,
             mcap=self.mcap,
             record=self.live_source.record,
             live=False if page is None else page.where,

@@ -52,7 +52,7 @@ class Sweep:
       remind sweep a/ --set decision.new=0,2.5 layout.weight=0,1.2 --random 256
       remind sweep a/ b/ c/ --set decision.new=0.0,2.5 --search tpe --number 128
       remind sweep a/ b/ c/ --search nsga2 --set ... --objectives IDF1 Ambiguous
-      remind sweep a/ b/ c/ --sensitivity sobol     thresholds that matter most
+      remind sweep a/ b/ c/ --sensitivity           thresholds that matter most
       remind sweep rooms/ --config remind --set matching.match=0.5:0.8:0.05
       remind sweep a/ b/ c/ --settings mine.csv --workers 8
     """
@@ -63,10 +63,9 @@ class Sweep:
     random: int | None = None  # draw so many settings instead of trying all combinations
     settings: Path | None = None  # CSV with one column per threshold, or JSON with a list
     # propose settings by what was found (needs Optuna); nsga2 for several objectives
-    search: Literal["tpe", "cmaes", "nsga2", "hyperband"] | None = None
-    # how much every threshold matters, by itself or among the others
-    sensitivity: Literal["curves", "sobol"] | None = None
-    # settings of a search, values of a curve, points of Sobol indices; chosen if left out
+    search: Literal["tpe", "cmaes", "nsga2"] | None = None
+    sensitivity: bool = False  # move every threshold by itself: how much each matters
+    # settings of a search, values of each threshold for --sensitivity; chosen if left out
     number: int | None = None
     at_once: int = 16  # settings that a search proposes together
     objectives: tuple[str, ...] = ("IDF1",)  # what a search makes best
@@ -142,7 +141,7 @@ class Sweep:
         for name in (self.metric, *self.objectives):
             if name not in known:
                 raise SweepError(f"there is no score {name!r}; {nearest_names(name, known)}")
-        ways = [self.random, self.settings, self.search, self.sensitivity]
+        ways = [self.random, self.settings, self.search, self.sensitivity or None]
         if sum(way is not None for way in ways) > 1:
             raise SweepError(
                 "--random, --settings, --search and --sensitivity exclude each other; give one"
@@ -157,7 +156,7 @@ class Sweep:
             )
         if self.search is not None:
             return lambda bench: (self._search(bench, space), [])
-        if self.sensitivity is not None:
+        if self.sensitivity:
             return lambda bench: self._vary(bench, space)
         settings = self._list_settings(space)
         return lambda bench: self._try(bench, settings)
@@ -186,7 +185,7 @@ class Sweep:
             progress=display,
             workers=self.workers,
             cluster=self.cluster,
-            keep_scenes=self.search is not None or self.sensitivity is not None,
+            keep_scenes=self.search is not None or self.sensitivity,
             **more,
         )
 
@@ -201,12 +200,8 @@ class Sweep:
         return result, [f"## Chosen on the other scenes\n\n{table}"]
 
     def _search(self, bench: SceneBench, space: dict[str, list[Value]]) -> SweepResult:
-        from remind_jax.sweeps.search import hyperband, search
+        from remind_jax.sweeps.search import search
 
-        if self.search == "hyperband":
-            return hyperband(
-                bench, space, widest=self.number or 27, objective=self.objectives[0], seed=self.seed
-            )
         assert self.search is not None
         return search(
             bench,
@@ -221,22 +216,12 @@ class Sweep:
     def _vary(
         self, bench: SceneBench, space: dict[str, list[Value]]
     ) -> tuple[SweepResult, list[str]]:
-        from remind_jax.sweeps.sensitivity import (
-            curves_to_markdown,
-            estimate_sobol,
-            move_one_at_a_time,
-            sobol_to_markdown,
-        )
+        from remind_jax.sweeps.sensitivity import curves_to_markdown, move_one_at_a_time
 
-        if self.sensitivity == "curves":
-            curves, result = move_one_at_a_time(
-                bench, space or None, number=self.number or 7, metric=self.metric
-            )
-            return result, [f"## One threshold at a time\n\n{curves_to_markdown(curves)}"]
-        indices, result = estimate_sobol(
-            bench, space or None, number=self.number or 64, metric=self.metric, seed=self.seed
+        curves, result = move_one_at_a_time(
+            bench, space or None, number=self.number or 7, metric=self.metric
         )
-        return result, [f"## Sobol indices of {self.metric}\n\n{sobol_to_markdown(indices)}"]
+        return result, [f"## One threshold at a time\n\n{curves_to_markdown(curves)}"]
 
     def _describe(self, result: SweepResult) -> str:
         best = result.best(self.metric, self.top)

@@ -1,4 +1,4 @@
-"""`remind view`: draws overlay, timeline, gallery and report of a run again."""
+"""`remind view`: draws overlay and report of a run again."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from remind_jax.errors import SourceError
 from remind_jax.files import refuse_file, refuse_folder
 
 if TYPE_CHECKING:
-    from remind_jax.outputs.run_info import RunInfo
+    from remind_jax.outputs.run_records import RunInfo
     from remind_jax.sources import Source
 
 
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class View:
-    """Draw overlay, timeline, gallery and report of a run again, finished or not.
+    """Draw overlay and report of a run again, finished or not.
 
     Frames are read where the run found them; without them the overlay stays.
 

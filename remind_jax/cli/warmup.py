@@ -11,8 +11,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import BackboneName, quiet_defaults
-from remind_jax.cli.overrides import Assignments, load_config_with
+from remind_jax.cli.flags import Assignments, BackboneName, load_config_with, quiet_defaults
 from remind_jax.errors import ConfigError
 from remind_jax.session.progress import RunLine
 from remind_jax.settings.ranges import check_option

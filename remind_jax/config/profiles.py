@@ -84,11 +84,7 @@ def has_profile(tracker: str, backbone: str) -> bool:
 
 
 def read_made_for(value: Any, origin: str) -> MadeFor:
-    """What a file says about the features that it fits.
-
-    Raises:
-      ConfigError: If it is something else.
-    """
+    """What a file says about the features that it fits."""
     try:
         return msgspec.convert(value, MadeFor)
     except msgspec.ValidationError as error:
@@ -105,9 +101,6 @@ def write_profile(path: Path, tracker: str, made_for: MadeFor, values: Mapping[s
       tracker: Name of the configuration that the profile starts from.
       made_for: Whose features it fits.
       values: Thresholds, nested.
-
-    Raises:
-      OutputError: If it cannot be written.
     """
     import yaml
 
@@ -124,9 +117,6 @@ def read_profile(path: Path, tracker: str) -> dict[str, Any]:
     Args:
       path: The file.
       tracker: Name of the configuration that it has to start from.
-
-    Raises:
-      ConfigError: If it cannot be read or is no profile.
     """
     values = records.read_yaml(path, dict[str, Any], refused=ConfigError)
     if set(values) != {"base", "profile", "thresholds"}:

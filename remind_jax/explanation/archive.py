@@ -24,7 +24,7 @@ from remind_jax.files.tensors import read_npz
 from remind_jax.method import named_leaves
 
 TRACE_NAME = "trace.npz"
-VERSION = 3  # of the file
+VERSION = 4  # of the file
 
 Record = TypeVar("Record", bound=Sized)
 
@@ -120,11 +120,7 @@ class TraceArchive(Generic[Record]):
         self._frames |= other._frames
 
     def save(self, path: Path, skip: int = 0) -> None:
-        """Writes `trace.npz` at once or not at all, without the first `skip` frames.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Writes `trace.npz` at once or not at all, without the first `skip` frames."""
         self._read()
         index = sorted(self._frames)[skip:]
         records = [self._frames[i] for i in index]
@@ -245,11 +241,7 @@ def _rebuild(kind: type, leaves: Mapping[str, np.ndarray], num: int, path: str =
 
 
 def _check_leaf(leaf: np.ndarray, kind: Any, num: int, path: str) -> None:
-    """Compares an array with its annotation: kind of number, dimensions, one row a detection.
-
-    Raises:
-      ValueError: If it differs.
-    """
+    """Compares an array with its annotation: kind of number, dimensions, one row a detection."""
     kind = next(iter(typing.get_args(kind)), kind)  # of a choice, which tests make of it
     dimensions = kind.dim_str.split()
     expected = [

@@ -62,9 +62,6 @@ class LivePage(contextlib.AbstractContextManager):
           view: What is shown.
           where: `"HOST:PORT"`; True for the first free one of ten ports, which only this machine
             reaches.
-
-        Raises:
-          OptionError: If it is something else.
         """
         self._view = view
         self._host, self._port = parse_where(where)

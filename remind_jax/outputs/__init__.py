@@ -1,1 +1,1 @@
-"""What a run leaves behind: tables, MOT/MOTS/COCO files, overlay, timeline, gallery, report."""
+"""What a run leaves behind: tables, MOT/MOTS/COCO files, overlay, report."""

@@ -101,15 +101,6 @@ def put_text(
     )
 
 
-def shorten(text: str, size_px: int, max_width_px: int, tail: str = "") -> str:
-    """The text and its tail, or as much of the text as fits before `...` and the whole tail."""
-    if text_width(text + tail, size_px) <= max_width_px:
-        return text + tail
-    while text and text_width(f"{text}...{tail}", size_px) > max_width_px:
-        text = text[:-1]
-    return f"{text}...{tail}"
-
-
 def _stroke_scale(size_px: int) -> float:
     return 0.72 * size_px / _STROKE_CAPITAL_PX
 

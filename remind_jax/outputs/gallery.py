@@ -1,10 +1,9 @@
-"""`gallery.png`: the best view of each visit of each identity."""
+"""The best view of each visit of each identity."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -15,8 +14,6 @@ from remind_jax.outputs.drawing import (
     NO_IMAGE_GRAY,
     fit_image,
     identity_color,
-    put_text,
-    shorten,
 )
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.tables import firm_rows
@@ -25,15 +22,6 @@ from remind_jax.tracks import Tracks
 CROP_PX = 144
 MAX_SIGHTINGS = 8  # visits shown per identity, the first ones
 
-_BACKGROUND = (250, 250, 251)
-_INK = (28, 31, 38)
-_FAINT = (110, 116, 128)
-_WIDTH_PX = 1500
-_MARGIN_PX = 24
-_HEADING_PX = 64
-_GAP_PX = 12
-_NAME_PX = 34
-_LINE_PX = _NAME_PX + CROP_PX + 40
 _NO_VIEW = np.full((CROP_PX, CROP_PX, 3), NO_IMAGE_GRAY, np.uint8)
 # A view replaces another only if it is better by this factor, so that a visit costs few crops.
 _CLEARLY_BETTER = 1.1
@@ -255,47 +243,3 @@ def _sample(image: np.ndarray, matrix: np.ndarray, size_px: int, border: int) ->
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=(border, border, border),
     )
-
-
-def draw_gallery(sightings: Sequence[Sighting], title: str) -> UInt8[np.ndarray, "H W 3"]:
-    """Identities by rising id, in lines like text; the crops of each from left to right in time."""
-    groups: dict[int, list[Sighting]] = {}
-    for sighting in sightings:
-        groups.setdefault(sighting.object_id, []).append(sighting)
-    places, num_lines = _flow([len(groups[object_id]) for object_id in sorted(groups)])
-    height = _HEADING_PX + max(num_lines, 1) * _LINE_PX
-    canvas = np.full((height, _WIDTH_PX, 3), _BACKGROUND, np.uint8)
-    facts = f": {len(groups)} identities, the best view of each visit"
-    heading = shorten(title, 19, _WIDTH_PX - 2 * _MARGIN_PX, tail=facts)
-    put_text(canvas, heading, _MARGIN_PX, 38, 19, _INK)
-    for object_id, (line, left) in zip(sorted(groups), places, strict=True):
-        _draw_identity(canvas, groups[object_id], left, _HEADING_PX + line * _LINE_PX)
-    return canvas
-
-
-def _flow(num_crops: Sequence[int]) -> tuple[list[tuple[int, int]], int]:
-    """Line and left edge in pixels of each block of crops, and the number of lines."""
-    places, line, left = [], 0, _MARGIN_PX
-    for num in num_crops:
-        width = num * (CROP_PX + _GAP_PX)
-        if left > _MARGIN_PX and left + width > _WIDTH_PX - _MARGIN_PX:
-            line, left = line + 1, _MARGIN_PX
-        places.append((line, left))
-        left += width + _GAP_PX
-    return places, line + 1
-
-
-def _draw_identity(canvas: np.ndarray, group: list[Sighting], left: int, top: int) -> None:
-    """Name on a bar of its color, then each crop with its frame number."""
-    object_id, label, given = group[0].object_id, group[0].label, group[0].name
-    width = len(group) * (CROP_PX + _GAP_PX) - _GAP_PX
-    canvas[top + 25 : top + 28, left : left + width] = identity_color(object_id)
-    name = shorten(given or label, 16, width, tail="" if given else f" {object_id}")
-    put_text(canvas, name, left, top + 17, 16, _INK)
-    for column, sighting in enumerate(group):
-        x, y = left + column * (CROP_PX + _GAP_PX), top + _NAME_PX
-        canvas[y : y + CROP_PX, x : x + CROP_PX] = sighting.image
-        caption = f"frame {sighting.picture_frame}"
-        if sighting.absent_frames:
-            caption += f", {sighting.absent_frames} away"
-        put_text(canvas, shorten(caption, 12, CROP_PX), x, y + CROP_PX + 16, 12, _FAINT)

@@ -17,16 +17,23 @@ import numpy as np
 from jaxtyping import Int
 from msgspec import Meta
 
+from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError
 from remind_jax.files.records import Count, Text, read_json
+from remind_jax.outputs import overlay, report
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.tables import firm_rows
+from remind_jax.outputs.writer import OVERLAY_NAME
 from remind_jax.tracks import Tracks
 
 MOST_EDITS = 1_000_000
 
 Labels = list[Int[np.ndarray, "_"]]  # identity of each detection of each frame, NO_ID for none
+
+
+LABEL_PAGE_NAME = "label.html"
+_SCRIPTS = (report.SCRIPT_NAME, "label_page.js")
 
 
 class Merge(msgspec.Struct, tag="merge", tag_field="edit", forbid_unknown_fields=True, frozen=True):
@@ -69,11 +76,7 @@ class Edits(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def read_edits(path: str | Path) -> Edits:
-    """Reads what the labeling page saved.
-
-    Raises:
-      SourceError: If it cannot be read, or holds no edits.
-    """
+    """Reads what the labeling page saved."""
     return read_json(path, Edits)
 
 
@@ -192,3 +195,35 @@ def _relabeled(tracks: Tracks, label: np.ndarray, classes: dict[int, str]) -> Tr
             for one, own in zip(label, tracks.labels, strict=True)
         ),
     )
+
+
+def write_label_page(folder: str | Path) -> tuple[Path, Result]:
+    """Writes the labeling page into the folder of a run, with the pictures of its report.
+
+    Returns:
+      The page, and the run.
+
+    Raises:
+      OutputError: If the folder holds no run, or the page cannot be written.
+    """
+    folder = Path(folder)
+    # Why it was decided so does not matter here, and makes a large page.
+    result = dataclasses.replace(Result.load(folder), trace=None)
+    sightings = report.read_sightings(folder / report.REPORT_NAME)
+    video = folder / OVERLAY_NAME
+    address = report.video_address(video) if overlay.is_playable(video) else None
+    labels = first_labels(result.tracks)
+    data = report.report_data(result, sightings, address) | {
+        "labeling": {
+            "run": result.info.name,
+            "num_detections": sum(len(label) for label in labels),
+            "labels": [label.tolist() for label in labels],
+            "classes": [list(tracks.labels) for tracks in result.tracks],
+            "boxes": [tracks.boxes.round().astype(int).tolist() for tracks in result.tracks],
+            "sizes": [list(tracks.frame_size) for tracks in result.tracks],
+        }
+    }
+    page = folder / LABEL_PAGE_NAME
+    text = report.render_page(f"{result.info.name}: labels", data, _SCRIPTS)
+    files.replace_file(page, text.encode("utf-8"))
+    return page, result

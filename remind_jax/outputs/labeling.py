@@ -1,4 +1,4 @@
-"""A run for labeling tools: CVAT for video, MOTS PNG and Label Studio.
+"""A run for labeling tools: CVAT for video and MOTS PNG.
 
 As in `tables`, they know firm identities only, each once per frame. Frames are those of the source.
 """
@@ -17,19 +17,24 @@ import cv2
 import numpy as np
 
 from remind_jax import files
+from remind_jax.decision import NO_ID
 from remind_jax.errors import OutputError
 from remind_jax.masks.run_length import decode_mask, mask_box
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.tables import firm_rows, masks_without_overlap
 from remind_jax.printing.terminal import printable
-from remind_jax.tracks import Tracks, title_of
+from remind_jax.tracks import Tracks
 
-LabelingFormat = Literal["cvat", "mots-png", "label-studio"]
+LabelingFormat = Literal["cvat", "mots-png"]
 FORMATS: tuple[str, ...] = get_args(LabelingFormat)
-FILE_NAMES = {"cvat": "cvat.xml", "mots-png": "mots_png.zip", "label-studio": "label_studio.json"}
+FILE_NAMES = {"cvat": "cvat.xml", "mots-png": "mots_png.zip"}
 MOTS_PNG_INSTANCES = 1000  # of a class; a pixel is class times this, plus the instance
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # of members of archives, so that the same run gives the same file
+
+
+METADATA_NAME = "metadata.json"
+_MOST_8_BIT = 254  # 255 is void in 8-bit truth
 
 
 def export(result: Result, format: LabelingFormat, path: str | Path) -> None:
@@ -37,14 +42,11 @@ def export(result: Result, format: LabelingFormat, path: str | Path) -> None:
 
     Args:
       result: The run.
-      format: `cvat` (masks, XML), `mots-png` (masks, zip) or `label-studio` (boxes, JSON).
+      format: `cvat` (XML) or `mots-png` (zip).
       path: File to write; one that is there is replaced.
-
-    Raises:
-      OutputError: If it cannot be written, or the format cannot hold the run.
     """
-    content = {"cvat": to_cvat, "mots-png": to_mots_png, "label-studio": to_label_studio}
-    files.replace_file(Path(path), content[format](result))
+    content = to_cvat(result) if format == "cvat" else to_mots_png(result)
+    files.replace_file(Path(path), content)
 
 
 def to_cvat(result: Result) -> bytes:
@@ -110,51 +112,6 @@ def to_mots_png(result: Result) -> bytes:
     return buffer.getvalue()
 
 
-def to_label_studio(result: Result) -> bytes:
-    """A task of Label Studio with a prediction: boxes of every identity over the video.
-
-    For the template of video object tracking, whose controls are `box`, `videoLabels`, `video`.
-    """
-    fps = float(result.info.fps)
-    numbers = [tracks.source_index for tracks in result.tracks]
-    count = max(numbers, default=-1) + 1
-    regions = []
-    for object_id, sights in _sights(result.tracks).items():
-        sequence = []
-        for place, (index, row) in enumerate(sights):
-            following = sights[place + 1][0] if place + 1 < len(sights) else -1
-            sequence.append(
-                {
-                    "frame": numbers[index] + 1,
-                    "time": float(result.tracks[index].time_s),
-                    "enabled": following == index + 1,
-                    "rotation": 0,
-                    **_percent(result.tracks[index], row),
-                }
-            )
-        label = printable(result.tracks[sights[0][0]].labels[sights[0][1]])
-        regions.append(
-            {
-                "id": f"object{object_id}",
-                "type": "videorectangle",
-                "from_name": "box",
-                "to_name": "video",
-                "origin": "prediction",
-                "meta": {"text": [printable(title_of(label, object_id, result.info.object_names))]},
-                "value": {
-                    "framesCount": count,
-                    "duration": float(result.tracks[-1].time_s) + 1 / fps,
-                    "sequence": sequence,
-                    "labels": [label],
-                },
-            }
-        )
-    path = (result.info.source or {}).get("path", result.info.name)
-    prediction = {"model_version": "remind-jax", "result": regions}
-    task = {"data": {"video": printable(str(path))}, "predictions": [prediction]}
-    return json.dumps([task], ensure_ascii=False, indent=1).encode("utf-8")
-
-
 def _sights(run: Sequence[Tracks]) -> dict[int, list[tuple[int, int]]]:
     """Frame and row of every sight of each identity, by rising id."""
     sights: dict[int, list[tuple[int, int]]] = {}
@@ -209,18 +166,6 @@ def picture_names(run: Sequence[Tracks]) -> list[str]:
     return [f"{tracks.source_index:06d}" for tracks in run]
 
 
-def _percent(tracks: Tracks, row: int) -> dict[str, float]:
-    """A box in percent of the frame."""
-    height, width = tracks.frame_size
-    left, top, right, bottom = (float(side) for side in tracks.boxes[row])
-    return {
-        "x": 100 * left / width,
-        "y": 100 * top / height,
-        "width": 100 * (right - left) / width,
-        "height": 100 * (bottom - top) / height,
-    }
-
-
 def _frame_size(result: Result) -> tuple[int, int]:
     return result.tracks[0].frame_size if result.tracks else result.info.frame_size or (0, 0)
 
@@ -229,3 +174,49 @@ def _add(parent: ElementTree.Element, name: str, text: Any = None) -> ElementTre
     element = ElementTree.SubElement(parent, name)
     element.text = None if text is None else str(text)
     return element
+
+
+def write_instance_maps(result: Result, folder: str | Path) -> None:
+    """Writes the firm identities of a run; shared pixels go to the higher confidence.
+
+    The maps come to be all at once, or none.
+
+    Raises:
+      OutputError: If an identity is beyond 16 bits, something else lies where the maps go, or the
+        folder cannot be written.
+    """
+    name = PurePath(printable(result.info.name)).name or "run"
+    maps = Path(folder) / "Annotations" / name
+    classes = {
+        int(tracks.object_id[row]) + 1: printable(tracks.labels[row])
+        for tracks in result.tracks
+        for row in np.flatnonzero(tracks.object_id != NO_ID)
+    }
+    most = max(classes, default=0)
+    if most > np.iinfo(np.uint16).max:
+        raise OutputError(
+            f"identity {most - 1} does not fit into instance maps of 16 bits; write cvat instead"
+        )
+    pictures = [f"{picture}.png" for picture in picture_names(result.tracks)]
+    others = {path.name for path in maps.iterdir()} - set(pictures) if maps.is_dir() else set()
+    if others:
+        raise OutputError(
+            f"'{maps}' holds '{min(others)}', which is no map of this run; name another folder"
+        )
+    dtype = np.uint8 if most <= _MOST_8_BIT else np.uint16
+    with files.replacing_folder(maps, Path(folder)) as unfinished:
+        for tracks, picture in zip(result.tracks, pictures, strict=True):
+            (unfinished / picture).write_bytes(_draw(tracks, dtype))
+        content = {"sequence": name, "id_to_class": {str(k): v for k, v in sorted(classes.items())}}
+        text = json.dumps(content, ensure_ascii=False, indent=1) + "\n"
+        files.replace_file(Path(folder) / METADATA_NAME, text.encode("utf-8"))
+
+
+def _draw(tracks: Tracks, dtype: type[np.unsignedinteger]) -> bytes:
+    """The map of a frame as a PNG."""
+    drawn = np.zeros(tracks.frame_size, dtype)
+    rows = firm_rows(tracks)
+    for row, rle in zip(rows, masks_without_overlap(tracks, rows), strict=True):
+        if rle is not None:
+            drawn[decode_mask(rle).astype(bool)] = int(tracks.object_id[row]) + 1
+    return cv2.imencode(".png", drawn)[1].tobytes()

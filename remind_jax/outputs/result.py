@@ -20,7 +20,6 @@ from remind_jax.explanation.archive import TRACE_NAME, TraceArchive
 from remind_jax.explanation.explainer import Explainer, open_archive
 from remind_jax.explanation.explanation import Explanation
 from remind_jax.files import as_path
-from remind_jax.files.records import decode_json
 from remind_jax.frame import SkippedFrame
 from remind_jax.method import get_method
 from remind_jax.outputs import store
@@ -30,7 +29,7 @@ from remind_jax.outputs.presence import (
     ObjectHistory,
     find_histories,
 )
-from remind_jax.outputs.run_info import Event, KnownObject, RunInfo
+from remind_jax.outputs.run_records import Event, KnownObject, RunInfo
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.tracks import Tracks
 
@@ -226,26 +225,22 @@ class Result(Printable):
           OutputError: If the folder holds no run or the run is damaged.
         """
         run_dir = as_path(run_dir, "the folder of a run", OutputError)
-        content, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
-        info = RunInfo.from_json(content, f"'{run_dir / store.DETECTIONS_NAME}', line 1")
+        info, tracks = store.read_detections(run_dir / store.DETECTIONS_NAME)
         if names := info.object_names:
             tracks = tuple(dataclasses.replace(frame, names=names) for frame in tracks)
         trace = open_archive(run_dir, info.tracker)
-        path = run_dir / store.RUN_NAME
-        run = store.read_run_json(path)
+        run = store.read_run_json(run_dir / store.RUN_NAME)
         store.check_all_there(run_dir, tracks, run)
         if run is None:
             return cls(tracks, info, complete=False, trace=trace)
-        where = f"'{path}', `info`"
-        described = decode_json(bytes(run.info), dict[str, Any], where, refused=OutputError)
         return cls(
             tracks=tracks,
-            info=RunInfo.from_json(described, where),
+            info=run.info,
             timings_ms=run.timings_ms,
             first_frame_ms=run.first_frame_ms,
             compile_s=run.compile_s,
-            skipped=tuple(SkippedFrame(f.name, f.reason, f.count) for f in run.skipped),
-            events=tuple(Event(e.frame_index, e.kind, e.message) for e in run.events),
+            skipped=tuple(run.skipped),
+            events=tuple(run.events),
             complete=run.complete,
             comparison=run.comparison,
             trace=trace,

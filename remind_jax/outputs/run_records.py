@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
@@ -17,15 +19,17 @@ from remind_jax.files.records import (
     MOST_ROWS,
     Count,
     Label,
-    Positive,
     Side,
     Small,
     Text,
     Whole,
+    check,
 )
+from remind_jax.frame import SkippedFrame
 from remind_jax.masks.run_length import find_malformed
+from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.static import MOST_DETECTIONS
-from remind_jax.tracks import Tracks
+from remind_jax.tracks import Tracks, title_of
 
 MOST_FRAMES = MOST_ROWS
 MOST_CANDIDATES = 1_000  # of a detection
@@ -42,6 +46,17 @@ else:
 
 FrameNumber = Annotated[int, Meta(ge=0, lt=MOST_FRAMES)]
 Milliseconds = Annotated[float, Meta(ge=0.0, le=1e12)]
+
+
+# Keys of a detection, and the fields of `Tracks` that they are.
+_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
+_INTEGERS = {
+    "object_id": "object_id",
+    "pending_id": "pending_id",
+    "area": "areas",
+    "instance_id": "instance_ids",
+}
+_REALS = {"score": "score", "confidence": "confidence", "detector_score": "detector_scores"}
 
 
 class DetectionRow(msgspec.Struct, frozen=True):
@@ -83,47 +98,6 @@ class StartRow(msgspec.Struct, frozen=True):
     info: msgspec.Raw = msgspec.Raw(b"{}")
 
 
-class KnownRecord(msgspec.Struct, frozen=True):
-    """See `KnownObject`."""
-
-    object_id: Small
-    label: Label
-    name: Label
-
-
-class InfoRecord(msgspec.Struct, frozen=True):
-    """The description of a run; see `RunInfo`."""
-
-    name: Text
-    source: dict[str, Any] | None
-    frame_size: tuple[Side, Side]
-    fps: Annotated[float, Meta(gt=0.0, le=1e6)]
-    class_names: Annotated[tuple[Text, ...], Meta(max_length=100_000)]
-    config: dict[str, Any]
-    backbone: Text
-    versions: Annotated[dict[Label, Text], Meta(max_length=1_000)]
-    device: Text
-    started_at: Label
-    detector: dict[str, Any] | None = None
-    known_objects: Annotated[list[KnownRecord], Meta(max_length=1_000_000)] = []
-
-
-class SkippedRecord(msgspec.Struct, frozen=True):
-    """See `SkippedFrame`."""
-
-    name: Text
-    reason: Text
-    count: Positive = 1
-
-
-class EventRecord(msgspec.Struct, frozen=True):
-    """See `Event`."""
-
-    frame_index: Annotated[int, Meta(ge=-1, lt=MOST_FRAMES)]
-    kind: Label
-    message: Text
-
-
 class SummaryRecord(msgspec.Struct, frozen=True):
     """What is read of the summary in `run.json`."""
 
@@ -134,17 +108,54 @@ class RunRecord(msgspec.Struct, frozen=True):
     """What is read of `run.json`; what it says further follows from the frames."""
 
     complete: bool
-    info: msgspec.Raw
+    info: RunInfo
     timings_ms: Annotated[
         dict[Label, Annotated[list[Milliseconds], Meta(max_length=MOST_FRAMES)]],
         Meta(max_length=100),
     ]
     first_frame_ms: Milliseconds | None
     compile_s: Milliseconds | None
-    skipped: Annotated[list[SkippedRecord], Meta(max_length=MOST_FRAMES)]
-    events: Annotated[list[EventRecord], Meta(max_length=MOST_FRAMES)]
+    skipped: Annotated[list[SkippedFrame], Meta(max_length=MOST_FRAMES)]
+    events: Annotated[list[Event], Meta(max_length=MOST_FRAMES)]
     summary: SummaryRecord | None = None
     comparison: Annotated[tuple[tuple[Label, Label, Label, Label], ...], Meta(max_length=100)] = ()
+
+
+def tracks_to_json(tracks: Tracks) -> dict[str, Any]:
+    """One frame as a dictionary that `json` can write; numbers that are not finite become null."""
+    height, width = tracks.frame_size
+    return {
+        "frame": int(tracks.frame_index),
+        "source_index": int(tracks.source_index),
+        "time_s": _number(tracks.time_s),
+        "name": tracks.name,
+        "size": [int(height), int(width)],
+        "num_candidates": int(tracks.candidate_id.shape[1]),
+        "detections": [_detection_to_json(tracks, row) for row in range(len(tracks))],
+    }
+
+
+def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
+    shown = tracks.candidate_id[row] != NO_ID
+    candidates = zip(
+        tracks.candidate_id[row, shown].tolist(),
+        map(_number, tracks.candidate_score[row, shown]),
+        strict=True,
+    )
+    return {
+        "label": tracks.labels[row],
+        **{key: kind(getattr(tracks, key)[row]).name.lower() for key, kind in _CODES.items()},
+        **{key: int(getattr(tracks, field)[row]) for key, field in _INTEGERS.items()},
+        **{key: _number(getattr(tracks, field)[row]) for key, field in _REALS.items()},
+        "candidates": [list(pair) for pair in candidates],
+        "box": [_number(side) for side in tracks.boxes[row]],
+        "rle": tracks.rles[row]["counts"].decode("ascii"),
+    }
+
+
+def _number(value: Any) -> float | None:
+    number = float(value)
+    return number if math.isfinite(number) else None
 
 
 def tracks_of(frame: FrameRow) -> Tracks:
@@ -214,3 +225,93 @@ def check_masks(frames: Sequence[Tracks]) -> None:
 def _reals(values: list[float | None]) -> Float[np.ndarray, "values"]:
     """None becomes NaN."""
     return np.array(values, float)
+
+
+@dataclasses.dataclass(frozen=True)
+class KnownObject:
+    """An object that the memory knew before the run."""
+
+    object_id: Small
+    label: Label  # class
+    name: Label  # given by people; empty without one
+
+    @property
+    def title(self) -> str:
+        """Its name, else class and id."""
+        return title_of(self.label, self.object_id, {self.object_id: self.name})
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class RunInfo(Printable):
+    """What a run was made with: enough to read its outputs and to repeat it."""
+
+    name: Text
+    # what the source needs to be opened again; None if it cannot be
+    source: dict[str, Any] | None
+    frame_size: tuple[Side, Side]  # height, width in pixels
+    fps: Annotated[float, Meta(ge=0.0, le=1e6)]  # processed frames per second
+    class_names: Annotated[tuple[Text, ...], Meta(max_length=100_000)]
+    config: dict[str, Any]  # nested, as it would be written to YAML
+    backbone: Text
+    # of remind_jax, jax, numpy, opencv, python
+    versions: Annotated[dict[Label, Text], Meta(max_length=1_000)]
+    device: Text
+    started_at: Label  # ISO 8601
+    detector: dict[str, Any] | None = None  # what found the detections; None for given masks
+    # of the memory that the run went on from
+    known_objects: Annotated[tuple[KnownObject, ...], Meta(max_length=1_000_000)] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """The same as a dictionary that `json` can write."""
+        return msgspec.to_builtins(self)
+
+    @classmethod
+    def from_json(
+        cls, content: Mapping[str, Any], where: str = "the description of the run"
+    ) -> RunInfo:
+        """Reads back what `to_json` made; unknown keys of later versions are left out.
+
+        Raises:
+          OutputError: If a key is missing or of another kind; `where` it stands is named.
+        """
+        return check(content, RunInfo, where, refused=OutputError).checked(where)
+
+    def checked(self, where: str) -> RunInfo:
+        """This one, if its configuration names a tracker, as every configuration does.
+
+        Raises:
+          OutputError: If it does not.
+        """
+        if not isinstance(self.config.get("tracker"), str):
+            raise OutputError(f"{where}: its `config` names no `tracker`")
+        return self
+
+    @property
+    def object_names(self) -> dict[int, str]:
+        """Names that people gave to objects, by id."""
+        return {one.object_id: one.name for one in self.known_objects if one.name}
+
+    @property
+    def tracker(self) -> str:
+        """Name of the method."""
+        return self.config["tracker"]
+
+    def _summarize(self) -> SmallTable:
+        return SmallTable(f"run '{self.name}'", self.facts())
+
+    def facts(self) -> tuple[str, ...]:
+        """What it was made with, in two lines."""
+        height, width = self.frame_size
+        return (
+            f"{width} x {height} pixels, {self.fps:.4g} frames per second",
+            f"tracker {self.tracker}, {self.backbone}, {self.device}, started at {self.started_at}",
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """Something worth knowing that happened at a frame, as detections that were dropped."""
+
+    frame_index: Annotated[int, Meta(ge=-1, lt=MOST_ROWS)]
+    kind: Label  # a word or two: "dropped", "features"
+    message: Text

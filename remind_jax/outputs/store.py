@@ -9,17 +9,23 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
 from remind_jax.files import check_regular, replace_file, writing
-from remind_jax.files.records import check, decode_json, read_json, read_lines
-from remind_jax.outputs.run_records import FrameRow, RunRecord, StartRow, check_masks, tracks_of
+from remind_jax.files.records import decode_json, read_json, read_lines
+from remind_jax.outputs.run_records import (
+    FrameRow,
+    RunInfo,
+    RunRecord,
+    StartRow,
+    check_masks,
+    tracks_of,
+    tracks_to_json,
+)
 from remind_jax.tracks import Tracks
 
 DETECTIONS_NAME = "detections.jsonl"
@@ -27,15 +33,6 @@ RUN_NAME = "run.json"
 FORMAT = "remind-jax detections"
 VERSION = 1
 
-# Keys of a detection, and the fields of `Tracks` that they are.
-_CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
-_INTEGERS = {
-    "object_id": "object_id",
-    "pending_id": "pending_id",
-    "area": "areas",
-    "instance_id": "instance_ids",
-}
-_REALS = {"score": "score", "confidence": "confidence", "detector_score": "detector_scores"}
 
 _CHECKED_AT_ONCE = 256  # frames; checking takes some 100 bytes for a character of a mask
 _RESTORE = "run the tracker again or restore the file"
@@ -53,11 +50,7 @@ class DetectionsWriter(contextlib.AbstractContextManager):
                 self._write({"format": FORMAT, "version": VERSION, "info": info})
 
     def add(self, tracks: Tracks) -> None:
-        """Appends one frame.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Appends one frame."""
         with writing(self._path):
             self._write(tracks_to_json(tracks))
 
@@ -72,47 +65,6 @@ class DetectionsWriter(contextlib.AbstractContextManager):
 
     def __exit__(self, *raised: object) -> None:
         self.close()
-
-
-def tracks_to_json(tracks: Tracks) -> dict[str, Any]:
-    """One frame as a dictionary that `json` can write; numbers that are not finite become null."""
-    height, width = tracks.frame_size
-    return {
-        "frame": int(tracks.frame_index),
-        "source_index": int(tracks.source_index),
-        "time_s": _number(tracks.time_s),
-        "name": tracks.name,
-        "size": [int(height), int(width)],
-        "num_candidates": int(tracks.candidate_id.shape[1]),
-        "detections": [_detection_to_json(tracks, row) for row in range(len(tracks))],
-    }
-
-
-def _detection_to_json(tracks: Tracks, row: int) -> dict[str, Any]:
-    shown = tracks.candidate_id[row] != NO_ID
-    candidates = zip(
-        tracks.candidate_id[row, shown].tolist(),
-        map(_number, tracks.candidate_score[row, shown]),
-        strict=True,
-    )
-    return {
-        "label": tracks.labels[row],
-        **{key: kind(getattr(tracks, key)[row]).name.lower() for key, kind in _CODES.items()},
-        **{key: int(getattr(tracks, field)[row]) for key, field in _INTEGERS.items()},
-        **{key: _number(getattr(tracks, field)[row]) for key, field in _REALS.items()},
-        "candidates": [list(pair) for pair in candidates],
-        "box": [_number(side) for side in tracks.boxes[row]],
-        "rle": tracks.rles[row]["counts"].decode("ascii"),
-    }
-
-
-def tracks_from_json(content: Any) -> Tracks:
-    """Reads back one frame, see `run_records.tracks_of`.
-
-    Raises:
-      OutputError: If it is no frame.
-    """
-    return tracks_of(check(content, FrameRow, "the frame", refused=OutputError))
 
 
 def _say_lacking(path: Path) -> str:
@@ -130,7 +82,7 @@ def _say_lacking(path: Path) -> str:
     return f"it has no '{path.name}'{hint}"
 
 
-def read_detections(path: Path) -> tuple[dict[str, Any], tuple[Tracks, ...]]:
+def read_detections(path: Path) -> tuple[RunInfo, tuple[Tracks, ...]]:
     """Reads `detections.jsonl`: the description of the run and its frames.
 
     A last line without its end (the run was killed while writing it) is left out.
@@ -194,33 +146,27 @@ def check_all_there(folder: Path, tracks: Sequence[Tracks], run: RunRecord | Non
 
 
 def write_run_json(path: Path, content: dict[str, Any]) -> None:
-    """Writes `run.json` at once or not at all; lists of numbers stay on one line.
-
-    Raises:
-      OutputError: If it cannot be written.
-    """
+    """Writes `run.json` at once or not at all; lists of numbers stay on one line."""
     text = json.dumps(content, indent=2, ensure_ascii=False)
     text = _LIST_OF_NUMBERS.sub(lambda match: f"[{' '.join(match[1].split())}]", text)
     replace_file(path, (text + "\n").encode("utf-8"))
 
 
 def read_run_json(path: Path) -> RunRecord | None:
-    """Reads `run.json`; None if the run ended before it was written.
-
-    Raises:
-      OutputError: If it is damaged.
-    """
+    """Reads `run.json`; None if the run ended before it was written."""
     if not path.exists():
         return None
     try:
-        return read_json(path, RunRecord, refused=OutputError)
+        run = read_json(path, RunRecord, refused=OutputError)
+        run.info.checked(f"'{path}', `info`")
+        return run
     except OutputError as error:
         raise OutputError(
             f"{error}, or delete the file to open the run without its timings"
         ) from error
 
 
-def _read_start(path: Path, line: bytes) -> dict[str, Any]:
+def _read_start(path: Path, line: bytes) -> RunInfo:
     """The description of the run, from the first line."""
     where = f"'{path}', line 1"
     try:
@@ -236,9 +182,4 @@ def _read_start(path: Path, line: bytes) -> dict[str, Any]:
             f"'{path}' has format version {start.version}, this remind-jax reads up to {VERSION}; "
             "upgrade remind-jax"
         )
-    return decode_json(bytes(start.info), dict[str, Any], where, refused=OutputError)
-
-
-def _number(value: Any) -> float | None:
-    number = float(value)
-    return number if math.isfinite(number) else None
+    return decode_json(bytes(start.info), RunInfo, where, refused=OutputError).checked(where)

@@ -82,11 +82,7 @@ class CsvWriter(contextlib.AbstractContextManager):
                 write_row(self._file, CSV_COLUMNS)
 
     def add(self, tracks: Tracks) -> None:
-        """Appends one frame.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Appends one frame."""
         with files.writing(self._path):
             for row in detection_rows(tracks):
                 write_row(self._file, row.values())
@@ -190,11 +186,7 @@ def coco_video(
 def write_tables(
     folder: Path, tracks: Sequence[Tracks], class_names: Sequence[str], name: str, fps: float
 ) -> None:
-    """Writes `mot.txt`, `mots.txt` and `coco_video.json`.
-
-    Raises:
-      OutputError: If one cannot be written.
-    """
+    """Writes `mot.txt`, `mots.txt` and `coco_video.json`."""
     content = coco_video(tracks, class_names, name, fps)
     texts = {
         "mot.txt": "".join(f"{line}\n" for line in mot_lines(tracks)),

@@ -11,23 +11,20 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
-import cv2
 import numpy as np
 
 from remind_jax import files
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TRACE_NAME
 from remind_jax.frame import Frame
-from remind_jax.outputs import gallery, overlay, report, store, tables, timeline
+from remind_jax.outputs import gallery, overlay, report, store, tables
 from remind_jax.outputs.kept_tracks import KeptTracks
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import RunInfo
+from remind_jax.outputs.run_records import RunInfo
 from remind_jax.tracks import Tracks
 
 CSV_NAME = "tracks.csv"
 OVERLAY_NAME = "overlay.mp4"
-TIMELINE_NAME = "timeline.png"
-GALLERY_NAME = "gallery.png"
 # What a run writes and `overwrite` removes; the memory file is left to whoever writes it.
 FILE_NAMES = (
     store.DETECTIONS_NAME,
@@ -36,8 +33,6 @@ FILE_NAMES = (
     "mots.txt",
     "coco_video.json",
     OVERLAY_NAME,
-    TIMELINE_NAME,
-    GALLERY_NAME,
     report.REPORT_NAME,
     store.RUN_NAME,
 )
@@ -92,11 +87,8 @@ class RunWriter:
           overlay: False leaves out the video.
           overwrite: Allow a folder with files in it; files of an earlier run are removed.
           resume: Allow a folder with files of a run, which are kept until they are written anew.
-          viewers: Records that get every frame as well, such as `RerunRecord`.
+          viewers: Records that get every frame as well, such as `McapRecord`.
           endless: Nobody knows how many frames will come, so memory must not grow with them.
-
-        Raises:
-          OutputError: If the folder cannot be written to, or has files and `overwrite` is False.
         """
         self.folder = Path(out_dir)
         self._info = dataclasses.replace(info, fps=_usable_fps(info.fps))
@@ -150,11 +142,7 @@ class RunWriter:
         self.is_repeating = False
 
     def add(self, frame: Frame, tracks: Tracks) -> None:
-        """Writes one frame.
-
-        Raises:
-          OutputError: If something cannot be written, as on a full disk.
-        """
+        """Writes one frame."""
         self._detections.add(tracks)
         self._tracks.append(tracks)
         self._csv.add(tracks)
@@ -165,11 +153,7 @@ class RunWriter:
             viewer.add(frame, tracks)
 
     def finish(self, result: Result) -> None:
-        """Closes the streamed files, draws timeline, gallery and report, and writes `run.json`.
-
-        Raises:
-          OutputError: If something cannot be written.
-        """
+        """Closes the streamed files, draws the report, and writes `run.json`."""
         self._finished = True
         result = dataclasses.replace(
             result, info=dataclasses.replace(result.info, fps=_usable_fps(result.info.fps))
@@ -225,13 +209,13 @@ class RunWriter:
 
 
 def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> Result:
-    """Draws overlay, timeline, gallery and report of a finished or interrupted run anew.
+    """Draws overlay and report of a finished or interrupted run anew.
 
     Args:
       run_dir: Output folder of the run.
       source: The frames that the run was made from, in order, as they are sampled; frames that
         the run does not know are passed over. Without it the overlay stays as it is (drawn on
-        gray if there is none), and the gallery's crops are taken from the earlier report.
+        gray if there is none), and the crops are taken from the earlier report.
 
     Returns:
       The run.
@@ -266,9 +250,6 @@ def add_comparison(run_dir: Path, result: Result, rows: tuple[tuple[str, ...], .
       run_dir: Its folder.
       result: The run.
       rows: See `Result.comparison`.
-
-    Raises:
-      OutputError: If they cannot be written.
     """
     result = dataclasses.replace(result, comparison=rows)
     _write_report(run_dir, result, report.read_sightings(run_dir / report.REPORT_NAME))
@@ -319,11 +300,9 @@ def _images(result: Result, source: Iterable[Frame]) -> Iterable[np.ndarray | No
 
 
 def _write_products(folder: Path, result: Result, sightings: list[gallery.Sighting]) -> None:
-    """Writes what is drawn from the whole run: tables, timeline, gallery and report."""
+    """Writes what is made of the whole run: tables and report."""
     info = result.info
     tables.write_tables(folder, result.tracks, result.class_names, info.name, info.fps)
-    _write_png(folder / TIMELINE_NAME, timeline.draw_timeline(result))
-    _write_png(folder / GALLERY_NAME, gallery.draw_gallery(sightings, result.info.name))
     _write_report(folder, result, sightings)
 
 
@@ -338,11 +317,6 @@ def _differ(first: Tracks, final: Tracks) -> bool:
         not np.array_equal(getattr(first, name), getattr(final, name))
         for name in ("object_id", "outcome", "pending_id", "candidate_id")
     )
-
-
-def _write_png(path: Path, image: np.ndarray) -> None:
-    _, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    files.replace_file(path, png.tobytes())
 
 
 def holds_run(folder: Path) -> bool:

@@ -27,8 +27,10 @@ from remind_jax.numerics.row_lookup import look_up_in_rows
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.decision import Choice
 from remind_jax.plus.evidence import Rows, Shortlist
+from remind_jax.plus.layout import Weighed
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.state import Objects, Stage, Tracklets, Verdicts
+from remind_jax.plus.state import Objects, Tracklets
+from remind_jax.plus.verdicts import Stage, Verdicts
 from remind_jax.static import Static
 
 LEAST_BELIEF = 1e-3  # what is believed less, or doubted less, counts as this
@@ -48,7 +50,7 @@ def conclude(
     objects: Objects,
     rows: Rows,
     shortlist: Shortlist,
-    weighed: Float[Array, "N C 11"],
+    weighed: Weighed,
     choice: Choice,
 ) -> Verdicts:
     """Names the objects of all decisions.
@@ -58,7 +60,7 @@ def conclude(
       objects: Objects, before any is created or absorbed.
       rows: Which tracklets were open.
       shortlist: Their candidates.
-      weighed: Evidence of these in the end, as `layout.weigh_jointly` gives it.
+      weighed: Evidence of these in the end.
       choice: What was decided.
     """
 
@@ -69,13 +71,13 @@ def conclude(
     is_known = choice.slot != NO_SLOT
     chosen = shortlist.valid & (shortlist.slot == choice.slot[:, None])
     known = jnp.where(is_known[:, None], chosen, True)
-    share = jnp.sum(jnp.where(known, weighed[..., 1], 0.0), axis=1)
+    share = jnp.sum(jnp.where(known, weighed.belief, 0.0), axis=1)
     open_belief = jnp.where(is_known, share, 1.0 - share)
     settled = ~rows.young & ~choice.absorbed
     stage = jnp.where(here.alive, int(Stage.SETTLED), int(Stage.NONE))
     stage = jnp.where(rows.late, int(Stage.FRESH), stage)
     stage = jnp.where(rows.young, int(Stage.OPEN), stage)
-    return Verdicts.of(
+    return Verdicts(
         tracklet_id=jnp.where(here.alive, here.id, NO_ID),
         answer_id=jnp.where(here.alive, jnp.where(is_known, id_of(choice.slot), own), NO_ID),
         merged_id=jnp.where(choice.absorbed, id_of(here.slot), NO_ID),
@@ -86,7 +88,9 @@ def conclude(
         margin=jnp.where(rows.any & jnp.isfinite(choice.margin), choice.margin, 0.0),
         new_odds=choice.private,
         option_id=jnp.where(shortlist.valid, id_of(shortlist.slot), NO_ID),
-        option_reals=weighed,
+        option_odds=weighed.odds,
+        option_belief=weighed.belief,
+        evidence=weighed.evidence,
     )
 
 

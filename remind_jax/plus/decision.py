@@ -16,6 +16,7 @@ from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Rows, Shortlist
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import Objects, Scene, Tracklets
+from remind_jax.plus.static import CLASS_ROWS
 from remind_jax.solvers.assignment_in_graph import assign_in_graph
 
 _ROUNDS = 5  # in which the share of new things settles
@@ -46,7 +47,7 @@ def decide(
 ) -> Choice:
     """One assignment of all rows to objects, each with a private column for "no known object"."""
     odds = jnp.where(shortlist.valid, odds, -jnp.inf)
-    new = expect_new(odds, rows.young, scene, t)
+    new = expect_new(odds, rows.young, here.class_id, scene, t)
     # A new identity that is withdrawn later is one too many, so in doubt an early answer is known.
     tentative = t.tentative + t.tentative_border * here.touched
     early_new = new - jnp.where(here.age < t.commit_age, tentative, 0.0)
@@ -78,16 +79,23 @@ def decide(
 
 
 def expect_new(
-    odds: Float[Array, "N C"], young: Bool[Array, "N"], scene: Scene, t: th.Decision
-) -> Float[Array, ""]:
+    odds: Float[Array, "N C"],
+    young: Bool[Array, "N"],
+    class_id: Int[Array, "N"],
+    scene: Scene,
+    t: th.Decision,
+) -> Float[Array, "N"]:
     """Log odds of a new object: how often things were new lately, and how new those in view look.
 
     Rule: method_plus.md#novelty.
 
     What comes into view together is mostly new or mostly known; the share is that at which the
-    open tracklets agree with it.
+    open tracklets agree with it. What is known of a class speaks before what is known of all.
     """
     known = jax.nn.logsumexp(odds, axis=1)
+    row = class_row(class_id)
+    of_class = scene.newness_known[row]
+    usual = scene.newness[0] + of_class * (scene.newness[row] - scene.newness[0])
 
     def prior(share: Array) -> Array:
         share = jnp.clip(share, t.familiarity_least, 1.0 - t.familiarity_least)
@@ -96,28 +104,36 @@ def expect_new(
     def agree(_: Array, share: Array) -> Array:
         new = jnp.where(young, jax.nn.sigmoid(prior(share) - known), 0.0)
         weight = t.familiarity_open * t.familiarity_rate
-        return (scene.familiarity + weight * jnp.sum(new)) / (1.0 + weight * jnp.sum(young))
+        return (usual + weight * jnp.sum(new)) / (1.0 + weight * jnp.sum(young))
 
-    return prior(jax.lax.fori_loop(0, _ROUNDS, agree, scene.familiarity))
+    return prior(jax.lax.fori_loop(0, _ROUNDS, agree, usual))
 
 
-def learn_familiarity(
-    scene: Scene, objects: Objects, choice: Choice, t: th.Decision
+def class_row(class_id: Int[Array, "N"]) -> Int[Array, "N"]:
+    """Rows of classes in what the scene knows class by class."""
+    return 1 + jnp.maximum(class_id, 0) % CLASS_ROWS
+
+
+def learn_newness(
+    scene: Scene, objects: Objects, choice: Choice, class_id: Int[Array, "N"], t: th.Decision
 ) -> tuple[Scene, Objects]:
-    """Follows how often young rows turn out to be new, decision by decision.
+    """Follows how often young rows turn out to be new, of all and class by class.
 
     The same object recognized again and again tells less each time: what flickers before a still
     camera says nothing about newcomers.
     """
-    commits = choice.recognized | choice.born
-    slot = jnp.maximum(choice.slot, 0)
-    weight = jnp.where(choice.recognized, 1.0 / jnp.maximum(objects.visits[slot], 1), 1.0)
-    rate = jnp.where(commits, t.familiarity_rate * weight, 0.0)
-    left = jnp.cumprod((1.0 - rate)[::-1])[::-1]
-    after = jnp.concatenate([left[1:], jnp.ones(1, left.dtype)])
-    value = scene.familiarity * left[0] + jnp.sum(jnp.where(choice.born, rate * after, 0.0))
+    visits = objects.visits[jnp.maximum(choice.slot, 0)]
+    weight = jnp.where(choice.recognized, 1.0 / jnp.maximum(visits, 1), choice.born)
+    rows = jnp.arange(len(scene.newness))[:, None]
+    counts = ((rows == 0) | (rows == class_row(class_id))) * t.familiarity_rate * weight
+    left = jnp.prod(1.0 - counts, axis=1)
+    share = jnp.sum(counts * choice.born, axis=1) / jnp.maximum(jnp.sum(counts, axis=1), 1e-6)
     row = rows_of(choice.slot, choice.recognized, len(objects.id))
     return (
-        dataclasses.replace(scene, familiarity=value),
-        objects.replaced(visits=objects.visits + (row != NO_ROW)),
+        dataclasses.replace(
+            scene,
+            newness=share + left * (scene.newness - share),
+            newness_known=1.0 - left * (1.0 - scene.newness_known),
+        ),
+        dataclasses.replace(objects, visits=objects.visits + (row != NO_ROW)),
     )

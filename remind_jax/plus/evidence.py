@@ -2,13 +2,16 @@
 
 Rule: method_plus.md#evidence.
 
-Letters: `N` detections, `O` object slots, `C` candidates. Evidence is in log odds.
+Letters: `N` detections, `O` object slots, `C` candidates, `X` either. Evidence is in log odds.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import operator
+from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +30,48 @@ from remind_jax.plus.state import Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.static import MISSED_FRAMES, NUM_CANDIDATES
 
 _EXPONENT_MAX = 80.0  # squared distances beyond do not count
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class OwnEvidence:
+    """Evidence that an object has alone, in log odds, kind by kind; kinds add up."""
+
+    looks: Float[Array, "N X"]
+    background: Float[Array, "N X"]
+    place: Float[Array, "N X"]
+    mobile: Float[Array, "N X"]  # what moves of its own needs no place
+    rivals: Float[Array, "N X"]  # the more it could be, the less each is likely
+    held: Float[Array, "N X"]  # its tracklet was missed and may resume
+
+    @classmethod
+    def kinds(cls) -> tuple[str, ...]:
+        """Names of all kinds, as they are shown, in this order."""
+        return tuple(field.name for field in dataclasses.fields(cls))
+
+    def total(self) -> Float[Array, "N X"]:
+        """Log odds of what it has alone."""
+        return _add_up(getattr(self, name) for name in OwnEvidence.kinds())
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Evidence(OwnEvidence):
+    """All evidence of a candidate: with what the others in view say."""
+
+    layout: Float[Array, "N X"]
+    companions: Float[Array, "N X"]
+    moved: Float[Array, "N X"]  # given back to what lies wrong, as it may have been moved
+
+    def total(self) -> Float[Array, "N X"]:
+        """Its log odds."""
+        others = [name for name in self.kinds() if name not in OwnEvidence.kinds()]
+        return super().total() + _add_up(getattr(self, name) for name in others)
+
+
+def _add_up(kinds: Iterable[Array]) -> Array:
+    """In their order."""
+    return functools.reduce(operator.add, kinds)
 
 
 @jax.tree_util.register_dataclass
@@ -52,7 +97,7 @@ class Shortlist:
     valid: Bool[Array, "N C"]
     base: Float[Array, "N C"]  # log odds of the evidence that it has alone
     cosine: Float[Array, "N C"]  # best cosine of looks
-    parts: Float[Array, "N C 6"]  # of the first of `state.PARTS` in these log odds
+    evidence: OwnEvidence  # what is in these log odds
 
 
 def find_rows(here: Tracklets, valid: Bool[Array, "N"], t: th.Decision) -> Rows:
@@ -110,10 +155,9 @@ def calibrate(scene: Scene, t: th.Calibration) -> tuple[Array, Array, Array]:
     def learned(kind: int, assumed: Array) -> tuple[Array, Array]:
         # What was assumed fades like what was seen.
         samples, faded = t.samples, scene.faded[kind]
-        weight, once, squared = scene.cosines[kind]
-        weight = weight + samples * faded
-        mean = (once + assumed * samples * faded) / weight
-        squared = squared + (t.variance + assumed**2) * samples * faded
+        weight = scene.cosine_weight[kind] + samples * faded
+        mean = (scene.cosine_sum[kind] + assumed * samples * faded) / weight
+        squared = scene.cosine_squares[kind] + (t.variance + assumed**2) * samples * faded
         variance = squared / weight - mean**2
         return mean, jnp.maximum(variance, t.least_variance)
 
@@ -176,27 +220,25 @@ def shortlist(
     `waiting`: objects whose tracklet was missed and may resume.
     """
     moves = mobility(objects.speed, t.mobility)
-    parts = (
-        _look_evidence(cosine, sightings.patches, moves, scene, t),
-        _ring_evidence(here, objects, scene, t.looks) * (1.0 - moves),
-        _place_evidence(sightings, objects, pairs, t.place),
-        jnp.broadcast_to(t.mobility.gain * moves, admitted.shape),
-        _crowd_evidence(admitted, t.decision)[:, None] * (1.0 + t.mobility.crowd * moves),
-        jnp.broadcast_to(jnp.where(waiting, -t.decision.held, 0.0)[None], admitted.shape),
+    evidence = OwnEvidence(
+        looks=_look_evidence(cosine, sightings.patches, moves, scene, t),
+        background=_ring_evidence(here, objects, scene, t.looks) * (1.0 - moves),
+        place=_place_evidence(sightings, objects, pairs, t.place),
+        mobile=jnp.broadcast_to(t.mobility.gain * moves, admitted.shape),
+        rivals=_crowd_evidence(admitted, t.decision)[:, None] * (1.0 + t.mobility.crowd * moves),
+        held=jnp.broadcast_to(jnp.where(waiting, -t.decision.held, 0.0)[None], admitted.shape),
     )
-    ranked = jnp.where(admitted, sum(parts), -jnp.inf)
+    ranked = jnp.where(admitted, evidence.total(), -jnp.inf)
     value, slot = jax.lax.top_k(ranked, min(NUM_CANDIDATES, ranked.shape[1]))
     lacking = ((0, 0), (0, NUM_CANDIDATES - value.shape[1]))  # a memory may have fewer slots
     value, slot = jnp.pad(value, lacking, constant_values=-jnp.inf), jnp.pad(slot, lacking)
     valid = jnp.isfinite(value)
-    # One table is looked up once.
-    picked = look_up_in_rows(jnp.stack([*parts, cosine], axis=-1), slot)
     return Shortlist(
         slot=slot,
         valid=valid,
         base=jnp.where(valid, value, 0.0),
-        cosine=picked[..., -1],
-        parts=picked[..., :-1],
+        cosine=look_up_in_rows(cosine, slot),
+        evidence=jax.tree.map(lambda one: look_up_in_rows(one, slot), evidence),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from remind_jax.numerics.absent import NO_ID, NO_SLOT
 from remind_jax.numerics.array_faults import not_unit, outside
-from remind_jax.plus.state import LONG_AGO, PlusState, Stage
+from remind_jax.plus.state import LONG_AGO, PlusState
 
 
 def find_faults(state: PlusState) -> Iterator[str]:
@@ -20,7 +20,6 @@ def find_faults(state: PlusState) -> Iterator[str]:
     pairs = state.pairs
     yield from outside("pairs.covisible", pairs.covisible, 0)
     yield from outside("pairs.spread", pairs.spread, 0)
-    yield from outside("verdicts.stage", state.verdicts.stage, 0, max(Stage))
 
 
 def _of_objects(state: PlusState, now: int) -> Iterator[str]:
@@ -57,5 +56,5 @@ def _of_scene(state: PlusState) -> Iterator[str]:
     scene = state.scene
     for name in ("num_looks", "total_weight", "within_weight", "num_rings"):
         yield from outside(f"scene.{name}", getattr(scene, name), 0)
-    yield from outside("scene.familiarity", scene.familiarity, 0, 1)
+    yield from outside("scene.newness", scene.newness, 0, 1)
     yield from outside("scene.faded", scene.faded, 0, 1)

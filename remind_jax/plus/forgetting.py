@@ -53,7 +53,9 @@ def remove_objects(state: PlusState, empty: PlusState, ids: Int[np.ndarray, "ids
         tracklets=clear(held, state.tracklets, empty.tracklets),
         scene=dataclasses.replace(
             state.scene,
-            recent=empty.scene.recent,
-            recent_fade=empty.scene.recent_fade,
+            recent_looks=empty.scene.recent_looks,
+            looks_fade=empty.scene.looks_fade,
+            recent_steps=empty.scene.recent_steps,
+            steps_fade=empty.scene.steps_fade,
         ),
     )

@@ -12,19 +12,31 @@ in log odds.
 
 from __future__ import annotations
 
+import dataclasses
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from remind_jax.plus import thresholds as th
-from remind_jax.plus.evidence import Shortlist, mix, relation_error
+from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.own_movement import mobility
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.slots import look_up
-from remind_jax.plus.state import NO_RELATION, NUM_OWN_PARTS, PARTS, Objects, Pairs
+from remind_jax.plus.state import NO_RELATION, Objects, Pairs
 from remind_jax.plus.static import NUM_CANDIDATES, NUM_WITNESSES
 from remind_jax.plus.vacancy import find_gone
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Weighed:
+    """What is held of each candidate in the end; 0 for what is no candidate."""
+
+    odds: Float[Array, "N C"]  # log odds
+    belief: Float[Array, "N C"]  # probability beside all others and a new object
+    evidence: Evidence  # what is in the log odds
 
 
 def weigh_jointly(
@@ -36,7 +48,7 @@ def weigh_jointly(
     pairs: Pairs,
     frame: Int[Array, ""],
     t: th.PlusThresholds,
-) -> Float[Array, "N C 11"]:
+) -> Weighed:
     """Evidence of each candidate with that of all others in view.
 
     Args:
@@ -47,12 +59,8 @@ def weigh_jointly(
       objects: Objects.
       pairs: What is known of every two of them.
       t: Weights.
-
-    Returns:
-      Log odds of each candidate, its probability beside all others and a new object, and what each
-      of `PARTS` has in the log odds; 0 for what is no candidate.
     """
-    num, width = shortlist.slot.shape
+    width = shortlist.slot.shape[1]
     # A party is what a detection may be: its candidates, or the one object of an anchor.
     first = jnp.arange(width) == 0
     party = jnp.where(is_anchor[:, None], anchor[:, None], shortlist.slot)
@@ -63,38 +71,35 @@ def weigh_jointly(
     usable = shortlist.valid[:, :, None, None] & others.of(present)[:, None]
     usable &= others.is_other[:, None, :, None] & (o != p)
     covisible = _covisible_evidence(o, p, others, objects, pairs, frame, t.layout)
-    lies = look_up(pairs.lies, o, p)
-    related = usable & (lies[..., Pairs.spread.index] < NO_RELATION)
-    layout = _layout_evidence(lies, others, t.layout)
+    spread = look_up(pairs.spread, o, p)
+    related = usable & (spread < NO_RELATION)
+    layout = _layout_evidence(
+        look_up(pairs.relation, o, p), spread, look_up(pairs.log_ratio, o, p), others, t.layout
+    )
     # Products with the weights of the parties: what they say, and how many they are.
     asked = jnp.stack(
         [jnp.where(related, layout, 0.0), jnp.where(usable, covisible, 0.0), related, usable],
         axis=1,
     )
 
-    base, place = shortlist.base, shortlist.parts[..., PARTS.index("place")]
+    base, place = shortlist.base, shortlist.evidence.place
     # What looks wrong is no witness for the others: where a new arrangement lies like an old one,
     # its members would otherwise talk each other into being known. A rare class tells as looks do.
-    looks = shortlist.parts[..., PARTS.index("looks")]
+    looks = shortlist.evidence.looks
     looks += t.layout.witness_class * _class_rarity(sightings.class_id, objects)[:, None]
     credible = jax.nn.sigmoid(t.layout.witness_slope * (looks + t.layout.witness))
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
     moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
-    moves = mobility(objects.speed, t.mobility)[shortlist.slot]
-    most = t.layout.most * (1.0 - t.layout.most_mobile * moves)
 
-    def ask(weight: Float[Array, "N C"]) -> Float[Array, "3 N C"]:
+    def ask(weight: Float[Array, "N C"]) -> _Around:
         lies, companions, num_related, num_usable = others.sum(asked, weight)
         lies = lies * _share(num_related, t.layout.partners)
         lies = t.layout.weight * jnp.clip(lies, -t.layout.best, t.layout.best)
         companions = companions * _share(num_usable, t.layout.covisible_partners)
         companions = t.layout.covisible_weight * companions
         # Whatever lies wrong may have been moved: looks can still show it.
-        given_back = jnp.clip(place + lies, moved, most) - (place + lies)
-        return jnp.stack([lies, companions, given_back])
-
-    def total(around: Float[Array, "3 N C"]) -> Float[Array, "N C"]:
-        return base + jnp.sum(around, axis=0)
+        given_back = jnp.clip(place + lies, moved, t.layout.most) - (place + lies)
+        return _Around(lies, companions, given_back)
 
     def believe(odds: Float[Array, "N C"], handicap: Array) -> Float[Array, "N C"]:
         new = t.decision.new - handicap
@@ -103,33 +108,39 @@ def weigh_jointly(
         likely = jnp.exp(odds - most)
         return likely / (jnp.sum(likely, axis=1, keepdims=True) + jnp.exp(new - most))
 
-    def reconsider(k: Array, before: tuple[Array, Array]) -> tuple[Array, Array]:
+    def reconsider(k: Array, before: tuple[_Around, Array]) -> tuple[_Around, Array]:
         around, _ = before
         goes_on = k < t.layout.rounds
         handicap = jnp.where(goes_on, t.layout.optimism * (1.0 - k / t.layout.rounds), 0.0)
-        belief = believe(total(around), handicap)
+        belief = believe(base + sum(around), handicap)
         weight = jnp.where(is_anchor[:, None], 1.0 * first, credible * belief)
-        return jnp.where(goes_on, ask(jnp.where(present, weight, 0.0)), around), belief
+        told = ask(jnp.where(present, weight, 0.0))
+        return jax.tree.map(lambda now, old: jnp.where(goes_on, now, old), told, around), belief
 
-    nothing = jnp.zeros((len(PARTS) - NUM_OWN_PARTS, num, width), base.dtype)
+    nothing = jnp.zeros_like(base)
     # What is believed in the end is one more turn, in which nobody is asked again.
-    start = nothing, jnp.zeros_like(base)
+    start = _Around(nothing, nothing, nothing), nothing
     around, belief = jax.lax.fori_loop(0, t.layout.rounds + 1, reconsider, start)
-    told = [
-        total(around)[..., None],
-        belief[..., None],
-        shortlist.parts,
-        jnp.moveaxis(around, 0, -1),
-    ]
-    return jnp.where(shortlist.valid[..., None], jnp.concatenate(told, axis=-1), 0.0)
+    evidence = Evidence(**vars(shortlist.evidence), **around._asdict())
+    weighed = Weighed(base + sum(around), belief, evidence)
+    return jax.tree.map(lambda leaf: jnp.where(shortlist.valid, leaf, 0.0), weighed)
 
 
-def nothing_weighed(num: int) -> tuple[Shortlist, Float[Array, "N C 11"]]:
+class _Around(NamedTuple):
+    """What `Evidence` has from the others in view, by the same names."""
+
+    layout: Float[Array, "N C"]
+    companions: Float[Array, "N C"]
+    moved: Float[Array, "N C"]
+
+
+def nothing_weighed(num: int) -> tuple[Shortlist, Weighed]:
     """What `evidence.shortlist` and `weigh_jointly` give of detections that are no open rows."""
-    shape = (num, NUM_CANDIDATES)
-    slot, valid = jnp.zeros(shape, jnp.int32), jnp.zeros(shape, bool)
-    blank, told = jnp.zeros(shape, jnp.float32), jnp.zeros((*shape, 2 + len(PARTS)), jnp.float32)
-    return Shortlist(slot, valid, blank, blank, told[..., :NUM_OWN_PARTS]), told
+    blank = jnp.zeros((num, NUM_CANDIDATES), jnp.float32)
+    own = OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), blank))
+    everything = Evidence(**dict.fromkeys(Evidence.kinds(), blank))
+    slot, valid = blank.astype(jnp.int32), blank.astype(bool)
+    return Shortlist(slot, valid, blank, blank, own), Weighed(blank, blank, everything)
 
 
 class _Others:
@@ -176,12 +187,13 @@ class _Others:
 
 
 def _layout_evidence(
-    lies: Float[Array, "N C W C 4"],
+    relation: Float[Array, "N C W C 2"],
+    spread: Float[Array, "N C W C"],
+    log_ratio: Float[Array, "N C W C"],
     others: _Others,
     t: th.Layout,
 ) -> Float[Array, "N C W C"]:
     """Does the one lie from the other as these objects do? In sizes, so from afar as well."""
-    relation, spread, log_ratio = lies[..., :2], lies[..., 2], lies[..., 3]
     border, scale = others.border[:, None, :, None], others.scale[:, None, :, None]
     error = relation_error(relation, spread, border, t)
     off = (others.offset / others.scale[..., None])[:, None, :, None] - relation

@@ -26,7 +26,7 @@ from remind_jax.plus.own_movement import forgetting_speed
 from remind_jax.plus.plane import log_ratios, mean_sizes
 from remind_jax.plus.slots import NO_ROW, count_before, rows_of
 from remind_jax.plus.small_matrices import diagonal
-from remind_jax.plus.state import NOTHING_KNOWN, UNRELATED, Objects, Pairs, Scene, Tracklets
+from remind_jax.plus.state import UNRELATED, Objects, Pairs, Scene, Tracklets
 from remind_jax.plus.whitening import whiten
 
 
@@ -49,27 +49,23 @@ def create_objects(
     slot = jnp.where(born, lowest, tracklets.slot)
     row = rows_of(slot, born, num_o)
     is_new = row != NO_ROW
-    nothing = jnp.zeros_like(tracklets.id)
-    place = [tracklets.place[:, 4:7], speed[:, None], place_variance[:, None]]
-    place = jnp.concatenate(place, axis=1)[row]
-    begun = Objects.columns_of(
-        id=tracklets.id,
-        class_id=tracklets.class_id,
-        seen=nothing,
-        last=tracklets.last,
-        ring_count=nothing,
-        visits=nothing + 1,
-    )
     objects = dataclasses.replace(
         objects,
-        wholes=jnp.where(is_new[:, None], begun["wholes"][row], objects.wholes),
-        place=jnp.where(is_new[:, None], place[:, :4], objects.place),
+        id=jnp.where(is_new, tracklets.id[row], objects.id),
+        class_id=jnp.where(is_new, tracklets.class_id[row], objects.class_id),
+        seen=jnp.where(is_new, 0, objects.seen),
+        visits=jnp.where(is_new, 1, objects.visits),
+        last=jnp.where(is_new, tracklets.last[row], objects.last),
+        position=jnp.where(is_new[:, None], tracklets.center[row], objects.position),
+        size=jnp.where(is_new, tracklets.size[row], objects.size),
+        speed=jnp.where(is_new, speed[row], objects.speed),
         bank_count=jnp.where(is_new[:, None], 0, objects.bank_count),
         ring=jnp.where(is_new[:, None], 0.0, objects.ring),
+        ring_count=jnp.where(is_new, 0, objects.ring_count),
     )
     # Nothing is known between a free slot and the others, so there is nothing to clear.
     own = jnp.eye(num_o, dtype=bool) & is_new
-    covariance = jnp.where(own, place[:, 4], pairs.covariance)
+    covariance = jnp.where(own, place_variance[row], pairs.covariance)
     return objects, dataclasses.replace(pairs, covariance=covariance), slot
 
 
@@ -93,8 +89,7 @@ def absorb(
     gone, row = rows_of(jnp.stack([slot, into]), absorbed, num_o)
     gone, gains = gone != NO_ROW, row != NO_ROW
     giver = slot[row]
-    given = jnp.where(gains[:, None], objects.wholes[giver], 0)
-    more = given[:, Objects.ring_count.index]
+    more = jnp.where(gains, objects.ring_count[giver], 0)
     ring_count = objects.ring_count + more
     share = (more / jnp.maximum(ring_count, 1))[:, None]
     ring = jnp.where(gains[:, None], objects.ring[giver], objects.ring)
@@ -106,10 +101,11 @@ def absorb(
         return pairs.covisible + added + added.T
 
     covisible = branch(jnp.any(absorbed), hand_over, lambda: pairs.covisible)
-    objects = objects.replaced(
+    objects = dataclasses.replace(
+        objects,
         id=jnp.where(gone, NO_ID, objects.id),
         class_id=jnp.where(gone, NO_ID, objects.class_id),
-        seen=objects.seen + given[:, Objects.seen.index],
+        seen=objects.seen + jnp.where(gains, objects.seen[giver], 0),
         bank_count=jnp.where(gone[:, None], 0, objects.bank_count),
         ring=objects.ring + share * (ring - objects.ring),
         ring_count=ring_count,
@@ -138,10 +134,10 @@ def learn_relations(
       t: Errors and rates.
       mobile: What speeds make of relations.
     """
-    visible, seen = row != NO_ROW, sightings.outlines[row]
-    place = jnp.where(visible[:, None], seen[:, :2], objects.position)
-    size = jnp.where(visible, seen[:, 2], objects.size)
-    border = jnp.where(visible & (seen[:, 3] > 0), t.border_error, 0.0)
+    visible = row != NO_ROW
+    place = jnp.where(visible[:, None], sightings.center[row], objects.position)
+    size = jnp.where(visible, sightings.size[row], objects.size)
+    border = jnp.where(visible & sightings.touches[row], t.border_error, 0.0)
     doubt = jnp.where(visible, 0.0, jnp.sqrt(jnp.maximum(diagonal(pairs.covariance), 0.0)))
 
     scale = mean_sizes(size, size)
@@ -160,13 +156,15 @@ def learn_relations(
     relation = (place[None, :] - place[:, None]) / scale[..., None]
     log_ratio = log_ratios(size, size)
     together = (visible[:, None] & visible[None, :]).astype(jnp.float32)
-    old = pairs.replaced(spread=aged).lies
-    new = jnp.concatenate([relation, spread[..., None], log_ratio[..., None]], axis=2)
-    lies = old + rate[..., None] * (new - old)
+    relation = pairs.relation + rate[..., None] * (relation - pairs.relation)
+    spread = aged + rate * (spread - aged)
+    log_ratio = pairs.log_ratio + rate * (log_ratio - pairs.log_ratio)
     return dataclasses.replace(
         pairs,
         covisible=jnp.where(both_exist, pairs.covisible + together, 0.0),
-        lies=jnp.where(both_exist[..., None], lies, NOTHING_KNOWN),
+        relation=jnp.where(both_exist[..., None], relation, 0.0),
+        spread=jnp.where(both_exist, spread, UNRELATED),
+        log_ratio=jnp.where(both_exist, log_ratio, 0.0),
     )
 
 
@@ -232,20 +230,19 @@ def learn_objects(
       sightings: Detections.
       frame: Number of this frame.
     """
-    visible, seen = row != NO_ROW, sightings.outlines[row]
-    size = seen[:, 2]
-    size = jnp.where(seen[:, 3] > 0, jnp.maximum(objects.size, size), size)
-    has_ring = visible & (seen[:, 4] > 0)
+    visible, size = row != NO_ROW, sightings.size[row]
+    size = jnp.where(sightings.touches[row], jnp.maximum(objects.size, size), size)
+    has_ring = visible & sightings.has_ring[row]
     ring_count = objects.ring_count + has_ring
     rate = has_ring / jnp.maximum(ring_count, 1)
     step = jnp.where(has_ring[:, None], sightings.ring[row] - objects.ring, 0.0)
-    size = jnp.where(visible, size, objects.size)
-    return objects.replaced(
+    return dataclasses.replace(
+        objects,
         seen=objects.seen + visible,
         last=jnp.where(visible, frame, objects.last),
-        ring_count=ring_count,
-        place=jnp.concatenate([objects.place[:, :2], size[:, None], objects.place[:, 3:]], axis=1),
+        size=jnp.where(visible, size, objects.size),
         ring=objects.ring + rate[:, None] * step,
+        ring_count=ring_count,
     )
 
 
@@ -348,12 +345,17 @@ def learn_cosines(
     weight = weight * jnp.maximum(share[:, None], shares[None, :])
     other = cosine
 
-    def moments(weight: Array, value: Array) -> Array:
+    def moments(weight: Array, value: Array) -> Float[Array, "3"]:
         return jnp.sum(jnp.stack([weight, weight * value, weight * value**2]), axis=(1, 2))
 
     is_other = jnp.arange(2)[:, None] == 0
     new = jnp.where(is_other, moments(weight, other), moments(same_weight, same))
-    fade = t.decay ** new[:, 0]
+    num, once, squares = new.T
+    fade = t.decay**num
     return dataclasses.replace(
-        scene, cosines=scene.cosines * fade[:, None] + new, faded=scene.faded * fade
+        scene,
+        cosine_weight=scene.cosine_weight * fade + num,
+        cosine_sum=scene.cosine_sum * fade + once,
+        cosine_squares=scene.cosine_squares * fade + squares,
+        faded=scene.faded * fade,
     )

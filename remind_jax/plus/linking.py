@@ -9,7 +9,6 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from remind_jax.numerics.absent import NO_SLOT
@@ -37,7 +36,8 @@ from remind_jax.solvers.assignment_in_graph import assign_in_graph
 class Links:
     """What may go on with what, by a motion of the image."""
 
-    place: Float[Array, "T 11"]  # `place` of the tracklets, where they should be now
+    box: Float[Array, "T 4"]  # of the tracklets, where they should be now
+    center: Float[Array, "T 2"]
     score: Float[Array, "N T"]
     possible: Bool[Array, "N T"]
 
@@ -48,10 +48,11 @@ def carry(tracklets: Tracklets, motion: Motion, t: th.Mobility) -> Tracklets:
     low, high = tracklets.box[:, :2], tracklets.box[:, 2:]
     middle = turned((low + high) / 2, turn) + shift
     half = (high - low) / 2 * zoom_of(turn)
-    center = turned(tracklets.center, turn) + shift
-    kept = tracklets.place[:, 6:]
-    place = jnp.concatenate([middle - half, middle + half, center, kept], axis=1)
-    return dataclasses.replace(tracklets, place=place)
+    return dataclasses.replace(
+        tracklets,
+        box=jnp.concatenate([middle - half, middle + half], axis=1),
+        center=turned(tracklets.center, turn) + shift,
+    )
 
 
 def score_links(
@@ -88,7 +89,7 @@ def score_links(
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]
     possible &= sightings.class_id[:, None] == tracklets.class_id[None]
-    return Links(tracklets.place, score, possible & (score > t.least))
+    return Links(tracklets.box, tracklets.center, score, possible & (score > t.least))
 
 
 def link(links: Links, class_id: Int[Array, "N"], t: th.Linking) -> Int[Array, "N"]:
@@ -132,39 +133,45 @@ def advance_tracklets(
     starts = sightings.valid & ~linked
     age = jnp.where(linked, old.age, 0) + sightings.valid
     ring_count = jnp.where(linked, old.ring_count, 0) + sightings.has_ring
+
+    def go_on(before: Array, first: Array | float) -> Array:
+        return jnp.where(linked.reshape(-1, *[1] * (before.ndim - 1)), before, first)
+
     # Looks and backgrounds are running means; the first look stays.
-    seen = jnp.stack([sightings.look, sightings.ring, sightings.look], axis=1)
-    is_look = np.array([True, False, True])[:, None]
-    before = jnp.where(linked[:, None, None], old.looks, jnp.where(is_look, seen, 0.0))
-    rate = 1.0 / jnp.clip(jnp.stack([age, ring_count], axis=1), 1, t.smoothing)
-    rate = rate * jnp.stack([linked, sightings.has_ring], axis=1)
-    rate = jnp.pad(rate, ((0, 0), (0, 1)))
-    step = seen - before
-    moved, num_moves = follow_movement(old, linked, sightings, frame, shift, doubt, mobile)
-    belief = jnp.where(linked, old.belief, 0.0)[:, None]
-    place = [sightings.box, sightings.center, sightings.size[:, None], moved, belief]
-    here = Tracklets.of(
+    look, ring = go_on(old.look, sightings.look), go_on(old.ring, 0.0)
+    step = sightings.look - look
+    look_rate = 1.0 / jnp.clip(age, 1, t.smoothing) * linked
+    ring_rate = 1.0 / jnp.clip(ring_count, 1, t.smoothing) * sightings.has_ring
+    movement = follow_movement(old, linked, sightings, frame, shift, doubt, mobile)
+    here = Tracklets(
         alive=sightings.valid,
+        id=go_on(old.id, next_id + count_before(starts)),
         class_id=sightings.class_id,
+        slot=go_on(old.slot, NO_SLOT),
         last=jnp.full(num, frame, jnp.int32),
         age=age,
-        ring_count=ring_count,
-        slot=jnp.where(linked, old.slot, NO_SLOT),
-        fresh=linked & old.fresh,
-        num_moves=num_moves,
+        box=sightings.box,
+        center=sightings.center,
+        size=sightings.size,
         touched=sightings.touches,
+        drift=movement.drift,
+        num_moves=movement.num_moves,
+        image_shift=movement.image_shift,
+        look=look + look_rate[:, None] * step,
+        first_look=go_on(old.first_look, sightings.look),
+        ring=ring + ring_rate[:, None] * (sightings.ring - ring),
+        ring_count=ring_count,
+        belief=go_on(old.belief, 0.0),
+        fresh=linked & old.fresh,
         named=linked & old.named,
         leans_new=linked & old.leans_new,
-        id=jnp.where(linked, old.id, next_id + count_before(starts)),
-        place=jnp.concatenate(place, axis=1),
-        looks=before + rate[..., None] * step,
     )
     taken = rows_of(origin, linked, len(tracklets.alive)) != NO_ROW
     stays = tracklets.alive & ~taken & (frame - tracklets.last <= MISSED_FRAMES)
-    others = tracklets.replaced(alive=stays)
+    others = dataclasses.replace(tracklets, alive=stays)
     # Each frame moves all rows on by one frame's detections: what reaches the end is too old.
     both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[:-num]]), here, others)
-    return both, next_id + jnp.sum(starts, dtype=jnp.int32), step[:, 0]
+    return both, next_id + jnp.sum(starts, dtype=jnp.int32), step
 
 
 def compare_looks(tracklets: Tracklets, sightings: Sightings, scene: Scene) -> Float[Array, "N T"]:

@@ -10,15 +10,17 @@ from jaxtyping import Array, Bool, Int
 
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.observation import AnyFeats, Masks
+from remind_jax.plus.earlier_files import COLUMNS
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
 from remind_jax.plus.memory_need import count_bytes
 from remind_jax.plus.observation import RING_PATCHES, Motion, Sightings, observe
 from remind_jax.plus.revision import DelayedAnswers, find_merges
-from remind_jax.plus.state import PlusState, Verdicts, init
+from remind_jax.plus.state import PlusState, init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
+from remind_jax.plus.verdicts import Verdicts
 from remind_jax.static import Static
 
 
@@ -48,11 +50,10 @@ def describe_frame(
 def decide(
     state: PlusState, seen: SeenFrame, *, static: Static, thresholds: PlusThresholds
 ) -> tuple[PlusState, Verdicts]:
-    """Decides who is who and remembers it; the trace is part of the memory."""
-    after = advance(
+    """Decides who is who and remembers it."""
+    return advance(
         state, seen.sightings, seen.motion, seen.present, static=static, thresholds=thresholds
     )
-    return after, after.verdicts
 
 
 def count_occupied(state: PlusState) -> tuple[Int[Array, ""], int]:
@@ -77,6 +78,7 @@ METHOD = Method(
         remove=remove_objects,
         coming_ids=coming_ids,
         find_faults=find_faults,
+        columns=COLUMNS,
         count_bytes=count_bytes,
     ),
     Sweeping(described_by=("looks.unit_patches",), in_turn_on_cpu=True),

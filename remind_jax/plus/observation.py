@@ -48,15 +48,6 @@ class Sightings:
     frame_center: Float[Array, "2"]
     num_bad_patches: Int[Array, ""]  # with a feature that is not finite; they are left out
 
-    @property
-    def outlines(self) -> Float[Array, "N 5"]:
-        """Center, size, and whether it touches the border and has a background.
-
-        Side by side, for one look-up is one step in a compiled program.
-        """
-        others = [self.size, self.touches, self.has_ring]
-        return jnp.concatenate([self.center, jnp.stack(others, axis=1)], axis=1)
-
 
 def observe(
     frame_feats: AnyFeats,

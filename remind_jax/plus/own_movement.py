@@ -12,6 +12,7 @@ Letters: `N` detections, `T` tracklets, `O` object slots. Lengths are in frame u
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -32,6 +33,14 @@ def expect_step(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T 2"]:
     return t.weight * jnp.where(known, share, 0.0)[:, None] * tracklets.drift
 
 
+class Movement(NamedTuple):
+    """Own movement of tracklets; fields as in `Tracklets`."""
+
+    drift: Float[Array, "N 2"]
+    image_shift: Float[Array, "N"]
+    num_moves: Int[Array, "N"]
+
+
 def follow_movement(
     before: Tracklets,
     linked: Bool[Array, "N"],
@@ -40,8 +49,8 @@ def follow_movement(
     shift: Float[Array, ""],
     doubt: Float[Array, ""],
     t: th.Mobility,
-) -> tuple[Float[Array, "N 3"], Int[Array, "N"]]:
-    """Smoothed own movement of each detection's tracklet, and how many movements are in it.
+) -> Movement:
+    """Smoothed own movement of each detection's tracklet.
 
     Where the image motion is doubted, what most detections of a frame share is that of the camera.
     At the border of the frame the center of a mask moves with what is cut off.
@@ -54,21 +63,21 @@ def follow_movement(
       shift: How far the image moved since the last one.
       doubt: How little that is believed, [0, 1].
       t: How much is averaged.
-
-    Returns:
-      Own movement, the length of that of the image meanwhile, and their number.
     """
     whole = ~(before.touched | sightings.touches)
     moves = linked & whole & (before.last == frame - 1)
     movement = sightings.center - before.center + expect_step(before, t)
     shared = doubt * medians(movement.T, moves)
-    shift = jnp.broadcast_to(shift + jnp.sqrt(squared_length(shared)), moves.shape)
-    movement = jnp.concatenate([movement - shared, shift[:, None]], axis=1)
+    shift = shift + jnp.sqrt(squared_length(shared))
     num_moves = jnp.where(linked, before.num_moves, 0) + moves
     rate = moves / jnp.clip(num_moves, 1, t.samples)
-    smoothed = jnp.concatenate([before.drift, before.image_shift[:, None]], axis=1)
-    smoothed = jnp.where(linked[:, None], smoothed, 0.0)
-    return smoothed + rate[:, None] * (movement - smoothed), num_moves
+    drift = jnp.where(linked[:, None], before.drift, 0.0)
+    image_shift = jnp.where(linked, before.image_shift, 0.0)
+    return Movement(
+        drift=drift + rate[:, None] * (movement - shared - drift),
+        image_shift=image_shift + rate * (shift - image_shift),
+        num_moves=num_moves,
+    )
 
 
 def speed_of(tracklets: Tracklets, t: th.Mobility) -> Float[Array, "T"]:
@@ -104,14 +113,13 @@ def learn_speeds(
     """
     speed = speed_of(here, t)
     counts = here.alive & (here.num_moves >= t.least) & ~here.touched
-    learned, teaches = jnp.stack([speed, counts], axis=1)[row].T
-    learns = (row != NO_ROW) & (teaches > 0)
+    learns = (row != NO_ROW) & counts[row]
     rate = learns / jnp.minimum(objects.seen + 1 + t.prior, t.memory)
     num = jnp.sum(counts)
     mean = jnp.sum(jnp.where(counts, speed, 0.0)) / jnp.maximum(num, 1)
     scene_rate = jnp.where(num > 0, t.rate, 0.0)
     return (
-        objects.sped(objects.speed + rate * (learned - objects.speed)),
+        dataclasses.replace(objects, speed=objects.speed + rate * (speed[row] - objects.speed)),
         dataclasses.replace(scene, speed=scene.speed + scene_rate * (mean - scene.speed)),
     )
 

@@ -16,7 +16,7 @@ from jaxtyping import Int
 
 from remind_jax.decision import Outcome, Reason
 from remind_jax.numerics.absent import NO_ID
-from remind_jax.plus.state import Verdicts
+from remind_jax.plus.state import Answers
 from remind_jax.tracks import Tracks
 
 
@@ -31,8 +31,8 @@ class _Latest(NamedTuple):
 
 def find_merges(state: Any) -> list[tuple[int, int]]:
     """Objects that turned out to be known ones in the last frame, and which."""
-    verdicts: Verdicts = state.verdicts
-    gone, kept = np.asarray(verdicts.merged_id), np.asarray(verdicts.answer_id)
+    answers: Answers = state.answers
+    gone, kept = np.asarray(answers.merged_id), np.asarray(answers.answer_id)
     return [(int(gone[row]), int(kept[row])) for row in np.flatnonzero(gone != NO_ID)]
 
 
@@ -51,10 +51,10 @@ class DelayedAnswers:
 
     def evidence(self, state: Any) -> dict[str, list[int]]:
         """What `push` needs of the memory after a frame, as `json` can write it."""
-        verdicts: Verdicts = state.verdicts
+        answers: Answers = state.answers
         return {
-            "tracklet_id": np.asarray(verdicts.tracklet_id).tolist(),
-            "merged_id": np.asarray(verdicts.merged_id).tolist(),
+            "tracklet_id": np.asarray(answers.tracklet_id).tolist(),
+            "merged_id": np.asarray(answers.merged_id).tolist(),
         }
 
     def push(

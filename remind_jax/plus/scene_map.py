@@ -75,7 +75,7 @@ def move_map(
     covariance = pairs.covariance + shared + jnp.where(itself, own[:, None], 0.0)
     both = objects.exists[:, None] & objects.exists[None, :] & (t.coupled | itself)
     return (
-        objects.moved(position),
+        dataclasses.replace(objects, position=position),
         dataclasses.replace(pairs, covariance=jnp.where(both, covariance, 0.0)),
     )
 
@@ -123,7 +123,7 @@ def correct_map(
     taken = jnp.matmul(noted.gain.T, noted.shared, precision="highest")
     covariance = jnp.where(exists, _bound(covariance - taken, noted.own), 0.0)
     return (
-        objects.moved(noted.position),
+        dataclasses.replace(objects, position=noted.position),
         dataclasses.replace(pairs, covariance=covariance),
     )
 

@@ -8,6 +8,7 @@ MISSED_FRAMES = 8
 COMPARED_DIM = 64  # looks are compared in at most this many main directions
 BANK_SLOTS = 8  # remembered looks per object
 NUM_CANDIDATES = 8  # objects that an open tracklet is compared with at length
+CLASS_ROWS = 32  # rows of what is learned class by class; classes beyond share rows
 REFRESH_FRAMES = 3  # the whitening is renewed every so many frames
 NUM_WITNESSES = 64  # other detections that one is weighed together with, the nearest of a crowd
 

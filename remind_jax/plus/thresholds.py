@@ -191,7 +191,6 @@ class Layout:
     moved: Real = setting(-3.0,
         "log odds of an object that lies where it should not, place included", "log odds")
     most: Real = setting(4.0, "most place and layout together", "log odds")
-    most_mobile: Real = setting(0.0, "less of it for what moves", "share")
     moved_gone: Real = setting(-0.5, "the same if its old place is seen to be empty", "log odds")
     gone_anchors: Whole = setting(3, "decided objects that tell where the old place is", "objects")
     gone_error: Real = setting(1.5, "greatest standard deviation of that, per size of the object",

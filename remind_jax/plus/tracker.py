@@ -17,7 +17,7 @@ from remind_jax.decision import Outcome, Overflow
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.plus.answers import conclude, report
-from remind_jax.plus.decision import decide, learn_familiarity
+from remind_jax.plus.decision import decide, learn_newness
 from remind_jax.plus.evidence import (
     Shortlist,
     admit,
@@ -27,7 +27,7 @@ from remind_jax.plus.evidence import (
     look_odds_of,
     shortlist,
 )
-from remind_jax.plus.layout import nothing_weighed, weigh_jointly
+from remind_jax.plus.layout import Weighed, nothing_weighed, weigh_jointly
 from remind_jax.plus.learning import (
     KeptLooks,
     absorb,
@@ -55,6 +55,7 @@ from remind_jax.plus.scene_map import (
 from remind_jax.plus.slots import NO_ROW, rows_of
 from remind_jax.plus.state import PlusState, Tracklets, init
 from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.plus.verdicts import Verdicts, no_verdicts
 from remind_jax.plus.whitening import learn_scatter, renew_whitening, share_of, whiten
 from remind_jax.static import Static
 
@@ -69,7 +70,7 @@ def advance(
     *,
     static: Static,
     thresholds: PlusThresholds,
-) -> PlusState:
+) -> tuple[PlusState, Verdicts]:
     """Decides who is who in one frame and remembers it.
 
     Args:
@@ -81,8 +82,8 @@ def advance(
       thresholds: Every tunable number.
 
     Returns:
-      Memory after the frame with `verdicts` about it. If the frame may need more object slots than
-      there are, only `overflow` is changed.
+      Memory after the frame, and what its decisions are made of. If the frame may need more object
+      slots than there are, only `overflow` is changed.
     """
     t = thresholds.as_arrays()
     sightings, motion = jax.tree.map(_single, (sightings, motion))
@@ -90,14 +91,15 @@ def advance(
     needed = jnp.sum(jnp.concatenate(counted), dtype=jnp.int32)
     fits = needed <= static.num_objects
     lacking = Overflow(objects=needed, pending=jnp.int32(0))
+    nothing = dataclasses.replace(state, overflow=lacking), no_verdicts(static.num_detections)
     return branch(
         fits,
         lambda: jax.tree.map(
             lambda new, old: new.astype(old.dtype),
             _advance(state, sightings, motion, present, static, t),
-            state,
+            nothing,
         ),
-        lambda: dataclasses.replace(state, overflow=lacking),
+        lambda: nothing,
     )
 
 
@@ -116,7 +118,7 @@ def _advance(
     present: Bool[Array, "N"],
     static: Static,
     t: PlusThresholds,
-) -> PlusState:
+) -> tuple[PlusState, Verdicts]:
     frame, num = state.frame, static.num_detections
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
@@ -127,7 +129,7 @@ def _advance(
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility
     )
-    carried = dataclasses.replace(state.tracklets, place=links.place)
+    carried = dataclasses.replace(state.tracklets, box=links.box, center=links.center)
     # Which detection goes on with which tracklet?
     origin = link(links, sightings.class_id, t.linking)
     tracklets, next_id, change = advance_tracklets(
@@ -154,7 +156,7 @@ def _advance(
     white = whiten(scene, jnp.stack([here.look, here.first_look]))
     cosine = best_cosine(white[0], objects)
 
-    def weigh() -> tuple[Shortlist, Array]:
+    def weigh() -> tuple[Shortlist, Weighed]:
         admitted = admit(here, rows, held, objects, pairs, t.decision)
         best = shortlist(here, sightings, admitted, waiting, cosine, objects, pairs, scene, t)
         return best, weigh_jointly(best, here.slot, visible, sightings, objects, pairs, frame, t)
@@ -162,15 +164,15 @@ def _advance(
     # In many frames everything in view is decided.
     candidates, weighed = branch(jnp.any(rows.any), weigh, lambda: nothing_weighed(num))
     # Who is who, jointly?
-    choice = decide(candidates, weighed[..., 0], rows, here, scene, static.num_objects, t.decision)
+    choice = decide(candidates, weighed.odds, rows, here, scene, static.num_objects, t.decision)
     verdicts = conclude(here, objects, rows, candidates, weighed, choice)
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)
     decisions = report(
-        verdicts, weighed[..., 1], candidates.base, moves, here, present, sightings, static, t
+        verdicts, weighed.belief, candidates.base, moves, here, present, sightings, static, t
     )
     # What does that teach?
-    scene, objects = learn_familiarity(scene, objects, choice, t.decision)
+    scene, objects = learn_newness(scene, objects, choice, here.class_id, t.decision)
     ended = find_ended(tracklets, frame, t.decision)
     unseen = len(ended) - num
     touches = jnp.pad(sightings.touches, (0, unseen), constant_values=True)
@@ -190,12 +192,14 @@ def _advance(
     objects, pairs = absorb(objects, pairs, *merges)
     slot = jnp.where(choice.recognized | choice.absorbed, choice.slot, slots[:num])
     fresh = (here.fresh | choice.born) & ~choice.absorbed
-    here = here.replaced(
+    here = dataclasses.replace(
+        here,
         slot=slot,
         fresh=fresh,
         named=here.named | (decisions.outcome == int(Outcome.NEW)),
         leans_new=choice.slot == NO_SLOT,
-    ).believed(verdicts.probability)
+        belief=verdicts.probability,
+    )
     sure = sightings.valid & (slot != NO_SLOT)
     row = rows_of(slot, sure, static.num_objects)
     objects, pairs = correct_map(
@@ -208,7 +212,7 @@ def _advance(
     objects = learn_objects(objects, row, sightings, frame)
     looks_in_view = KeptLooks.in_view(objects, here, sure, sightings, t.memory)
     objects = keep_looks(objects, scene, (*looks_of_others, looks_in_view), t.memory)
-    return PlusState(
+    after = PlusState(
         objects=objects,
         pairs=pairs,
         tracklets=_settle(tracklets, here, slots[num:], ended[num:], row),
@@ -216,9 +220,10 @@ def _advance(
         next_id=next_id,
         frame=frame + 1,
         decisions=decisions,
-        verdicts=verdicts,
+        answers=verdicts.answers,
         overflow=Overflow(objects=jnp.int32(0), pending=jnp.int32(0)),
     )
+    return after, verdicts
 
 
 def _settle(
@@ -241,5 +246,7 @@ def _settle(
     """
     others = jax.tree.map(lambda leaf: leaf[len(here.alive) :], tracklets)
     lost = (slot != NO_SLOT) & (row[slot] != NO_ROW)
-    others = others.replaced(alive=others.alive & ~lost, slot=slot, fresh=others.fresh | ended)
+    others = dataclasses.replace(
+        others, alive=others.alive & ~lost, slot=slot, fresh=others.fresh | ended
+    )
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), here, others)

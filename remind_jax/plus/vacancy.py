@@ -69,11 +69,10 @@ def _expect(
 ) -> _Expectation:
     """The mean of what the anchors say, each by the precision of its relation."""
     p = jnp.where(is_anchor, anchor, 0)
-    lies = pairs.lies[:, p]
-    relation, spread = lies[..., :2], lies[..., Pairs.spread.index]
+    relation, spread = pairs.relation[:, p], pairs.spread[:, p]
     others = p[None] != jnp.arange(len(pairs.spread))[:, None]
     related = is_anchor[None] & (spread < NO_RELATION) & others
-    log_ratio = jnp.where(related, lies[..., Pairs.log_ratio.index], 0.0)
+    log_ratio = jnp.where(related, pairs.log_ratio[:, p], 0.0)
     scale = sightings.size[None] * jnp.exp(log_ratio / 2)
     error = relation_error(relation, spread, sightings.touches[None], t) * scale
     weight = jnp.where(related, 1.0 / jnp.maximum(error, 1e-3) ** 2, 0.0)

@@ -70,31 +70,32 @@ def learn_scatter(
       frame: Number of this frame.
       t: Memory lengths.
     """
-    valid = sightings.valid
-    taught = jnp.stack([valid, sightings.has_ring, valid, linked])  # as the columns of weights
-    counts = jnp.sum(taught * share, axis=1)
-    fade = t.scatter_decay**counts
+    of_look, of_ring, of_step = share * jnp.stack([sightings.valid, sightings.has_ring, linked])
+    looks, rings, steps = jnp.sum(of_look), jnp.sum(of_ring), jnp.sum(of_step)
     # Running means forget beyond a number of samples, scatters with each.
-    limited = jnp.minimum(scene.weights + counts, t.mean_samples)
-    weights = jnp.where(np.arange(4) < 2, limited, scene.weights * fade + counts)
-    rate = 1.0 / jnp.maximum(weights[:2, None], 1e-6)
-    of_look, of_ring = (share * taught[:2])[..., None]
-    off_mean = of_look * (sightings.look - scene.mean)
-    off_ring = of_ring * (sightings.ring - scene.ring_mean)
-    step_of_means = jnp.stack([jnp.sum(off_mean, axis=0), jnp.sum(off_ring, axis=0)])
-    means = scene.means + rate * step_of_means
-    root = jnp.sqrt(share * taught[2:])[..., None]
-    around, within = root[0] * (sightings.look - means[0]), root[1] * step
+    num_looks = jnp.minimum(scene.num_looks + looks, t.mean_samples)
+    num_rings = jnp.minimum(scene.num_rings + rings, t.mean_samples)
+    off_mean = of_look[:, None] * (sightings.look - scene.mean)
+    off_ring = of_ring[:, None] * (sightings.ring - scene.ring_mean)
+    mean = scene.mean + jnp.sum(off_mean, axis=0) / jnp.maximum(num_looks, _TINY)
+    ring_mean = scene.ring_mean + jnp.sum(off_ring, axis=0) / jnp.maximum(num_rings, _TINY)
+    around = jnp.sqrt(of_look)[:, None] * (sightings.look - mean)
+    within = jnp.sqrt(of_step)[:, None] * step
+    looks_fade, steps_fade = t.scatter_decay**looks, t.scatter_decay**steps
     place = frame % REFRESH_FRAMES
-    teaches = (np.arange(REFRESH_FRAMES) == place) & (counts[2:, None] > 0)
+    is_now = np.arange(REFRESH_FRAMES) == place
     return dataclasses.replace(
         scene,
-        means=means,
-        weights=weights,
-        recent=lax.dynamic_update_index_in_dim(
-            scene.recent, jnp.stack([around, within]), place, axis=1
-        ),
-        recent_fade=jnp.where(teaches, fade[2:, None], scene.recent_fade),
+        mean=mean,
+        num_looks=num_looks,
+        ring_mean=ring_mean,
+        num_rings=num_rings,
+        total_weight=scene.total_weight * looks_fade + looks,
+        within_weight=scene.within_weight * steps_fade + steps,
+        recent_looks=lax.dynamic_update_index_in_dim(scene.recent_looks, around, place, axis=0),
+        looks_fade=jnp.where(is_now & (looks > 0), looks_fade, scene.looks_fade),
+        recent_steps=lax.dynamic_update_index_in_dim(scene.recent_steps, within, place, axis=0),
+        steps_fade=jnp.where(is_now & (steps > 0), steps_fade, scene.steps_fade),
     )
 
 
@@ -106,8 +107,8 @@ def renew_whitening(
     due &= scene.total_weight > 0
 
     def renew(_: Array, before: _Whitening) -> _Whitening:
-        total = _sum_up(before.total, scene.recent[0], scene.recent_fade[0])
-        within = _sum_up(before.within, scene.recent[1], scene.recent_fade[1])
+        total = _sum_up(before.total, scene.recent_looks, scene.looks_fade)
+        within = _sum_up(before.within, scene.recent_steps, scene.steps_fade)
         renewed = _refit(dataclasses.replace(scene, total=total, within=within), t)
         white = jnp.where(objects.bank_count[..., None] > 0, whiten(renewed, objects.bank), 0.0)
         return _Whitening(total, within, renewed.basis, renewed.whitener, renewed.white_mean, white)
@@ -128,7 +129,8 @@ def renew_whitening(
             scene,
             total=now.total,
             within=now.within,
-            recent_fade=jnp.where(due, SUMMED, scene.recent_fade),
+            looks_fade=jnp.where(due, SUMMED, scene.looks_fade),
+            steps_fade=jnp.where(due, SUMMED, scene.steps_fade),
             basis=now.basis,
             whitener=now.whitener,
             white_mean=now.white_mean,

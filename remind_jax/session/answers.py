@@ -17,7 +17,7 @@ from remind_jax.decision import NO_ID, Decisions
 from remind_jax.frame import Detections, Frame, Rle
 from remind_jax.masks.relations import box_of
 from remind_jax.masks.run_length import encode_masks
-from remind_jax.outputs.run_info import Event
+from remind_jax.outputs.run_records import Event
 from remind_jax.session.preparation import Prepared
 from remind_jax.tracks import Tracks
 

@@ -1,35 +1,101 @@
-"""Checkpoints of a run: the memory beside the journal, so that a killed run can be gone on with.
+"""Checkpoints of a run: its memory beside the frames so far, so that a killed run can go on.
 
-They lie in a folder of their own below that of the run, which is removed when the run is complete.
-A checkpoint counts from the moment when its memory is in place: whatever the journal has beyond the
-frames that this memory has seen is left out.
+They lie in a folder of their own below that of the run, which is removed when the run is complete:
+the memory, and a file of lines of JSON, a header that says what the run is made with, then one line
+per frame. A checkpoint counts from the moment when its memory is in place: whatever the file has
+beyond the frames that this memory has seen is left out.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
+import dataclasses
+import os
 import shutil
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import msgspec
 
 from remind_jax import files
 from remind_jax.errors import OutputError
 from remind_jax.explanation.archive import TraceArchive
-from remind_jax.outputs.run_info import RunInfo
+from remind_jax.files.records import Count, Label, Small, decode_json, read_lines
+from remind_jax.outputs.run_records import (
+    Event,
+    FrameRow,
+    Milliseconds,
+    check_masks,
+    tracks_of,
+    tracks_to_json,
+)
 from remind_jax.outputs.writer import CHECKPOINT_NAME, MEMORY_NAME
-from remind_jax.session.journal import JOURNAL_NAME, Journal, JournalWriter, Step
 from remind_jax.session.live import Tracker
+from remind_jax.tracks import Tracks
 
 EVERY_S = 10.0  # seconds between checkpoints, or more where one is expensive:
 MOST_OF_A_RUN = 0.01  # share of the time that they may take
-_NOT_COMPARED = ("info.started_at",)
+FRAMES_NAME = "frames.jsonl"
+_FORMAT, _VERSION = "remind-jax checkpoint", 2
+_NOT_COMPARED = ("info.started_at", "info.class_names", "info.fps")  # of the moment, or of the end
+_START_ANEW = "start the run anew with --overwrite"
+
+
+class Step(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a run collected of one frame, beside what was decided."""
+
+    timings_ms: dict[Label, Milliseconds]  # by stage
+    compile_s: Milliseconds  # waited for programs in the run so far
+    first_frame_ms: Milliseconds | None = None  # of the first frame only
+    merges: list[tuple[Small, Small]] = []  # objects that turned out to be others
+    evidence: dict[Label, list[Small]] | None = None  # what delayed answers are revised by
+    events: list[Event] = []
+    has_grown: bool = False
+    dropped: dict[Label, Count] = {}  # by the detector
+    attention_slots: Count = 0
+
+
+class Header(msgspec.Struct, frozen=True):
+    """What a run is made with."""
+
+    format: Literal["remind-jax checkpoint"]
+    version: Literal[2]
+    info: dict[str, Any]  # `RunInfo`
+    start: Count  # frames that the memory has seen before
+    options: dict[str, Any]  # of the run, which `RunInfo` does not say
+
+    @classmethod
+    def of(cls, info: Any, start: int, options: Mapping[str, Any]) -> Header:
+        """As it is read back."""
+        content = {"format": _FORMAT, "version": _VERSION, "info": info.to_json()}
+        line = msgspec.json.encode({**content, "start": start, "options": dict(options)})
+        return msgspec.json.decode(line, type=Header)
+
+    def check_same(self, now: Header, folder: Path) -> None:
+        """Makes sure that a run goes on with what it was begun with.
+
+        Raises:
+          OutputError: If something differs; the sentence names the first thing that does.
+        """
+        was, given = (_flatten(msgspec.to_builtins(one)) for one in (self, now))
+        for name in dict.fromkeys((*given, *was)):
+            if name not in _NOT_COMPARED and was.get(name) != given.get(name):
+                raise OutputError(
+                    f"the run in '{folder}' was begun with {name.partition('.')[2] or name} "
+                    f"{was.get(name)!r}, not {given.get(name)!r}; give what it was begun with, or "
+                    "start it anew with --overwrite"
+                )
+
+
+class _Line(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    frame: FrameRow  # as decided
+    step: Step
 
 
 class Checkpoints:
-    """Keeps what a run needs to be gone on with."""
+    """Keeps what a run needs to go on."""
 
     def __init__(
         self,
@@ -46,68 +112,73 @@ class Checkpoints:
         """
         self.run_folder, self.folder = run_folder, run_folder / CHECKPOINT_NAME
         self._every_s, self._clock = EVERY_S if every_s is None else every_s, clock
-        self._journal = JournalWriter(self.folder / JOURNAL_NAME)
+        self._path = self.folder / FRAMES_NAME
+        self._unwritten: list[bytes] = []
         self._start = self._num_done = self._num_kept = 0
         self._due = clock() + self._every_s
 
-    def find(self) -> Journal | None:
-        """The journal of a run that was not completed; None if there is none.
+    def find(self) -> Header | None:
+        """What the run that was not completed is made with; None if there is none.
 
         Raises:
-          OutputError: If it is damaged.
+          OutputError: If its file is damaged.
         """
-        return Journal.read(self.folder / JOURNAL_NAME)
+        lines = self._read()
+        if not lines:
+            return None
+        try:
+            return decode_json(lines[0], Header, f"'{self._path}', line 1", refused=OutputError)
+        except OutputError as error:
+            raise OutputError(f"{error}; {_START_ANEW}") from error
 
-    def begin(self, info: RunInfo, start: int, beside: Mapping[str, Any]) -> None:
-        """Starts the journal of a new run; what an earlier one left is removed.
-
-        Args:
-          info: What the run is made with.
-          start: Frames that the memory has seen before.
-          beside: What else a run must have in common with one that it goes on with.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+    def begin(self, header: Header) -> None:
+        """Starts with a new run; what an earlier one left is removed."""
         self.remove()
-        self._start = start
         files.make_folder(self.folder)
-        self._journal = JournalWriter.begin(
-            self.folder / JOURNAL_NAME, make_header(info, start, beside)
-        )
+        files.replace_file(self._path, msgspec.json.encode(header) + b"\n")
+        self._start = header.start
 
-    def go_on(self, tracker: Tracker, journal: Journal, trace: TraceArchive | None) -> list[Step]:
+    def go_on(
+        self, header: Header, tracker: Tracker, trace: TraceArchive | None
+    ) -> list[tuple[Tracks, Step]]:
         """Takes the tracker to where the last checkpoint was; gives the frames until then.
 
         Args:
+          header: What `find` gave.
           tracker: As it was when the run began.
-          journal: What `find` gave.
           trace: Gets the records of these frames; None if none are kept.
 
         Raises:
           RemindError: If the checkpoint is damaged.
         """
-        num, memory = 0, self.folder / MEMORY_NAME
-        self._start = journal.header["start"]
+        self._start, memory = header.start, self.folder / MEMORY_NAME
         if memory.exists():
-            announced_before = tracker.identities.announcements
             tracker.load(memory)
-            # What was announced since the beginning is found out again, frame by frame.
-            tracker.identities.announcements = announced_before
-            num = int(tracker.state.frame) - self._start
-        steps = journal.steps(num)
-        self._journal = journal.go_on(num)
-        self._num_done = self._num_kept = num
+            self._num_done = self._num_kept = int(tracker.state.frame) - self._start
+        num, lines = self._num_done, self._read()
+        if num > len(lines) - 1:
+            raise OutputError(
+                f"'{self._path}' has {len(lines) - 1} frames, the memory beside it has seen {num}; "
+                f"{_START_ANEW}"
+            )
+        frames = [self._decode(number, lines[number]) for number in range(1, num + 1)]
+        files.replace_file(self._path, b"".join(lines[: num + 1]))
         for path in sorted(self.folder.glob("trace-*.npz")):
             if int(path.stem.removeprefix("trace-")) >= num:
                 path.unlink()
             elif trace is not None:
                 trace.take_in(path)
-        return steps
+        if frames:
+            tracker.go_on(
+                frames[-1][1].attention_slots,
+                {gone: kept for _, step in frames for gone, kept in step.merges},
+            )
+        return frames
 
-    def add(self, step: Step) -> None:
+    def add(self, decided: Tracks, step: Step) -> None:
         """Takes a frame that is done."""
-        self._journal.add(step)
+        content = {"frame": tracks_to_json(decided), "step": step}
+        self._unwritten.append(msgspec.json.encode(content) + b"\n")
         self._num_done += 1
 
     @property
@@ -121,9 +192,6 @@ class Checkpoints:
         Args:
           tracker: After the last of them.
           trace: Records of all frames; None if none are kept.
-
-        Raises:
-          OutputError: If it cannot be written; the one before is kept.
         """
         begun = self._clock()
         state = tracker.state
@@ -131,7 +199,11 @@ class Checkpoints:
             return
         if int(state.frame) - self._start != self._num_done:
             return  # Ctrl-C came between the step and its answers
-        self._journal.flush()
+        with files.writing(self._path), self._path.open("ab") as file:
+            file.write(b"".join(self._unwritten))
+            file.flush()
+            os.fsync(file.fileno())
+        self._unwritten.clear()
         if trace is not None:
             trace.save(self.folder / f"trace-{self._num_kept:08d}.npz", skip=self._num_kept)
         tracker.save(self.folder / MEMORY_NAME, durably=True)
@@ -140,39 +212,28 @@ class Checkpoints:
         self._due = self._clock() + max(self._every_s, took_s / MOST_OF_A_RUN)
 
     def remove(self) -> None:
-        """Removes everything, once nothing is left to go on with.
-
-        Raises:
-          OutputError: If it cannot be removed.
-        """
+        """Removes everything, once nothing is left to go on with."""
         with files.writing(self.folder), contextlib.suppress(FileNotFoundError):
             shutil.rmtree(self.folder)
 
+    def _read(self) -> list[bytes]:
+        """Header and frames, whole lines only; nothing if there is no such file."""
+        if not self._path.is_file():
+            return []
+        lines = [line for _, line in read_lines(self._path, refused=OutputError)]
+        return lines if not lines or lines[-1].endswith(b"\n") else lines[:-1]
 
-def make_header(info: RunInfo, start: int, beside: Mapping[str, Any]) -> dict[str, Any]:
-    """What a journal begins with, as `json` reads it back."""
-    return json.loads(json.dumps({"info": info.to_json(), "start": start, "beside": dict(beside)}))
-
-
-def check_same(before: Mapping[str, Any], now: Mapping[str, Any], folder: Path) -> None:
-    """Makes sure that a run goes on with what it was begun with.
-
-    Args:
-      before: Header of its journal, or a part of it.
-      now: What it is to go on with, in the same form.
-      folder: Of the run.
-
-    Raises:
-      OutputError: If something differs; the sentence names the first thing that does.
-    """
-    was, given = _flatten(before), _flatten(now)
-    for name in dict.fromkeys((*given, *was)):
-        if name not in _NOT_COMPARED and was.get(name) != given.get(name):
-            raise OutputError(
-                f"the run in '{folder}' was begun with {name.partition('.')[2]} "
-                f"{_say(was.get(name))}, not {_say(given.get(name))}; give what it was begun "
-                "with, or start it anew with --overwrite"
-            )
+    def _decode(self, number: int, line: bytes) -> tuple[Tracks, Step]:
+        where = f"'{self._path}', line {number + 1}"
+        try:
+            row = decode_json(line, _Line, where, refused=OutputError)
+            tracks = tracks_of(row.frame)
+            check_masks([tracks])
+        except OutputError as error:
+            raise OutputError(f"{where}: {error}; {_START_ANEW}") from error
+        # As they are made: in other types pictures would be cut out a little differently.
+        arrays = {name: vars(tracks)[name].astype("f4") for name in ("boxes", "detector_scores")}
+        return dataclasses.replace(tracks, **arrays), row.step
 
 
 def _flatten(tree: Any, prefix: str = "") -> dict[str, Any]:
@@ -183,12 +244,3 @@ def _flatten(tree: Any, prefix: str = "") -> dict[str, Any]:
     for name, value in tree.items():
         found |= _flatten(value, f"{prefix}{name}.")
     return found
-
-
-def _say(value: Any) -> str:
-    """A value in a sentence."""
-    if value is None or value == {}:
-        return "none"
-    if isinstance(value, list):
-        return ", ".join(map(str, value)) or "none"
-    return f"'{value}'" if isinstance(value, str) else str(value)

@@ -28,11 +28,10 @@ from remind_jax.outputs.frame_record import FrameRecord
 from remind_jax.outputs.kept_tracks import KeptTracks
 from remind_jax.outputs.presence import UNDECIDED
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import Event, RunInfo
+from remind_jax.outputs.run_records import Event, RunInfo
 from remind_jax.outputs.writer import RunWriter
 from remind_jax.printing.words import plural
-from remind_jax.session.checkpoint import Checkpoints
-from remind_jax.session.journal import Journal, Step, check_frame, checksum_of
+from remind_jax.session.checkpoint import Checkpoints, Header, Step
 from remind_jax.session.live import Tracker
 from remind_jax.session.preparation import Prepared
 from remind_jax.session.progress import Progress
@@ -48,8 +47,7 @@ class Upcoming:
     """A frame on its way to the tracker."""
 
     frame: Frame
-    checksum: int  # of its picture or features
-    prepared: Prepared | None = None  # None for one that was done before the run was gone on with
+    prepared: Prepared | None = None  # None for one that was done before
     dropped: Counter[str] = dataclasses.field(default_factory=Counter)  # by the detector
 
 
@@ -60,7 +58,7 @@ class FrameLoop:
       progress: Called after every frame, if set.
       view: Shows every frame at once, if set.
       record: Gets every frame with its detections, if set.
-      num_before: Frames that were done before the run was gone on with.
+      num_before: Frames that were done before.
     """
 
     def __init__(
@@ -84,14 +82,12 @@ class FrameLoop:
         """
         self._delayed, self._num_waiting = delayed, num_waiting
         self._waiting: deque[tuple[Frame, Tracks]] = deque()  # as decided
-        self._tracker, self._source, self._detector = tracker, source, detector
+        self.tracker, self.source, self.detector = tracker, source, detector
         self._live = source if isinstance(source, LiveSource) else None
         if self._live is not None:
             self._live.get_ready_by(self._warm_up)
         self._checkpoints = checkpoints
-        self._before: Sequence[
-            Step
-        ] = ()  # of frames that were done before the run was gone on with
+        self._before: Sequence[tuple[Tracks, Step]] = ()  # frames that were done before, as decided
         self._first: Upcoming | None = None  # looked at, not done yet
         self.num_before = 0
         self.progress: Callable[[Progress], None] | None = None
@@ -103,27 +99,21 @@ class FrameLoop:
         self._grown_at: list[int] = []
         self._timings: dict[str, array[float]] = {}
         self._first_frame_ms: float | None = None
-        self._compile_s = 0.0  # before the run was gone on with
+        self._compile_s = 0.0  # of what was done before
         self._dropped = Counter[str]()
         self._archive = new_archive(tracker.method) if tracker.traces else None
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
-    def go_on_after(self, journal: Journal) -> None:
-        """Takes the tracker to the last checkpoint of a run that was not completed.
-
-        Raises:
-          RemindError: If it is damaged.
-        """
+    def go_on_after(self, header: Header) -> None:
+        """Takes the tracker to the last checkpoint of a run that was not completed."""
         assert self._checkpoints is not None
-        self._before = self._checkpoints.go_on(self._tracker, journal, self._archive)
+        self._before = self._checkpoints.go_on(header, self.tracker, self._archive)
         self.num_before = len(self._before)
-        if self._before:
-            self._tracker.go_on(self._before[-1].attention_slots)
 
     def prepare(self) -> contextlib.closing[Generator[Upcoming, None, None]]:
         """The frames, decoded and reduced ahead of the tracker in another thread; see above."""
-        decoded = _decode(self._source, self._detector, self.num_before)
+        decoded = _decode(self.source, self.detector, self.num_before)
         if self._live is not None:
             return contextlib.closing(self._prepare_in_turn(decoded))
         return contextlib.closing(
@@ -142,7 +132,7 @@ class FrameLoop:
         """
         self._first = next(ahead, None)
         if self._first is None:
-            raise SourceError(f"'{self._source.name}' has no frames")
+            raise SourceError(f"'{self.source.name}' has no frames")
         return self._first.frame
 
     def repeat(self, ahead: Iterator[Upcoming], writer: RunWriter) -> None:
@@ -151,20 +141,18 @@ class FrameLoop:
         Raises:
           SourceError: If the frames are not those that the run was begun with.
         """
-        for step in self._before:
+        for decided, step in self._before:
             upcoming = next(ahead, None)
             if upcoming is None:
                 raise SourceError(
-                    f"'{self._source.name}' ends before frame {step.tracks.source_index} "
-                    f"('{step.tracks.name}'), which was done already; give the whole source, or "
+                    f"'{self.source.name}' ends before frame {decided.source_index} "
+                    f"('{decided.name}'), which was done already; give the whole source, or "
                     "start the run anew with --overwrite"
                 )
-            tracks = self._tracker.identities.repeat(step.tracks, step.merges)
-            self._hand_on(upcoming.frame, step, writer)
-            self._collect(step, tracks)
-        if self._before:
-            self._compile_s = self._before[-1].compile_s
-            self._before = ()
+            self._hand_on(upcoming.frame, decided, step, writer)
+            self._collect(step, self.tracker.identities.answer(decided))
+            self._compile_s = step.compile_s
+        self._before = ()
         writer.end_repeating()
 
     def consume(self, ahead: Generator[Upcoming, None, None], writer: RunWriter | None) -> bool:
@@ -190,13 +178,9 @@ class FrameLoop:
         return complete
 
     def keep(self) -> None:
-        """Makes a checkpoint of what was done so far.
-
-        Raises:
-          OutputError: If it cannot be written.
-        """
+        """Makes a checkpoint of what was done so far."""
         if self._checkpoints is not None:
-            self._checkpoints.save(self._tracker, self._archive)
+            self._checkpoints.save(self.tracker, self._archive)
 
     def release(self, writer: RunWriter | None) -> None:
         """Gives the answers that still wait."""
@@ -209,17 +193,17 @@ class FrameLoop:
         self._note_end()
         self._note_drops()
         self._note_unannounced()
-        announced = self._tracker.identities.announcements
+        announced = self.tracker.identities.announcements
         archive = self._archive
         if archive is not None and not announced.is_identity:
             archive = archive.renumbered(announced.number)
         return Result(
-            tracks=self._tracker.identities.conclude(self._decided),
+            tracks=self.tracker.identities.conclude(self._decided),
             info=info,
             timings_ms={stage: times.tolist() for stage, times in self._timings.items()},
             first_frame_ms=self._first_frame_ms,
-            compile_s=self._compile_s + self._tracker.compile_s,
-            skipped=tuple(self._source.skipped),
+            compile_s=self._compile_s + self.tracker.compile_s,
+            skipped=tuple(self.source.skipped),
             events=tuple(self._events),
             grown_at=tuple(self._grown_at),
             complete=complete,
@@ -236,28 +220,26 @@ class FrameLoop:
         """Compiles and loads all for pictures of one size, so that the first does not age."""
         if content.image is None:
             return
-        if self._detector is not None:
-            self._detector(content.image)
+        if self.detector is not None:
+            self.detector(content.image)
         height, width = content.image.shape[:2]
-        self._compile_s += self._tracker.warm_up((height, width))
+        self._compile_s += self.tracker.warm_up((height, width))
 
     def _prepare(self, decoded: _Decoded) -> Upcoming:
         frame = decoded.frame
-        checksum = 0 if self._checkpoints is None else checksum_of(frame)
         if decoded.number < self.num_before:
-            config, has_detector = self._tracker.config, self._detector is not None
-            check_frame(self._before[decoded.number], frame, checksum, config, has_detector)
-            self._tracker.pass_over(frame)
-            return Upcoming(frame, checksum)
+            _check_same(self._before[decoded.number][0], frame)
+            self.tracker.pass_over(frame)
+            return Upcoming(frame)
         if self.record is not None:
             self.record.add(frame)
-        prepared = self._tracker.prepare(frame)
+        prepared = self.tracker.prepare(frame)
         prepared = dataclasses.replace(prepared, stage_ms={**decoded.spent, **prepared.stage_ms})
-        return Upcoming(frame, checksum, prepared, decoded.dropped)
+        return Upcoming(frame, prepared, decoded.dropped)
 
     def _take(self, upcoming: Upcoming, writer: RunWriter | None) -> None:
         """Decides about a frame."""
-        tracker, prepared, told = self._tracker, upcoming.prepared, self._tracker.identities
+        tracker, prepared, told = self.tracker, upcoming.prepared, self.tracker.identities
         assert prepared is not None
         start = time.perf_counter()
         tracks = tracker.advance(prepared)
@@ -272,24 +254,22 @@ class FrameLoop:
         decided = told.decided
         assert decided is not None
         step = Step(
-            tracks=decided,
-            checksum=upcoming.checksum,
             timings_ms={**tracker.stage_ms, **age_ms},
             compile_s=self._compile_s + tracker.compile_s,
             first_frame_ms=first_ms,
             merges=told.merges,
             evidence=None if self._delayed is None else self._delayed.evidence(tracker.state),
-            events=(*tracker.events, *self._news(tracks.frame_index)),
+            events=[*tracker.events, *self._news(tracks.frame_index)],
             has_grown=tracker.has_grown,
             dropped=upcoming.dropped,
             attention_slots=tracker.attention_slots,
         )
-        self._hand_on(upcoming.frame, step, writer)
+        self._hand_on(upcoming.frame, decided, step, writer)
         written_ms = 1000 * (time.perf_counter() - tracked)
-        step = dataclasses.replace(step, timings_ms={**step.timings_ms, "write": written_ms})
+        step.timings_ms["write"] = written_ms
         self._record(tracks)
         if self._checkpoints is not None:
-            self._checkpoints.add(step)
+            self._checkpoints.add(decided, step)
             if self._checkpoints.is_due:
                 self.keep()
         self._collect(step, tracks)
@@ -303,14 +283,14 @@ class FrameLoop:
         news = [] if self._live is None else self._live.take_news()
         return [Event(frame_index, "source", message) for message in news]
 
-    def _hand_on(self, frame: Frame, step: Step, writer: RunWriter | None) -> None:
+    def _hand_on(self, frame: Frame, decided: Tracks, step: Step, writer: RunWriter | None) -> None:
         """Hands on a frame that was decided to whatever waits for it."""
         # What waits are images; masks of many detections would be larger.
         frame = dataclasses.replace(frame, detections=None, features=None)
         if self._delayed is None:
-            self._waiting.append((frame, step.tracks))
+            self._waiting.append((frame, decided))
         else:
-            self._waiting.extend(self._delayed.push(frame, step.tracks, step.evidence))
+            self._waiting.extend(self._delayed.push(frame, decided, step.evidence))
         self._keep(self._num_waiting, writer)
 
     def _keep(self, num_waiting: int, writer: RunWriter | None) -> None:
@@ -318,13 +298,13 @@ class FrameLoop:
         while len(self._waiting) > num_waiting:
             frame, decided = self._waiting.popleft()
             if writer is not None:
-                writer.add(frame, self._tracker.identities.answer(decided))
+                writer.add(frame, self.tracker.identities.answer(decided))
             self._decided.append(decided)
             self._last_index = decided.frame_index
 
     def _record(self, tracks: Tracks) -> None:
         """Keeps what the decisions of the frame were made of, if the tracker gives that."""
-        tracker = self._tracker
+        tracker = self.tracker
         if self._archive is None:
             return
         decisions, objects = jax.device_get((tracker.state.decisions, tracker.state.objects))
@@ -354,7 +334,7 @@ class FrameLoop:
             self.progress(
                 Progress(
                     num_done=len(self._timings["step"]),
-                    num_frames=self._source.num_frames,
+                    num_frames=self.source.num_frames,
                     ms_per_frame=float(np.median(np.sum(recent, axis=0))),
                     num_identities=len(self._identities),
                     undecided_share=self._num_undecided / max(1, self._num_detections),
@@ -376,7 +356,7 @@ class FrameLoop:
 
     def _note_unannounced(self) -> None:
         """Reports objects that were not announced."""
-        told = self._tracker.identities
+        told = self.tracker.identities
         num, after = len(told.announcements.counts), told.announce_after
         if num and self._last_index is not None:
             message = (
@@ -384,6 +364,16 @@ class FrameLoop:
                 "(--announce-after)"
             )
             self._events.append(Event(self._last_index, "announced", message))
+
+
+def _check_same(was: Tracks, frame: Frame) -> None:
+    """Makes sure that a frame is the one that was decided then."""
+    if (was.source_index, was.name, was.frame_size) != (frame.source_index, frame.name, frame.size):
+        raise SourceError(
+            f"frame {frame.source_index} ('{frame.name}') is not what the run was begun with: in "
+            f"its place was frame {was.source_index} ('{was.name}'); give the same source, or "
+            "start the run anew with --overwrite"
+        )
 
 
 def _count_bytes(upcoming: Upcoming) -> int:

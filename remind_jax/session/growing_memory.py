@@ -6,12 +6,14 @@ import contextlib
 import dataclasses
 import gc
 import logging
-import time
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import jax
 
-from remind_jax.compiled.ahead import Forecast, Preparation
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
 from remind_jax.compiled.freed_memory import return_freed_memory
 from remind_jax.compiled.packing import Packed
@@ -22,16 +24,19 @@ from remind_jax.method import Method
 from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
 from remind_jax.session.answers import Outlines, outline
-from remind_jax.session.memory_budget import check_room
 from remind_jax.session.preparation import Prepared
-from remind_jax.session.spare_memory import SpareMemory
-from remind_jax.static import Static
+from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
 
 _CAPACITIES = {
     "detections": "num_detections",
     "objects": "num_objects",
     "undecided tracks": "num_pending",
 }
+
+# Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
+PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
+SETTLED_FRAMES = 100  # after which a loop that must not wait has twice of everything prepared
+MOST_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth nobody foresees
 
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.
@@ -40,11 +45,18 @@ _RETURN_EVERY = 1000
 _log = logging.getLogger("remind_jax")
 
 
+BUDGET_SHARE = 0.75  # of the memory of the device; the rest is for frames, masks and the network
+GIB = 2**30
+MOST_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
+MOST_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
+_GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
+
+
 class GrowingMemory:
     """The memory of a method and its compiled step; results do not depend on capacities.
 
-    Programs for larger capacities are compiled in a thread of their own before they are needed, and
-    the memory to move into is made there.
+    The next larger capacities are prepared in a thread of their own before they are needed: their
+    program is compiled, and the memory to move into is made.
 
     Attributes:
       state: A pytree of arrays; None before the first frame.
@@ -63,17 +75,14 @@ class GrowingMemory:
         self.has_grown = self.keeps_reserve = False
         self.traced = traced
         self.frame_step = FrameStep(method, traced=traced)
-        self.preparation = Preparation()
-        self._spare = SpareMemory(method)
+        self.ahead = Ahead(method)
         self._method = method
-        self._forecast = Forecast()
         self._num_steps = 0
         self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
 
     def forget(self) -> None:
         """Empties it; compiled programs stay."""
         self.state = self.trace = None
-        self._forecast = Forecast()
 
     def prepare_programs(
         self,
@@ -98,7 +107,6 @@ class GrowingMemory:
         for static in ready:
             self._prepare(frame_feats, prepared, thresholds, static)
         if num_objects:
-            covered = static
             with contextlib.suppress(ConfigError, SourceError):  # nothing larger, or no room for it
                 reserve = static.grow(
                     num_detections=static.num_detections + 1, num_pending=static.num_pending + 1
@@ -106,11 +114,9 @@ class GrowingMemory:
                 reserve = reserve.grow(num_objects=num_objects + reserve.num_detections)
                 self._prepare(frame_feats, prepared, thresholds, reserve)
                 ready.append(reserve)
-                covered = _twice(static)
-            self.preparation.plan(ready, covered)
-            following = self.preparation.following(ready[0])
-            if following is not None:
-                self._spare.ask_for(following, is_foreseen=False, waits=True)
+            self.ahead.at_hand += [one for one in ready if one not in self.ahead.at_hand]
+            self._make_spare(ready[0])
+            self.ahead.finish()
         # What tracing left behind takes a tenth of a second to go through: better now than within
         # a frame.
         gc.collect()
@@ -163,9 +169,9 @@ class GrowingMemory:
         if larger == self.static:
             return
         check_room(self._method, larger)
-        before, self.static = self.static, self.preparation.room_for(larger)
+        before, self.static = self.static, self.ahead.room_for(larger)
         if self.state is not None:
-            empty = self._spare.take(self.static)
+            empty = self.ahead.take_spare(self.static)
             self.state = self._method.enlarge(self.state, self.static, empty)
         grown = [
             f"{getattr(self.static, name)} {what}"
@@ -223,35 +229,190 @@ class GrowingMemory:
         thresholds: Any,
         occupied: tuple[Any, Any],
     ) -> None:
-        """Has the programs for the next capacities compiled once it is foreseen that they come."""
+        """Has twice prepared of each capacity that is nearly full, or for a live loop of all."""
         num_objects, num_pending = (int(count) for count in occupied)
-        self._forecast.add(
-            time.monotonic(),
-            {
-                "num_detections": len(prepared.masks.valid),
-                "num_objects": num_objects,
-                "num_pending": num_pending,
-            },
-        )
+        counts = {
+            "num_detections": len(prepared.masks.valid),
+            "num_objects": num_objects,
+            "num_pending": num_pending,
+        }
+        grown = [n for n, num in counts.items() if num >= PRESSED[n] * getattr(self.static, n)]
+        if not grown and self.keeps_reserve and self._num_steps >= SETTLED_FRAMES:
+            grown = list(counts)
         try:
-            static = self._forecast.needed(self.static)
-            is_foreseen = static != self.static
-            if not is_foreseen and self.keeps_reserve and self._forecast.is_settled:
-                static = _twice(self.static)
+            wanted = self.static.grow(**{name: getattr(self.static, name) + 1 for name in grown})
         except ConfigError:
             return  # there is nothing larger; the frame that needs it will tell
-        following = self.preparation.following(self.static)
-        if following is not None:
-            self._spare.ask_for(following, is_foreseen=is_foreseen)
-        if static != self.static:
+        if grown and not self.ahead.is_near(wanted):
             # The size of this frame is that of the next ones.
-            self.preparation.start(
-                static,
-                lambda static: self._prepare(frame_feats, prepared, thresholds, static),
-                is_sure=is_foreseen and self._forecast.is_sure(self.static),
+            self.ahead.start(
+                wanted,
+                lambda: self._prepare(frame_feats, prepared, thresholds, wanted),
+                with_spare=counts["num_objects"] >= PRESSED["num_objects"] * self.static.num_objects
+                or self._is_small(wanted),
             )
+        else:
+            self._make_spare(self.static)
+
+    def _make_spare(self, present: Static) -> None:
+        """Has the memory made that the next growth moves into, if it is small."""
+        following = self.ahead.following(present)
+        if following is not None and self._is_small(following):
+            self.ahead.start(following, None, with_spare=True)
+
+    def _is_small(self, static: Static) -> bool:
+        count = self._method.host.count_bytes
+        return count is None or count(static) <= MOST_IDLE_BYTES
 
 
-def _twice(static: Static) -> Static:
-    """Twice of all capacities."""
-    return static.grow(**{name: getattr(static, name) + 1 for name in _CAPACITIES.values()})
+class Ahead:
+    """Larger capacities at hand, and a thread that makes one thing at a time.
+
+    Attributes:
+      at_hand: Capacities whose programs are there.
+    """
+
+    def __init__(self, method: Method) -> None:
+        """Prepares nothing yet."""
+        self.at_hand: list[Static] = []
+        self._method = method
+        self._spare: tuple[Static, Any] | None = None  # an empty memory on the host
+        self._failed: set[Static] = set()
+        self._wanted: Static | None = None  # what the thread prepares
+        self._thread: threading.Thread | None = None
+
+    def start(
+        self, static: Static, compile_them: Callable[[], None] | None, with_spare: bool
+    ) -> None:
+        """Prepares capacities, unless the thread is at work, they are there, or they failed.
+
+        Args:
+          static: Capacities.
+          compile_them: Compiles their program; None if that is at hand.
+          with_spare: Make the memory as well: to get so much of the system takes several times as
+            long as to write into it what is remembered.
+        """
+        is_there = self._spare is not None and self._spare[0] == static
+        is_busy = self._thread is not None and self._thread.is_alive()
+        if is_busy or static in self._failed or (compile_them is None and is_there):
+            return
+
+        def run() -> None:
+            try:
+                if compile_them is not None:
+                    compile_them()
+                    self.at_hand.append(static)
+                if with_spare:
+                    self._spare = static, self._method.make_empty(static)
+            except Exception:  # the frame that needs these capacities will tell
+                self._failed.add(static)
+                _log.debug("could not prepare %s", static, exc_info=True)
+
+        self._wanted = static
+        # No daemon: the compiler must not be at work while the process is taken down.
+        self._thread = threading.Thread(target=run, name="remind-jax prepares capacities")
+        self._thread.start()
+
+    def is_near(self, static: Static) -> bool:
+        """Whether capacities are at hand that hold these, and of none more than twice."""
+        return any(
+            holds(one, static)
+            and all(
+                most <= GROWTH_STEP * least
+                for most, least in zip(_capacities(one), _capacities(static), strict=True)
+            )
+            for one in self.at_hand
+        )
+
+    def room_for(self, needed: Static) -> Static:
+        """The least capacities at hand that hold these, else just these.
+
+        Waits for what is in preparation if that holds them.
+        """
+        if self._wanted is not None and holds(self._wanted, needed):
+            self.finish()
+        fitting = [static for static in self.at_hand if holds(static, needed)]
+        return min(fitting, key=_capacities, default=needed)
+
+    def following(self, present: Static) -> Static | None:
+        """The least capacities at hand that hold more than these."""
+        larger = [one for one in self.at_hand if one != present and holds(one, present)]
+        return min(larger, key=_capacities, default=None)
+
+    def take_spare(self, static: Static) -> Any:
+        """The empty memory of these capacities, which is used up; None if it is not at hand."""
+        spare, self._spare = self._spare, None
+        return None if spare is None or spare[0] != static else spare[1]
+
+    def finish(self) -> None:
+        """Waits for what is in preparation."""
+        if self._thread is not None:
+            self._thread.join()
+
+
+def holds(large: Static, small: Static) -> bool:
+    """Whether capacities hold at least others, and are the same in all else."""
+    pairs = zip(_capacities(large), _capacities(small), strict=True)
+    names = dict.fromkeys(PRESSED, 1)
+    same = dataclasses.replace(large, **names) == dataclasses.replace(small, **names)
+    return same and all(most >= least for most, least in pairs)
+
+
+def _capacities(static: Static) -> tuple[int, ...]:
+    return static.num_objects, static.num_detections, static.num_pending
+
+
+def check_room(method: Method, static: Static) -> None:
+    """Makes sure that memory and step of a method fit into three quarters of the device's memory.
+
+    Raises:
+      SourceError: If they do not.
+    """
+    if method.host.count_bytes is None:
+        return
+    needed, total = method.host.count_bytes(static), device_bytes()
+    if total and needed > BUDGET_SHARE * total:
+        raise SourceError(
+            f"room for {static.num_detections} detections in a frame and {static.num_objects} "
+            f"objects takes about {needed / GIB:.1f} GiB, and {BUDGET_SHARE * total / GIB:.1f} GiB "
+            "of this machine's memory may be used; keep fewer detections (best ones or "
+            "wanted classes only), or start with an empty memory"
+        )
+
+
+def most_detections(method: Method, static: Static, feature_dim: int) -> int:
+    """How many detections a frame may have, so that no single frame takes much memory.
+
+    Args:
+      method: The tracker.
+      static: Capacities that were chosen; what there is room for is allowed.
+      feature_dim: Width of the features, where `static` does not say it yet.
+    """
+    if method.host.count_bytes is None:
+        return max(static.num_detections, MOST_UNCOUNTED)
+    empty = dataclasses.replace(
+        static, num_objects=1, num_pending=1, feature_dim=static.feature_dim or feature_dim
+    )
+    most = static.num_detections
+    while most * GROWTH_STEP <= MOST_DETECTIONS:
+        # Each may be open in one frame, and be an object beside a new one in the next.
+        needed = most * GROWTH_STEP
+        room = empty.grow(num_detections=needed, num_objects=2 * needed, num_pending=needed)
+        if method.host.count_bytes(room) > MOST_FRAME_BYTES:
+            break
+        most = needed
+    return most
+
+
+def device_bytes() -> int:
+    """Memory of the device that steps run on, 0 where that is not known."""
+    stats = jax.local_devices()[0].memory_stats()
+    if stats and stats.get("bytes_limit"):
+        return int(stats["bytes_limit"])
+    if jax.default_backend() != "cpu" or not hasattr(os, "sysconf"):
+        return 0
+    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        return min(total, int(_GROUP_LIMIT.read_text(encoding="ascii")))
+    except (OSError, ValueError):  # no such group, or "max"
+        return total

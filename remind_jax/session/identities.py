@@ -5,13 +5,14 @@ The memory decides about objects under ids of its own; answers speak of what was
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+import dataclasses
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import UInt8
 
 from remind_jax.decision import NO_ID
-from remind_jax.outputs.run_info import Event
+from remind_jax.outputs.run_records import Event
 from remind_jax.session.announcement import Announcements, announce, as_announced
 from remind_jax.session.memory_file import SavedMemory
 from remind_jax.session.object_records import ObjectRecords
@@ -55,8 +56,13 @@ class Identities:
             self.announcements = Announcements()
         self.records, self._is_new_session = memory.records, True
 
-    def go_on(self) -> None:
-        """After `take_up`: as if the frames of the memory had been of this session."""
+    def go_on(self, merged_into: Mapping[int, int]) -> None:
+        """After `take_up`: as if the frames of the memory had been of this session.
+
+        Args:
+          merged_into: Objects that turned out to be others in them, by ids of the memory.
+        """
+        self.announcements = dataclasses.replace(self.announcements, became=merged_into)
         self._is_new_session = False
 
     def add(
@@ -78,7 +84,9 @@ class Identities:
         if self._is_new_session:
             self.records.next_session()
             self._is_new_session = False
-        answers = self.repeat(decided, merges)
+        self.decided, self.merges = decided, list(merges)
+        self.announcements = announce(self.announcements, decided, self.announce_after, merges)
+        answers = self.answer(decided)
         events = []
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
@@ -90,12 +98,6 @@ class Identities:
         if self._num_told() > self._most_told:
             self._tell_less(known_ids())
         return answers, events
-
-    def repeat(self, decided: Tracks, merges: Sequence[tuple[int, int]]) -> Tracks:
-        """As `add` for a frame that memory and records know already."""
-        self.decided, self.merges = decided, list(merges)
-        self.announcements = announce(self.announcements, decided, self.announce_after, merges)
-        return self.answer(decided)
 
     def answer(self, decided: Tracks) -> Tracks:
         """The answers about a frame that was decided, by what is announced, named and merged."""

@@ -27,21 +27,20 @@ from remind_jax.files import as_path
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
 from remind_jax.method import get_method
 from remind_jax.observation import AnyFeats
-from remind_jax.outputs.run_info import Event
+from remind_jax.outputs.run_records import Event
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.words import plural
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.answers import note_omissions, read_tracks
-from remind_jax.session.forgetting import forget_object
 from remind_jax.session.frame_features import FrameFeatures
-from remind_jax.session.growing_memory import GrowingMemory
+from remind_jax.session.growing_memory import GrowingMemory, most_detections
 from remind_jax.session.identities import Identities
-from remind_jax.session.memory_budget import most_detections
 from remind_jax.session.memory_file import (
     SavedMemory,
     check_backbone,
     check_tracker,
     chosen_switches,
+    forget_object,
     load_memory,
     save_memory,
     static_of,
@@ -376,10 +375,15 @@ class Tracker(Printable):
         """
         self._preparer.pass_over(frame, self.config)
 
-    def go_on(self, attention_slots: int) -> None:
-        """After `load`: as if the frames that the memory has seen had been seen here."""
+    def go_on(self, attention_slots: int, merged_into: Mapping[int, int]) -> None:
+        """After `load`: as if the frames that the memory has seen had been seen here.
+
+        Args:
+          attention_slots: As they were.
+          merged_into: Objects that turned out to be others in these frames, by ids of the memory.
+        """
         self._features.attention_slots = attention_slots
-        self.identities.go_on()
+        self.identities.go_on(merged_into)
         if not self._features_given:
             self._follow_profile()
 

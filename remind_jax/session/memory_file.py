@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import functools
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +20,20 @@ from safetensors.numpy import load_file, save_file
 from remind_jax import files
 from remind_jax.config import Config
 from remind_jax.config.keys import how_to_choose
+from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
-from remind_jax.files.records import Small, Whole, decode_json
+from remind_jax.files.records import MOST_LABEL, Small, Whole, decode_json
 from remind_jax.files.tensors import TensorEntry, read_safetensors_header
-from remind_jax.method import PAPER_METHOD, get_method, named_leaves
+from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
+from remind_jax.numerics.absent import NO_ID
+from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements
-from remind_jax.session.memory_checks import find_fault
+from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns
 from remind_jax.session.object_pictures import MOST_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
 
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start
@@ -38,7 +42,22 @@ _SETTINGS = {field.name for field in dataclasses.fields(Static)}
 _PICTURES = "pictures"  # of all objects, one after another
 _RESTORE = "restore the file, or start without it"
 # As safetensors call the types of arrays.
-_TYPES = {"bool": "BOOL", "int32": "I32", "int64": "I64", "float32": "F32", "float64": "F64"}
+_TYPES = {
+    "bool": "BOOL",
+    "uint8": "U8",
+    "int32": "I32",
+    "int64": "I64",
+    "float32": "F32",
+    "float64": "F64",
+}
+
+
+_CODES: dict[str, type[enum.IntEnum]] = {
+    "outcome": Outcome,
+    "reason": Reason,
+    "status": Status,
+    "status_final": Status,
+}
 
 
 class _AnnouncedRow(msgspec.Struct, frozen=True):
@@ -79,9 +98,6 @@ def save_memory(path: str | Path, memory: SavedMemory, *, durably: bool = False)
       path: The file.
       memory: What it will hold.
       durably: Return only when it is on the disk, so that it outlives a power cut.
-
-    Raises:
-      OutputError: If the file cannot be written.
     """
     path = Path(path)
     leaves = {name: np.asarray(leaf) for name, leaf in named_leaves(memory.state)}
@@ -121,15 +137,17 @@ def load_memory(path: str | Path) -> SavedMemory:
     metadata = header.metadata
     if metadata.get("format") != _FORMAT:
         raise OutputError(f"'{path}' is not a memory file of remind-jax")
-    if metadata.get("schema") != str(SCHEMA_VERSION):
+    schema = metadata.get("schema")
+    if schema not in (str(EARLIER_VERSION), str(SCHEMA_VERSION)):
         raise OutputError(
-            f"'{path}' has memory schema {metadata.get('schema')!r}; this version reads schema "
-            f"{SCHEMA_VERSION}"
+            f"'{path}' has memory schema {schema!r}; this version reads schema {SCHEMA_VERSION}"
         )
     static, names, announced, filed = _read_description(metadata, path)
     method = get_method(metadata["tracker"])
     expected = _shape(method.name, static)
-    _check_tensors(header.tensors, expected, path)
+    is_earlier = schema == str(EARLIER_VERSION)
+    if not is_earlier:
+        _check_tensors(header.tensors, expected, path)
     try:
         tensors = load_file(path)
     except (OSError, SafetensorError) as error:
@@ -137,6 +155,13 @@ def load_memory(path: str | Path) -> SavedMemory:
     checksum = metadata.get("sha256")
     if checksum is not None and checksum != _checksum(metadata, tensors):
         raise OutputError(f"'{path}' is damaged: its checksum is another one; {_RESTORE}")
+    if is_earlier:
+        tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
+        entries = {
+            name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape, (0, one.nbytes))
+            for name, one in tensors.items()
+        }
+        _check_tensors(entries, expected, path)
     leaves = [tensors[name] for name, _ in named_leaves(expected)]
     state = jax.tree.unflatten(jax.tree.structure(expected), leaves)
     fault = find_fault(state, method, names, announced, static.first_object_id)
@@ -214,11 +239,7 @@ def check_backbone(memory: SavedMemory, backbone: str, path: str | Path) -> None
 
 
 def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path) -> None:
-    """Compares what the header says of the tensors with the memory that its settings make.
-
-    Raises:
-      OutputError: If one is missing, of another shape or type, or unknown.
-    """
+    """Compares what the header says of the tensors with the memory that its settings make."""
     leaves = dict(named_leaves(expected))
     for name, leaf in leaves.items():
         entry = tensors.get(name)
@@ -259,11 +280,7 @@ def _checksum(metadata: Mapping[str, str], tensors: Mapping[str, np.ndarray]) ->
 def _read_description(
     metadata: Mapping[str, str], path: Path
 ) -> tuple[Static, tuple[str, ...], Announcements | None, FiledRecords]:
-    """Static, class names of the memory, what was announced, and records of its objects.
-
-    Raises:
-      OutputError: If one is missing or damaged.
-    """
+    """Static, class names of the memory, what was announced, and records of its objects."""
     where = f"'{path}', header"
     for name in ("static", "class_names", "backbone", "tracker", "records"):
         if name not in metadata:
@@ -293,3 +310,89 @@ def _read_description(
             "environment variable JAX_ENABLE_X64=1"
         )
     return static, names, announced, read("records", FiledRecords)
+
+
+def forget_object(memory: SavedMemory, object_id: int) -> SavedMemory:
+    """The memory without an object and all that was merged into it; its records lose it as well.
+
+    Args:
+      memory: With the object.
+      object_id: As announced.
+
+    Raises:
+      SourceError: If there is no such object.
+      ConfigError: If the tracker cannot forget single objects.
+    """
+    records, announced = memory.records, memory.announced or Announcements()
+    members = records.members(records.check_known(object_id))
+    ids = [one for member in members for one in announced.memory_ids(member)]
+    forgotten = get_method(memory.tracker).forget(memory.state, ids, memory.static)
+    records.drop(object_id)
+    return dataclasses.replace(memory, state=jax.tree.map(jax.numpy.asarray, forgotten))
+
+
+def find_fault(
+    state: Any,
+    method: Method,
+    class_names: tuple[str, ...],
+    announced: Announcements | None,
+    first_id: int,
+) -> str | None:
+    """What is wrong first, as a phrase; None if nothing is.
+
+    Args:
+      state: The memory, host arrays of the right shapes and types.
+      method: Whose memory it is.
+      class_names: Class names by class id.
+      announced: What was announced of its objects.
+      first_id: Id of the first object.
+    """
+    faults = _find_faults(state, class_names, first_id)
+    fault = next(faults, None) or next(_of_announcements(announced, int(state.next_id)), None)
+    if fault is None and method.host.find_faults is not None:
+        fault = next(iter(method.host.find_faults(state)), None)
+    return fault
+
+
+def _find_faults(state: Any, class_names: tuple[str, ...], first_id: int) -> Iterator[str]:
+    for name, leaf in named_leaves(state):
+        yield from not_finite(name, leaf)
+    yield from outside("frame", state.frame, 0)
+    yield from outside("next_id", state.next_id, first_id)
+    ids = np.asarray(state.objects.id)
+    used = ids != NO_ID
+    yield from outside("objects.id", ids, first_id, int(state.next_id) - 1, used)
+    yield from repeated("objects.id", ids[used])
+    for name in class_names:
+        if not isinstance(name, str) or len(name) > MOST_LABEL:
+            yield f"a class is named {str(name)[:40]!r}; allowed: up to {MOST_LABEL} characters"
+    yield from repeated("class_names", np.array(class_names, object))
+    if hasattr(state.objects, "class_id"):
+        last_class = len(class_names) - 1
+        yield from outside("objects.class_id", state.objects.class_id, 0, last_class, used)
+    yield from _of_decisions(state.decisions, int(state.next_id))
+    yield from outside("overflow.objects", state.overflow.objects, 0)
+    yield from outside("overflow.pending", state.overflow.pending, 0)
+
+
+def _of_decisions(decisions: Decisions, next_id: int) -> Iterator[str]:
+    """Of the last frame; they are shown, and ids among them."""
+    for name, kind in _CODES.items():
+        codes = [int(code) for code in kind]
+        yield from outside(f"decisions.{name}", getattr(decisions, name), min(codes), max(codes))
+    for name in ("object_id", "candidate_id", "option_id"):
+        values = getattr(decisions, name)
+        yield from outside(f"decisions.{name}", values, NO_ID, max(next_id - 1, NO_ID))
+
+
+def _of_announcements(announced: Announcements | None, next_id: int) -> Iterator[str]:
+    if announced is None:
+        return
+    if announced.known_below < 0 or announced.next_id < 0:
+        yield "what was announced counts from below 0"
+    for object_id, number in announced.ids.items():
+        if not (0 <= object_id < next_id and 0 <= number < announced.next_id):
+            yield f"object {object_id} was announced as {number}, which cannot be"
+    for object_id, count in announced.counts.items():
+        if not (0 <= object_id < next_id and count >= 0):
+            yield f"object {object_id} was detected {count} times, which cannot be"

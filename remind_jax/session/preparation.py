@@ -63,7 +63,7 @@ class FramePreparer:
             a patch, or disagrees with its masks about the size.
         """
         start = time.perf_counter()
-        detections, num_ignored = wanted_detections(frame, config)
+        detections, num_ignored = _wanted_detections(frame, config)
         alignment = self._align(frame, config)
         options = config.input
         gaps: dict[str, Any] = {"exact_gap_max": None}
@@ -135,7 +135,7 @@ class FramePreparer:
         return self.class_ids.setdefault(label, len(self.class_ids))
 
 
-def wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
+def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
     """The detections of the frame but for those of ignored classes, and how many these are."""
     if frame.detections is None:
         raise SourceError(f"frame '{frame.name}' comes without masks; give masks or a detector")

@@ -33,7 +33,7 @@ from remind_jax.outputs.writer import (
 )
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
-from remind_jax.session.folder_run import Origin, describe_files, describe_run, run_into
+from remind_jax.session.folder_run import describe_run, run_into
 from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress, follow_run
@@ -66,7 +66,6 @@ def run(
     announce_after: int | None = None,
     overwrite: bool = False,
     resume: bool = False,
-    rerun: str | Path | None = None,
     mcap: str | Path | None = None,
     record: str | Path | None = None,
     live: bool | str = False,
@@ -107,8 +106,6 @@ def run(
       resume: Go on with the run in `out` that was killed or stopped, as if it had not been; source
         and options must be those that it was begun with. A complete run is given back as it is, an
         empty folder gets a new run.
-      rerun: Record for the viewer of Rerun (`.rrd`), or the address of one that is open
-        (`rerun+http://127.0.0.1:9876/proxy`); needs `out`.
       mcap: Record for Foxglove (`.mcap`); needs `out`.
       record: Folder or lossless video (`.mkv`) that gets the frames as they were seen, and their
         detections, so that a live run can be repeated.
@@ -145,7 +142,8 @@ def run(
     check_function("on_live", on_live)
     check_function("progress", None if isinstance(progress, bool) else progress)
     _check_resume(out, overwrite, resume, record)
-    _check_viewers(out, rerun, mcap)
+    if mcap is not None and out is None:
+        raise OptionError("'mcap' records a run that is written to a folder; give out", "mcap")
     if live is not False:
         parse_where(live)
     recorded = None if record is None else FrameRecord(record, overwrite)
@@ -178,7 +176,7 @@ def run(
     if isinstance(frames, LiveSource) and detector is None and not frames.brings_masks:
         raise SourceError(f"'{frames.name}' brings no masks; give a detector")
     if out is not None:
-        _keep_apart(out, frames, rerun, mcap, masks, metadata, weights, config_file, network)
+        _keep_apart(out, frames, mcap, masks, metadata, weights, config_file, network)
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = max(0, 2 * after - delay) if after > 1 else 0
@@ -194,16 +192,18 @@ def run(
         if checkpoints is None:
             with loop.prepare() as ahead:
                 first = loop.look_at_first(ahead)
-                info = describe_run(
-                    frames, detector, tracking, first.size, first.features is not None
-                )
+                info = describe_run(loop, first.size, first.features is not None)
                 return loop.conclude(info, loop.consume(ahead, None))
-        beside = {"delay": delay, "trace": trace, **describe_files(memory, tracking, detector)}
-        origin = Origin(frames, detector, tracking, beside)
-        folder = checkpoints.run_folder
-        with files.locked(folder):
-            viewers = _open_viewers(frames.name, rerun, mcap)
-            return run_into(folder, loop, checkpoints, origin, overlay, overwrite, resume, viewers)
+        with files.locked(checkpoints.run_folder):
+            return run_into(
+                loop,
+                checkpoints,
+                {"delay": delay, "trace": trace},
+                overlay=overlay,
+                overwrite=overwrite,
+                resume=resume,
+                viewers=_open_viewers(mcap),
+            )
 
 
 def _check_resume(out: Any, overwrite: bool, resume: bool, record: Any) -> None:
@@ -216,14 +216,7 @@ def _check_resume(out: Any, overwrite: bool, resume: bool, record: Any) -> None:
         raise OptionError("'record' would lack the frames before 'resume'; leave it out", "record")
 
 
-def _check_viewers(out: Any, rerun: Any, mcap: Any) -> None:
-    """Refuses records of a run that leaves nothing behind."""
-    for name, target in (("rerun", rerun), ("mcap", mcap)):
-        if target is not None and out is None:
-            raise OptionError(f"'{name}' records a run that is written to a folder; give out", name)
-
-
-def _keep_apart(out: Path, frames: Source, rerun: Any, mcap: Any, *others: Any) -> None:
+def _keep_apart(out: Path, frames: Source, mcap: Any, *others: Any) -> None:
     """Refuses to write onto what is read."""
     arguments = frames.describe().get("reopen") or {}
     inputs = [arguments.get(name) for name in ("spec", "masks", "metadata")]
@@ -232,9 +225,8 @@ def _keep_apart(out: Path, frames: Source, rerun: Any, mcap: Any, *others: Any) 
     inputs = [path for path in inputs if path != NO_MASKS]
     is_ours = not out.is_dir() or not any(out.iterdir()) or holds_run(out)
     files.refuse_folder(out, inputs, is_ours=is_ours)
-    for target in (rerun, mcap):
-        if target is not None and "://" not in str(target):
-            files.refuse_file(as_path(target, "the record", OutputError), inputs)
+    if mcap is not None:
+        files.refuse_file(as_path(mcap, "the record", OutputError), inputs)
 
 
 def _keep_record_apart(record: Path, out: Path) -> None:
@@ -250,20 +242,13 @@ def _is_there(path: Any) -> bool:
     return isinstance(path, (str, Path)) and Path(path).exists()
 
 
-def _open_viewers(
-    name: str, rerun: str | Path | None, mcap: str | Path | None
-) -> list[ViewerRecord]:
-    """The records that are wanted; their libraries are imported for them only."""
-    viewers: list[ViewerRecord] = []
-    if rerun is not None:
-        from remind_jax.outputs.rerun_record import RerunRecord
+def _open_viewers(mcap: str | Path | None) -> list[ViewerRecord]:
+    """The record that is wanted; its library is imported for it only."""
+    if mcap is None:
+        return []
+    from remind_jax.outputs.mcap_record import McapRecord
 
-        viewers.append(RerunRecord(rerun, name))
-    if mcap is not None:
-        from remind_jax.outputs.mcap_record import McapRecord
-
-        viewers.append(McapRecord(mcap))
-    return viewers
+    return [McapRecord(mcap)]
 
 
 @contextlib.contextmanager

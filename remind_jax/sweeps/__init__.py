@@ -10,11 +10,9 @@ from remind_jax.sweeps.result import Standing as Standing
 from remind_jax.sweeps.result import SweepResult as SweepResult
 from remind_jax.sweeps.scene_arrays import StackedScene as StackedScene
 from remind_jax.sweeps.scene_arrays import stack_scene as stack_scene
-from remind_jax.sweeps.search import hyperband as hyperband
 from remind_jax.sweeps.search import search as search
 from remind_jax.sweeps.sensitivity import PAPER_SPACE as PAPER_SPACE
 from remind_jax.sweeps.sensitivity import PLUS_SPACE as PLUS_SPACE
-from remind_jax.sweeps.sensitivity import estimate_sobol as estimate_sobol
 from remind_jax.sweeps.sensitivity import move_one_at_a_time as move_one_at_a_time
 from remind_jax.sweeps.settings import Setting as Setting
 from remind_jax.sweeps.settings import draw as draw

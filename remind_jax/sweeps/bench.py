@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -113,17 +112,8 @@ class SceneBench:
         """Checks what settings will be made of (`settings.check_space`)."""
         check_space(space, self._config)
 
-    def run(
-        self,
-        settings: Sequence[Mapping[str, Value]],
-        *,
-        share: float = 1.0,
-    ) -> SweepResult:
+    def run(self, settings: Sequence[Mapping[str, Value]]) -> SweepResult:
         """Scores every setting on every scene; what has a row already is not run again.
-
-        Args:
-          settings: Settings.
-          share: Of the frames of each scene, from the first on.
 
         Returns:
           The rows. After Ctrl-C, those so far, with `complete` false.
@@ -139,20 +129,16 @@ class SceneBench:
         with self._records.locked():
             try:
                 for name in self._sources:
-                    keys.append(self._start(name, chosen, share, tally))
+                    keys.append(self._start(name, chosen, tally))
                 self._crew.finish()
                 finished = True
             except KeyboardInterrupt:
                 self._crew.stop()
         return self._collect(chosen, keys, finished)
 
-    def _start(
-        self, name: str, settings: Sequence[Setting], share: float, tally: _Tally
-    ) -> list[str]:
+    def _start(self, name: str, settings: Sequence[Setting], tally: _Tally) -> list[str]:
         """Has the missing rows of a scene made; the keys of all of them."""
         scene = self._load(name)
-        if share < 1:
-            scene = scene.first(max(1, math.ceil(share * scene.num_frames - 1e-9)))
         origin = {
             "config": scene.config.to_dict(),
             "scene": scene.digest,

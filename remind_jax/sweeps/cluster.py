@@ -173,11 +173,7 @@ def _join(address: str | None, workers: int | None) -> Any:
 
 
 def _check_reachable(address: str | None) -> None:
-    """Ray itself waits for minutes for a machine that does not answer.
-
-    Raises:
-      SweepError: If nothing answers there.
-    """
+    """Ray itself waits for minutes for a machine that does not answer."""
     host, colon, port = (address or "").removeprefix("ray://").rpartition(":")
     if not (colon and host and port.isascii() and port.isdecimal()):
         return  # a word that Ray knows or refuses

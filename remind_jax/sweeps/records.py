@@ -60,11 +60,7 @@ class Records:
     """Rows of a folder, or of this run only if there is none."""
 
     def __init__(self, folder: str | Path | None) -> None:
-        """Reads the rows that are there.
-
-        Raises:
-          OutputError: If the folder cannot be made or read.
-        """
+        """Reads the rows that are there."""
         self._file = None if folder is None else Path(folder) / FILE_NAME
         self._rows: dict[str, Row] = {}
         self._read()
@@ -106,11 +102,7 @@ class Records:
         return self._rows[key]
 
     def add(self, rows: Iterable[Row]) -> None:
-        """Keeps rows, on disk before anything else happens.
-
-        Raises:
-          OutputError: If they cannot be written.
-        """
+        """Keeps rows, on disk before anything else happens."""
         rows = list(rows)
         self._write("".join(_line(row) + "\n" for row in rows))
         self._rows.update((row.key, row) for row in rows)
@@ -131,11 +123,7 @@ def _line(row: Row) -> str:
 
 
 def _read_rows(path: Path) -> Iterator[Row]:
-    """Rows of a file; lines that were cut off or damaged are left out, to be made again.
-
-    Raises:
-      OutputError: If it cannot be read, or holds something else.
-    """
+    """Rows of a file; lines that were cut off or damaged are left out, to be made again."""
     start = b""
     for number, line in records.read_lines(path, refused=OutputError):
         start = line[: len(_START)] if number == 1 else start

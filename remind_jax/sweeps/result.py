@@ -102,9 +102,6 @@ class SweepResult(Printable):
         """All rows as CSV, also written to a file if one is given.
 
         Names of scenes are guarded (`files/csv_cells.py`).
-
-        Raises:
-          OutputError: If it cannot be written.
         """
         names = sorted({name for setting in self.settings for name in setting})
         text = io.StringIO()

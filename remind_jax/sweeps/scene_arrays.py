@@ -93,22 +93,6 @@ class SceneFrames:
         digest.update(np.ascontiguousarray(self.truth.object_index).data)
         return digest.hexdigest()
 
-    def first(self, num_frames: int) -> SceneFrames:
-        """The scene as if it had ended earlier."""
-        truth = dataclasses.replace(
-            self.truth,
-            object_index=self.truth.object_index[:num_frames],
-            class_id=self.truth.class_id[:num_frames],
-        )
-        return SceneFrames(
-            self.name,
-            self.feats[:num_frames],
-            self.masks[:num_frames],
-            self.observed[:num_frames],
-            truth,
-            self.config,
-        )
-
 
 def load_scene(
     source: Source,
@@ -196,11 +180,7 @@ def stack_scene(
 def _read(
     source: Source, reader: Tracker
 ) -> tuple[list[AnyFeats], list[Masks], list[Any], list[np.ndarray], bool]:
-    """Features, masks, what is observed and instances of every frame; whether it brings features.
-
-    Raises:
-      SourceError: If there are no frames.
-    """
+    """Features, masks, what is observed and instances of all frames; whether it brings features."""
     feats, masks, observed, instances = [], [], [], []
     brings_features = False
     for frame in source:

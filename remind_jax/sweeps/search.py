@@ -79,100 +79,6 @@ def search(
     return join(found)
 
 
-def plan_brackets(widest: int, shortest: float, eta: int = 3) -> list[list[tuple[int, float]]]:
-    """The rungs of Hyperband's brackets: how many settings, on which share of the frames.
-
-    Brackets start with many settings on few frames and end with few on all; about the same number
-    of frames goes into each (Li et al., JMLR 2018).
-
-    Args:
-      widest: Settings that the first bracket starts with.
-      shortest: Share of the frames that it starts on.
-      eta: One in so many settings gets on, to so many times as many frames.
-
-    Raises:
-      SweepError: If a number is out of range.
-    """
-    if widest < 1 or eta < 2 or not 0 < shortest <= 1:
-        raise SweepError(
-            f"Hyperband of {widest} settings from a share of {shortest} by factors of {eta} is "
-            "none; give at least 1 setting, a share in (0, 1] and a factor from 2 on"
-        )
-    most = math.floor(-math.log(shortest) / math.log(eta) + 1e-9)
-    brackets = []
-    for rungs in range(most, -1, -1):
-        first = math.ceil(widest * (most + 1) / (rungs + 1) / eta ** (most - rungs))
-        brackets.append(
-            [(max(1, first // eta**rung), eta ** float(rung - rungs)) for rung in range(rungs + 1)]
-        )
-    return brackets
-
-
-def hyperband(
-    bench: SceneBench,
-    space: Space,
-    *,
-    widest: int = 27,
-    shortest: float = 1 / 9,
-    eta: int = 3,
-    sampler: SamplerName = "tpe",
-    objective: str = "IDF1",
-    seed: int = 0,
-) -> SweepResult:
-    """Hyperband over frames: many settings see the start of the scenes, the better ones more.
-
-    Args:
-      bench: What settings are tried on.
-      space: As for `search`.
-      widest: Settings that the first bracket starts with; see `plan_brackets`.
-      shortest: Share of the frames that it starts on.
-      eta: One in so many settings gets on.
-      sampler: Who proposes the settings of each bracket.
-      objective: Score to be made best.
-      seed: Same seed, same settings.
-
-    Returns:
-      The rows of the configuration as it stands and of the settings that saw all frames.
-
-    Raises:
-      SweepError: If Optuna is missing, or the search cannot be done as asked.
-    """
-    bench.check_space(space)
-    study = _open_study(space, sampler, [objective], widest, seed)
-    found = [bench.run([GIVEN])]
-    for bracket in plan_brackets(widest, shortest, eta):
-        survivors = _run_bracket(bench, study, space, bracket, objective)
-        if survivors is None:
-            return join(found, complete=False)
-        found.append(survivors)
-    return join(found)
-
-
-def _run_bracket(
-    bench: SceneBench,
-    study: optuna.Study,
-    space: Space,
-    bracket: Sequence[tuple[int, float]],
-    objective: str,
-) -> SweepResult | None:
-    """Rows of the settings that get to the end; None after Ctrl-C."""
-    trials = [study.ask() for _ in range(bracket[0][0])]
-    alive = [(trial, _propose(trial, space)) for trial in trials]
-    result, scores = None, [0.0] * len(alive)
-    for rung, (number, share) in enumerate(bracket):
-        alive = _keep_best(study, alive, scores, number, objective)
-        result = bench.run([setting for _, setting in alive], share=share)
-        if not result.complete:
-            return None
-        scores = [standing.scores[objective] for standing in result.standings()]
-        for (trial, _), score in zip(alive, scores, strict=True):
-            if not math.isnan(score):
-                trial.report(score, rung)
-    for (trial, _), score in zip(alive, scores, strict=True):
-        _tell(study, trial, [score])
-    return result
-
-
 def join(results: Iterable[SweepResult], complete: bool | None = None) -> SweepResult:
     """The rows of several sweeps over the same scenes, in one."""
     results = list(results)
@@ -184,22 +90,6 @@ def join(results: Iterable[SweepResult], complete: bool | None = None) -> SweepR
         program_bytes=max(result.program_bytes for result in results),
         complete=all(result.complete for result in results) if complete is None else complete,
     )
-
-
-def _keep_best(
-    study: optuna.Study, alive: list, scores: list[float], number: int, objective: str
-) -> list:
-    """The best so many, in the order in which they were proposed; the others are done."""
-    from optuna.trial import TrialState
-
-    sign = -1.0 if objective in HIGH_IS_GOOD else 1.0
-    worth = [math.inf if math.isnan(score) else sign * score for score in scores]
-    best = set(sorted(range(len(alive)), key=worth.__getitem__)[:number])
-    for index, (trial, _) in enumerate(alive):
-        if index not in best:
-            state = TrialState.FAIL if math.isinf(worth[index]) else TrialState.PRUNED
-            study.tell(trial, state=state)
-    return [alive[index] for index in sorted(best)]
 
 
 def _open_study(

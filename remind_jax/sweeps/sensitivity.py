@@ -1,12 +1,11 @@
-"""How much each threshold matters: alone around the configuration, and among all the others."""
+"""How much each threshold matters by itself, around the configuration as it stands."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from remind_jax.errors import SweepError
 from remind_jax.method import PAPER_METHOD
 from remind_jax.settings.ranges import check_option
 from remind_jax.sweeps.result import SweepResult, markdown_table
-from remind_jax.sweeps.search import GIVEN, Space, join
+from remind_jax.sweeps.search import GIVEN, Space
 from remind_jax.sweeps.settings import MOST_SETTINGS, Setting, Value
 
 if TYPE_CHECKING:
@@ -92,17 +91,6 @@ class Curve:
         return max(known) - min(known) if known else math.nan
 
 
-@dataclasses.dataclass(frozen=True)
-class SobolIndex:
-    """Share of a score's variance over the space that is owed to one threshold."""
-
-    name: str
-    first: float  # by itself
-    total: float  # with all its interactions
-    first_interval: tuple[float, float]  # 95 %, bootstrap
-    total_interval: tuple[float, float]
-
-
 def move_one_at_a_time(
     bench: SceneBench, space: Space | None = None, *, number: int = 7, metric: str = "IDF1"
 ) -> tuple[list[Curve], SweepResult]:
@@ -136,81 +124,6 @@ def move_one_at_a_time(
         curves.append(Curve(name, tuple(several), tuple(scores[first:last]), given))
         first = last
     return sorted(curves, key=lambda curve: -np.nan_to_num(curve.span)), result
-
-
-def estimate_sobol(
-    bench: SceneBench,
-    space: Space | None = None,
-    *,
-    number: int = 64,
-    metric: str = "IDF1",
-    seed: int = 0,
-) -> tuple[list[SobolIndex], SweepResult]:
-    """Sobol indices of a mean score, by the estimator of Saltelli et al. (2010) in SciPy.
-
-    Runs `number * (thresholds + 2)` settings. A score of counts over short scenes moves in steps;
-    look at the intervals before an order is read off.
-
-    Args:
-      bench: What settings are tried on.
-      space: Least and largest value by threshold; those of `SPACES` for the tracker if left out.
-      number: A power of two.
-      metric: Score that is looked at; must be known on some scene for every setting.
-      seed: Of the points.
-
-    Returns:
-      Indices, the largest total first, and the rows that they were made of.
-
-    Raises:
-      SweepError: If `number` is no power of two, a threshold has no two ends, a setting has no
-        score, or there is no space for the tracker.
-    """
-    from scipy.stats import sobol_indices, uniform
-
-    check_option("number", number, 2, MOST_SETTINGS)
-    space = space or space_of(bench.tracker)
-    bench.check_space(space)
-    if number < 2 or number & (number - 1):
-        raise SweepError(f"Sobol indices of {number} points; give a power of two, such as 64")
-    for name, values in space.items():
-        if len(values) != 2:
-            raise SweepError(f"{name} has {len(values)} values; give its least and its largest")
-    results: list[SweepResult] = []
-
-    def evaluate(points: np.ndarray) -> np.ndarray:
-        settings = [
-            _at(space, point) for point in np.moveaxis(points, 0, -1).reshape(-1, len(space))
-        ]
-        results.append(bench.run(settings))
-        if not results[-1].complete:
-            raise KeyboardInterrupt
-        results[-1].best(metric)
-        scores = np.array([standing.scores[metric] for standing in results[-1].standings()])
-        if np.isnan(scores).any():
-            raise SweepError(f"some settings have no {metric} on any scene; choose another score")
-        return scores.reshape(1, *points.shape[1:])
-
-    dists: Any = [uniform(0.0, 1.0)] * len(space)
-    found: Any = sobol_indices(
-        func=evaluate, n=number, dists=dists, rng=np.random.default_rng(seed)
-    )
-    with warnings.catch_warnings():  # a threshold without effect has an interval of no width
-        warnings.simplefilter("ignore")
-        intervals = found.bootstrap()
-    indices = []
-    for index, name in enumerate(space):
-        at = (0, index)
-        first, total = intervals.first_order, intervals.total_order
-        indices.append(
-            SobolIndex(
-                name,
-                float(np.atleast_2d(found.first_order)[at]),
-                float(np.atleast_2d(found.total_order)[at]),
-                _interval(first, at),
-                _interval(total, at),
-            )
-        )
-    return sorted(indices, key=lambda index: -np.nan_to_num(index.total)), join(results)
 
 
 def space_of(tracker: str) -> Space:
@@ -248,33 +161,3 @@ def curves_to_markdown(curves: Sequence[Curve]) -> str:
         rows.append((curve.name, ends, f"{curve.span:.3f}", f"{curve.values[best]:g}", *scores))
     heads = ("threshold", "range", "span", "best value", "best", "as it stands")
     return markdown_table(heads, rows)
-
-
-def sobol_to_markdown(indices: Sequence[SobolIndex]) -> str:
-    """One line per threshold: first-order and total index with their intervals."""
-
-    def show(value: float, interval: tuple[float, float]) -> str:
-        return f"{value:.2f} [{interval[0]:.2f}, {interval[1]:.2f}]"
-
-    rows = [
-        (i.name, show(i.first, i.first_interval), show(i.total, i.total_interval)) for i in indices
-    ]
-    return markdown_table(("threshold", "alone", "with interactions"), rows)
-
-
-def _at(space: Space, point: np.ndarray) -> Setting:
-    """The setting at a point of the unit cube; whole numbers and gates get equal shares."""
-    setting: Setting = {}
-    for (name, (low, high)), place in zip(space.items(), point, strict=True):
-        if isinstance(low, bool):
-            setting[name] = bool(place >= 0.5)
-        elif isinstance(low, int) and isinstance(high, int):
-            setting[name] = min(high, low + int(place * (high - low + 1)))
-        else:
-            setting[name] = float(low + place * (high - low))
-    return setting
-
-
-def _interval(intervals: Any, at: tuple[int, int]) -> tuple[float, float]:
-    ends = intervals.confidence_interval
-    return float(np.atleast_2d(ends.low)[at]), float(np.atleast_2d(ends.high)[at])

@@ -168,11 +168,7 @@ def _read_range(text: str) -> list[Value]:
 
 
 def read_settings(path: str | Path) -> list[Setting]:
-    """Settings from a CSV file with one column per threshold, or a JSON file with a list of them.
-
-    Raises:
-      ConfigError: If the file cannot be read as such.
-    """
+    """Settings of a CSV file with one column per threshold, or a JSON file with a list of them."""
     path = Path(path)
     if path.suffix.lower() == ".json":
         rows = records.read_json(path, _Rows, refused=ConfigError, most_bytes=_MOST_BYTES)

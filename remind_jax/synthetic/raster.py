@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from remind_jax.synthetic.atlas import Atlas
-from remind_jax.synthetic.mesh import Mesh
+from remind_jax.synthetic.mesh import Atlas, Mesh
 from remind_jax.synthetic.scene import Pose
 
 _NEAR_M = 0.04

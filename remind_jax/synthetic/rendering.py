@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+import cv2
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from remind_jax.frame import Detections, Frame
-from remind_jax.synthetic.atlas import Atlas, pack_images
 from remind_jax.synthetic.casting import change_objects, place_objects
 from remind_jax.synthetic.floor_plan import furnish, lay_out_rooms
 from remind_jax.synthetic.furniture import build_furniture, build_room
 from remind_jax.synthetic.lighting import bake_light
-from remind_jax.synthetic.mesh import Mesh, build_mesh
+from remind_jax.synthetic.mesh import Atlas, Mesh, build_mesh, pack_images
 from remind_jax.synthetic.options import SceneOptions
 from remind_jax.synthetic.raster import NO_FACE, Camera, see_faces, shade
-from remind_jax.synthetic.roaming import set_roaming
-from remind_jax.synthetic.scene import Pose, Scene, Sensor
-from remind_jax.synthetic.sensor import Developer
+from remind_jax.synthetic.scene import (
+    CameraPath,
+    Placement,
+    Point,
+    Pose,
+    Scene,
+    SceneObject,
+    Sensor,
+)
 from remind_jax.synthetic.shapes import build_object
 from remind_jax.synthetic.surfaces import Part, turn
 from remind_jax.synthetic.tour import plan_path
@@ -27,6 +34,22 @@ _ROOM_TEXEL_M = 0.05
 _FURNITURE_TEXEL_M = 0.03
 _OBJECT_TEXEL_M = 0.02
 _OUT_OF_SIGHT_M = (0.0, 0.0, -1000.0)
+
+
+_DEPTHS_M = (1.1, 2.7)  # from the camera
+_HEIGHTS_M = (0.5, 1.9)
+_MARGIN_RAD = np.radians(8.0)  # beyond the sides of the field of view
+_VISIT_FRAMES = (25, 60)
+_ABSENCE_FRAMES = (12, 70)
+_MOST_TURN_RAD = np.radians(1.5)  # per frame
+_MOST_CURVE_M = 0.5  # by which the middle of a way is off the straight line
+_LAMP_COLOR = np.array([1.06, 1.0, 0.9], np.float32)
+_WINDOW_COLOR = np.array([0.86, 0.97, 1.14], np.float32)
+_KEY = 0.3  # mean linear brightness that the exposure aims at
+_COMPENSATION = 0.3  # 1: a dark room would end up as bright as a lit one
+_GAIN_LIMITS = (0.35, 3.5)
+_LENS_BLUR_PX = 0.62  # at 640 pixels width
+_NOISE_POOL = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,3 +225,148 @@ def _image_motion_px(last: Pose | None, pose: Pose, camera: Camera) -> tuple[flo
     limit = 0.1 * camera.width_px
     x, y = np.clip(np.array([yaw, pitch]) * camera.focal_px, -limit, limit)
     return (float(x), float(y))
+
+
+def set_roaming(
+    objects: Sequence[SceneObject], path: CameraPath, share: float, rng: np.random.Generator
+) -> list[SceneObject]:
+    """Sends a share of the objects of the first room on ways of their own, as long as the tour.
+
+    They cross the field of view that the camera has at their entry, from one side to the other.
+    """
+    here = [index for index, item in enumerate(objects) if item.placements[0].room == 0]
+    chosen = rng.permutation(here)[: round(share * len(here))]
+    changed = list(objects)
+    for index in sorted(int(i) for i in chosen):
+        changed[index] = dataclasses.replace(
+            objects[index], placements=tuple(_draw_ways(path, rng))
+        )
+    return changed
+
+
+def _draw_ways(path: CameraPath, rng: np.random.Generator) -> list[Placement]:
+    """Visits and absences in turn, until the end of the tour."""
+    last = path.poses[-1].source_index
+    starts = {pose.source_index: pose for pose in path.poses}
+    at = int(rng.integers(0, min(_ABSENCE_FRAMES[1], last // 2 + 1)))
+    placements: list[Placement] = []
+    while at <= last:
+        end = at + int(rng.integers(*_VISIT_FRAMES))
+        pose = starts[min(starts, key=lambda frame, at=at: abs(frame - at))]
+        placements += _draw_way(pose, path.horizontal_fov_rad, at, end, rng)
+        at = end + int(rng.integers(*_ABSENCE_FRAMES))
+    return placements
+
+
+def _draw_way(
+    pose: Pose, fov_rad: float, start: int, end: int, rng: np.random.Generator
+) -> list[Placement]:
+    """A bent way across the view of a camera: two straight pieces."""
+    side = rng.choice([-1.0, 1.0]) * (fov_rad / 2 + _MARGIN_RAD)
+    ends = []
+    for angle in (side, -side):
+        depth = rng.uniform(*_DEPTHS_M)
+        yaw = pose.yaw_rad + angle
+        x, y = np.array(pose.position_m[:2]) + depth * np.array([np.cos(yaw), np.sin(yaw)])
+        ends.append(np.array([x, y, rng.uniform(*_HEIGHTS_M)]))
+    middle = (ends[0] + ends[1]) / 2 + rng.uniform(-1, 1, 3) * _MOST_CURVE_M * (1, 1, 0.6)
+    half = (start + end) // 2
+    yaw, turn = float(rng.uniform(-0.6, 0.6)), float(rng.uniform(-1, 1) * _MOST_TURN_RAD)
+    pieces = []
+    for first, last, begin, finish in (
+        (ends[0], middle, start, half),
+        (middle, ends[1], half, end),
+    ):
+        step = (last - first) / (finish - begin)
+        yaw_now = yaw + turn * (begin - start)
+        pieces.append(Placement(_as_point(first), yaw_now, 0, begin, finish, _as_point(step), turn))
+    return pieces
+
+
+def _as_point(values: Float[np.ndarray, "3"]) -> Point:
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)
+
+
+class Developer:
+    """Turns color and light images into pictures; holds what is the same for all frames."""
+
+    def __init__(self, sensor: Sensor, seed: int):
+        self._sensor = sensor
+        height, width = sensor.height_px, sensor.width_px
+        y, x = np.mgrid[0:height, 0:width].astype(np.float32)
+        radius2 = ((x / width - 0.5) ** 2 + (y / height - 0.5) ** 2) * 2
+        self._vignette = (1 - sensor.vignetting * radius2**1.2).astype(np.float32)[..., None]
+        # Noise is cut from a few large sheets: fresh draws would double the time of a frame.
+        rng = np.random.default_rng([seed, 5])
+        shape = (_NOISE_POOL, height + 64, width + 64, 3)
+        self._sheets = rng.standard_normal(shape, dtype=np.float32)
+        self._seed = seed
+
+    def develop(
+        self,
+        color: UInt8[np.ndarray, "H W 3"],
+        light: Float[np.ndarray, "H W 2"],
+        lamp_level: float,
+        window_level: float,
+        last_gain: float | None,
+        motion_px: tuple[float, float],
+        frame: int,
+    ) -> tuple[UInt8[np.ndarray, "H W 3"], float]:
+        """The picture of one frame and the gain that it was taken with.
+
+        Args:
+          color: Surface colors as display values (gamma 2).
+          light: Light from lamps at full level and from windows, per pixel.
+          lamp_level: Level of the lamps.
+          window_level: Level of the windows.
+          last_gain: Gain of the last frame, which exposure follows; None before the first.
+          motion_px: How far the image moves per frame, for the blur.
+          frame: Number of the frame; picks the noise.
+        """
+        mixed = light @ np.stack([lamp_level * _LAMP_COLOR, window_level * _WINDOW_COLOR])
+        small = (slice(None, None, 8), slice(None, None, 8))
+        # Highlights saturate in the meter as in the picture.
+        radiance = (color[small].astype(np.float32) / 255) ** 2 * mixed[small]
+        gain = self._meter(float(np.minimum(radiance, 1.0).mean()), last_gain)
+        mixed *= gain * self._vignette
+        picture = color.astype(np.float32) * np.sqrt(mixed, out=mixed)
+        picture = self._blur(picture, motion_px, slow_shutter=lamp_level < 0.5)
+        self._add_noise(picture, gain, frame)
+        return np.clip(picture + 0.5, 0, 255).astype(np.uint8), gain
+
+    def _meter(self, mean: float, last_gain: float | None) -> float:
+        wanted = (_KEY / max(mean, 1e-5)) ** _COMPENSATION
+        wanted = float(np.clip(wanted, *_GAIN_LIMITS))
+        if last_gain is None:
+            return wanted
+        lag = self._sensor.exposure_lag
+        return float(np.exp(lag * np.log(last_gain) + (1 - lag) * np.log(wanted)))
+
+    def _blur(
+        self, picture: np.ndarray, motion_px: tuple[float, float], slow_shutter: bool
+    ) -> np.ndarray:
+        """Lens blur, and a smear along the motion; a camera opens longer in the dark."""
+        lens_px = _LENS_BLUR_PX * max(self._sensor.width_px / 640, 0.5)
+        picture = cv2.GaussianBlur(picture, (3, 3), lens_px)
+        share = self._sensor.motion_blur * (1.5 if slow_shutter else 1.0)
+        smear = np.array(motion_px) * share
+        length = float(np.hypot(*smear))
+        if length < 1.0:
+            return picture
+        half = int(np.ceil(length / 2))
+        kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+        steps = np.linspace(-0.5, 0.5, 4 * half + 1)[:, None] * smear + half
+        for x, y in np.rint(steps).astype(int):
+            kernel[y, x] += 1
+        return cv2.filter2D(picture, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
+
+    def _add_noise(self, picture: np.ndarray, gain: float, frame: int) -> None:
+        if self._sensor.noise == 0:
+            return
+        rng = np.random.default_rng([self._seed, 6, frame])
+        sheet = self._sheets[int(rng.integers(_NOISE_POOL))]
+        top, left = rng.integers(0, 64, 2)
+        height, width = picture.shape[:2]
+        strength = np.float32(self._sensor.noise * np.sqrt(max(gain, 0.5)))
+        picture += strength * sheet[top : top + height, left : left + width]

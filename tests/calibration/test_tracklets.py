@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from remind_jax.calibration.tracklets import NONE, link_boxes, overlaps
+from remind_jax.calibration.reading import NONE, link_boxes, overlaps
 
 
 def box(left, size=10.0):

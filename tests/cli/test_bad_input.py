@@ -93,7 +93,7 @@ def test_mask_of_another_size(command, scene):
     kept = Result.load("out")
     assert (len(kept), kept.complete) == (2, False)
     assert kept.timings_ms["step"]
-    names = {"memory.safetensors", "report.html", "overlay.mp4", "tracks.csv", "timeline.png"}
+    names = {"memory.safetensors", "report.html", "overlay.mp4", "tracks.csv"}
     assert names <= {path.name for path in (scene[0].parent.parent / "out").iterdir()}
 
 

@@ -13,15 +13,14 @@ def run(tmp_path):
 
 @pytest.mark.parametrize(
     ("format", "name"),
-    [("cvat", "cvat.xml"), ("mots-png", "mots_png.zip"), ("label-studio", "label_studio.json")],
+    [("cvat", "cvat.xml"), ("mots-png", "mots_png.zip")],
 )
 def test_the_file_lies_in_the_folder_of_the_run(run, format, name, capsys):
     assert main(["export", str(run), "--format", format]) == 0
     # Long paths are wrapped.
     said = "".join(capsys.readouterr().out.split())
     assert said.endswith(f"{name}:6identities,40frames")
-    if format != "label-studio":
-        assert evaluate(run / name, run).scores()["IDF1"] == 1
+    assert evaluate(run / name, run).scores()["IDF1"] == 1
 
 
 def test_nothing_is_replaced_unasked(run, tmp_path, capsys):

@@ -46,7 +46,7 @@ def test_the_page_lies_in_the_folder_of_the_run(run, capsys):
     assert "{{" not in page
 
 
-@pytest.mark.parametrize("format", ["davis", "cvat", "mots-png", "label-studio"])
+@pytest.mark.parametrize("format", ["davis", "cvat", "mots-png"])
 def test_edits_make_truth_of_the_run(run, edits, tmp_path, format, capsys):
     truth = tmp_path / "truth"
     words = ["label", str(run), "--apply", str(edits), "--out", str(truth), "--format", format]
@@ -162,7 +162,7 @@ def test_truth_is_whole_or_as_it_was(
     assert truth.exists() == is_there
 
 
-@pytest.mark.parametrize("format", ["cvat", "mots-png", "label-studio"])
+@pytest.mark.parametrize("format", ["cvat", "mots-png"])
 def test_an_older_file_of_truth_is_kept_where_the_disk_is_full(
     run, edits, tmp_path, format, monkeypatch, capsys
 ):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from remind_jax.cli.overrides import load_config_with, parse_assignments
+from remind_jax.cli.flags import load_config_with, parse_assignments
 from remind_jax.errors import ConfigError
 
 

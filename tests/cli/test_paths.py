@@ -15,7 +15,6 @@ VERBS = {
     "run memory": "run scene/images --masks scene/masks --memory {}",
     "run config": "run scene/images --masks scene/masks --config {}.yaml",
     "run mcap": "run scene/images --masks scene/masks --out o --mcap {}",
-    "run rerun": "run scene/images --masks scene/masks --out o --rerun {}",
     "run detector": "run scene/images --detector {}",
     "run weights": "run scene/images --masks scene/masks --backbone vit --weights {}",
     "run encoder": "run scene/images --masks scene/masks --backbone onnx:{}",

@@ -82,7 +82,7 @@ def test_interrupt_finishes_what_was_done(command, scene, tmp_path):
 
 def test_view_draws_again_from_the_same_or_a_moved_source(command, scene, tmp_path):
     command("run", scene[0], "--masks", scene[1], "--quiet", "--out", "out")
-    drawn = [tmp_path / "out" / name for name in ("overlay.mp4", "report.html", "timeline.png")]
+    drawn = [tmp_path / "out" / name for name in ("overlay.mp4", "report.html")]
     for path in drawn:
         path.unlink()
     assert command("view", "out").stdout.startswith("images: 4 frames, 3 identities")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from remind_jax.cli.overrides import load_config_with
+from remind_jax.cli.flags import load_config_with
 from remind_jax.compiled import kept
 from remind_jax.compiled.programs import clear_programs
 from remind_jax.session.live import Tracker

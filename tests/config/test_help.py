@@ -2,8 +2,8 @@
 
 import pytest
 
+from remind_jax.cli.config import describe_settings
 from remind_jax.config import Config, load_config
-from remind_jax.config.help import describe_settings
 from remind_jax.errors import ConfigError
 
 

@@ -2,7 +2,7 @@ import itertools
 
 import pytest
 
-from remind_jax.config import Config, dotted_keys, reference_switches
+from remind_jax.config import Config, dotted_keys, reference_keys
 from remind_jax.config.dotted_keys import flatten
 from remind_jax.config.reference_keys import EMPTY_IS_ALL, FIXED, INERT, decided_settings
 from remind_jax.errors import ConfigError
@@ -40,15 +40,15 @@ def test_no_key_has_two_meanings():
     for key, settings in DECIDED.items():
         names = [record.listed for record in settings.values()]
         assert len(settings) == 1 or (all(names) and len(set(names)) == len(names)), key
-    tables = [*DECIDED, *FIXED, *reference_switches.SHIPPED]
+    tables = [*DECIDED, *FIXED, *reference_keys.SHIPPED]
     assert len(tables) == len(set(tables))
     assert not set(tables) & set(INERT)
 
 
 def test_switches_decide_what_the_records_say():
     decided = {path: record.decided_by for path, record in RECORDS.items() if record.decided_by}
-    assert set(decided) == set(reference_switches.decide({}))
-    assert {key for keys in decided.values() for key in keys} == set(reference_switches.SHIPPED)
+    assert set(decided) == set(reference_keys.decide({}))
+    assert {key for keys in decided.values() for key in keys} == set(reference_keys.SHIPPED)
     assert not {path for path in decided if RECORDS[path].key}
 
 
@@ -246,10 +246,10 @@ def test_what_several_keys_decide_together(given, expected):
 
 
 def test_every_such_key_is_tried():
-    assert {key for given, _ in SWITCHED for key in given} == set(reference_switches.SHIPPED)
+    assert {key for given, _ in SWITCHED for key in given} == set(reference_keys.SHIPPED)
 
 
-@pytest.mark.parametrize("key", reference_switches.SHIPPED)
+@pytest.mark.parametrize("key", reference_keys.SHIPPED)
 def test_values_that_such_a_key_cannot_have_are_named(key):
     with pytest.raises(ConfigError, match=key):
         Config.from_reference(nested(key, "nonsense"))

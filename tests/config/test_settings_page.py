@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from remind_jax.config import Config, reference_switches
+from remind_jax.config import Config, reference_keys
 from remind_jax.config.dotted_keys import flatten
 from remind_jax.config.reference_keys import decided_settings
 from remind_jax.method import PAPER_METHOD, list_methods
@@ -57,7 +57,7 @@ def counts(value):
 
 def test_every_translated_key_of_the_original_stands_beside_its_setting(page):
     text = page.render_page().replace("<wbr>", "")
-    for key in (*decided_settings(Config()), *reference_switches.SHIPPED):
+    for key in (*decided_settings(Config()), *reference_keys.SHIPPED):
         assert f"<small>{key}</small>" in text
 
 

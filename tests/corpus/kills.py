@@ -32,7 +32,7 @@ from remind_jax.synthetic import SceneOptions, make_scene, write_davis
 
 LIMIT_S = 600.0  # of one process
 CHILD = "--as-the-command"
-RUN_TABLES = ("tracks.csv", "mot.txt", "mots.txt", "coco_video.json", "timeline.png", "gallery.png")
+RUN_TABLES = ("tracks.csv", "mot.txt", "mots.txt", "coco_video.json")
 TOUR = SceneOptions(
     width=256, height=192, frames=48, num_rooms=2, objects_per_room=8, absence_frames=12
 )

@@ -29,8 +29,8 @@ OUR_OWN = {
     "remind_jax/outputs/labeling.py": "what it wrote just before",
     "remind_jax/session/checkpoint.py": "what it wrote just before",
     "remind_jax/session/folder_run.py": "what it wrote just before",
-    "remind_jax/session/memory_budget.py": "the memory of the system, in /proc",
-    "remind_jax/session/memory_page.py": "the page that it fills in",
+    "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
+    "remind_jax/cli/memory.py": "the page that it fills in",
     "weights_convert/reference_values.py": "a picture that a developer names",
 }
 

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.numerics.control_flow import branch, count_up, repeat
@@ -23,7 +23,6 @@ def _double(times, x):
     return repeat(lambda state: state[0] < times, turn, (jnp.int32(0), x))[1]
 
 
-@settings(deadline=None, max_examples=20)
 @given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=1, max_size=4))
 def test_branch_in_batches_equals_a_loop(preds):
     pred = np.array(preds)
@@ -43,7 +42,6 @@ def test_branch_on_a_shared_predicate():
         np.testing.assert_array_equal(got, _choose(jnp.bool_(pred), x, 1.0)["value"])
 
 
-@settings(deadline=None, max_examples=20)
 @given(st.lists(st.integers(0, 5), min_size=1, max_size=5))
 def test_repeat_in_batches_equals_a_loop(times):
     times = np.array(times, np.int32)
@@ -86,7 +84,6 @@ def test_inside_a_scan():
     np.testing.assert_array_equal(jax.vmap(run)(jnp.arange(3.0)), [run(x) for x in range(3)])
 
 
-@settings(deadline=None, max_examples=20)
 @given(st.lists(st.integers(0, 5), min_size=1, max_size=5))
 def test_numbered_turns_in_batches_equal_a_loop(stops):
     def fill(stop):

@@ -3,7 +3,7 @@ import functools
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.numerics.set_order import iteration_rank
@@ -35,7 +35,6 @@ def test_example_of_the_page():
 
 
 @pytest.mark.parametrize("most", [1, 2, 4, 5, 7, 18, 19, 40, 90])
-@settings(max_examples=25, deadline=None)
 @given(data=st.data())
 def test_order_is_that_of_a_python_set(most, data):
     largest = data.draw(st.sampled_from([most, 3 * most, 2000]))

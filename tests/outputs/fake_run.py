@@ -11,7 +11,7 @@ from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import Event, RunInfo
+from remind_jax.outputs.run_records import Event, RunInfo
 from remind_jax.outputs.writer import RunWriter
 from remind_jax.tracks import Tracks
 

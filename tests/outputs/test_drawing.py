@@ -55,13 +55,3 @@ def test_text_stays_within_its_measured_width(size_px):
     assert columns.min() >= 19
     assert columns.max() <= 20 + width + 1
     assert columns.max() >= 20 + 0.9 * width
-
-
-@pytest.mark.usefixtures("font")
-def test_shortened_text_fits_and_keeps_its_tail():
-    text = "a very long class name"
-    short = drawing.shorten(text, 14, 110, tail=" 31")
-    assert short.startswith("a very")
-    assert short.endswith("... 31")
-    assert drawing.text_width(short, 14) <= 110
-    assert drawing.shorten("cup", 14, 110, tail=" 3") == "cup 3"

@@ -8,7 +8,6 @@ from remind_jax.outputs.gallery import (
     MAX_SIGHTINGS,
     SightingCollector,
     crop_detection,
-    draw_gallery,
 )
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from tests.outputs.fake_run import make_run, make_tracks
@@ -167,17 +166,3 @@ def test_a_crop_of_a_long_narrow_frame_is_cut(shape):
     image = np.full((*shape, 3), 90, np.uint8)
     crop = crop_detection(image, make_tracks(0, np.ones((1, *shape), bool), [{"object_id": 0}]), 0)
     assert crop.shape == (CROP_PX, CROP_PX, 3)
-
-
-def test_gallery_without_identities_is_a_picture():
-    assert draw_gallery([], "nothing").ndim == 3
-
-
-def test_every_crop_is_on_the_picture():
-    frames, result = make_run(60)
-    collector = SightingCollector()
-    for frame, tracks in zip(frames, result.tracks, strict=True):
-        collector.add(frame.image, tracks)
-    picture = draw_gallery(collector.sightings, "tour")
-    for sighting in collector.sightings:
-        assert sighting.image[CROP_PX // 2].tobytes() in picture.tobytes()

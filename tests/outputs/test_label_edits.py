@@ -11,7 +11,6 @@ from remind_jax.decision import NO_ID
 from remind_jax.errors import OutputError, SourceError
 from remind_jax.metrics import evaluate
 from remind_jax.outputs import labeling
-from remind_jax.outputs.instance_maps import write_instance_maps
 from remind_jax.outputs.label_edits import (
     Assign,
     Edits,
@@ -21,6 +20,7 @@ from remind_jax.outputs.label_edits import (
     first_labels,
     read_edits,
 )
+from remind_jax.outputs.labeling import write_instance_maps
 from remind_jax.outputs.result import Result
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 

@@ -6,8 +6,12 @@ import json
 
 import pytest
 
-from remind_jax.outputs.label_edits import apply_edits, read_edits
-from remind_jax.outputs.label_page import LABEL_PAGE_NAME, write_label_page
+from remind_jax.outputs.label_edits import (
+    LABEL_PAGE_NAME,
+    apply_edits,
+    read_edits,
+    write_label_page,
+)
 from remind_jax.outputs.result import Result
 from tests.headless_browser import needs_browser, open_browser
 from tests.outputs.fake_run import make_run, write_run

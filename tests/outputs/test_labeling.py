@@ -1,7 +1,5 @@
 """What labeling tools get is read back, and scores as the run itself."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -84,29 +82,6 @@ def test_a_run_is_perfect_by_its_own_labels(result, tmp_path, format):
     result.save(tmp_path / "run")
     scores = evaluate(truth, tmp_path / "run")
     assert scores.scores()["IDF1"] == pytest.approx(1.0)  # both count the same rows
-
-
-def test_label_studio_has_every_sight(result):
-    (task,) = json.loads(labeling.to_label_studio(result))
-    assert task["data"]["video"] == "/data/kitchen.mp4"
-    regions = task["predictions"][0]["result"]
-    sights = {
-        (int(region["id"].removeprefix("object")), (box["frame"] - 1) // 2)
-        for region in regions
-        for box in region["value"]["sequence"]
-    }
-    assert sights == {(number, index) for index, number, _, _ in firm(result)}
-    height, width = result.tracks[0].frame_size
-    first = next(region for region in regions if region["id"] == "object0")
-    tracks = result.tracks[0]
-    (row,) = np.flatnonzero(tracks.object_id == 0)
-    box = first["value"]["sequence"][0]
-    left, top, _, bottom = tracks.boxes[row]
-    assert box["x"] == pytest.approx(100 * left / width)
-    assert box["height"] == pytest.approx(100 * (bottom - top) / height)
-    # A box goes on within a visit, and ends where the next processed frame lacks it.
-    enabled = [box["enabled"] for box in first["value"]["sequence"]]
-    assert enabled == [True] * (len(enabled) - 1) + [False]
 
 
 def test_a_run_of_nothing_can_be_exported(tmp_path):

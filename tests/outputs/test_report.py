@@ -14,7 +14,7 @@ from remind_jax.frame import SkippedFrame
 from remind_jax.outputs import report
 from remind_jax.outputs.gallery import SightingCollector
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.run_info import Event
+from remind_jax.outputs.run_records import Event
 from remind_jax.outputs.writer import TRACE_NAME, RunWriter
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run

@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 
 from remind_jax.decision import Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.outputs import store
+from remind_jax.files.records import decode_json
+from remind_jax.outputs import run_records, store
+from remind_jax.outputs.run_records import FrameRow
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
@@ -45,8 +47,8 @@ rows = st.fixed_dictionaries(
 def test_any_frame_survives_json(rows, seed):
     masks = np.random.default_rng(seed).random((len(rows), 9, 13)) < 0.3
     tracks = make_tracks(3, masks, rows)
-    text = json.dumps(store.tracks_to_json(tracks), allow_nan=False)
-    assert_same(store.tracks_from_json(json.loads(text)), tracks)
+    text = json.dumps(run_records.tracks_to_json(tracks), allow_nan=False)
+    assert_same(run_records.tracks_of(decode_json(text.encode(), FrameRow, "a frame")), tracks)
 
 
 @pytest.fixture
@@ -74,7 +76,7 @@ def test_a_line_cut_off_at_the_end_is_left_out(stored, cut):
     path, result = stored
     path.write_bytes(path.read_bytes()[:-cut])
     info, frames = store.read_detections(path)
-    assert info == make_info().to_json()
+    assert info == make_info()
     assert len(frames) == 5
     assert_same(frames[-1], result.tracks[4])
 

@@ -1,21 +1,20 @@
 import dataclasses
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.outputs.drawing import identity_color
-from remind_jax.outputs.result import Result
-from remind_jax.outputs.timeline import (
+from remind_jax.outputs.report import (
     build_timeline,
-    choose_step,
-    draw_timeline,
     frame_steps,
-    time_label,
     time_steps,
 )
-from tests.outputs.fake_run import make_info, make_run, make_tracks
+from tests.outputs.fake_run import make_run
+
+
+def choose_step(length: float, steps) -> float:
+    """As the page does: the smallest step with at most twelve ticks."""
+    return next(step for step in steps if length <= 12 * step)
 
 
 def test_rows_follow_first_sight():
@@ -36,18 +35,6 @@ def test_runs_absences_and_doubt():
     assert timeline.rows[4].absences == ()  # one frame is flicker
     assert timeline.ambiguous == ((20, 22),)
     assert timeline.provisional == ((20, 20),)
-
-
-@pytest.mark.parametrize(("num_objects", "num_frames"), [(0, 0), (0, 3), (1, 1), (70, 3)])
-def test_any_size_is_drawn(num_objects, num_frames):
-    masks = np.ones((num_objects, 4, 4), bool)
-    rows = [{"object_id": i, "label": "a rather long class name"} for i in range(num_objects)]
-    tracks = tuple(make_tracks(i, masks, rows) for i in range(num_frames))
-    picture = draw_timeline(Result(tracks, make_info()))
-    assert picture.dtype == np.uint8
-    # All bars reach the right end of the plot.
-    shown = {tuple(pixel) for pixel in picture[:, -60].tolist()}
-    assert {identity_color(i) for i in range(num_objects if num_frames else 0)} <= shown
 
 
 @given(st.integers(0, 1_000_000))
@@ -73,19 +60,3 @@ def test_from_half_a_minute_on_steps_are_minutes():
     assert 20 in steps
     assert 50 not in steps
     assert [step for step in steps if step > 20] == [60, 120, 300, 600, 1200]
-
-
-@pytest.mark.parametrize(
-    ("time_s", "step_s", "label"),
-    [
-        (0, 1, "0:00"),
-        (5, 5, "0:05"),
-        (80, 20, "1:20"),
-        (600, 60, "10:00"),
-        (0.5, 0.5, "0:00.5"),
-        (59.9999999, 0.5, "1:00.0"),
-        (61.25, 0.05, "1:01.25"),
-    ],
-)
-def test_labels_are_minutes_and_seconds(time_s, step_s, label):
-    assert time_label(time_s, step_s) == label

@@ -7,8 +7,7 @@ import pytest
 import remind_jax as rj
 from remind_jax.errors import SourceError
 from remind_jax.outputs.drawing import NO_IMAGE_GRAY, identity_color
-from remind_jax.outputs.overlay import draw_overlay
-from remind_jax.outputs.trails import find_trails
+from remind_jax.outputs.overlay import draw_overlay, find_trails
 from remind_jax.tracks import Tracks
 from tests.outputs.fake_run import make_tracks
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
+import jax
 import numpy as np
 
 from remind_jax.config import Config, load_config
@@ -14,7 +16,7 @@ from remind_jax.explanation.plus.explainer import PlusRecord
 from remind_jax.explanation.remind.case import FrameRecord
 from remind_jax.frame import Frame
 from remind_jax.outputs.result import Result
-from remind_jax.plus.state import PARTS, Stage, Verdicts, no_verdicts
+from remind_jax.plus.verdicts import Stage, Verdicts, no_verdicts
 from tests.explanation.scenes import backed, decide_frame
 from tests.outputs.fake_run import make_info, make_tracks
 
@@ -75,8 +77,7 @@ def make_plus_run(num_frames: int = 8, back_at: int = 99) -> Result:
     masks = np.zeros((1, *SIZE), bool)
     masks[:, 20:60, 10:50] = True
     for index in range(num_frames):
-        names = (*Verdicts.columns, "option_id", "option_parts")
-        blank = {name: np.array(getattr(no_verdicts(1), name)) for name in names}
+        blank: dict[str, Any] = vars(jax.tree.map(np.array, no_verdicts(1)))
         tracklet = 5 if index < back_at else 6
         shown = blank | {"tracklet_id": np.array([tracklet]), "answer_id": np.array([0])}
         if index == 3:
@@ -87,8 +88,8 @@ def make_plus_run(num_frames: int = 8, back_at: int = 99) -> Result:
                 shown["option_id"][0, place] = object_id
                 shown["option_odds"][0, place] = sum(evidence.values())
                 shown["option_belief"][0, place] = (0.75, 0.125)[place]
-                for part, value in evidence.items():
-                    shown["option_parts"][0, place, PARTS.index(part)] = value
+                for kind, value in evidence.items():
+                    getattr(shown["evidence"], kind)[0, place] = value
         else:
             is_decided = not back_at <= index < back_at + 2
             shown |= {"stage": np.array([Stage.SETTLED]), "is_decided": np.array([is_decided])}
@@ -97,9 +98,7 @@ def make_plus_run(num_frames: int = 8, back_at: int = 99) -> Result:
             row |= {"outcome": Outcome.AMBIGUOUS, "object_id": -1}
         row |= {"score": 0.75, "confidence": 0.75}  # plus has one number
         tracks.append(make_tracks(index, masks, [row]))
-        odds, belief, parts = (shown.pop(f"option_{name}") for name in ("odds", "belief", "parts"))
-        reals = np.concatenate([odds[..., None], belief[..., None], parts], axis=-1)
-        verdicts = Verdicts.of(**shown, option_reals=reals)
-        archive.add(index, PlusRecord(verdicts, tracks[-1].object_id), {0: "mug", 1: "mug"})
+        record = PlusRecord(Verdicts(**shown), tracks[-1].object_id)
+        archive.add(index, record, {0: "mug", 1: "mug"})
     info = dataclasses.replace(make_info("mugs", SIZE), config=load_config("plus").to_dict())
     return Result(tuple(tracks), info, trace=archive)

@@ -47,18 +47,20 @@ def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
         return empty.at[:num].set(values)
 
     empty = jax.tree.map(jnp.asarray, no_tracklets(room, DIM))
-    begun = empty.replaced(
+    begun = dataclasses.replace(
+        empty,
         alive=put(empty.alive, seen.valid),
-        place=empty.place.at[:num, :7].set(
-            jnp.concatenate([seen.box, seen.center, seen.size[:, None]], axis=1)
-        ),
+        box=put(empty.box, seen.box),
+        center=put(empty.center, seen.center),
+        size=put(empty.size, seen.size),
         class_id=put(empty.class_id, seen.class_id),
         last=put(empty.last, jnp.full(num, frame)),
         age=put(empty.age, jnp.ones(num, jnp.int32)),
-        looks=put(empty.looks, jnp.stack([seen.look, 0 * seen.look, seen.look], axis=1)),
+        look=put(empty.look, seen.look),
+        first_look=put(empty.first_look, seen.look),
         id=put(empty.id, jnp.arange(num)),
     )
-    return begun.replaced(**fields)
+    return dataclasses.replace(begun, **fields)
 
 
 def motion(shift=(0.0, 0.0), score: float = 1.0) -> Motion:
@@ -73,18 +75,17 @@ def empty_state() -> PlusState:
 
 def objects_of(looks, **fields) -> Objects:
     """Objects of class 0, each with one kept look, compared as it is."""
-    position = fields.pop("position", None)
-    empty = init(STATIC).objects
+    empty = jax.tree.map(jnp.asarray, init(STATIC).objects)
     looks = jnp.asarray(looks, jnp.float32)
     num = len(looks)
     ids = jnp.where(jnp.arange(STATIC.num_objects) < num, jnp.arange(STATIC.num_objects), -1)
-    known = jax.tree.map(jnp.asarray, empty).replaced(
+    known = dataclasses.replace(
+        empty,
         id=ids,
         class_id=jnp.where(ids >= 0, 0, -1),
         seen=jnp.where(ids >= 0, 10, 0),
-        bank=jnp.asarray(empty.bank).at[:num, 0].set(looks),
-        white_bank=jnp.asarray(empty.white_bank).at[:num, 0].set(looks),
-        bank_count=jnp.asarray(empty.bank_count).at[:num, 0].set(1),
+        bank=empty.bank.at[:num, 0].set(looks),
+        white_bank=empty.white_bank.at[:num, 0].set(looks),
+        bank_count=empty.bank_count.at[:num, 0].set(1),
     )
-    known = known if position is None else known.moved(jnp.asarray(position, jnp.float32))
-    return known.replaced(**fields)
+    return dataclasses.replace(known, **fields)

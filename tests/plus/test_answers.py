@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,8 +11,8 @@ import pytest
 from remind_jax.decision import NO_ID, Outcome
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.answers import report
-from remind_jax.plus.state import no_verdicts
 from remind_jax.plus.static import NUM_CANDIDATES
+from remind_jax.plus.verdicts import no_verdicts
 from tests.plus.frames import STATIC, T, detections, tracklets_of
 
 KNOWN, OTHER, OWN = 2, 3, 7
@@ -28,7 +30,8 @@ def report_one(
     options = jnp.full((3, NUM_CANDIDATES), NO_ID).at[0, :2].set(jnp.array([KNOWN, OTHER]))
     beliefs = jnp.zeros((3, NUM_CANDIDATES)).at[0, : len(belief)].set(jnp.array(belief))
     of_answer = {KNOWN: belief[0], OTHER: belief[1], OWN: 1 - sum(belief)}[answer]
-    verdicts = verdicts.replaced(
+    verdicts = dataclasses.replace(
+        verdicts,
         tracklet_id=first(verdicts.tracklet_id, OWN if valid else NO_ID),
         answer_id=first(verdicts.answer_id, answer if valid else NO_ID),
         is_decided=first(verdicts.is_decided, decided),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus.decision import Choice, decide
-from remind_jax.plus.evidence import Rows, Shortlist
-from remind_jax.plus.state import NUM_OWN_PARTS, init, no_tracklets
+from remind_jax.plus.evidence import OwnEvidence, Rows, Shortlist
+from remind_jax.plus.state import init, no_tracklets
 from remind_jax.plus.thresholds import Decision
 from remind_jax.static import Static
 
@@ -19,14 +21,14 @@ NEW = Decision().new
 def decide_alone(age: int, odds: float, tentative: float) -> Choice:
     """One open tracklet; how familiar the scene is counts for nothing."""
     static = Static(num_detections=1, num_objects=4, feature_dim=3)
-    here = no_tracklets(1, 3).replaced(age=jnp.array([age]), class_id=jnp.array([0]))
+    here = dataclasses.replace(no_tracklets(1, 3), age=jnp.array([age]), class_id=jnp.array([0]))
     evidence = jnp.array([[odds]])
     candidate = Shortlist(
         slot=jnp.array([[SLOT]]),
         valid=jnp.array([[True]]),
         base=evidence,
         cosine=evidence,
-        parts=jnp.zeros((1, 1, NUM_OWN_PARTS)),
+        evidence=OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), evidence)),
     )
     rows = Rows(young=jnp.array([True]), late=jnp.array([False]))
     t = Decision(familiarity=0.0, tentative=tentative)

@@ -19,7 +19,6 @@ from remind_jax.plus.evidence import (
     mix,
     shortlist,
 )
-from remind_jax.plus.state import PARTS
 from remind_jax.plus.static import MISSED_FRAMES
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 
@@ -42,10 +41,10 @@ def test_the_object_that_looks_and_lies_alike_comes_first():
     seen = detections(places[:3], LOOKS)
     found = candidates(objects, seen)
     assert found.slot[:, 0].tolist() == [0, 1, 2]
-    best = found.parts[0, 0]
-    assert best[PARTS.index("looks")] > 0
-    assert best[PARTS.index("place")] > found.parts[0, 1, PARTS.index("place")]
-    np.testing.assert_allclose(found.base[0, 0], best.sum(), rtol=1e-5)
+    looks, place = found.evidence.looks[0], found.evidence.place[0]
+    assert looks[0] > 0
+    assert place[0] > place[1]
+    np.testing.assert_allclose(found.evidence.total()[0, :3], found.base[0, :3], rtol=1e-5)
 
 
 def test_what_is_held_by_another_tracklet_is_no_candidate():
@@ -66,8 +65,7 @@ def test_small_masks_say_less_by_their_looks():
     objects = objects_of(LOOKS)
     large = candidates(objects, detections([[1, 1]] * 3, LOOKS))
     small = candidates(objects, detections([[1, 1]] * 3, LOOKS, patches=jnp.full(3, 0.1)))
-    looks = PARTS.index("looks")
-    assert 0 < small.parts[0, 0, looks] < large.parts[0, 0, looks]
+    assert 0 < small.evidence.looks[0, 0] < large.evidence.looks[0, 0]
 
 
 def test_late_rows_take_only_objects_never_seen_beside_their_own():
@@ -80,7 +78,7 @@ def test_late_rows_take_only_objects_never_seen_beside_their_own():
     )
     admitted = admit(here, late, NOBODY, objects, pairs, T.decision)
     assert admitted[0].tolist() == [True, False, True, False]
-    hardly = objects.replaced(seen=jnp.zeros(4, jnp.int32))
+    hardly = dataclasses.replace(objects, seen=jnp.zeros(4, jnp.int32))
     assert not admit(here, late, NOBODY, hardly, pairs, T.decision).any()
 
 
@@ -123,8 +121,13 @@ def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():
         [T.calibration.other_mean, T.calibration.same_mean, T.calibration.variance],
         rtol=1e-4,
     )
-    much = jnp.array([[1e4, 1e4 * 0.5, 1e4 * 0.26], [1e4, 1e4 * 0.9, 1e4 * 0.82]])
-    other, same, _ = calibrate(dataclasses.replace(scene, cosines=much), T.calibration)
+    much = dataclasses.replace(
+        scene,
+        cosine_weight=jnp.array([1e4, 1e4]),
+        cosine_sum=1e4 * jnp.array([0.5, 0.9]),
+        cosine_squares=1e4 * jnp.array([0.26, 0.82]),
+    )
+    other, same, _ = calibrate(much, T.calibration)
     np.testing.assert_allclose([other, same], [0.5, 0.9], atol=0.01)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.plus import layout
-from remind_jax.plus.evidence import Shortlist
+from remind_jax.plus.evidence import OwnEvidence, Shortlist
 from remind_jax.plus.layout import weigh_jointly
-from remind_jax.plus.state import NUM_OWN_PARTS, PARTS, init
+from remind_jax.plus.state import init
 from remind_jax.plus.static import NUM_CANDIDATES
 from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.test_vacancy import SIZE, seen
@@ -33,41 +33,45 @@ def weigh(
       rare: Three times as many other objects are of another class, instead of the same one.
     """
     state = init(STATIC)
-    objects = state.objects.replaced(
-        seen=state.objects.seen.at[:NUM].set(20), id=state.objects.id.at[:NUM].set(1)
+    objects = dataclasses.replace(
+        state.objects,
+        seen=state.objects.seen.at[:NUM].set(20),
+        id=state.objects.id.at[:NUM].set(1),
     )
     five = np.s_[:NUM, :NUM]
     offset = (PLACES[None] - PLACES[:, None]) / SIZE
-    lies = np.concatenate([offset, np.broadcast_to([0.1, 0.0], offset.shape)], axis=2)
     pairs = dataclasses.replace(
         state.pairs,
-        lies=state.pairs.lies.at[five].set(lies),
+        relation=state.pairs.relation.at[five].set(offset),
+        spread=state.pairs.spread.at[five].set(0.1),
         covisible=state.pairs.covisible.at[five].set(20),
     )
     num = STATIC.num_detections
     row = jnp.arange(num)[:, None]
     first = (jnp.arange(NUM_CANDIDATES)[None] == 0) & (row < NUM)
-    parts = jnp.zeros((num, NUM_CANDIDATES, NUM_OWN_PARTS)).at[..., PARTS.index("looks")].set(looks)
+    nothing = jnp.zeros((num, NUM_CANDIDATES))
+    own = OwnEvidence(**dict.fromkeys(OwnEvidence.kinds(), nothing))
     shortlist = Shortlist(
         slot=jnp.where(first, row, 0),
         valid=first,
         base=jnp.where(first, looks, 0.0),
-        cosine=jnp.zeros((num, NUM_CANDIDATES)),
-        parts=parts,
+        cosine=nothing,
+        evidence=dataclasses.replace(own, looks=nothing + looks),
     )
     # Others that are never in view, and of another class if these are of a rare one.
     rest = np.s_[NUM : 4 * NUM]
-    objects = objects.replaced(
-        id=objects.id.at[rest].set(1), class_id=objects.class_id.at[rest].set(int(rare))
+    objects = dataclasses.replace(
+        objects,
+        id=objects.id.at[rest].set(1),
+        class_id=objects.class_id.at[rest].set(int(rare)),
     )
     t = PlusThresholds()
     t = dataclasses.replace(t, layout=dataclasses.replace(t.layout, witness=witness)).as_arrays()
     nobody = jnp.full(num, NO_SLOT)
     sightings = seen(anchors=PLACES + np.asarray(moved, np.float32))
     weighed = weigh_jointly(shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, t)
-    odds, parts = weighed[..., 0], weighed[..., 2:]
-    told = np.asarray(odds)[:NUM, 0]
-    np.testing.assert_allclose(told, np.sum(parts, axis=-1)[:NUM, 0], rtol=1e-5)  # order of sums
+    told, summed = np.asarray(weighed.odds)[:NUM, 0], weighed.evidence.total()[:NUM, 0]
+    np.testing.assert_allclose(told, summed, rtol=1e-5)  # order of sums
     return told
 
 

@@ -62,7 +62,7 @@ def test_a_full_bank_averages_even_what_is_new():
 
 def test_new_objects_take_the_lowest_free_slots():
     objects = objects_of([X, Y])
-    gap = objects.replaced(id=jnp.array([4, -1, 5, -1]))
+    gap = dataclasses.replace(objects, id=jnp.array([4, -1, 5, -1]))
     begun = tracklets_of(
         detections([[1, 1], [2, 2], [3, 3]]), 6, 3, slot=jnp.array([NO_SLOT, 2, NO_SLOT])
     )
@@ -120,7 +120,7 @@ def test_an_absorbed_object_hands_over_its_counts_and_frees_its_slot():
 @pytest.mark.parametrize("slot", range(3))
 def test_what_was_known_of_an_object_that_is_gone_is_forgotten_from_both_sides(slot):
     objects, pairs = related_pairs()
-    left = objects.replaced(id=objects.id.at[slot].set(-1))
+    left = dataclasses.replace(objects, id=objects.id.at[slot].set(-1))
     nobody = jnp.full(STATIC.num_objects, NO_ROW)
     after = learn_relations(left, pairs, nobody, detections([[1, 1]] * 3), T.layout, T.mobility)
     for name, blank in (("spread", UNRELATED), ("covisible", 0), ("relation", 0), ("log_ratio", 0)):
@@ -136,6 +136,6 @@ def test_an_object_keeps_every_other_look_and_its_first():
     bare = dataclasses.replace(objects, bank_count=objects.bank_count.at[1].set(0))
     here = tracklets_of(detections([[1, 1]] * 3), 0, 3, slot=jnp.array([0, 1, NO_SLOT]))
     for age in (2, 3):
-        aged = here.replaced(age=jnp.full(3, age))
+        aged = dataclasses.replace(here, age=jnp.full(3, age))
         looks = KeptLooks.in_view(bare, aged, SURE, detections([[1, 1]] * 3), T.memory)
         assert looks.keeps.tolist() == [age % int(T.memory.every) == 1, True, False]

@@ -16,7 +16,7 @@ from remind_jax.plus.linking import advance_tracklets
 from remind_jax.plus.own_movement import expect_step, first_speed, learn_speeds, mobility, speed_of
 from remind_jax.plus.scene_map import move_map
 from remind_jax.plus.slots import NO_ROW
-from remind_jax.plus.state import NO_RELATION, PARTS
+from remind_jax.plus.state import NO_RELATION
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 from tests.plus.test_scene_map import motion
 
@@ -43,7 +43,7 @@ def follow(
         seen = detections(START + frame * steps, touches=jnp.array(touches))
         carried = dataclasses.replace(
             tracklets,
-            place=tracklets.place.at[:, 4:6].add(expect_step(tracklets, T.mobility)),
+            center=tracklets.center + expect_step(tracklets, T.mobility),
         )
         tracklets, _, _ = advance_tracklets(
             carried,
@@ -113,14 +113,14 @@ def test_speeds_of_objects_and_scene_follow_those_in_view():
 
 def with_speed(speed: float):
     objects = objects_of(np.eye(3))
-    return objects.sped(jnp.zeros(4).at[0].set(speed))
+    return dataclasses.replace(objects, speed=jnp.zeros(4).at[0].set(speed))
 
 
 def test_a_place_is_lost_as_fast_as_its_object_moves():
     grown = []
     for speed in (0.0, 0.3):
         objects, pairs = with_speed(speed), empty_state().pairs
-        objects = objects.replaced(last=jnp.zeros(4, jnp.int32))
+        objects = dataclasses.replace(objects, last=jnp.zeros(4, jnp.int32))
         for frame in range(1, 30):
             objects, pairs = move_map(
                 objects, pairs, STILL, jnp.array([3.2, 2.4]), jnp.int32(frame), T.motion,
@@ -148,7 +148,7 @@ def test_a_relation_is_forgotten_as_fast_as_its_objects_move():
 
 
 def test_looks_of_what_moves_may_decide_alone():
-    def parts(speed: float):
+    def weigh(speed: float):
         state, objects = empty_state(), with_speed(speed)
         here = tracklets_of(detections(START), 0, 3)
         cosine = jnp.full((3, 4), 0.95)
@@ -158,13 +158,13 @@ def test_looks_of_what_moves_may_decide_alone():
             state.scene, T,
         )  # fmt: skip
         first = jnp.argmax(found.slot[0] == 0)
-        return dict(zip(PARTS, found.parts[0, first].tolist(), strict=False))
+        return jax.tree.map(lambda kind: float(kind[0, first]), found.evidence)
 
-    still, moving = parts(0.0), parts(0.3)
-    assert still["mobile"] == 0
-    assert still["looks"] == pytest.approx(float(T.looks.best))
-    assert moving["mobile"] > 0.5
-    assert moving["looks"] > still["looks"] + 1
+    still, moving = weigh(0.0), weigh(0.3)
+    assert still.mobile == 0
+    assert still.looks == pytest.approx(float(T.looks.best))
+    assert moving.mobile > 0.5
+    assert moving.looks > still.looks + 1
 
 
 def test_nothing_moves_where_the_weight_is_zero():

@@ -42,12 +42,12 @@ def answers(index: int, ids, outcomes) -> Tracks:
 
 def state(tracklets, merged=None, answer=None):
     num = len(tracklets)
-    verdicts = types.SimpleNamespace(
+    answers = types.SimpleNamespace(
         tracklet_id=np.array(tracklets),
         merged_id=np.full(num, NO_ID) if merged is None else np.array(merged),
         answer_id=np.full(num, NO_ID) if answer is None else np.array(answer),
     )
-    return types.SimpleNamespace(verdicts=verdicts)
+    return types.SimpleNamespace(answers=answers)
 
 
 def run(delay, frames):

@@ -23,10 +23,11 @@ def memory(position: np.ndarray, covariance: np.ndarray):
     """Objects in the first slots of an empty memory."""
     state = init(STATIC)
     num, room = len(position), STATIC.num_objects
-    objects = state.objects.replaced(
+    objects = dataclasses.replace(
+        state.objects,
         id=jnp.where(jnp.arange(room) < num, jnp.arange(room), -1),
         last=jnp.zeros(room, jnp.int32),
-        place=state.objects.place.at[:num, :2].set(position),
+        position=state.objects.position.at[:num].set(position),
     )
     full = state.pairs.covariance.at[:num, :num].set(covariance)
     return objects, dataclasses.replace(state.pairs, covariance=full)
@@ -80,7 +81,7 @@ def test_rounding_leaves_a_covariance_through_years_of_doubt():
         sure = jnp.arange(slots) < 4
         place = objects.position[chosen] + 0.05
         seen = dataclasses.replace(sightings, center=place)
-        objects = objects.replaced(last=objects.last.at[chosen].set(now))
+        objects = dataclasses.replace(objects, last=objects.last.at[chosen].set(now))
         return correct_map(objects, pairs, chosen, sure, sure, seen, T.place)
 
     def motion_of(moved, score):

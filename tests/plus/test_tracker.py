@@ -14,9 +14,10 @@ from remind_jax.decision import Outcome
 from remind_jax.method import get_method
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.plus.observation import Motion
-from remind_jax.plus.state import PARTS, Stage, init
+from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
+from remind_jax.plus.verdicts import Stage
 from tests.plus.walls import NO_TRUTH, STATIC, Walk, disguise, displace, follow, glimpse, pan, split
 
 
@@ -106,7 +107,7 @@ def test_place_says_less_against_a_thing_whose_old_place_is_seen_to_be_empty():
         """What the moved thing gets back while it is not decided, as the thing that it is."""
         _, told, _, _ = follow(walk, changed(PlusThresholds(), "layout", moved_gone=gone))
         itself = told.option_id[moved] == told.answer_id[walk.thing == thing][0]
-        return told.option_parts[moved][itself][:, PARTS.index("moved")]
+        return told.evidence.moved[moved][itself]
 
     assert np.max(given_back(-3.0)) < 0.5, "it hardly lies wrong by more than that"
     assert np.max(given_back(-0.5)) > 2.0
@@ -239,7 +240,7 @@ def test_a_batch_of_walks_is_followed_like_each_of_them():
 def answers_of(pair):
     def step(state, frame):
         sightings, motion = frame
-        state = advance(
+        state, verdicts = advance(
             state,
             sightings,
             motion,
@@ -247,7 +248,7 @@ def answers_of(pair):
             static=STATIC,
             thresholds=PlusThresholds(),
         )
-        return state, state.verdicts.answer_id
+        return state, verdicts.answer_id
 
     return jax.lax.scan(step, init(STATIC), pair)[1]
 

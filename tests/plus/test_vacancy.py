@@ -24,10 +24,10 @@ def learned_pairs() -> Pairs:
     offset = (where[None] - where[:, None]) / SIZE
     pairs = init(STATIC).pairs
     four = np.s_[:4, :4]
-    lies = np.concatenate([offset, np.broadcast_to([0.1, 0.0], offset.shape)], axis=2)
     return dataclasses.replace(
         pairs,
-        lies=pairs.lies.at[four].set(lies),
+        relation=pairs.relation.at[four].set(offset),
+        spread=pairs.spread.at[four].set(0.1),
     )
 
 

@@ -100,10 +100,10 @@ def _empty(frames: int, num: int) -> dict[str, np.ndarray]:
 def _scan(state, walk, thresholds, static):
     def one(state, frame):
         sightings, motion = frame
-        state = advance(
+        state, verdicts = advance(
             state, sightings, motion, sightings.valid, static=static, thresholds=thresholds
         )
-        return state, (state.verdicts, state.decisions, state.overflow)
+        return state, (verdicts, state.decisions, state.overflow)
 
     return jax.lax.scan(one, state, walk)
 

@@ -7,8 +7,6 @@ import threading
 import numpy as np
 import pytest
 
-from remind_jax.compiled import ahead
-from remind_jax.compiled.ahead import Forecast
 from remind_jax.errors import SourceError
 from remind_jax.frame import Detections, Frame
 from remind_jax.method import Method
@@ -41,13 +39,13 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
         answers = []
         for index in range(28):
             answers.append(tracker.update(*squares(index)))
-            tracker._memory.preparation.finish()
+            tracker._memory.ahead.finish()
         return tracker, answers
 
     ahead, prepared = follow(4)
     assert ahead.static.num_objects > 4
     with monkeypatch.context() as patched:
-        patched.setattr(Forecast, "needed", lambda self, static: static)
+        patched.setattr(growing_memory.GrowingMemory, "_look_ahead", lambda *_: None)
         at_need, grown = follow(4)
     roomy, expected = follow(64)
     assert at_need.static.num_objects > 4
@@ -59,12 +57,12 @@ def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same
 
 
 def test_a_live_loop_has_room_ready_for_a_sudden_crowd(looks_ahead, monkeypatch):
-    monkeypatch.setattr(ahead, "SETTLED_S", 0.0)
+    monkeypatch.setattr(growing_memory, "SETTLED_FRAMES", 0)
     static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
     tracker = Tracker({"tracker": "bank", "static": static})
     image, labels = frames(1)[0]
     tracker.update(image, labels)
-    tracker._memory.preparation.finish()
+    tracker._memory.ahead.finish()
     waited_s = tracker.compile_s
     crowd = np.zeros((6, *labels.shape), bool)
     for row, mask in enumerate(crowd):
@@ -77,7 +75,7 @@ def test_a_live_loop_has_room_ready_for_a_sudden_crowd(looks_ahead, monkeypatch)
 
 def test_after_a_warm_up_nothing_more_is_compiled(looks_ahead, monkeypatch):
     """Neither for objects, nor for a crowd, nor for what is settled, until the reserve is full."""
-    monkeypatch.setattr(ahead, "SETTLED_FRAMES", 1)
+    monkeypatch.setattr(growing_memory, "SETTLED_FRAMES", 1)
     static = {"num_detections": 4, "num_objects": 4, "num_pending": 4}
     tracker = Tracker({"tracker": "bank", "static": static})
     tracker.warm_up((scenes.HEIGHT_PX, scenes.WIDTH_PX), num_objects=8)
@@ -90,7 +88,6 @@ def test_after_a_warm_up_nothing_more_is_compiled(looks_ahead, monkeypatch):
     for masks in (labels, crowd[:4], labels):
         tracker.update(image, masks)
     assert (tracker.static.num_detections, tracker.static.num_objects) == (4, 8)
-    assert tracker._memory.preparation._wanted is None
     tracker.update(image, crowd)
     assert (tracker.static.num_detections, tracker.static.num_objects) == (8, 16)
     assert set(tracker._memory.frame_step._prepared) == prepared
@@ -112,8 +109,7 @@ def test_a_frame_that_grows_finds_its_room_made(looks_ahead, monkeypatch):
             numbers = sorted({*labels.flat} - {0})  # of things, each of a class of its own
             masks = Detections.create([labels == n for n in numbers], [f"{n}" for n in numbers])
             ids.append(tracker.update(image, masks).object_id.tolist())
-            if (thread := tracker._memory._spare._thread) is not None:
-                thread.join()
+            tracker._memory.ahead.finish()
         return ids
 
     monkeypatch.setattr(Method, "make_empty", note)
@@ -137,14 +133,14 @@ def test_a_start_below_what_the_first_frame_needs_begins_with_that():
 
 
 def test_a_run_prepares_no_reserve(looks_ahead, monkeypatch):
-    monkeypatch.setattr(ahead, "SETTLED_S", 0.0)
+    monkeypatch.setattr(growing_memory, "SETTLED_FRAMES", 0)
     static = {"num_detections": 4, "num_objects": 16, "num_pending": 4}
     tracker = Tracker({"tracker": "bank", "static": static})
     image, labels = frames(1)[0]
     masks = np.array([labels == number for number in (1, 2, 3)])[:2]
     frame = Frame(0, 0, 0.0, "0", image, Detections.create(masks))
     tracker.advance(tracker.prepare(frame))
-    assert tracker._memory.preparation._wanted is None
+    assert tracker._memory.ahead._wanted is None
 
 
 def test_interruption_while_the_step_is_waited_for_leaves_the_memory_whole(monkeypatch, tmp_path):

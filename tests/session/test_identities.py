@@ -7,7 +7,6 @@ import dataclasses
 import numpy as np
 
 import remind_jax as rj
-from remind_jax.decision import NO_ID
 from remind_jax.session import identities
 from remind_jax.session.announcement import Announcements
 from remind_jax.session.identities import Identities
@@ -81,16 +80,6 @@ def test_what_was_never_announced_becomes_another_in_silence():
     assert answers.object_id.tolist() == [0]
 
 
-def test_a_frame_that_is_repeated_is_no_second_sight():
-    told = Identities(2, 0)
-    decided = frame_of(0, 4)
-    assert told.add(decided, [], None, never)[0].object_id.tolist() == [NO_ID]
-    assert told.repeat(frame_of(1, 4), []).object_id.tolist() == [0]
-    assert told.answer(decided).object_id.tolist() == [0]
-    assert told.records.num_records == 0
-    assert told.decided is not decided
-
-
 def taken_up(announce_after: int, announced: Announcements | None) -> Identities:
     """Those of a memory whose next object is number 6."""
     tracker = rj.Tracker({"tracker": "iou", "static": STATIC})
@@ -113,9 +102,10 @@ def test_objects_of_a_memory_are_known_and_its_next_frame_begins_a_session():
 
 def test_a_run_that_goes_on_stays_in_its_session():
     told = taken_up(1, None)
-    told.go_on()
+    told.go_on({9: 4})
     told.add(frame_of(7, 4), [], None, never)
     assert told.records.objects()[0].first == Sight(1, 7)
+    assert told.announcements.became == {9: 4}
 
 
 def test_records_of_what_memory_lost_do_not_pile_up(monkeypatch):

@@ -148,10 +148,10 @@ def test_what_was_recorded_is_drawn_again(tmp_path):
             camera, sampling={"max_frames": 4}, out=tmp_path / "out", record=tmp_path / "r"
         )
     assert result.tracks[-1].source_index > 3  # frames were passed over
-    (tmp_path / "out" / "gallery.png").unlink()
+    (tmp_path / "out" / "report.html").unlink()
     again = render_again(tmp_path / "out", rj.open_source(tmp_path / "r"))
     assert is_same(result, again)
-    assert (tmp_path / "out" / "gallery.png").is_file()
+    assert (tmp_path / "out" / "report.html").is_file()
     assert (tmp_path / "out" / "overlay.mp4").is_file()
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from remind_jax.errors import SourceError
 from remind_jax.method import get_method
-from remind_jax.session import memory_budget
+from remind_jax.session import growing_memory
 from remind_jax.session.live import Tracker
 from remind_jax.static import Static
 from tests.session.test_live import frames
@@ -27,8 +27,8 @@ def test_a_frame_that_does_not_fit_is_refused_before_compilation_and_the_next_on
     before = tracker.update(image, few)
     need = get_method("plus").host.count_bytes
     assert need is not None
-    room = need(tracker.static) / memory_budget.BUDGET_SHARE
-    monkeypatch.setattr(memory_budget, "device_bytes", lambda: int(room) + 1)
+    room = need(tracker.static) / growing_memory.BUDGET_SHARE
+    monkeypatch.setattr(growing_memory, "device_bytes", lambda: int(room) + 1)
     with pytest.raises(SourceError, match=r"room for \d+ detections.*fewer detections"):
         tracker.update(image, labels)
     after = tracker.update(image, few)
@@ -37,23 +37,23 @@ def test_a_frame_that_does_not_fit_is_refused_before_compilation_and_the_next_on
 
 
 def test_the_sentence_names_what_is_needed_and_what_may_be_used(monkeypatch):
-    monkeypatch.setattr(memory_budget, "device_bytes", lambda: 8 * memory_budget.GIB)
+    monkeypatch.setattr(growing_memory, "device_bytes", lambda: 8 * growing_memory.GIB)
     method = get_method("plus")
     many = Static(num_detections=512, num_objects=16_384, feature_dim=384)
     with pytest.raises(SourceError, match=r"16384 objects takes about 9\.8 GiB, and 6\.0 GiB"):
-        memory_budget.check_room(method, many)
-    memory_budget.check_room(method, dataclasses.replace(many, num_objects=4096))
+        growing_memory.check_room(method, many)
+    growing_memory.check_room(method, dataclasses.replace(many, num_objects=4096))
 
 
 def test_where_the_memory_is_not_known_all_is_tried(monkeypatch):
-    monkeypatch.setattr(memory_budget, "device_bytes", lambda: 0)
-    memory_budget.check_room(
+    monkeypatch.setattr(growing_memory, "device_bytes", lambda: 0)
+    growing_memory.check_room(
         get_method("plus"), Static(num_detections=8192, num_objects=32_768, feature_dim=384)
     )
 
 
 def test_the_memory_of_this_machine_is_known():
-    assert memory_budget.device_bytes() > 2**28
+    assert growing_memory.device_bytes() > 2**28
 
 
 @pytest.mark.parametrize("name", ["plus", "remind"])

@@ -6,7 +6,7 @@ from typing import Literal
 import pytest
 
 from remind_jax.errors import ConfigError
-from remind_jax.settings.checks import check_fields
+from remind_jax.settings.ranges import check_fields
 from remind_jax.settings.record import setting
 
 

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
@@ -58,7 +58,6 @@ def make_problem(rng, num, columns, dtype: type = np.float32):
 
 
 @pytest.mark.parametrize(("num", "columns"), SHAPES)
-@settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_equals_scipy_pair_by_pair(num, columns, seed):
     problem = make_problem(np.random.default_rng(seed), num, columns)
@@ -66,7 +65,6 @@ def test_equals_scipy_pair_by_pair(num, columns, seed):
 
 
 @pytest.mark.parametrize(("num", "columns"), SHAPES[1:])
-@settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_columns_that_no_row_may_have_count_among_ties(num, columns, seed):
     """The matrix of a group may be wider than what is allowed in it."""

@@ -83,7 +83,6 @@ def test_sets_fill_one_block_of_rows_or_several(size):
     np.testing.assert_array_equal(labels, solve("host", PARTS, points, members)[0])
 
 
-@settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), distinct=st.integers(1, 4))
 def test_degenerate_sets_equal_host(seed, distinct):
     """At most K distinct whole-number points: distances and means are exact, draws decide."""
@@ -164,7 +163,6 @@ def test_rejected_words_are_skipped():
     assert drawn.tolist() == expected
 
 
-@settings(max_examples=50, deadline=None)
 @given(left=st.integers(0, 2**32 - 1), right=st.integers(0, 2**32 - 1))
 def test_product_of_words(left, right):
     upper, lower = _multiply(*(jnp.asarray(np.uint32(x)) for x in (left, right)))

@@ -17,14 +17,14 @@ class FakeBench:
 
     formula: Callable[[Setting, int], dict[str, float]]
     scenes: tuple[str, ...] = ("a", "b")
-    asked: list[tuple[list[Setting], float]] = dataclasses.field(default_factory=list)
+    asked: list[list[Setting]] = dataclasses.field(default_factory=list)
     stop_after: int = 1_000_000  # calls
     tracker: str = "remind"  # whose thresholds the formula is about
 
-    def run(self, settings: Sequence[Setting], *, share: float = 1.0) -> SweepResult:
+    def run(self, settings: Sequence[Setting]) -> SweepResult:
         if len(self.asked) >= self.stop_after:
             return SweepResult((), self.scenes, (), 0, 0, complete=False)
-        self.asked.append((list(settings), share))
+        self.asked.append(list(settings))
         rows = tuple(
             tuple(
                 Row("", scene, dict(setting), self.formula(setting, "abcdef".index(scene)))

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from remind_jax.errors import SweepError
-from remind_jax.sweeps.search import hyperband, plan_brackets, search
+from remind_jax.sweeps.search import search
 from tests.sweeps.fake_bench import FakeBench, hill
 
 pytest.importorskip("optuna")
@@ -24,7 +24,7 @@ def test_search_beats_the_configuration_as_it_stands(sampler):
     result = search(bench, SPACE, number=48, at_once=8, sampler=sampler, seed=2)
     assert result.settings[0] == {}
     assert len(result.settings) == 49
-    assert [len(settings) for settings, _ in bench.asked] == [9, 8, 8, 8, 8, 8]
+    assert [len(settings) for settings in bench.asked] == [9, 8, 8, 8, 8, 8]
     best = result.best()[0]
     assert best.setting["influence.enabled"] is True
     assert best.scores["IDF1"] > result.standings()[0].scores["IDF1"] + 0.2
@@ -68,46 +68,12 @@ def test_unknown_scores_teach_nothing_and_stop_nothing():
 
     result = search(FakeBench(half_known), SPACE, number=32, at_once=8)
     assert result.best()[0].scores["IDF1"] > 0.8
-    assert hyperband(FakeBench(half_known), SPACE, widest=9).best()[0].scores["IDF1"] > 0.7
 
 
 def test_interruption_keeps_what_was_found():
     result = search(FakeBench(hill, stop_after=2), SPACE, number=32, at_once=8)
     assert not result.complete
     assert len(result.settings) == 17
-    result = hyperband(FakeBench(hill, stop_after=2), SPACE, widest=9)
-    assert not result.complete
-    assert len(result.settings) == 1
-
-
-def test_brackets_are_those_of_the_paper():
-    # Table 1 of Li et al. for R = 81, eta = 3, in shares of R.
-    brackets = plan_brackets(81, 1 / 81)
-    assert [[number for number, _ in bracket] for bracket in brackets] == [
-        [81, 27, 9, 3, 1], [34, 11, 3, 1], [15, 5, 1], [8, 2], [5],
-    ]  # fmt: skip
-    assert [round(81 * share) for _, share in brackets[0]] == [1, 3, 9, 27, 81]
-    assert all(bracket[-1][1] == 1.0 for bracket in brackets)
-
-
-def test_hyperband_looks_at_fewer_frames_and_finds_the_hill():
-    bench = FakeBench(hill)
-    result = hyperband(bench, SPACE, widest=27, shortest=1 / 9, seed=1)
-    seen = sum(len(settings) * share for settings, share in bench.asked)
-    tried = sum(bracket[0][0] for bracket in plan_brackets(27, 1 / 9))
-    assert seen < 0.6 * tried
-    assert len(result.settings) == 1 + sum(b[-1][0] for b in plan_brackets(27, 1 / 9))
-    assert result.best()[0].scores["IDF1"] > 0.8
-
-
-def test_hyperband_keeps_the_better_ones_of_a_rung():
-    bench = FakeBench(hill)
-    hyperband(bench, SPACE, widest=9, shortest=1 / 3)
-    (first, share), (second, full) = bench.asked[1:3]
-    assert (len(first), len(second)) == (9, 3)
-    assert (share, full) == (pytest.approx(1 / 3), 1.0)
-    worth = lambda s: hill(s, 0)["IDF1"] + hill(s, 1)["IDF1"]  # noqa: E731
-    assert sorted(map(worth, second)) == sorted(map(worth, first))[-3:]
 
 
 def test_what_cannot_be_searched_is_told():

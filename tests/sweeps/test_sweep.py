@@ -163,7 +163,7 @@ def test_a_profile_is_followed_where_features_come_from_the_backbone():
     described = load_scene(open_source(pairs), config, backbone)
     assert described.config == config.for_backbone("patch-statistics") != config
     given = load_scene(open_source(SCENES[0]), config, backbone)
-    assert given.first(2).config == config
+    assert given.config == config
 
 
 def test_bad_input_is_told_before_work_starts():

@@ -17,8 +17,9 @@ from remind_jax.explanation.explainer import Explainer
 from remind_jax.explanation.explanation import id_or_none
 from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
 from remind_jax.explanation.plus.reasons import give_reasons
-from remind_jax.plus.state import PARTS, Stage, Verdicts
+from remind_jax.plus.evidence import Evidence
 from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.plus.verdicts import Stage, Verdicts
 from remind_jax.tracks import Tracks, title_of
 
 
@@ -107,7 +108,7 @@ def _candidates(
                 name=title_of(label, object_id, names),
                 log_odds=float(v.option_odds[row, place]),
                 probability=float(v.option_belief[row, place]),
-                parts=dict(zip(PARTS, v.option_parts[row, place].tolist(), strict=True)),
+                parts={k: float(getattr(v.evidence, k)[row, place]) for k in Evidence.kinds()},
                 held_by=others[0] if others else None,
             )
         )

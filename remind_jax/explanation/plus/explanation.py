@@ -8,9 +8,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 
-from remind_jax.explanation.explanation import Explanation
-from remind_jax.explanation.text import lay_out
-from remind_jax.plus.state import PARTS, Stage
+from remind_jax.explanation.explanation import Explanation, lay_out
+from remind_jax.plus.evidence import Evidence
+from remind_jax.plus.verdicts import Stage
 from remind_jax.printing.words import change, number
 
 
@@ -22,7 +22,7 @@ class PlusCandidate:
     name: str
     log_odds: float  # sum of the parts
     probability: float  # beside all other candidates and a new object
-    parts: dict[str, float]  # by `state.PARTS`
+    parts: dict[str, float]  # by kind of `evidence.Evidence`
     held_by: int | None  # other detection of the frame that was taken for it
 
 
@@ -50,11 +50,11 @@ class PlusExplanation(Explanation):
             yield ["candidates, evidence in log odds", *self._table(width)]
 
     def _table(self, width: int | None) -> list[str]:
-        heads = ("candidate", *PARTS, "sum", "probability", "")
+        heads = ("candidate", *Evidence.kinds(), "sum", "probability", "")
         rows = [
             (
                 f"{'*' if c.object_id == self.answer_id else ' '} {c.name}",
-                *(change(c.parts[part]) if c.parts[part] else "-" for part in PARTS),
+                *(change(c.parts[part]) if c.parts[part] else "-" for part in c.parts),
                 change(c.log_odds),
                 number(c.probability),
                 "" if c.held_by is None else f"detection {c.held_by} got it",
@@ -65,6 +65,6 @@ class PlusExplanation(Explanation):
         assert self.new_probability is not None
         is_new = self.answer_id == self.tracklet_id
         new = f"{'*' if is_new else ' '} {self.label} {self.tracklet_id}, new"
-        blank = [""] * len(PARTS)
+        blank = [""] * len(Evidence.kinds())
         rows.append((new, *blank, change(self.new_log_odds), number(self.new_probability), ""))
         return lay_out((heads, *rows), (0, len(heads) - 1), width)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from remind_jax.decision import Outcome
 from remind_jax.explanation.plus.explanation import PlusCandidate, PlusExplanation
-from remind_jax.plus.state import Stage
 from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.plus.verdicts import Stage
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence
 
 _NOTABLE = 0.25  # log odds; less is not mentioned

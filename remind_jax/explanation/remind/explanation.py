@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from remind_jax.decision import Lock, MatchOrigin, Status
-from remind_jax.explanation.explanation import Explanation
+from remind_jax.explanation.explanation import Explanation, lay_out, say_code, wrap
 from remind_jax.explanation.remind.evidence import (
     Anchor,
     Candidate,
@@ -18,7 +18,6 @@ from remind_jax.explanation.remind.evidence import (
     Quality,
     Term,
 )
-from remind_jax.explanation.text import lay_out, say_code, wrap
 from remind_jax.printing.words import change, listing, number, plural
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto

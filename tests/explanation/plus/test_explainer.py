@@ -13,7 +13,8 @@ from remind_jax.cli.main import main
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OutputError
 from remind_jax.explanation.plus.explanation import PlusExplanation
-from remind_jax.plus.state import PARTS, Stage
+from remind_jax.plus.evidence import Evidence
+from remind_jax.plus.verdicts import Stage
 from tests.plus.test_method import pan_frames
 
 
@@ -41,7 +42,7 @@ def test_evidence_adds_up_to_the_log_odds(explained):
     candidates = [candidate for one in explained for candidate in one.candidates]
     assert candidates
     for candidate in candidates:
-        assert tuple(candidate.parts) == PARTS
+        assert tuple(candidate.parts) == Evidence.kinds()
         # Sums of seven numbers below 100 in 32 bits.
         assert sum(candidate.parts.values()) == pytest.approx(candidate.log_odds, abs=1e-3)
 
@@ -107,7 +108,7 @@ def test_saved_runs_explain_the_same(result, explained, tmp_path, capsys, monkey
     read = json.loads(capsys.readouterr().out)
     assert read["format"] == "remind-jax explanation of plus"
     assert read["stage"] == one.stage.name.lower()
-    assert set(read["candidates"][0]["parts"]) == set(PARTS)
+    assert set(read["candidates"][0]["parts"]) == set(Evidence.kinds())
 
 
 def test_what_a_delay_revised_is_explained(result):

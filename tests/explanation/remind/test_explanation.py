@@ -9,9 +9,9 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
+from remind_jax.explanation.explanation import lay_out, render_frame
 from remind_jax.explanation.remind.evidence import TERMS, Candidate
 from remind_jax.explanation.remind.explanation import RemindExplanation
-from remind_jax.explanation.text import lay_out, render_frame
 from remind_jax.outputs.result import Result
 from remind_jax.remind.association.gating import Gate
 from tests.outputs.fake_run import make_run

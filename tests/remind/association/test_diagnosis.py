@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.decision import Status
@@ -106,7 +106,6 @@ def test_switches():
 scores = st.lists(st.floats(0, 1, width=32), max_size=WIDTH)
 
 
-@settings(max_examples=100, deadline=None)
 @given(scores)
 def test_evidence_does_not_depend_on_the_order_of_candidates(values):
     ours, theirs = look(*values), look(*values[::-1])

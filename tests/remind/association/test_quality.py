@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.observation import Descriptors
@@ -79,7 +79,6 @@ def test_switched_off_everything_is_perfect():
     assert all(value == 1.0 for value in dataclasses.astuple(rate(off, **nothing)))
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.tuples(*(st.floats(0, 100, width=32) for _ in GOOD)))
 def test_ratings_lie_between_zero_and_one(values):
     seen = dict(zip(GOOD, values, strict=True))

@@ -3,7 +3,7 @@ import functools
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.numerics.absent import NO_SLOT
@@ -91,7 +91,6 @@ def frames(draw):
     return memory, detections
 
 
-@settings(max_examples=60, deadline=None)
 @given(frames())
 def test_classes_come_as_by_a_plain_sort(frame):
     found = group(*frame)

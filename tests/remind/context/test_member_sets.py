@@ -32,9 +32,7 @@ from .scenes import thresholds
 pytestmark = pytest.mark.usefixtures("x64")
 OBJECTS = 6
 ROUNDING = 1e-12  # float64, a handful of operations on numbers below 1
-quick = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def weigh_plainly(strength):

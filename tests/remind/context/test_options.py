@@ -28,9 +28,7 @@ MOST, POOL = 3, 5  # most detections of a class; most objects of it
 SMALL = Static(precision="float64", class_pool=POOL, class_detections=MOST, option_objects=3)
 ROUNDING = 1e-12  # float64, some tens of operations on numbers below 10
 assert_close = functools.partial(np.testing.assert_allclose, rtol=0, atol=ROUNDING)
-quick = settings(
-    max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+quick = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @functools.cache

@@ -1,6 +1,6 @@
 import jax
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.remind.context.selection import Children, number_sets, rank_choices, select_children
@@ -72,7 +72,6 @@ def read_children(children: Children) -> list[tuple[int, ...]]:
     return [tuple(int(number) for number in child) for child in np.stack(fields, 1)[:count]]
 
 
-@settings(max_examples=150, deadline=None)
 @given(beams())
 def test_children_come_in_the_documented_order(beam):
     score, support, allowed, set_of, live, diverse = beam
@@ -81,7 +80,6 @@ def test_children_come_in_the_documented_order(beam):
     assert read_children(found) == select_plainly(score, support, allowed, set_of, live, diverse)
 
 
-@settings(max_examples=50, deadline=None)
 @given(beams())
 def test_choices_of_a_set_are_ranked_by_support_and_then_as_listed(beam):
     _, support, allowed, *_ = beam
@@ -112,7 +110,6 @@ children_lists = st.lists(
 )
 
 
-@settings(max_examples=50, deadline=None)
 @given(children_lists, st.integers(0, ROWS))
 def test_children_of_one_set_and_one_choice_share_a_set(made, num_valid):
     parent, count, variant = np.array(made, np.int32).T

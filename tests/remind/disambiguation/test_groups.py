@@ -3,7 +3,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
@@ -49,7 +49,6 @@ entry_lists = st.lists(
 )
 
 
-@settings(max_examples=150, deadline=None)
 @given(entry_lists, st.lists(st.booleans(), min_size=7, max_size=7))
 def test_groups_are_components_of_shared_candidates(candidates, present):
     groups = form(present, candidates, [0] * NUM_DETECTIONS)

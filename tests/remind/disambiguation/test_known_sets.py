@@ -3,7 +3,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.decision import MatchOrigin
@@ -141,7 +141,6 @@ def test_capacities_and_padding_do_not_matter():
     )
 
 
-@settings(max_examples=10, deadline=None)
 @given(st.randoms(use_true_random=False))
 def test_order_of_detections_does_not_matter(random):
     scenes = load_scenes("float32")

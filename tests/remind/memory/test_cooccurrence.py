@@ -4,7 +4,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.remind.memory.cooccurrence import (
@@ -135,7 +135,6 @@ rules_drawn = st.sampled_from(
 )
 
 
-@settings(max_examples=30, deadline=None)
 @given(worlds, rules_drawn, st.sets(st.integers(0, 150), min_size=12, max_size=12).map(sorted))
 def test_agrees_with_plain_python(frames, drawn, ids):
     rules, plain_rules, static = drawn

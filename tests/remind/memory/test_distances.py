@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.masks.relations import find_row_ends, relate_masks
@@ -206,7 +206,6 @@ def frames(draw):
     return visible, [draw(st.booleans()) for _ in visible], draw(st.integers(0, 99))
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.lists(frames(), max_size=12))
 def test_agrees_with_plain_python(drawn):
     num, slots = 5, 7

@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.remind.perception.parts import cluster_parts
@@ -151,7 +151,6 @@ def parts_by_loops(features, coverage, rules: Perception):
     return kept
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, NUM_PATCHES), st.sampled_from([0.3, 0.8, 0.99]))
 def test_parts_equal_a_plain_loop(seed, count, merge):
     rng = np.random.default_rng(seed)

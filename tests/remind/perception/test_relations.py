@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.observation import MaskRelations, Masks
@@ -138,7 +138,6 @@ boxes_drawn = st.lists(
 )
 
 
-@settings(max_examples=30, deadline=None)
 @given(boxes_drawn, st.permutations(range(4)))
 def test_symmetric_and_blind_to_the_order_of_detections(drawn, order):
     boxes = np.array([(x, y, x + w, y + h) for x, y, w, h in drawn])

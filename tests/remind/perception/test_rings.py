@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.remind.perception.rings import INNER, OUTER, find_rings, ring_weights
@@ -85,7 +85,6 @@ def rings_by_loops(patches, t: Perception):
     return np.stack([ring(border, inner_edge), ring(low, outer_edge)])
 
 
-@settings(max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     density=st.sampled_from([0.0, 0.01, 0.1, 0.6]),

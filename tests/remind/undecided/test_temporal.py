@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from remind_jax.decision import NUM_OPTIONS, Status
@@ -65,7 +65,6 @@ tables = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
 @given(tables, st.integers(0, 2**12 - 1), st.integers(0, 4), st.booleans())
 def test_rank_is_a_stable_sort(scores, bits, most, later_first):
     scores = np.array(scores)

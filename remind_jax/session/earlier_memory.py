@@ -1,0 +1,40 @@
+"""Memory files of the schema before: arrays whose columns are leaves of their own now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+EARLIER_VERSION = 7  # of the schema, which is read as well
+
+Columns = Mapping[str, tuple[int, tuple[str, ...]]]  # as `method.Host.columns`
+
+
+def split_columns(
+    tensors: Mapping[str, np.ndarray], columns: Columns, leaves: Mapping[str, Any]
+) -> dict[str, np.ndarray]:
+    """The tensors by the names of the leaves of a memory; what lacks columns is left out.
+
+    Args:
+      tensors: Those of a file.
+      columns: Which of them hold which leaves.
+      leaves: Shapes and types of all leaves.
+    """
+    found = dict(tensors)
+    for name, (axis, parts) in columns.items():
+        if name not in found or not found[name].ndim:
+            continue
+        values = np.moveaxis(found.pop(name), axis, -1)
+        at = 0
+        for part in parts:
+            leaf = leaves[part]
+            is_one = leaf.ndim < values.ndim
+            width = 1 if is_one else leaf.shape[-1]
+            column = values[..., at : at + width]
+            if column.shape[-1] == width:
+                column = column[..., 0] if is_one else column
+                found[part] = np.array(column, leaf.dtype, order="C")
+            at += width
+    return found
