@@ -15,7 +15,7 @@ from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.pooling import dot
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.observation import Motion, Sightings
-from remind_jax.plus.own_movement import expect_step, follow_movement
+from remind_jax.plus.own_movement import expect_step, follow_movement, mobility, speed_of
 from remind_jax.plus.plane import (
     area_of,
     log_ratios,
@@ -62,6 +62,7 @@ def score_links(
     look_odds: Float[Array, "N T"],
     frame: Int[Array, ""],
     t: th.Linking,
+    mobile: th.Mobility,
 ) -> Links:
     """How well each detection goes on with each tracklet, and where it may at all.
 
@@ -78,13 +79,15 @@ def score_links(
     scale = mean_sizes(sightings.size, tracklets.size)
     relative = jnp.minimum(distance / (scale + t.slack * gap), t.distance_max)
     log_ratio = jnp.abs(log_ratios(sightings.size, tracklets.size))
+    # What moves may be anywhere after a while; what stands still is where it was.
+    moves = mobility(speed_of(tracklets, mobile), mobile)
     score = (
         t.overlap * _overlap(sightings.box, tracklets.box)
         - 1.0
         - t.distance * relative
         + t.look * (cosine - t.look_middle)
         + jnp.minimum(t.veto * look_odds, 0.0)
-        - t.missed * jnp.log2(jnp.maximum(gap, 1.0))
+        - t.missed * jnp.log2(jnp.maximum(gap, 1.0)) * moves
         - t.size * log_ratio
     )
     possible = sightings.valid[:, None] & tracklets.alive[None]

@@ -51,8 +51,9 @@ def check_motion(
     )
 
     def follow(hypothesis: Motion) -> Links:
+        carried = carry(tracklets, hypothesis, t.mobility)
         return score_links(
-            carry(tracklets, hypothesis, t.mobility), sightings, cosine, look_odds, frame, t.linking
+            carried, sightings, cosine, look_odds, frame, t.linking, t.mobility
         )
 
     def support(hypothesis: Motion) -> Float[Array, ""]:

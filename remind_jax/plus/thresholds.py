@@ -35,7 +35,7 @@ class Linking:
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
     veto: Real = setting(0.5, "of looks that contradict", "factor")
-    missed: Real = setting(1.0, "loss per doubling of the time since it was seen", "log odds")
+    missed: Real = setting(1.5, "loss per doubling of the time since it was seen", "log odds")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
     least: Real = setting(-2.0, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
@@ -90,7 +90,7 @@ class Mobility:
     rate: Real = setting(0.05, "what a frame changes of the speed of the scene", "share")
     half: Real = setting(0.02, "speed of an object that is by half one that moves", "length")
     best: Real = setting(8.0, "most evidence of looks of an object that moves", "log odds")
-    gain: Real = setting(0.0, "log odds of an object that moves, in place of those of its place",
+    gain: Real = setting(0.4, "log odds of an object that moves, in place of those of its place",
         "log odds")
     crowd: Real = setting(1.0, "more of the loss by `decision.crowd` for an object that moves",
         "share")
@@ -171,7 +171,7 @@ class Calibration:
     same_weight: Real = setting(0.5, "of now and first sight of a tracklet", "weight")
     other_weight: Real = setting(0.5, "of other objects of the class in view", "weight")
     absent_weight: Real = setting(0.5, "of other known objects of the class", "weight")
-    absent_most: Real = setting(4.0, "of which so many count", "objects")
+    absent_most: Real = setting(5.0, "of which so many count", "objects")
     foreign_weight: Real = setting(0.1, "of objects of other classes in view", "weight")
     sure_weight: Real = setting(2.0, "of a clearly recognized object", "weight")
     sure_margin: Real = setting(3.0, "lead of a clearly recognized object", "log odds")
@@ -190,7 +190,8 @@ class Layout:
         "log odds")
     moved: Real = setting(-3.0,
         "log odds of an object that lies where it should not, place included", "log odds")
-    most: Real = setting(4.0, "most place and layout together", "log odds")
+    most: Real = setting(5.0, "most place and layout together", "log odds")
+    most_mobile: Real = setting(0.0, "less of it for what moves", "share")
     moved_gone: Real = setting(-0.5, "the same if its old place is seen to be empty", "log odds")
     gone_anchors: Whole = setting(3, "decided objects that tell where the old place is", "objects")
     gone_error: Real = setting(1.5, "greatest standard deviation of that, per size of the object",
@@ -240,7 +241,7 @@ class Layout:
 class Decision:
     """Known or new, now or later (method_plus.md#novelty, method_plus.md#decision)."""
 
-    new: Real = setting(1.0, "log odds of a new object", "log odds")
+    new: Real = setting(0.8, "log odds of a new object", "log odds")
     familiarity: Real = setting(1.0, "weight of how much was new of what came last and is in view",
         "weight")
     familiarity_rate: Real = setting(0.2, "what one decision changes of it", "share")
