@@ -34,7 +34,7 @@ class Linking:
     slack: Real = setting(0.12, "length added to the scale of distances per frame unseen", "length")
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
-    veto: Real = setting(0.5, "of looks that contradict", "factor")
+    veto: Real = setting(1.0, "of looks that contradict", "factor")
     missed: Real = setting(1.5, "loss per doubling of the time since it was seen", "log odds")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
     least: Real = setting(-2.0, "links score more than this", "log odds")
