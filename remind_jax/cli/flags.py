@@ -140,7 +140,7 @@ class PageAddress:
 class LiveFlags(LiveOptions):
     """Cameras (0, /dev/video0), streams (rtsp://, http://) and folders that grow (--follow)."""
 
-    # folder or lossless video (out.mkv) that gets the frames as seen, to repeat the run
+    # folder that gets the frames as seen, to repeat the run
     record: Path | None = None
     # show the run in a browser while it goes on; only to this machine unless HOST:PORT says
     # otherwise; stands after SOURCE

@@ -35,9 +35,7 @@ class Label:
     # folder (davis) or file to write
     out: Annotated[Path | None, arg(aliases=["-o"], metavar="TRUTH")] = None
     # instance maps with classes, or what `remind export` writes
-    format: Annotated[Literal["davis", "cvat", "mots-png"], arg(metavar="davis|cvat|mots-png")] = (
-        "davis"
-    )
+    format: Annotated[Literal["davis", "cvat"], arg(metavar="davis|cvat")] = "davis"
     overwrite: bool = False  # replace what is there
     quiet: bool = False  # say nothing but errors
 
@@ -74,7 +72,7 @@ class Label:
 
     def _write_truth(self, edits_file: Path, out: Path) -> int:
         from remind_jax.outputs.label_edits import apply_edits, read_edits
-        from remind_jax.outputs.labeling import export, write_instance_maps
+        from remind_jax.outputs.labeling import write_cvat, write_instance_maps
         from remind_jax.outputs.result import Result
 
         is_folder = self.format == "davis"
@@ -88,7 +86,7 @@ class Label:
         if self.format == "davis":
             write_instance_maps(truth, out)
         else:
-            export(truth, self.format, out)
+            write_cvat(truth, out)
         if not self.quiet:
             num = len(truth.objects())
             print_lines([f"{out}: {num} identities, {len(truth)} frames, {len(edits.edits)} edits"])

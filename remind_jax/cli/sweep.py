@@ -63,7 +63,7 @@ class Sweep:
     random: int | None = None  # draw so many settings instead of trying all combinations
     settings: Path | None = None  # CSV with one column per threshold, or JSON with a list
     # propose settings by what was found (needs Optuna); nsga2 for several objectives
-    search: Literal["tpe", "cmaes", "nsga2"] | None = None
+    search: Literal["tpe", "nsga2"] | None = None
     sensitivity: bool = False  # move every threshold by itself: how much each matters
     # settings of a search, values of each threshold for --sensitivity; chosen if left out
     number: int | None = None

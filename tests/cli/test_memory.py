@@ -100,13 +100,6 @@ def test_what_is_no_change_is_refused(memory, capsys, words, code, said):
     assert memory.read_bytes() == before
 
 
-def test_other_files_are_no_memory(tmp_path, capsys):
-    (tmp_path / "memory.safetensors").write_bytes(b"no")
-    for path in (tmp_path, tmp_path / "nowhere", tmp_path / "memory.safetensors"):
-        assert main(["memory", str(path)]) == process.ERROR
-        assert capsys.readouterr().err.count("\n") == 1
-
-
 def test_the_page_shows_names_as_text(memory, tmp_path):
     assert main(["memory", str(memory), "rename", "1", "<b>mug</b>", "--quiet"]) == process.FINE
     page = tmp_path / "objects.html"
