@@ -62,7 +62,7 @@ class Identities:
         Args:
           merged_into: Objects that turned out to be others in them, by ids of the memory.
         """
-        self.announcements = dataclasses.replace(self.announcements, became=merged_into)
+        self.announcements = dataclasses.replace(self.announcements, merged_into=merged_into)
         self._is_new_session = False
 
     def add(
@@ -91,7 +91,7 @@ class Identities:
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
-                self.records.found_to_be(old, new)
+                self.records.merge_for_good(old, new)
                 message = f"object {old} turned out to be object {new}"
                 events.append(Event(decided.frame_index, "merged", message))
         self.records.note(as_announced(self.announcements, decided), image)

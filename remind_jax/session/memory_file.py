@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import msgspec
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
@@ -22,12 +21,12 @@ from remind_jax.config import Config
 from remind_jax.config.keys import how_to_choose
 from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
-from remind_jax.files.records import MOST_LABEL, Small, Whole, decode_json
+from remind_jax.files.records import MOST_LABEL, decode_json
 from remind_jax.files.tensors import TensorEntry, read_safetensors_header
 from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
-from remind_jax.session.announcement import Announcements
+from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns
 from remind_jax.session.object_pictures import MOST_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
@@ -58,15 +57,6 @@ _CODES: dict[str, type[enum.IntEnum]] = {
     "status": Status,
     "status_final": Status,
 }
-
-
-class _AnnouncedRow(msgspec.Struct, frozen=True):
-    """As `Announcements.to_json` makes it."""
-
-    known_below: Whole
-    next_id: Whole
-    ids: list[tuple[Small, Whole]]
-    counts: list[tuple[Small, Whole]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -302,8 +292,7 @@ def _read_description(
     names = tuple(read("class_names", list[str]))
     announced = None
     if "announced" in metadata:
-        row = read("announced", _AnnouncedRow)
-        announced = Announcements(row.known_below, dict(row.ids), dict(row.counts), {}, row.next_id)
+        announced = read("announced", FiledAnnouncements).restored()
     if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
         raise OutputError(
             f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "

@@ -26,8 +26,6 @@ OUR_OWN = {
     "remind_jax/compiled/programs.py": "the source of this package",
     "remind_jax/live_page/server.py": "the page that it serves",
     "remind_jax/outputs/overlay.py": "whether its own video can be played",
-    "remind_jax/session/checkpoint.py": "what it wrote just before",
-    "remind_jax/session/folder_run.py": "what it wrote just before",
     "remind_jax/session/growing_memory.py": "the memory of the system, in /proc",
     "remind_jax/cli/memory.py": "the page that it fills in",
     "weights_convert/reference_values.py": "a picture that a developer names",

@@ -105,7 +105,7 @@ def test_a_run_that_goes_on_stays_in_its_session():
     told.go_on({9: 4})
     told.add(frame_of(7, 4), [], None, never)
     assert told.records.objects()[0].first == Sight(1, 7)
-    assert told.announcements.became == {9: 4}
+    assert told.announcements.merged_into == {9: 4}
 
 
 def test_records_of_what_memory_lost_do_not_pile_up(monkeypatch):

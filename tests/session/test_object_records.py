@@ -192,7 +192,7 @@ def test_what_the_tracker_found_to_be_one_is_one_record():
         records.note(seen(number, ids), None)
     records.rename(1, "mug")
     records.merge(1, [2])
-    records.found_to_be(1, 0)
+    records.merge_for_good(1, 0)
     (known,) = records.objects()
     assert (known.object_id, known.name, known.num_frames, known.merged) == (0, "mug", 5, (2,))
     assert (known.first, known.last) == (Sight(1, 0), Sight(1, 2))
@@ -202,7 +202,7 @@ def test_what_people_and_tracker_found_alike_stays_one():
     records = ObjectRecords()
     records.note(seen(0, [0, 1]), None)
     records.merge(1, [0])
-    records.found_to_be(1, 0)
+    records.merge_for_good(1, 0)
     assert [(one.object_id, one.merged) for one in records.objects()] == [(0, ())]
 
 
