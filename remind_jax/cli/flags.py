@@ -49,7 +49,7 @@ _WORDS: dict[Any, tuple[str, str]] = {
 _NOTHING = ("None", "False", "")  # defaults that the help of a flag says in words, if at all
 
 
-_MOST_CHARACTERS = 10_000  # of one value
+_MAX_CHARACTERS = 10_000  # of one value
 # Both `--set a=1 b=2` and `--set a=1 --set b=2`.
 Assignments = Annotated[
     UseAppendAction[tuple[tuple[str, ...], ...]],
@@ -288,9 +288,9 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
                 f"{assignment!r} is no assignment; give --set KEY=VALUE, for example "
                 "--set thresholds.decision.new=1.5, after everything else"
             )
-        if len(text) > _MOST_CHARACTERS:
+        if len(text) > _MAX_CHARACTERS:
             raise ConfigError(
-                f"the value of --set {key} has {len(text)} characters; at most {_MOST_CHARACTERS} "
+                f"the value of --set {key} has {len(text)} characters; at most {_MAX_CHARACTERS} "
                 "are read, so put it into a file"
             )
         values[key] = parse_yaml(text, f"the value of --set {assignment!r}", ConfigError)

@@ -27,7 +27,7 @@ from remind_jax.outputs.tables import firm_rows
 from remind_jax.outputs.writer import OVERLAY_NAME
 from remind_jax.tracks import Tracks
 
-MOST_EDITS = 1_000_000
+MAX_EDITS = 1_000_000
 
 Labels = list[Int[np.ndarray, "_"]]  # identity of each detection of each frame, NO_ID for none
 
@@ -72,7 +72,7 @@ class Edits(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     version: Literal[1]
     run: Text  # name of the run
     num_detections: Count  # of the whole run: whether the file is of this run
-    edits: Annotated[list[Edit], Meta(max_length=MOST_EDITS)]
+    edits: Annotated[list[Edit], Meta(max_length=MAX_EDITS)]
 
 
 def read_edits(path: str | Path) -> Edits:

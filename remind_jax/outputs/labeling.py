@@ -24,7 +24,7 @@ from remind_jax.printing.terminal import printable
 from remind_jax.tracks import Tracks
 
 METADATA_NAME = "metadata.json"
-_MOST_8_BIT = 254  # 255 is void in 8-bit truth
+_MAX_8_BIT = 254  # 255 is void in 8-bit truth
 
 
 def write_cvat(result: Result, path: str | Path) -> None:
@@ -143,7 +143,7 @@ def write_instance_maps(result: Result, folder: str | Path) -> None:
         raise OutputError(
             f"'{maps}' holds '{min(others)}', which is no map of this run; name another folder"
         )
-    dtype = np.uint8 if most <= _MOST_8_BIT else np.uint16
+    dtype = np.uint8 if most <= _MAX_8_BIT else np.uint16
     with files.replacing_folder(maps, Path(folder)) as unfinished:
         for tracks, picture in zip(result.tracks, pictures, strict=True):
             (unfinished / picture).write_bytes(_draw(tracks, dtype))

@@ -65,7 +65,7 @@ def run_into(
         checkpoints.remove()
         return header
     if header is not None:
-        loop.go_on_after(header)
+        loop.resume(header)
     with loop.prepare() as ahead:
         if header is not None and loop.num_before:
             info = RunInfo.from_json(header.info)

@@ -105,10 +105,10 @@ class FrameLoop:
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
-    def go_on_after(self, header: Header) -> None:
+    def resume(self, header: Header) -> None:
         """Takes the tracker to the last checkpoint of a run that was not completed."""
         assert self._checkpoints is not None
-        self._before = self._checkpoints.go_on(header, self.tracker, self._archive)
+        self._before = self._checkpoints.resume(header, self.tracker, self._archive)
         self.num_before = len(self._before)
 
     def prepare(self) -> contextlib.closing[Generator[Upcoming, None, None]]:

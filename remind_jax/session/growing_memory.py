@@ -36,7 +36,7 @@ _CAPACITIES = {
 # Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
 PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
 SETTLED_FRAMES = 100  # after which a loop that must not wait has twice of everything prepared
-MOST_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth nobody foresees
+MAX_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth nobody foresees
 
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.
@@ -47,8 +47,8 @@ _log = logging.getLogger("remind_jax")
 
 BUDGET_SHARE = 0.75  # of the memory of the device; the rest is for frames, masks and the network
 GIB = 2**30
-MOST_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
-MOST_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
+MAX_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
+MAX_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
 
 
@@ -262,7 +262,7 @@ class GrowingMemory:
 
     def _is_small(self, static: Static) -> bool:
         count = self._method.host.count_bytes
-        return count is None or count(static) <= MOST_IDLE_BYTES
+        return count is None or count(static) <= MAX_IDLE_BYTES
 
 
 class Ahead:
@@ -389,7 +389,7 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
       feature_dim: Width of the features, where `static` does not say it yet.
     """
     if method.host.count_bytes is None:
-        return max(static.num_detections, MOST_UNCOUNTED)
+        return max(static.num_detections, MAX_UNCOUNTED)
     empty = dataclasses.replace(
         static, num_objects=1, num_pending=1, feature_dim=static.feature_dim or feature_dim
     )
@@ -398,7 +398,7 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
         # Each may be open in one frame, and be an object beside a new one in the next.
         needed = most * GROWTH_STEP
         room = empty.grow(num_detections=needed, num_objects=2 * needed, num_pending=needed)
-        if method.host.count_bytes(room) > MOST_FRAME_BYTES:
+        if method.host.count_bytes(room) > MAX_FRAME_BYTES:
             break
         most = needed
     return most

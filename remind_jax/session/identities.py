@@ -43,7 +43,7 @@ class Identities:
         self._is_new_session = False
         self._most_told = _FEW_TOLD
 
-    def take_up(self, memory: SavedMemory) -> None:
+    def restore(self, memory: SavedMemory) -> None:
         """Goes on with those of a memory, in a session of its own that begins with the next frame.
 
         Objects of a memory without announcements were announced under the ids that they have there.
@@ -56,8 +56,8 @@ class Identities:
             self.announcements = Announcements()
         self.records, self._is_new_session = memory.records, True
 
-    def go_on(self, merged_into: Mapping[int, int]) -> None:
-        """After `take_up`: as if the frames of the memory had been of this session.
+    def resume(self, merged_into: Mapping[int, int]) -> None:
+        """After `restore`: as if the frames of the memory had been of this session.
 
         Args:
           merged_into: Objects that turned out to be others in them, by ids of the memory.

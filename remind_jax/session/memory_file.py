@@ -27,8 +27,9 @@ from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
+from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns
-from remind_jax.session.object_pictures import MOST_FILE_BYTES
+from remind_jax.session.object_pictures import MAX_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
 
@@ -242,10 +243,10 @@ def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path
     pictures = tensors.get(_PICTURES)
     if pictures is None or pictures.dtype != "U8" or len(pictures.shape) != 1:
         raise OutputError(f"'{path}' is damaged, or of another version: it lacks '{_PICTURES}'")
-    if pictures.shape[0] > MOST_FILE_BYTES:
+    if pictures.shape[0] > MAX_FILE_BYTES:
         raise OutputError(
             f"'{path}' is damaged: it holds {pictures.shape[0]} bytes of pictures; at most "
-            f"{MOST_FILE_BYTES} are kept"
+            f"{MAX_FILE_BYTES} are kept"
         )
     for name in tensors:
         if name not in leaves and name != _PICTURES:

@@ -24,8 +24,8 @@ from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.tables import firm_rows
 from remind_jax.session.announcement import rename_candidates
 from remind_jax.session.object_pictures import (
-    MOST_FILE_BYTES,
-    MOST_PICTURES,
+    MAX_FILE_BYTES,
+    MAX_PICTURES,
     Picture,
     Pictures,
     best_of,
@@ -105,9 +105,9 @@ class _Row(msgspec.Struct, frozen=True):
     last: tuple[Positive, Small]
     pictures: Annotated[
         list[tuple[Annotated[float, Meta(ge=0.0, le=1e9)], Positive]],
-        Meta(max_length=MOST_PICTURES),
+        Meta(max_length=MAX_PICTURES),
     ]  # quality and bytes of each
-    visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MOST_PICTURES)]]  # its frames, its picture
+    visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MAX_PICTURES)]]  # its frames, its picture
     now: Count = 0  # frames in the session of the last sight
 
 
@@ -351,7 +351,7 @@ class ObjectRecords:
         fitting = dict(
             zip(
                 recent,
-                fit_into(MOST_FILE_BYTES, [kept[one].pictures.best for one in recent]),
+                fit_into(MAX_FILE_BYTES, [kept[one].pictures.best for one in recent]),
                 strict=True,
             )
         )

@@ -42,7 +42,7 @@ from remind_jax.sources import LiveSource, Sampling, Source, open_source
 from remind_jax.sources.opening import NO_MASKS, check_options
 from remind_jax.sources.source import SampledSource
 
-_MOST_DELAY = 1_000_000  # frames
+_MAX_DELAY = 1_000_000  # frames
 
 
 def run(
@@ -276,7 +276,7 @@ def _open_page(
 
 def _delay_answers(tracker: Tracker, delay: int) -> Any:
     """What revises answers, None if they are given at once."""
-    check_option("delay", delay, 0, _MOST_DELAY)
+    check_option("delay", delay, 0, _MAX_DELAY)
     if not delay:
         return None
     if tracker.method.host.delayed is None:
