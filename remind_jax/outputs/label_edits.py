@@ -1,4 +1,7 @@
-"""What a person corrected in a run: a small file of edits, and the run as they leave it.
+"""What a person corrected in a run: the page for it, a small file of edits, and what they leave.
+
+`label.html` is the report with `label_page.js`: edits are shown at once, kept by the browser, and
+saved as the file that is read here: evaluation.md#labeling.
 
 Every detection is labeled by one identity or none; at first by the one that the run gave it firmly.
 Edits are applied in their order: evaluation.md#edits.

@@ -35,7 +35,6 @@ from remind_jax.session.memory_file import (
     save_memory,
     static_of,
 )
-from remind_jax.static import Static
 from tests import tiny_world
 from tests.cli import scenes
 from tests.tiny_world import STATIC
@@ -179,11 +178,6 @@ def test_capacities_that_do_not_fit_the_tensors_are_refused(path):
         load_memory(rewrite(path, header={"static": other}))
 
 
-def test_a_folder_that_is_missing_cannot_be_written_to(tmp_path, memory):
-    with pytest.raises(OutputError, match=r"cannot write .*memory"):
-        save_memory(tmp_path / "nowhere" / "memory", memory)
-
-
 def test_features_of_another_backbone_are_refused(memory):
     check_backbone(memory, "patch-statistics", "file")
     with pytest.raises(RemindError, match="cannot be compared"):
@@ -215,12 +209,6 @@ def test_the_memory_of_another_tracker_says_what_to_do(memory, tracker, said):
     with pytest.raises(RemindError, match=rf"memory of tracker '{tracker}'.*{said} {tracker}, or"):
         check_tracker(made, "remind", "file")
     check_tracker(made, tracker, "file")
-
-
-def test_static_with_every_kind_of_field_survives(tmp_path):
-    static = Static(feature_dim=4, appearance_slots=(3, 5), solver="jax", remove_objects=True)
-    save_memory(tmp_path / "memory", SavedMemory(init(static), static, (), "x"))
-    assert load_memory(tmp_path / "memory").static == static
 
 
 def set_values(path: Path, changes: dict[str, Any]) -> Path:
