@@ -7,8 +7,6 @@ import dataclasses
 import gc
 import logging
 import os
-import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method
 from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
+from remind_jax.session.ahead import PRESSED, Ahead
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
@@ -33,8 +32,6 @@ _CAPACITIES = {
     "undecided tracks": "num_pending",
 }
 
-# Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
-PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
 SETTLED_FRAMES = 100  # after which a loop that must not wait has twice of everything prepared
 MAX_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth nobody foresees
 
@@ -263,103 +260,6 @@ class GrowingMemory:
     def _is_small(self, static: Static) -> bool:
         count = self._method.host.count_bytes
         return count is None or count(static) <= MAX_IDLE_BYTES
-
-
-class Ahead:
-    """Larger capacities at hand, and a thread that makes one thing at a time.
-
-    Attributes:
-      at_hand: Capacities whose programs are there.
-    """
-
-    def __init__(self, method: Method) -> None:
-        """Prepares nothing yet."""
-        self.at_hand: list[Static] = []
-        self._method = method
-        self._spare: tuple[Static, Any] | None = None  # an empty memory on the host
-        self._failed: set[Static] = set()
-        self._wanted: Static | None = None  # what the thread prepares
-        self._thread: threading.Thread | None = None
-
-    def start(
-        self, static: Static, compile_them: Callable[[], None] | None, with_spare: bool
-    ) -> None:
-        """Prepares capacities, unless the thread is at work, they are there, or they failed.
-
-        Args:
-          static: Capacities.
-          compile_them: Compiles their program; None if that is at hand.
-          with_spare: Make the memory as well: to get so much of the system takes several times as
-            long as to write into it what is remembered.
-        """
-        is_there = self._spare is not None and self._spare[0] == static
-        is_busy = self._thread is not None and self._thread.is_alive()
-        if is_busy or static in self._failed or (compile_them is None and is_there):
-            return
-
-        def run() -> None:
-            try:
-                if compile_them is not None:
-                    compile_them()
-                    self.at_hand.append(static)
-                if with_spare:
-                    self._spare = static, self._method.make_empty(static)
-            except Exception:  # the frame that needs these capacities will tell
-                self._failed.add(static)
-                _log.debug("could not prepare %s", static, exc_info=True)
-
-        self._wanted = static
-        # No daemon: the compiler must not be at work while the process is taken down.
-        self._thread = threading.Thread(target=run, name="remind-jax prepares capacities")
-        self._thread.start()
-
-    def is_near(self, static: Static) -> bool:
-        """Whether capacities are at hand that hold these, and of none more than twice."""
-        return any(
-            holds(one, static)
-            and all(
-                most <= GROWTH_STEP * least
-                for most, least in zip(_capacities(one), _capacities(static), strict=True)
-            )
-            for one in self.at_hand
-        )
-
-    def room_for(self, needed: Static) -> Static:
-        """The least capacities at hand that hold these, else just these.
-
-        Waits for what is in preparation if that holds them.
-        """
-        if self._wanted is not None and holds(self._wanted, needed):
-            self.finish()
-        fitting = [static for static in self.at_hand if holds(static, needed)]
-        return min(fitting, key=_capacities, default=needed)
-
-    def following(self, present: Static) -> Static | None:
-        """The least capacities at hand that hold more than these."""
-        larger = [one for one in self.at_hand if one != present and holds(one, present)]
-        return min(larger, key=_capacities, default=None)
-
-    def take_spare(self, static: Static) -> Any:
-        """The empty memory of these capacities, which is used up; None if it is not at hand."""
-        spare, self._spare = self._spare, None
-        return None if spare is None or spare[0] != static else spare[1]
-
-    def finish(self) -> None:
-        """Waits for what is in preparation."""
-        if self._thread is not None:
-            self._thread.join()
-
-
-def holds(large: Static, small: Static) -> bool:
-    """Whether capacities hold at least others, and are the same in all else."""
-    pairs = zip(_capacities(large), _capacities(small), strict=True)
-    names = dict.fromkeys(PRESSED, 1)
-    same = dataclasses.replace(large, **names) == dataclasses.replace(small, **names)
-    return same and all(most >= least for most, least in pairs)
-
-
-def _capacities(static: Static) -> tuple[int, ...]:
-    return static.num_objects, static.num_detections, static.num_pending
 
 
 def check_room(method: Method, static: Static) -> None:

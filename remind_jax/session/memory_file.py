@@ -27,7 +27,6 @@ from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
-from remind_jax.session.announcement import Announcements, FiledAnnouncements
 from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns
 from remind_jax.session.object_pictures import MAX_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
