@@ -46,16 +46,16 @@ def test_the_page_lies_in_the_folder_of_the_run(run, capsys):
     assert "{{" not in page
 
 
-@pytest.mark.parametrize("format", ["davis", "cvat"])
-def test_edits_make_truth_of_the_run(run, edits, tmp_path, format, capsys):
-    truth = tmp_path / "truth"
-    words = ["label", str(run), "--apply", str(edits), "--out", str(truth), "--format", format]
+@pytest.mark.parametrize("name", ["truth", "truth.xml"])
+def test_edits_make_truth_of_the_run(run, edits, tmp_path, name, capsys):
+    truth = tmp_path / name
+    words = ["label", str(run), "--apply", str(edits), "--out", str(truth)]
     assert main(words) == 0
     assert "7 identities, 40 frames, 1 edits" in " ".join(capsys.readouterr().out.split())
     assert main(words) == 1
     assert "exists; name another place" in " ".join(capsys.readouterr().err.split())
     assert main([*words, "--overwrite", "--quiet"]) == 0
-    if format == "davis":
+    if name == "truth":
         assert main(["eval", str(truth), str(truth), "--quiet"]) == 0
         assert evaluate(truth, truth).scores()["IDF1"] == 1
         assert evaluate(truth, run).scores()["IDF1"] < 1
@@ -64,7 +64,7 @@ def test_edits_make_truth_of_the_run(run, edits, tmp_path, format, capsys):
 def test_truth_needs_a_place_and_edits(run, edits, tmp_path, capsys):
     assert main(["label", str(run), "--apply", str(edits)]) == 2
     assert "--out" in capsys.readouterr().err
-    for words in (["--out", str(tmp_path / "truth")], ["--format", "cvat"], ["--overwrite"]):
+    for words in (["--out", str(tmp_path / "truth")], ["--overwrite"]):
         assert main(["label", str(run), *words]) == 2
         assert "--apply" in capsys.readouterr().err
 
@@ -72,8 +72,8 @@ def test_truth_needs_a_place_and_edits(run, edits, tmp_path, capsys):
 def test_inputs_are_not_replaced(run, edits, tmp_path, capsys):
     words = ["label", str(run), "--apply", str(edits), "--overwrite", "--out"]
     assert main([*words, str(run)]) == 1
-    assert main([*words, str(edits), "--format", "cvat"]) == 1
-    assert main([*words, str(run / "detections.jsonl"), "--format", "cvat"]) == 1
+    assert main([*words, str(edits)]) == 1
+    assert main([*words, str(run / "detections.jsonl")]) == 1
     assert main([*words, str(tmp_path)]) == 1
     assert capsys.readouterr().err.count("input") >= 4
 
@@ -84,8 +84,8 @@ def test_a_pipe_in_place_of_the_video_is_not_waited_for(run, capsys):
     assert "label.html" in capsys.readouterr().out
 
 
-def words_of(run, edits, truth, format="davis"):
-    return ["label", str(run), "--apply", str(edits), "--out", str(truth), "--format", format]
+def words_of(run, edits, truth):
+    return ["label", str(run), "--apply", str(edits), "--out", str(truth)]
 
 
 def contents(folder):
