@@ -17,9 +17,9 @@ import numpy as np
 
 from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.observation import AnyFeats, Masks
+from remind_jax.shipped_methods import PAPER_METHOD, find_methods
 from remind_jax.static import Static
 
-PAPER_METHOD = "remind"  # the published one; that of a `Config()` that names none
 # Fields of `Static` that mean something for every method.
 SHARED_STATIC = (
     "num_detections",
@@ -153,6 +153,7 @@ class Method:
     sweeping: Sweeping = Sweeping()
     # Switches of `Static` that it reads beside `SHARED_STATIC`; choosing another one is refused.
     static_fields: tuple[str, ...] = ()
+    title: str = ""  # as tables call it; by its name if left out
 
     def step(
         self,
@@ -271,14 +272,7 @@ def _fill(small: np.ndarray, large: np.ndarray) -> np.ndarray:
 
 
 # "module:attribute" is imported when the method is first asked for.
-_methods: dict[str, Method | str] = {
-    "plus": "remind_jax.plus.method:METHOD",
-    PAPER_METHOD: "remind_jax.remind.method:METHOD",
-    "momentum": "remind_jax.baselines.momentum:METHOD",
-    "running-mean": "remind_jax.baselines.running_mean:METHOD",
-    "bank": "remind_jax.baselines.bank:METHOD",
-    "iou": "remind_jax.baselines.iou:METHOD",
-}
+_methods: dict[str, Method | str] = {**find_methods()}
 
 # Configurations that are a method with its published numbers.
 _CONFIGURED = {"default": "plus", "published": PAPER_METHOD}

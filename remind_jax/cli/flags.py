@@ -23,6 +23,8 @@ from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, OptionError
 from remind_jax.files import check_name
+from remind_jax.printing.words import listing
+from remind_jax.shipped_methods import find_methods
 from remind_jax.sources.live_source import LiveOptions
 from remind_jax.sources.sampling import Sampling
 
@@ -36,6 +38,15 @@ BackboneName = Annotated[
         help="what patch features come from: patch-statistics, which needs no weights; a network, "
         f"whose weights are fetched on first use (see 'remind backbones'): {', '.join(VARIANTS)}; "
         "vit for whatever --weights holds; onnx:FILE, any ONNX encoder; pluses join several",
+    ),
+]
+
+TrackerName = Annotated[
+    str | None,
+    arg(
+        metavar="NAME",
+        help=f"{listing(list(find_methods()), 'or')}, with the thresholds of the configuration of "
+        "that name, else its published ones; that of the configuration if left out",
     ),
 ]
 
