@@ -19,6 +19,7 @@ from typing import Any
 from remind_jax.config import Config, load_config, reference_keys
 from remind_jax.method import PAPER_METHOD, get_method, list_methods
 from remind_jax.settings.record import Setting, walk_settings
+from remind_jax.static import Static
 
 INTRODUCTION = """\
 # Every setting
@@ -40,9 +41,9 @@ backbone changes only what nobody set. `run.json` holds the values of a run.
 * In small print: the key of the [original implementation](parity.md), which
   `remind config import-reference` translates.
 * The *symbols* are those of the paper.
-* `input` is read on the host. `static` fixes the compiled program: another value compiles anew. But
-  for capacities, solver and precision its switches are those of the paper's tracker.
-  `thresholds` are traced: another value does not, and
+* `input` is read on the host. `static` fixes the compiled program: another value compiles anew.
+  Its switches are those of the paper's tracker; `static.part_top` is short for
+  `static.switches.part_top`. `thresholds` are traced: another value does not compile anew, and
   [many can run at once](performance.md#many-settings-at-once).
 * Scores, similarities, shares and qualities lie in [0, 1]. *Effective patches* are patches weighed
   by how much of each the mask covers. An *object size* is the mean side of the two objects between
@@ -74,7 +75,9 @@ def list_sections(method: str = PAPER_METHOD) -> list[Section]:
     shared = method == PAPER_METHOD
     values: dict[str, Any] = {}
     if shared:
-        values = {"input": Config().input, "static": Config().static}
+        values = {"input": Config().input, "static": Static()}
+    if dataclasses.fields(switches := get_method(method).switches()):
+        values["static.switches"] = switches
     if nested:
         values |= {f"thresholds.{name}": getattr(thresholds, name) for name in nested}
     else:

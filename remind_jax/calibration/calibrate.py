@@ -200,7 +200,7 @@ def estimate_from(
     evidence = []
     for of_one, least in zip(zip(*views, strict=True), (start[PART_MERGE], merge), strict=True):
         parts = [
-            compare_views(one.merge_parts(least), pairs, shares, config.static.part_top)
+            compare_views(one.merge_parts(least), pairs, shares, config.static.switches.part_top)
             for one, pairs in zip(of_one, compared, strict=True)
         ]
         evidence.append(

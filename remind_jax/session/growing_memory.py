@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import dataclasses
 import gc
 import logging
@@ -13,7 +14,6 @@ from typing import Any
 import jax
 
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
-from remind_jax.compiled.freed_memory import return_freed_memory
 from remind_jax.compiled.packing import Packed
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
@@ -154,7 +154,7 @@ class GrowingMemory:
             )
         self._num_steps += 1
         if self._num_steps % _RETURN_EVERY == 0:
-            return_freed_memory()
+            _return_freed_memory()
         self.has_grown = self.static != before
         self.trace = jax.device_get(trace)
         self._look_ahead(frame_feats, prepared, thresholds, readout.occupied)
@@ -316,3 +316,9 @@ def device_bytes() -> int:
         return min(total, int(_GROUP_LIMIT.read_text(encoding="ascii")))
     except (OSError, ValueError):  # no such group, or "max"
         return total
+
+
+def _return_freed_memory() -> None:
+    """Gives what was freed back to the system, where its C library can: that of GNU."""
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -39,7 +39,6 @@ from remind_jax.session.memory_file import (
     SavedMemory,
     check_backbone,
     check_tracker,
-    chosen_switches,
     forget_object,
     load_memory,
     save_memory,
@@ -119,7 +118,6 @@ class Tracker(Printable):
             )
         self.backbone = backbone
         static = self.config.static
-        self.method.check_static(chosen_switches(self.config))
         if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
             raise ConfigError(
                 "static.precision is 'float64', which needs 64-bit JAX; set the environment "

@@ -214,7 +214,9 @@ def check_fields(settings: Any, section: str) -> None:
         name, arguments = f"{section}.{field.name}", typing.get_args(kind)
         if typing.get_origin(kind) is typing.Literal and value not in arguments:
             raise ConfigError(f"{name} is {value!r}; allowed: {', '.join(map(str, arguments))}")
-        record = field.metadata["setting"]
+        record = field.metadata.get("setting")
+        if record is None:
+            continue
         if kind is int and not _is_count(value, 1 if record.least is None else record.least):
             sign = "positive " if record.least is None else ""
             raise ConfigError(f"{name} is {value!r}; it must be a {sign}whole number")

@@ -92,7 +92,7 @@ def test_diff_across_trackers_compares_what_both_have(command):
     assert outcome.stdout.splitlines() == [
         "tracker: 'plus' -> 'remind'",
         "static.num_detections: 32 -> 16",
-        "static.assignment: 'joint' -> 'greedy'",
+        "static.switches.assignment: 'joint' -> 'greedy'",
         "backbone_profile: False -> True",
         f"only in plus: {num['plus']} thresholds of tracker 'plus'",
         f"only in ablation_greedy: {num['remind']} thresholds of tracker 'remind'",

@@ -126,7 +126,7 @@ def test_published_thresholds_follow_no_profile():
 @pytest.mark.parametrize(
     ("name", "keys"),
     [
-        ("greedy", {"static.assignment"}),
+        ("greedy", {"static.switches.assignment"}),
         (
             "no_background",
             {"thresholds.perception.rings_enabled", "thresholds.similarity.background_weight"},
@@ -185,9 +185,15 @@ def test_a_tracker_by_name_brings_its_capacities_unless_others_were_chosen():
     default, remind = load_config("default"), load_config("remind")
     assert default.static.num_detections > remind.static.num_detections
     assert default.with_tracker("remind").static == remind.static
+    other = remind.updated({"static.part_top": 2}).with_tracker("plus")
+    assert other.static == default.static
+    assert not any("part_top" in key for key in other.chosen)
     assert remind.with_tracker("plus").static == default.static
     chosen = default.updated({"static": {"num_objects": 7}})
-    assert chosen.with_tracker("remind").static == chosen.static
+    switches = remind.static.switches
+    assert chosen.with_tracker("remind").static == dataclasses.replace(
+        chosen.static, switches=switches
+    )
 
 
 def test_a_file_starts_from_the_file_beside_it(tmp_path, monkeypatch):
@@ -215,7 +221,8 @@ def test_shipped_configurations_load(name):
 
 
 def test_values_survive_yaml(tmp_path):
-    config = load_config({"static": {"appearance_slots": [3, 4]}, "input": {"sanitize": "none"}})
+    values = {"static": {"appearance_slots": [3, 4]}, "input": {"sanitize": "none"}}
+    config = load_config({"base": "remind", **values})
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(config.to_dict()))
     assert load_config(path) == config
@@ -249,12 +256,13 @@ def test_an_empty_file_is_published(tmp_path):
         ({"thresholds": {"looks": {"whitening": 1}}}, "true or false"),
         ({"thresholds": {"decision": {"commit_age": 2.5}}}, "a whole number"),
         ({"static": {"num_objects": 0}}, "num_objects is 0.*positive"),
-        ({"static": {"part_seed": -1}}, "part_seed is -1.*whole"),
-        ({"static": {"appearance_slots": [20]}}, "appearance_slots.*two"),
-        ({"static": {"appearance_slots": [20, 0]}}, "appearance_slots.*positive"),
-        ({"static": {"appearance_slots": 20}}, "a list"),
+        ({"base": "remind", "static": {"part_seed": -1}}, "part_seed is -1.*whole"),
+        ({"base": "remind", "static.appearance_slots": [20]}, "appearance_slots.*two"),
+        ({"base": "remind", "static.appearance_slots": [20, 0]}, "appearance_slots.*positive"),
+        ({"base": "remind", "static": {"appearance_slots": 20}}, "a list"),
+        ({"static.part_seed": 1}, "'static.part_seed' .* is a switch of tracker 'remind', and"),
         ({"static": {"solver": "magic"}}, "solver is 'magic'; allowed: host, jax"),
-        ({"static": {"neighbour_trim": "age"}}, "allowed: weight, recent"),
+        ({"base": "remind", "static.neighbour_trim": "age"}, "allowed: weight, recent"),
         ({"input": {"sanitize": "hull"}}, "allowed: convex_hull, morphology, none"),
         ({"input": {"max_width_px": 0}}, "max_width_px is 0"),
         ({"input": {"ignored_classes": "wall"}}, "a list"),
