@@ -61,7 +61,7 @@ dist: $(VENV)/.dev  ## wheel and source archive, checked as the package index do
 	$(BIN)/python -m twine check --strict dist/*
 
 docs: $(VENV)/.docs  ## the documentation as a site, in build/docs
-	$(BIN)/python docs/settings_page.py docs/thresholds.md
+	$(BIN)/python docs/settings_page.py docs/thresholds.md docs/method_plus.md
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
 	@echo "open build/docs/index.html"
 

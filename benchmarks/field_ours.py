@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from benchmarks.field_worlds import COVERED, FPS, Trial
 from remind_jax.backbone.registry import Backbone, get_backbone
-from remind_jax.baselines.masked_mean import look
+from remind_jax.baselines.parts.masked_mean import look
 from remind_jax.benchmark.contenders import Contender, make_contenders
 from remind_jax.frame import Frame
 from remind_jax.masks.reduction import pad_feats, pad_masks

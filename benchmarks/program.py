@@ -100,19 +100,19 @@ def programs_of(method: Method, traced: bool) -> Iterator[tuple[str, Callable[..
     With `traced`, only the one that decides, with what its decisions were made of.
     """
     thresholds = jax.tree.map(jnp.asarray, method.settings())
-    given = example_input(method)
+    given, static = example_input(method), dataclasses.replace(STATIC, switches=method.switches())
 
     def describe(given: Any, thresholds: Any) -> Any:
-        return method.describe(*given, static=STATIC, thresholds=thresholds)
+        return method.describe(*given, static=static, thresholds=thresholds)
 
     def decide(state: Any, seen: Any, thresholds: Any) -> Any:
-        answer = method.decide(state, seen, static=STATIC, thresholds=thresholds)
+        answer = method.decide(state, seen, static=static, thresholds=thresholds)
         return answer if traced else answer[0]
 
     if not traced:
         yield "describe", describe, (given, thresholds)
     seen = jax.jit(describe)(given, thresholds)
-    yield "decide", decide, (method.init(STATIC), seen, thresholds)
+    yield "decide", decide, (method.init(static), seen, thresholds)
 
 
 def measure(name: str, method: Method, function: Callable[..., Any], arguments: tuple) -> Measured:

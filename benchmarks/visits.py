@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import json
 import sys
 import tempfile
@@ -22,12 +23,14 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import remind_jax as rj
+from remind_jax.frame import Frame
 from remind_jax.metrics.combine import pool_counts
 from remind_jax.metrics.visit_evaluation import evaluate_run_visits
 from remind_jax.metrics.visits import VisitCounts, visit_scores
 from remind_jax.printing.terminal import print_table
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
-from remind_jax.synthetic.visits import kept_places, split_visits
+from remind_jax.synthetic.rendering import RenderedSequence
+from remind_jax.synthetic.scene import Scene
 
 HEADS = (
     "pair",
@@ -41,6 +44,44 @@ HEADS = (
     "false recognitions",
 )
 FIRST_SEED = 900
+
+
+def split_visits(sequence: RenderedSequence) -> tuple[RenderedSequence, ...]:
+    """One recording per visit: the tour is cut in the middle of every absence.
+
+    Things are moved, added and taken away before the first cut (`SceneOptions.moved` ...). Instance
+    ids mean the same in all visits; frames and seconds of each count from 0.
+    """
+    scene, frames = sequence.scene, sequence.frames
+    cuts = [0, *((start + end) // 2 for start, end in scene.path.away), len(frames)]
+    visits = []
+    for number, (start, end) in enumerate(itertools.pairwise(cuts), start=1):
+        named = dataclasses.replace(scene, name=f"{scene.name}-visit{number}")
+        kept = [
+            _restart(frame, index, frames[start]) for index, frame in enumerate(frames[start:end])
+        ]
+        visits.append(RenderedSequence(named, tuple(kept)))
+    return tuple(visits)
+
+
+def kept_places(scene: Scene) -> frozenset[int]:
+    """Instances that stand in one place through the whole tour."""
+    return frozenset(
+        item.instance_id
+        for item in scene.objects
+        if [(place.start_frame, place.end_frame) for place in item.placements] == [(0, None)]
+    )
+
+
+def _restart(frame: Frame, index: int, first: Frame) -> Frame:
+    """A frame of a tour as one of a visit."""
+    return dataclasses.replace(
+        frame,
+        index=index,
+        source_index=frame.source_index - first.source_index,
+        time_s=frame.time_s - first.time_s,
+        name=f"{index:05d}",
+    )
 
 
 def options_of(seed: int) -> SceneOptions:

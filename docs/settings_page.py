@@ -1,6 +1,8 @@
-"""Every setting on one page of Markdown, made from the records of the settings.
+"""Every setting in Markdown, made from the records of the settings.
 
-python docs/settings_page.py docs/thresholds.md
+Those of the default tracker stand at the end of the page of its rules, the others on a page.
+
+python docs/settings_page.py docs/thresholds.md docs/method_plus.md
 """
 
 from __future__ import annotations
@@ -17,16 +19,18 @@ from typing import Any
 from remind_jax.config import Config, load_config, reference_keys
 from remind_jax.method import PAPER_METHOD, get_method, list_methods
 from remind_jax.settings.record import Setting, walk_settings
+from remind_jax.static import Static
 
 INTRODUCTION = """\
 # Every setting
 
 Made from the code by `make docs`; a test keeps it up to date. `input` and `static` serve every
-tracker; thresholds belong to one: those of [plus](#thresholds-of-tracker-plus), the default, come
-first, then those of the [paper's](#thresholds-of-tracker-remind) and of the baselines. Values are
-the published ones of each tracker. In a terminal, `remind config describe KEY` says what is said
-here, `remind config show` prints every value that runs, and `remind config diff published remind`
-what one configuration changes of another; what a backbone changes stands in `configs/backbones/`.
+tracker; thresholds belong to one: those of [plus](method_plus.md#thresholds-of-tracker-plus), the
+default, stand with its rules, here those of the [paper's](#thresholds-of-tracker-remind) and of the
+baselines. Values are the published ones of each tracker. In a terminal,
+`remind config describe KEY` says what is said here, `remind config show` prints every value that
+runs, and `remind config diff published remind` what one configuration changes of another;
+what a backbone changes stands in `configs/backbones/`.
 
 Set any of them with `--set thresholds.decision.new=1.5`, in a file (`remind run --config FILE`),
 or in Python with `load_config({"thresholds": {"decision": {"new": 1.5}}})`. Names are those of the
@@ -37,15 +41,18 @@ backbone changes only what nobody set. `run.json` holds the values of a run.
 * In small print: the key of the [original implementation](parity.md), which
   `remind config import-reference` translates.
 * The *symbols* are those of the paper.
-* `input` is read on the host. `static` fixes the compiled program: another value compiles anew. But
-  for capacities, solver and precision its switches are those of the paper's tracker.
-  `thresholds` are traced: another value does not, and
+* `input` is read on the host. `static` fixes the compiled program: another value compiles anew.
+  Its switches are those of the paper's tracker; `static.part_top` is short for
+  `static.switches.part_top`. `thresholds` are traced: another value does not compile anew, and
   [many can run at once](performance.md#many-settings-at-once).
 * Scores, similarities, shares and qualities lie in [0, 1]. *Effective patches* are patches weighed
   by how much of each the mask covers. An *object size* is the mean side of the two objects between
   which a distance is measured. A *length* of plus is in units of which a frame has the area 30.72:
   100 pixels of a frame of 640x480.
 """
+
+
+MARK = "<!-- From here on made from the code by `make docs`. -->\n"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +75,9 @@ def list_sections(method: str = PAPER_METHOD) -> list[Section]:
     shared = method == PAPER_METHOD
     values: dict[str, Any] = {}
     if shared:
-        values = {"input": Config().input, "static": Config().static}
+        values = {"input": Config().input, "static": Static()}
+    if dataclasses.fields(switches := get_method(method).switches()):
+        values["static.switches"] = switches
     if nested:
         values |= {f"thresholds.{name}": getattr(thresholds, name) for name in nested}
     else:
@@ -77,23 +86,34 @@ def list_sections(method: str = PAPER_METHOD) -> list[Section]:
 
 
 def render_page() -> str:
-    """The whole page, Markdown: the default tracker, what all share, then the other trackers."""
+    """The page, Markdown: what all share, the paper's tracker, then the baselines."""
     own, default = list_sections(), load_config().tracker
     shared = [section for section in own if not section.path.startswith("thresholds")]
-    lines = [INTRODUCTION, *_threshold_lines(default, list_sections(default))]
+    lines = [INTRODUCTION.rstrip()]
     for section in shared:
         lines += ["", f"## {section.path}", "", *_section_lines(section)]
     lines += ["", "## Symbols of the paper", "", *_symbol_table(own)]
     lines += ["", *_threshold_lines(PAPER_METHOD, own[len(shared) :])]
     for method in list_methods():
         if method not in (PAPER_METHOD, default):
-            lines += ["", *_threshold_lines(method, list_sections(method))]
+            words = _describe_method(method)
+            lines += ["", *_threshold_lines(method, list_sections(method), words)]
     lines += ["", *_other_keys()]
     return "\n".join(lines) + "\n"
 
 
-def _threshold_lines(method: str, sections: list[Section]) -> Iterator[str]:
+def with_settings(rules: str) -> str:
+    """The page of the rules of the default tracker, with its settings at the end."""
+    default = load_config().tracker
+    lines = _threshold_lines(default, list_sections(default))
+    return rules.partition(MARK)[0] + MARK + "\n" + "\n".join(lines) + "\n"
+
+
+def _threshold_lines(method: str, sections: list[Section], words: str = "") -> Iterator[str]:
     yield f"## Thresholds of tracker `{method}`"
+    if words:
+        yield ""
+        yield words
     for section in sections:
         if section.path != "thresholds":
             yield ""
@@ -111,6 +131,12 @@ def _read_section(path: str, values: Any) -> Section:
         for name, value, record in walk_settings(values)
     )
     return Section(path, _describe_class(type(values)), rows)
+
+
+def _describe_method(method: str) -> str:
+    """What the docstring of its module begins with."""
+    module = sys.modules[get_method(method).decide.__module__]
+    return (inspect.getdoc(module) or "").partition("\n\n")[0]
 
 
 def _describe_class(kind: type) -> str:
@@ -197,12 +223,14 @@ def _other_keys() -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Writes the page to the file that is named, or prints it."""
+    """Writes the page to the file that is named, or prints it; fills in the page of the rules."""
     page = render_page()
     if arguments:
         Path(arguments[0]).write_text(page, encoding="utf-8")
     else:
         print(page, end="")
+    for path in map(Path, arguments[1:]):
+        path.write_text(with_settings(path.read_text(encoding="utf-8")), encoding="utf-8")
     return 0
 
 

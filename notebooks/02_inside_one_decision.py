@@ -35,8 +35,8 @@ import numpy as np
 from IPython.display import Image
 
 import remind_jax as rj
-from remind_jax.decision import MatchOrigin
 from remind_jax.outputs.overlay import draw_overlay
+from remind_jax.remind.stages import MatchOrigin
 from remind_jax.synthetic import LookalikeGroup, SceneOptions, render_sequence
 
 plt.rcParams.update({"figure.dpi": 80, "axes.spines.top": False, "axes.spines.right": False})

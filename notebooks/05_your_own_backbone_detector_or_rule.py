@@ -176,7 +176,7 @@ draw_identities({"own features, own detector, tracker 'bank'": result})
 # This one knows only positions: each detection is matched to the nearest object.
 
 # %%
-from remind_jax.baselines.scene_memory import Matching, conclude, empty_memory, same_class
+from remind_jax.baselines.parts.scene_memory import Matching, conclude, empty_memory, same_class
 from remind_jax.solvers.greedy import assign_greedily
 
 

@@ -9,14 +9,7 @@ Names are imported when they are first used, so that `import remind_jax` stays f
 
 from __future__ import annotations
 
-import os
-
 import lazy_loader
-
-# The compiler's alarms ("Very slow compile? If you want to file a bug, ...") are meant for its own
-# developers and are written past Python; what really fails is raised as well. The library reads
-# this once, when it is loaded, so it comes before anything that imports JAX.
-os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 __version__ = "0.1.0"
 

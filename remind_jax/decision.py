@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.numerics.columns import Column, Table
 from remind_jax.numerics.constant_arrays import full, number, zeros
 from remind_jax.static import Static
 
@@ -70,69 +70,37 @@ class Reason(enum.IntEnum):
     SEEN_TOO_FEW_TIMES = 19  # it has an identity, which is not announced (yet)
 
 
-class Lock(enum.IntEnum):
-    """Whether a clear win settled the pair before the joint assignment (method.md#locks)."""
-
-    NONE = 0
-    OBJECT = 1
-    DETECTION = 2
-
-
-class MatchOrigin(enum.IntEnum):
-    """What gave a match its object (method.md#settlement-rounds)."""
-
-    NONE = 0
-    ASSOCIATION = 1
-    DISTANCE_FULL = 2  # the layout of a closed group of look-alikes, clearly
-    DISTANCE_PARTIAL = 3  # the same, barely
-    DISTANCE_FULL_POSTCREATE = 4  # the same for detections that would have been new
-    DISTANCE_PARTIAL_POSTCREATE = 5
-
-
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
-class Decisions(Table):
-    """The decisions of one frame; `Decisions.of` takes each by its name.
+class Decisions:
+    """The decisions of one frame, whatever the method.
 
     Letters: `N` detection slots, `C` candidates shown per detection, `K = 3` objects that an
     undecided detection could be.
     """
 
-    owners_id: Int[Array, "N 3"]
-    wholes: Int[Array, "N 9"]
-    reals: Float[Array, "N 4"]
+    outcome: Int[Array, "N"]  # Outcome
+    reason: Int[Array, "N"]  # Reason
+    object_id: Int[Array, "N"]  # matched or created object, -1 without identity
+    pending_id: Int[Array, "N"]  # undecided track, numbered per kind; -1 none
+    score: Float[Array, "N"]  # of the match, best score of an undecided one, 0 if new
+    status: Int[Array, "N"]  # Status of the visual scores
+    confidence: Float[Array, "N"]  # [0, 1]
+    best_score: Float[Array, "N"]  # highest score over candidates, 0 without any
+    second_score: Float[Array, "N"]  # second highest, 0 without any
     option_id: Int[Array, "N K"]  # objects that an undecided detection could be, -1 padding
     option_score: Float[Array, "N K"]
     option_blocked: Bool[Array, "N K"]  # held by another detection
     candidate_id: Int[Array, "N C"]  # by falling score, then rising id; -1 padding
-    candidate_wholes: Int[Array, "N C 3"]
-    candidate_reals: Float[Array, "N C 3"]
+    candidate_score: Float[Array, "N C"]  # visual score
+    candidate_final: Float[Array, "N C"]  # score after context
+    candidate_eligible: Bool[Array, "N C"]  # open to assignment
+    candidate_plausible: Bool[Array, "N C"]  # not vetoed by context
     num_bad_patches: Int[Array, ""]  # patches of the frame with a feature that is not finite
 
-    # [N]
-    outcome = Column("wholes")  # Outcome
-    reason = Column("wholes")  # Reason
-    object_id = Column("owners_id")  # matched or created object, -1 without identity
-    pending_id = Column("wholes")  # ambiguous or provisional track, numbered per kind; -1 none
-    score = Column("reals")  # final score of the match, best score of an undecided one, 0 if new
-    status = Column("wholes")  # Status of the visual scores
-    status_final = Column("wholes")  # Status of the final scores of eligible candidates
-    confidence = Column("reals")  # [0, 1]
-    best_score = Column("reals")  # highest visual score over candidates, 0 without any
-    second_score = Column("reals")  # second highest, 0 without any
-    num_close = Column("wholes")  # candidates within `close_delta` of the best
-    lock = Column("wholes")  # Lock
-    source = Column("wholes")  # MatchOrigin
-    assigned_id = Column("owners_id")  # object after locks and joint assignment; -1 new
-    guarded_id = Column("owners_id")  # object after the guard of look-alikes, -1 none
-    is_anchor = Column("wholes", truth=True)  # clear enough to speak for its surroundings
-    # [N C]
-    candidate_score = Column("candidate_reals")  # visual score
-    candidate_final = Column("candidate_reals")  # score after context
-    candidate_eligible = Column("candidate_wholes", truth=True)  # open to assignment
-    candidate_plausible = Column("candidate_wholes", truth=True)  # not vetoed by context
-    candidate_gate = Column("candidate_wholes")  # association.gating.Gate
-    candidate_bonus = Column("candidate_reals")  # context adjustment that was applied
+    def replaced(self, **values: Any) -> Decisions:
+        """With other values of some fields."""
+        return dataclasses.replace(self, **values)
 
 
 @jax.tree_util.register_dataclass
@@ -155,23 +123,16 @@ def no_decisions(static: Static) -> Decisions:
         """A new array at each call: buffers are donated to the step, each only once."""
         return zeros(num, scalar)
 
-    return Decisions.of(
+    return Decisions(
         outcome=whole(Outcome.EMPTY),
         reason=whole(0),
         object_id=whole(NO_ID),
         pending_id=whole(NO_ID),
         score=real(),
         status=whole(0),
-        status_final=whole(0),
         confidence=real(),
         best_score=real(),
         second_score=real(),
-        num_close=whole(0),
-        lock=whole(0),
-        source=whole(0),
-        assigned_id=whole(NO_ID),
-        guarded_id=whole(NO_ID),
-        is_anchor=zeros(num, bool),
         option_id=full((num, NUM_OPTIONS), NO_ID, np.int32),
         option_score=zeros((num, NUM_OPTIONS), scalar),
         option_blocked=zeros((num, NUM_OPTIONS), bool),
@@ -180,7 +141,5 @@ def no_decisions(static: Static) -> Decisions:
         candidate_final=zeros((num, shown), scalar),
         candidate_eligible=zeros((num, shown), bool),
         candidate_plausible=zeros((num, shown), bool),
-        candidate_gate=zeros((num, shown), np.int32),
-        candidate_bonus=zeros((num, shown), scalar),
         num_bad_patches=number(0),
     )

@@ -17,20 +17,8 @@ import numpy as np
 
 from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.observation import AnyFeats, Masks
-from remind_jax.static import Static
-
-PAPER_METHOD = "remind"  # the published one; that of a `Config()` that names none
-# Fields of `Static` that mean something for every method.
-SHARED_STATIC = (
-    "num_detections",
-    "num_objects",
-    "num_pending",
-    "feature_dim",
-    "num_candidates",
-    "first_object_id",
-    "precision",
-    "solver",
-)
+from remind_jax.shipped_methods import PAPER_METHOD, find_methods
+from remind_jax.static import NoSwitches, Static
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -42,9 +30,9 @@ class Needs:
     # arrays whose shapes never change. The previous one is None in the first frame, both are None
     # where frames come as features. Left out, `observed` is None.
     observe: Callable[[Any, Any], Any] | None = None
-    # Whether parts come from attention between the patches of a frame: `wants_attention(static)`;
-    # left out, they do not.
-    wants_attention: Callable[[Static], bool] | None = None
+    # Heads of the backbone whose attention between the patches of a frame it reads, averaged:
+    # `attention_heads(static)`; () are all, None is no attention, as where it is left out.
+    attention_heads: Callable[[Static], tuple[int, ...] | None] | None = None
     # How gaps between masks are measured, as options of `masks.reduction.reduce_masks`:
     # `gap_options(thresholds)`; left out, no gap is.
     gap_options: Callable[[Any], dict[str, float]] | None = None
@@ -151,8 +139,9 @@ class Method:
     needs: Needs = Needs()
     host: Host = Host()
     sweeping: Sweeping = Sweeping()
-    # Switches of `Static` that it reads beside `SHARED_STATIC`; choosing another one is refused.
-    static_fields: tuple[str, ...] = ()
+    # Its structural switches as published, a hashable dataclass of settings: `static.switches`.
+    switches: Callable[[], Any] = NoSwitches
+    title: str = ""  # as tables call it; by its name if left out
 
     def step(
         self,
@@ -186,6 +175,14 @@ class Method:
             lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, state
         )
 
+    def static(self, **capacities: Any) -> Static:
+        """Capacities, the published ones where they are left out, with its switches as published.
+
+        Raises:
+          ConfigError: If one of them is not allowed.
+        """
+        return Static(**{"switches": self.switches(), **capacities})
+
     @property
     def explainer(self) -> Any:
         """The class that explains the traces of a run; None if there is none."""
@@ -194,19 +191,6 @@ class Method:
             if self.host.explainer_name is None
             else _import_attribute(self.host.explainer_name)
         )
-
-    def check_static(self, names: Iterable[str]) -> None:
-        """Makes sure that the switches that a configuration chose are read.
-
-        Raises:
-          ConfigError: If this method reads one of them nowhere.
-        """
-        for name in names:
-            if name not in (*SHARED_STATIC, *self.static_fields):
-                raise ConfigError(
-                    f"static.{name} is chosen, but tracker '{self.name}' does not read it; leave "
-                    "it out or choose another tracker"
-                )
 
     def make_empty(self, static: Static) -> Any:
         """The empty memory of these capacities, as arrays of the host that may be written to."""
@@ -271,14 +255,7 @@ def _fill(small: np.ndarray, large: np.ndarray) -> np.ndarray:
 
 
 # "module:attribute" is imported when the method is first asked for.
-_methods: dict[str, Method | str] = {
-    "plus": "remind_jax.plus.method:METHOD",
-    PAPER_METHOD: "remind_jax.remind.method:METHOD",
-    "momentum": "remind_jax.baselines.momentum:METHOD",
-    "running-mean": "remind_jax.baselines.running_mean:METHOD",
-    "bank": "remind_jax.baselines.bank:METHOD",
-    "iou": "remind_jax.baselines.iou:METHOD",
-}
+_methods: dict[str, Method | str] = {**find_methods()}
 
 # Configurations that are a method with its published numbers.
 _CONFIGURED = {"default": "plus", "published": PAPER_METHOD}

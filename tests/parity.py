@@ -15,6 +15,7 @@ import dataclasses
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -84,7 +85,7 @@ class Report:
 
 
 def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
-    """Yields per frame: frame index, ids of the kept detections, host copy of the state."""
+    """Yields per frame: frame index, ids of the kept detections, the state, and the stages."""
     from remind_jax.compiled.frame_step import FrameInput, FrameStep, pack_thresholds
     from remind_jax.compiled.packing import Packed
     from remind_jax.config import Config
@@ -105,8 +106,15 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         num_objects=int(trace.frame["n_object"].max()) + 8,
         num_pending=max(8, len(set(zip(trace.temp["track"], trace.temp["temp"], strict=True))) + 8),
     )
-    # The programs that users run.
-    step, state = FrameStep(get_method("remind")), init(static)
+    # The programs that users run, but that they give the stages of the decisions as well.
+    method = get_method("remind")
+
+    def decide(*given, **options):
+        state, trace = method.decide(*given, **options)
+        return state, trace.stages
+
+    told = dataclasses.replace(method, decide=decide)
+    step, state = FrameStep(told, traced=True), init(static)
     thresholds = pack_thresholds(config.thresholds, static.scalar)
     for frame, (features, masks, classes) in enumerate(load.load_inputs(name, root)):
         kept = [i for i, label in enumerate(classes) if label.lower() not in ignored]
@@ -125,8 +133,8 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         )
         feats = FrameFeats(features, np.array(masks.shape[1:], np.int32))
         given = FrameInput(feats, Packed.of((reduced, None)), thresholds)
-        state, _, _ = step(state, given, static)
-        yield frame, kept, feats, reduced, state, static, config
+        state, _, stages = step(state, given, static)
+        yield frame, kept, feats, reduced, state, stages, static, config
 
 
 def compare_trace(
@@ -135,10 +143,10 @@ def compare_trace(
     """Runs one sequence under one variant and compares it with the recorded trace."""
     trace = load.load_trace(name, variant, root)
     report = Report(name, variant, precision, only=only)
-    for frame, kept, feats, reduced, state, static, config in run_sequence(
+    for frame, kept, feats, reduced, state, stages, static, config in run_sequence(
         name, trace, precision, root
     ):
-        _compare_detections(report, trace, frame, kept, state, precision)
+        _compare_detections(report, trace, frame, kept, state, stages, precision)
         _compare_objects(report, trace, frame, state)
         _compare_pending(report, trace, frame, state)
         if "desc" in trace.tables and frame % 10 == 0:
@@ -146,11 +154,13 @@ def compare_trace(
     return report
 
 
-def _compare_detections(report, trace, frame, kept, state, precision) -> None:
-    from remind_jax.decision import Lock, MatchOrigin, Outcome, Reason, Status
+def _compare_detections(report, trace, frame, kept, state, stages, precision) -> None:
+    from remind_jax.decision import Outcome, Reason, Status
     from remind_jax.remind.association.gating import Gate
+    from remind_jax.remind.stages import Lock, MatchOrigin
 
-    d = jax.tree.map(np.asarray, state.decisions)
+    told = {**vars(state.decisions), **vars(stages)}
+    d = SimpleNamespace(**{name: np.asarray(values) for name, values in told.items()})
     first_row = int(np.searchsorted(trace.det["frame"], frame))
     rows = trace.rows("det", frame=frame)
     if list(rows["det"]) != kept:

@@ -11,6 +11,7 @@ import pytest
 
 from remind_jax.config.config import Input
 from remind_jax.plus.thresholds import PlusThresholds
+from remind_jax.remind.switches import Switches
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 
@@ -156,7 +157,8 @@ def test_a_lost_reference_is_found():
 
 def settings(page: str) -> dict[str, Any]:
     """Published values of all settings that a page may name."""
-    values = {f"static.{field.name}": field.default for field in dataclasses.fields(Static)}
+    fixed = (*dataclasses.fields(Static), *dataclasses.fields(Switches))
+    values = {f"static.{field.name}": field.default for field in fixed}
     values |= {f"input.{field.name}": field.default for field in dataclasses.fields(Input)}
     for group in dataclasses.fields(METHODS[page]):
         of_group = getattr(METHODS[page], group.name)

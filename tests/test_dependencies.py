@@ -34,7 +34,6 @@ MODULES = {
 # What is used without being imported by us: where, and by which word.
 TOOLS = {
     "build": ("Makefile", "-m build"),
-    "cmaes": ("remind_jax/sweeps/search.py", "CmaEsSampler"),  # Optuna imports it
     "hatchling": ("pyproject.toml", "hatchling.build"),
     "import-linter": ("Makefile", "lint-imports"),
     "ipykernel": ("tests/notebooks/test_notebooks.py", "ipykernel"),

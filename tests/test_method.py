@@ -238,7 +238,7 @@ def test_a_method_has_few_fields():
 def test_a_frame_waits_for_no_program_when_memory_grows_or_its_ids_are_read(name, caplog):
     method = get_method(name)
     # Capacities that no other test uses: nothing is compiled for them yet.
-    small = Static(num_objects=19, num_pending=11, num_detections=7, feature_dim=5)
+    small = method.static(num_objects=19, num_pending=11, num_detections=7, feature_dim=5)
     large = dataclasses.replace(small, num_objects=23)
     state = method.init(small)
     method.init(large)  # as whoever prepares the programs does

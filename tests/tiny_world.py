@@ -6,7 +6,6 @@ three looks. Which boxes are in view, where exactly and how they look is drawn f
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
@@ -16,17 +15,17 @@ import numpy as np
 
 from remind_jax.compiled.frame_step import settle_types
 from remind_jax.config import Config
-from remind_jax.decision import Decisions
 from remind_jax.frame import Detections
 from remind_jax.frame import Frame as SceneFrame
 from remind_jax.masks.reduction import reduce_masks
 from remind_jax.observation import FrameFeats, Masks
 from remind_jax.remind.method import METHOD
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Trace
 from remind_jax.static import Static
-from tests.stepping import step_once
+from tests.statics import make_static
 
 PATCH, GRID, DIM, BOXES = 4, (8, 10), 8, 6
 HEIGHT, WIDTH = PATCH * GRID[0], PATCH * GRID[1]
@@ -35,7 +34,7 @@ LOOK_SPREAD = 0.5
 CLASS_IDS = np.array([0, 0, 0, 1, 1, 1], np.int32)
 
 # Capacities that fill within a few frames.
-STATIC = Static(
+STATIC = make_static(
     num_detections=BOXES,
     num_objects=8,
     num_pending=8,
@@ -67,8 +66,16 @@ THRESHOLDS = (
 
 Frame = tuple[FrameFeats, Masks]
 
-# The step as it runs in use, but for the donation of the old state, which tests still look at.
-STEP = jax.jit(step_once, static_argnames="static")
+
+def _step(state: Any, feats: Any, masks: Any, *, static: Static, thresholds: Any) -> Any:
+    options = {"static": static, "thresholds": thresholds}
+    after, trace = METHOD.decide(state, METHOD.describe(feats, masks, None, **options), **options)
+    return settle_types(after), trace.stages
+
+
+# The step as it runs in use, but for the donation of the old state, which tests still look at, and
+# with the stages of the decisions.
+STEP = jax.jit(_step, static_argnames="static")
 
 
 def make_frames(num: int, seed: int = 0, share: float = 0.8, order: Any = None) -> list[Frame]:
@@ -161,13 +168,23 @@ def run(
     state: TrackerState | None = None,
 ) -> list[TrackerState]:
     """States after every frame, on the host."""
+    return [after for after, _ in follow(frames, static, thresholds, state)]
+
+
+def follow(
+    frames: Iterable[Frame],
+    static: Static = STATIC,
+    thresholds: Thresholds = THRESHOLDS,
+    state: TrackerState | None = None,
+) -> list[tuple[TrackerState, Stages]]:
+    """States after every frame, and the stages of its decisions, on the host."""
     state = settle_types(init(static) if state is None else state)
     arrays = thresholds.as_arrays(static.scalar)
-    states = []
+    found = []
     for feats, masks in frames:
-        state = STEP(state, feats, masks, static=static, thresholds=arrays)
-        states.append(jax.device_get(state))
-    return states
+        state, stages = STEP(state, feats, masks, static=static, thresholds=arrays)
+        found.append(jax.device_get((state, stages)))
+    return found
 
 
 @functools.cache
@@ -181,11 +198,8 @@ def compiled_trace() -> Callable[..., tuple[TrackerState, Trace]]:
     return jax.jit(step, static_argnames="static")
 
 
-def decided(state: TrackerState) -> dict[str, np.ndarray]:
-    """The decisions about the detections of a frame, padding left out."""
-    decisions = state.decisions
-    held = {column.array for column in Decisions.columns.values()}
-    arrays = {field.name for field in dataclasses.fields(decisions)} - held
-    fields = {name: np.asarray(getattr(decisions, name)) for name in (*Decisions.columns, *arrays)}
+def decided(state: TrackerState, stages: Stages | None = None) -> dict[str, np.ndarray]:
+    """The decisions about the detections of a frame, and their stages, padding left out."""
+    fields = {**vars(state.decisions), **({} if stages is None else vars(stages))}
     num = int((fields["outcome"] != 0).sum())
     return {name: values[:num] for name, values in fields.items() if np.ndim(values)}

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from remind_jax.baselines.masked_mean import LookedAt, describe
-from remind_jax.baselines.scene_memory import (
+from remind_jax.baselines.parts.masked_mean import LookedAt, describe
+from remind_jax.baselines.parts.scene_memory import (
     Matching,
     SceneMemory,
     conclude,
@@ -129,4 +129,5 @@ METHOD = Method(
     Needs(patch_reach=0, reads_closeups=True),
     Host(remove=remove_objects, find_faults=_find_faults),
     Sweeping(described_by=()),
+    title="bank of 12 + Hungarian",
 )

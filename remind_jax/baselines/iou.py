@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from remind_jax.baselines.boxes import box_iou
-from remind_jax.baselines.scene_memory import (
+from remind_jax.baselines.parts.boxes import box_iou
+from remind_jax.baselines.parts.scene_memory import (
     Matching,
     SceneMemory,
     conclude,
@@ -103,4 +103,5 @@ METHOD = Method(
     Needs(patch_reach=0),
     Host(remove=remove_objects, find_faults=find_faults),
     Sweeping(described_by=()),
+    title="IoU",
 )

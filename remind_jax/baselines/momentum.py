@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.baselines.boxes import box_iou
-from remind_jax.baselines.masked_mean import LookedAt, Looks, describe
-from remind_jax.baselines.scene_memory import (
+from remind_jax.baselines.parts.boxes import box_iou
+from remind_jax.baselines.parts.masked_mean import LookedAt, Looks, describe
+from remind_jax.baselines.parts.scene_memory import (
     Matching,
     SceneMemory,
     conclude,
@@ -151,4 +151,5 @@ METHOD = Method(
     Needs(patch_reach=0, reads_closeups=True),
     Host(remove=remove_objects, find_faults=find_faults),
     Sweeping(described_by=()),
+    title="momentum (MASA setting)",
 )

@@ -8,17 +8,13 @@ from pathlib import Path
 
 from remind_jax.config import Config, list_configs, load_config
 from remind_jax.errors import ConfigError, nearest_names
-from remind_jax.method import PAPER_METHOD, list_methods
+from remind_jax.method import PAPER_METHOD, get_method, list_methods
 
 _ABLATION = "ablation_"
-_TITLES = {
+_TITLES = {  # of configurations
     "default": "REMIND plus (default)",
     "remind": "REMIND",
     "published": "REMIND published",
-    "momentum": "momentum (MASA setting)",
-    "running-mean": "nearest running mean",
-    "bank": "bank of 12 + Hungarian",
-    "iou": "IoU",
     "plus": "REMIND plus",
 }
 
@@ -54,7 +50,8 @@ def make_contenders(names: Sequence[str] = ()) -> tuple[Contender, ...]:
 
 def _make(name: str) -> Contender:
     if name in list_methods() and name not in list_configs():
-        return Contender(name, _TITLES.get(name, name), load_config("default").with_tracker(name))
+        title = get_method(name).title or name
+        return Contender(name, title, load_config("default").with_tracker(name))
     if Path(name).suffix not in (".yaml", ".yml") and name not in list_configs():
         hint = nearest_names(name, all_contenders())
         raise ConfigError(f"there is no method {name!r} to compare; {hint} (or give a .yaml file)")

@@ -35,7 +35,7 @@ from remind_jax.sources.sampling import Sampling
 
 Regime = Literal["masks", "detector"]
 _KILLED = "the process ended during this run"
-_MOST_KILLS = 2
+_MAX_KILLS = 2
 _MIB = 1024 * 1024
 _STATUS = Path("/proc/self/status")
 _CLEAR = Path("/proc/self/clear_refs")
@@ -81,7 +81,7 @@ def run_all(
             known = read_record(folder)
             is_known = known is not None and known.fingerprint == fingerprint
             num_kills = known.num_kills if known and is_known else 0
-            is_tried_again = 0 < num_kills < _MOST_KILLS or (
+            is_tried_again = 0 < num_kills < _MAX_KILLS or (
                 known is not None and setup.retry_failed and known.status == "failed"
             )
             if known and is_known and not is_tried_again:

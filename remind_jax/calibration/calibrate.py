@@ -30,7 +30,7 @@ from remind_jax.sources.opening import check_options
 CONFIG = "remind"  # what a profile starts from, and whose thresholds fit the reference features
 LEAST = 30  # comparisons of each kind
 ENOUGH_ALIKE = 200  # comparisons within a class, from which on no others are needed
-MOST_SEED = 2**31 - 1
+MAX_SEED = 2**31 - 1
 RETURNS, ENDS = "returns", "ends of tracklets"
 
 
@@ -104,7 +104,7 @@ def calibrate(
       RemindError: If a scene is not accepted, or the scenes do not hold enough to compare.
     """
     check_options(source_options, calibrate)
-    check_option("seed", seed, 0, MOST_SEED)
+    check_option("seed", seed, 0, MAX_SEED)
     check_switch("identities", identities)
     check_function("progress", progress)
     if out is not None:
@@ -200,7 +200,7 @@ def estimate_from(
     evidence = []
     for of_one, least in zip(zip(*views, strict=True), (start[PART_MERGE], merge), strict=True):
         parts = [
-            compare_views(one.merge_parts(least), pairs, shares, config.static.part_top)
+            compare_views(one.merge_parts(least), pairs, shares, config.static.switches.part_top)
             for one, pairs in zip(of_one, compared, strict=True)
         ]
         evidence.append(

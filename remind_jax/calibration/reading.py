@@ -29,7 +29,7 @@ from remind_jax.session.preparation import Prepared
 from remind_jax.sources.source import Source
 from remind_jax.static import Static
 
-MOST_BYTES = 256 << 20  # of the views of a scene
+MAX_BYTES = 256 << 20  # of the views of a scene
 _SLOTS = 8  # detection slots grow by so many
 
 
@@ -51,7 +51,7 @@ def read_scene(
     config: Config,
     backbones: Sequence[Backbone],
     detector: Detector | None = None,
-    most_bytes: int = MOST_BYTES,
+    most_bytes: int = MAX_BYTES,
 ) -> SceneViews:
     """Describes all detections; of a long scene those of every second, fourth, ... frame.
 

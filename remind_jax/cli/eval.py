@@ -27,8 +27,8 @@ FormatName = Literal[
 ]
 
 
-_MOST_RESAMPLES = 1_000_000
-_MOST_ABSENCE = 1_000_000
+_MAX_RESAMPLES = 1_000_000
+_MAX_ABSENCE = 1_000_000
 
 
 @quiet_defaults
@@ -84,12 +84,12 @@ class Eval:
         """Scores, prints and writes; returns the exit code."""
         from remind_jax.metrics.scene_comparison import table_of
 
-        check_option("resamples", self.resamples, 0, _MOST_RESAMPLES)
+        check_option("resamples", self.resamples, 0, _MAX_RESAMPLES)
         if self.num_frames is not None and self.num_frames < 1:
             raise OptionError(f"'num_frames' is {self.num_frames}; give 1 or more", "num_frames")
         for path in (*self._table_files, *([] if self.json is None else [self.json])):
             refuse_file(path, (self.truth, *self.predictions), is_read=_may_be_tracks)
-        check_option("min_absence_frames", self.min_absence_frames, 1, _MOST_ABSENCE)
+        check_option("min_absence_frames", self.min_absence_frames, 1, _MAX_ABSENCE)
         if self.min_absence_frames > 1 and (self.visits or self.protocol == "paper"):
             raise OptionError(
                 "'min_absence_frames' is of the standard protocol without visits; leave it out",

@@ -1,10 +1,10 @@
-"""`remind export`: a run for labeling tools."""
+"""`remind export`: a run for a labeling tool."""
 
 from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
@@ -14,37 +14,37 @@ from remind_jax.errors import OutputError
 from remind_jax.files import refuse_file
 from remind_jax.printing.terminal import print_lines
 
+CVAT_NAME = "cvat.xml"
+
 
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Export:
-    """Write a run for a labeling tool, to be corrected there and scored against here.
+    """Write a run for CVAT (for video), to be corrected there and scored against here.
 
     Examples:
-      remind export runs/rooms --format cvat
-      remind export runs/rooms --format mots-png -o rooms.zip
+      remind export runs/rooms
+      remind export runs/rooms -o rooms.xml
     """
 
     run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
-    # cvat: XML of CVAT for video; mots-png: zip of instance maps
-    format: Annotated[Literal["cvat", "mots-png"], arg(metavar="NAME")] = "cvat"
-    # file to write; cvat.xml or mots_png.zip in the folder RUN if left out
+    # file to write; cvat.xml in the folder RUN if left out
     out: Annotated[Path | None, arg(aliases=["-o"])] = None
     overwrite: bool = False  # replace an existing file
     quiet: bool = False  # say nothing but errors
 
     def execute(self) -> int:
         """Reads the run and writes the file; returns the exit code."""
-        from remind_jax.outputs.labeling import FILE_NAMES, export
+        from remind_jax.outputs.labeling import write_cvat
         from remind_jax.outputs.result import Result
 
-        out = self.out or self.run / FILE_NAMES[self.format]
+        out = self.out or self.run / CVAT_NAME
         if out.exists() and not self.overwrite:
             raise OutputError(f"'{out}' exists; name another file, or allow --overwrite")
-        if out.name not in FILE_NAMES.values():
+        if out.name != CVAT_NAME:
             refuse_file(out, [self.run])
         result = Result.load(self.run)
-        export(result, self.format, out)
+        write_cvat(result, out)
         if not self.quiet:
             print_lines([f"{out}: {len(result.objects())} identities, {len(result)} frames"])
         return process.FINE

@@ -23,6 +23,8 @@ from remind_jax.backbone.vit_variants import VARIANTS
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, OptionError
 from remind_jax.files import check_name
+from remind_jax.printing.words import listing
+from remind_jax.shipped_methods import find_methods
 from remind_jax.sources.live_source import LiveOptions
 from remind_jax.sources.sampling import Sampling
 
@@ -39,6 +41,15 @@ BackboneName = Annotated[
     ),
 ]
 
+TrackerName = Annotated[
+    str | None,
+    arg(
+        metavar="NAME",
+        help=f"{listing(list(find_methods()), 'or')}, with the thresholds of the configuration of "
+        "that name, else its published ones; that of the configuration if left out",
+    ),
+]
+
 # What is one word, by its type: how help calls it, and how messages do.
 _WORDS: dict[Any, tuple[str, str]] = {
     int: ("N", "whole number"),
@@ -49,7 +60,7 @@ _WORDS: dict[Any, tuple[str, str]] = {
 _NOTHING = ("None", "False", "")  # defaults that the help of a flag says in words, if at all
 
 
-_MOST_CHARACTERS = 10_000  # of one value
+_MAX_CHARACTERS = 10_000  # of one value
 # Both `--set a=1 b=2` and `--set a=1 --set b=2`.
 Assignments = Annotated[
     UseAppendAction[tuple[tuple[str, ...], ...]],
@@ -140,7 +151,7 @@ class PageAddress:
 class LiveFlags(LiveOptions):
     """Cameras (0, /dev/video0), streams (rtsp://, http://) and folders that grow (--follow)."""
 
-    # folder or lossless video (out.mkv) that gets the frames as seen, to repeat the run
+    # folder that gets the frames as seen, to repeat the run
     record: Path | None = None
     # show the run in a browser while it goes on; only to this machine unless HOST:PORT says
     # otherwise; stands after SOURCE
@@ -288,9 +299,9 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
                 f"{assignment!r} is no assignment; give --set KEY=VALUE, for example "
                 "--set thresholds.decision.new=1.5, after everything else"
             )
-        if len(text) > _MOST_CHARACTERS:
+        if len(text) > _MAX_CHARACTERS:
             raise ConfigError(
-                f"the value of --set {key} has {len(text)} characters; at most {_MOST_CHARACTERS} "
+                f"the value of --set {key} has {len(text)} characters; at most {_MAX_CHARACTERS} "
                 "are read, so put it into a file"
             )
         values[key] = parse_yaml(text, f"the value of --set {assignment!r}", ConfigError)

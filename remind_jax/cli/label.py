@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
@@ -27,17 +27,13 @@ class Label:
     Examples:
       remind label runs/rooms
       remind label runs/rooms --apply edits.json --out truth
-      remind label runs/rooms --apply edits.json --out truth.xml --format cvat
+      remind label runs/rooms --apply edits.json --out truth.xml
     """
 
     run: Annotated[Positional[Path], arg(metavar="RUN")]  # output folder of a run
     apply: Annotated[Path | None, arg(metavar="EDITS")] = None  # what the page saved
-    # folder (davis) or file to write
+    # folder of instance maps with classes, or a file .xml as `remind export` writes
     out: Annotated[Path | None, arg(aliases=["-o"], metavar="TRUTH")] = None
-    # instance maps with classes, or what `remind export` writes
-    format: Annotated[Literal["davis", "cvat", "mots-png"], arg(metavar="davis|cvat|mots-png")] = (
-        "davis"
-    )
     overwrite: bool = False  # replace what is there
     quiet: bool = False  # say nothing but errors
 
@@ -50,9 +46,9 @@ class Label:
                     "EDITS too",
                     "out",
                 )
-            if self.overwrite or self.format != "davis":
-                name = "overwrite" if self.overwrite else "format"
-                raise OptionError(f"'{name}' is for the truth; give --apply EDITS too", name)
+            if self.overwrite:
+                reason = "'overwrite' is for the truth; give --apply EDITS too"
+                raise OptionError(reason, "overwrite")
             return self._write_page()
         if self.out is None:
             raise OptionError(f"'{self.apply}' is to be applied; say where to, by --out", "out")
@@ -74,10 +70,10 @@ class Label:
 
     def _write_truth(self, edits_file: Path, out: Path) -> int:
         from remind_jax.outputs.label_edits import apply_edits, read_edits
-        from remind_jax.outputs.labeling import export, write_instance_maps
+        from remind_jax.outputs.labeling import write_cvat, write_instance_maps
         from remind_jax.outputs.result import Result
 
-        is_folder = self.format == "davis"
+        is_folder = out.suffix.lower() != ".xml"
         (refuse_folder if is_folder else refuse_file)(out, [self.run, edits_file])
         if is_folder and out.is_dir():
             remove_unfinished(out)
@@ -85,10 +81,10 @@ class Label:
             raise OutputError(f"'{out}' exists; name another place, or allow --overwrite")
         edits = read_edits(edits_file)
         truth = apply_edits(Result.load(self.run), edits, str(edits_file))
-        if self.format == "davis":
+        if is_folder:
             write_instance_maps(truth, out)
         else:
-            export(truth, self.format, out)
+            write_cvat(truth, out)
         if not self.quiet:
             num = len(truth.objects())
             print_lines([f"{out}: {num} identities, {len(truth)} frames, {len(edits.edits)} edits"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import io
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -34,6 +35,11 @@ from remind_jax.cli.view import View
 from remind_jax.cli.warmup import Warmup
 from remind_jax.errors import OptionError, RemindError, first_line, is_text, nearest_names
 from remind_jax.printing.terminal import printable
+
+# The compiler's alarms ("Very slow compile? If you want to file a bug, ...") are meant for its own
+# developers and are written past Python; what really fails is raised as well. The compiler reads
+# this once, when a verb first imports JAX.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 DESCRIPTION = """Which mug is which? Gives every object in a video an identity that lasts.
 

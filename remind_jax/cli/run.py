@@ -21,6 +21,7 @@ from remind_jax.cli.flags import (
     DetectionFlags,
     LiveFlags,
     SamplingFlags,
+    TrackerName,
     load_config_with,
     quiet_defaults,
     refuse_flags,
@@ -83,9 +84,7 @@ class Run:
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     # configuration by name (see 'remind config list') or YAML file
     config: Annotated[str, arg(metavar="NAME|FILE")] = "default"
-    # plus, remind, momentum, running-mean, bank or iou, with the thresholds of the configuration of
-    # that name, else its published ones; that of the configuration if left out
-    tracker: Annotated[str | None, arg(metavar="NAME")] = None
+    tracker: TrackerName = None
     changes: Assignments = ()
     memory: Path | None = None  # go on from the memory of an earlier run
     out: Path | None = None  # output folder; runs/NAME if left out

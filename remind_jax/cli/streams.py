@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import IO, Any
 
 _STDOUT, _STDERR = 1, 2
-_MOST_CHATTER = 100_000  # characters that a report keeps, the last ones
+_MAX_CHATTER = 100_000  # characters that a report keeps, the last ones
 _LOUD = "0"  # of TF_CPP_MIN_LOG_LEVEL
 
 
@@ -64,7 +64,7 @@ class Chatter:
         if self._sink is None:
             return ""
         self._sink.seek(0, os.SEEK_END)
-        self._sink.seek(max(0, self._sink.tell() - _MOST_CHATTER))
+        self._sink.seek(max(0, self._sink.tell() - _MAX_CHATTER))
         return self._sink.read().decode("utf-8", "replace")
 
 

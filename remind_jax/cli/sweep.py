@@ -63,7 +63,7 @@ class Sweep:
     random: int | None = None  # draw so many settings instead of trying all combinations
     settings: Path | None = None  # CSV with one column per threshold, or JSON with a list
     # propose settings by what was found (needs Optuna); nsga2 for several objectives
-    search: Literal["tpe", "cmaes", "nsga2"] | None = None
+    search: Literal["tpe", "nsga2"] | None = None
     sensitivity: bool = False  # move every threshold by itself: how much each matters
     # settings of a search, values of each threshold for --sensitivity; chosen if left out
     number: int | None = None
@@ -122,17 +122,17 @@ class Sweep:
             raise SweepError("name the scenes to sweep over: folders, archives or feature files")
         from remind_jax.sweeps import bench as limits
         from remind_jax.sweeps.search import HIGH_IS_GOOD, LOW_IS_GOOD
-        from remind_jax.sweeps.settings import MOST_SETTINGS
+        from remind_jax.sweeps.settings import MAX_SETTINGS
 
         for name, least, most in (
-            ("random", 1, MOST_SETTINGS),
-            ("number", 1, MOST_SETTINGS),
-            ("at_once", 1, MOST_SETTINGS),
-            ("top", 1, MOST_SETTINGS),
+            ("random", 1, MAX_SETTINGS),
+            ("number", 1, MAX_SETTINGS),
+            ("at_once", 1, MAX_SETTINGS),
+            ("top", 1, MAX_SETTINGS),
             ("seed", 0, 2**32 - 1),
-            ("batch", 1, limits.MOST_BATCH),
-            ("workers", 1, limits.MOST_WORKERS),
-            ("memory_gib", 1e-3, limits.MOST_GIB),
+            ("batch", 1, limits.MAX_BATCH),
+            ("workers", 1, limits.MAX_WORKERS),
+            ("memory_gib", 1e-3, limits.MAX_GIB),
         ):
             value = getattr(self, name)
             if value is not None:

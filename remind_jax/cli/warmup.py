@@ -17,7 +17,7 @@ from remind_jax.session.progress import RunLine
 from remind_jax.settings.ranges import check_option
 from remind_jax.static import MOST_DETECTIONS, MOST_OBJECTS
 
-_MOST_SIDE_PX = 16_384
+_MAX_SIDE_PX = 16_384
 
 
 @quiet_defaults
@@ -83,9 +83,9 @@ def _parse_size(text: str) -> tuple[int, int]:
     """Width and height."""
     found = re.fullmatch(r"([0-9]{1,6})x([0-9]{1,6})", text)
     width, height = (int(found[1]), int(found[2])) if found else (0, 0)
-    if not (0 < width <= _MOST_SIDE_PX and 0 < height <= _MOST_SIDE_PX):
+    if not (0 < width <= _MAX_SIDE_PX and 0 < height <= _MAX_SIDE_PX):
         raise ConfigError(
             f"{reprlib.repr(text)} is no frame size; write WIDTHxHEIGHT in pixels, as 640x480, at "
-            f"most {_MOST_SIDE_PX} each"
+            f"most {_MAX_SIDE_PX} each"
         )
     return width, height

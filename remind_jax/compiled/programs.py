@@ -7,6 +7,7 @@ its key, and the shapes and types of its arguments, so that results never depend
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
 import functools
 import gc
@@ -14,7 +15,7 @@ import hashlib
 import os
 import threading
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
@@ -24,16 +25,8 @@ from jax.core import Tracer
 
 from remind_jax.compiled import kept
 from remind_jax.compiled.compiler_options import Kind, compile_lowered, compiler_options
-from remind_jax.compiled.freed_memory import return_freed_memory
-from remind_jax.compiled.process_setting import ProcessSetting
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-# A trace makes millions of small objects that live until it ends; to go through all of them again
-# and again takes a sixth of the time.
-_collector_at_rest = ProcessSetting(
-    gc.isenabled, lambda runs: gc.enable() if runs else gc.disable(), False
-)
-_MUCH_S = 0.5  # programs that are made faster leave little memory behind
 _MOST_PROGRAMS = 64  # that a process holds; the least recently used one goes first
 
 Shapes = tuple[jax.ShapeDtypeStruct, ...]
@@ -72,6 +65,7 @@ _programs: collections.OrderedDict[Hashable, Future[Program]] = collections.Orde
 _lock = threading.Lock()
 _waited = threading.local()
 _found = threading.local()
+_tracing: list[bool] = []  # whether the garbage collector ran before each trace under way
 
 
 def get_program(recipe: Recipe) -> Program:
@@ -99,8 +93,6 @@ def get_program(recipe: Recipe) -> Program:
                 _programs.pop(key, None)
             future.set_exception(error)
             raise
-        if time.perf_counter() - start > _MUCH_S:
-            return_freed_memory()
     program = future.result()
     _waited.seconds = waited_s() + time.perf_counter() - start
     return program
@@ -202,7 +194,7 @@ def _make(recipe: Recipe) -> Program:
 
     on_leaves.__name__ = recipe.name.replace("-", "_")
     program = jax.jit(on_leaves, donate_argnums=tuple(range(recipe.num_donated)))
-    with _collector_at_rest.changed():
+    with _collector_at_rest():
         lowered = program.lower(*recipe.shapes)
     found_before = _num_found_by_jax()
     compiled = compile_lowered(lowered, recipe.kind)
@@ -211,6 +203,25 @@ def _make(recipe: Recipe) -> Program:
     if file is not None and _num_found_by_jax() == found_before:
         kept.save(file, compiled, outputs)
     return Program(compiled, outputs, count_bytes(compiled), structure)
+
+
+@contextlib.contextmanager
+def _collector_at_rest() -> Iterator[None]:
+    """No garbage is collected within; what was comes back when the last thread leaves.
+
+    A trace makes millions of small objects that live until it ends; to go through all of them again
+    and again would take a fifth of a start.
+    """
+    with _lock:
+        _tracing.append(_tracing[0] if _tracing else gc.isenabled())
+        gc.disable()
+    try:
+        yield
+    finally:
+        with _lock:
+            ran = _tracing.pop()
+            if ran and not _tracing:
+                gc.enable()
 
 
 def _num_found_by_jax() -> int:

@@ -15,12 +15,13 @@ from typing import Any, Literal
 
 from remind_jax.config.dotted_keys import flatten, flatten_fields, nest
 from remind_jax.config.files import beside, find_file, find_profile, list_configs, read_yaml
-from remind_jax.config.keys import THRESHOLDS, flat_keys
+from remind_jax.config.keys import SWITCHES, THRESHOLDS, flat_keys
 from remind_jax.config.profiles import find_made, name_profile, read_made_for, read_profile
 from remind_jax.config.reference_keys import translate
 from remind_jax.errors import ConfigError
 from remind_jax.files import records
 from remind_jax.method import PAPER_METHOD, get_method
+from remind_jax.remind.switches import Switches
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.settings.ranges import check_fields, check_order, check_range
 from remind_jax.settings.record import Setting, setting
@@ -86,8 +87,8 @@ class Config:
 
     tracker: str = setting(PAPER_METHOD, "name of the method, see `remind_jax.method`")
     input: Input = dataclasses.field(default_factory=Input)
-    static: Static = dataclasses.field(default_factory=Static)
-    # Those of REMIND; other trackers have their own.
+    static: Static = dataclasses.field(default_factory=lambda: Static(switches=Switches()))
+    # Those of REMIND, as its switches in `static`; other trackers have their own.
     thresholds: Thresholds | Any = dataclasses.field(default_factory=Thresholds)
     backbone_profile: bool = setting(False, "what nobody chose follows configs/backbones/NAME.yaml")
     profile: str = setting("", "profile that the thresholds are from (remind calibrate)")
@@ -103,6 +104,8 @@ class Config:
         """Plain nested values, fit for YAML and JSON."""
         values = dataclasses.asdict(self)
         del values["chosen"]
+        if not values["static"]["switches"]:  # of a method without any
+            del values["static"]["switches"]
         return _plain(values)
 
     def updated(self, changes: Mapping[str, Any], origin: str = "changes") -> Config:
@@ -138,9 +141,13 @@ class Config:
             load_config(one) if one in list_configs() else _neutral(one)
             for one in (self.tracker, name)
         )
-        static = start.static if self.static == before.static else self.static
-        chosen = {key for key in self.chosen if not key.startswith(THRESHOLDS)}
-        chosen |= {key for key in start.chosen if key.startswith(THRESHOLDS)}
+        static = start.static
+        shared = dataclasses.replace(self.static, switches=before.static.switches)
+        if shared != before.static:
+            static = dataclasses.replace(shared, switches=static.switches)
+        own = (THRESHOLDS, SWITCHES)
+        chosen = {key for key in self.chosen if not key.startswith(own)}
+        chosen |= {key for key in start.chosen if key.startswith(own)}
         return dataclasses.replace(
             self,
             tracker=name,
@@ -293,7 +300,8 @@ def _load(name: str | Path | Mapping[str, Any], opened: tuple[str, ...]) -> Conf
 
 def _neutral(tracker: str) -> Config:
     """A tracker with everything as published."""
-    return Config(tracker=tracker, thresholds=get_method(tracker).settings())
+    method = get_method(tracker)
+    return Config(tracker=tracker, static=method.static(), thresholds=method.settings())
 
 
 def _as_tracker(name: Any, origin: str) -> str:
@@ -331,7 +339,7 @@ def _update(node: Any, changes: Mapping[str, Any], path: tuple[str, ...], origin
         else:
             name = f"{'.'.join(below)} in {origin}"
             updated[key] = _coerce(value, old, name)
-            if path != ("static",):  # counts have ranges of their own
+            if path[:1] != ("static",):  # counts have ranges of their own
                 check_range(name, updated[key], record)
     node = dataclasses.replace(node, **updated)
     check_order(node, "".join(f"{part}." for part in path))

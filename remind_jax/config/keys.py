@@ -1,8 +1,8 @@
 """Names of settings: which dotted key somebody means, in files, values, `--set` and sweeps.
 
 A threshold may be named in full (`thresholds.matching.match`), without `thresholds.`
-(`matching.match`), or by its last part alone where only one threshold ends so. All other keys are
-named in full.
+(`matching.match`), or by its last part alone where only one threshold ends so. A switch of a method
+may be named without `switches.` (`static.part_top`). All other keys are named in full.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from remind_jax.errors import ConfigError, close_names, nearest_names
 from remind_jax.method import get_method, list_methods
 
 THRESHOLDS = "thresholds."
+STATIC = "static."
+SWITCHES = "static.switches."
 
 
 def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> str:
@@ -30,7 +32,7 @@ def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> st
     Raises:
       ConfigError: If it stands for none of them, or for several.
     """
-    for key in (name, THRESHOLDS + name):
+    for key in (name, THRESHOLDS + name, name.replace(STATIC, SWITCHES, 1)):
         if key in known:
             return key
     if keys_below(name, known):
@@ -109,25 +111,33 @@ def _ending_in(name: str, keys: Collection[str]) -> list[str]:
 
 
 def _owners(name: str, tracker: str) -> list[str]:
-    """Other trackers that have such a threshold."""
+    """Other trackers that have such a threshold or switch."""
     bare = name.removeprefix(THRESHOLDS)
     return [
         other
         for other in list_methods()
         if other != tracker
-        and any(key == bare or key.startswith(f"{bare}.") for key in _thresholds_of(other))
+        and any(key == bare or key.startswith(f"{bare}.") for key in _keys_of(other))
     ]
 
 
-def _thresholds_of(tracker: str) -> list[str]:
-    return [key for key, _ in flatten_fields(get_method(tracker).settings())]
+def _keys_of(tracker: str) -> Iterator[str]:
+    """Its thresholds and switches, in short."""
+    method = get_method(tracker)
+    yield from (key for key, _ in flatten_fields(method.settings()))
+    yield from (
+        f"{start}{key}"
+        for key, _ in flatten_fields(method.switches())
+        for start in (STATIC, SWITCHES)
+    )
 
 
 def _say_owners(name: str, owners: list[str], tracker: str, origin: str) -> str:
     shown = " and ".join(f"'{owner}'" for owner in owners)
+    kind = "switch" if name.startswith(STATIC) else "threshold"
     many = "trackers" if len(owners) > 1 else "tracker"
     return (
-        f"{name!r} in {origin} is a threshold of {many} {shown}, and tracker '{tracker}' is "
+        f"{name!r} in {origin} is a {kind} of {many} {shown}, and tracker '{tracker}' is "
         f"chosen; give {how_to_choose(owners[0])}"
     )
 

@@ -22,7 +22,7 @@ from remind_jax.files import as_path, make_folder, records, replace_file, user_c
 from remind_jax.files.records import Count, Label, Text
 
 VARIABLE = "REMIND_PROFILES"  # names another folder
-_MOST_NAME = 80  # characters of a backbone's name in the name of a file
+_MAX_NAME = 80  # characters of a backbone's name in the name of a file
 
 
 class MadeFor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,7 +46,7 @@ class MadeFor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def name_profile(backbone: str, fingerprint: str) -> str:
     """What a profile of these features is called; fit for the name of a file."""
     digest = hashlib.sha256(f"{backbone}\n{fingerprint}".encode()).hexdigest()[:12]
-    return f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', backbone)[:_MOST_NAME]}-{digest}"
+    return f"{re.sub(r'[^A-Za-z0-9_.+-]', '_', backbone)[:_MAX_NAME]}-{digest}"
 
 
 def profile_folder() -> Path:

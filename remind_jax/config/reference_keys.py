@@ -180,12 +180,16 @@ def translate(settings: Mapping[str, Any], published: Any) -> dict[str, Any]:
             )
     changes.update(decide(flat))
     radii = [changes.get(radius, values[radius]) for radius in _RADII]
-    changes["static.ring_max_radius"] = max(1, *(r for r in radii if isinstance(r, int)))
+    changes["static.switches.ring_max_radius"] = max(1, *(r for r in radii if isinstance(r, int)))
     defers = flat.get("update.robust_updates.enabled", False)
     every = flat.get("memory.neighbors.force_episode_every_frames", 3)
-    if defers or not isinstance(every, int) or not 0 < every <= values["static.pending_relations"]:
+    if (
+        defers
+        or not isinstance(every, int)
+        or not 0 < every <= values["static.switches.pending_relations"]
+    ):
         # Episodes may be far apart then, and relations wait for them without limit.
-        changes["static.pending_relations"] = _MANY_RELATIONS
+        changes["static.switches.pending_relations"] = _MANY_RELATIONS
     return nest(changes)
 
 
@@ -255,7 +259,7 @@ def decide(given: Mapping[str, Any]) -> dict[str, Any]:
         "input.sanitize": (
             get("bg_local.sanitize.mode") if get("bg_local.sanitize.enabled") else "none"
         ),
-        "static.ring_prototypes": get("bg_local.prototypes.enabled")
+        "static.switches.ring_prototypes": get("bg_local.prototypes.enabled")
         and get("association.similarity.background_partials.enabled"),
         "thresholds.background.enabled": get("memory.background.enabled")
         and get("update.background_memory.enabled"),
@@ -270,8 +274,8 @@ def _neighbors(get: Any) -> dict[str, Any]:
     listed = max(1, get("association.scores.neighbor_sets.context.k"))
     scale = get("association.matching.neighbor_sets_context_veto.local.expected_topk_scale")
     return {
-        "static.context_hypotheses": listed,
-        "static.expected_neighbours": max(listed, math.ceil(listed * scale)),
+        "static.switches.context_hypotheses": listed,
+        "static.switches.expected_neighbours": max(listed, math.ceil(listed * scale)),
     }
 
 
@@ -293,9 +297,9 @@ def _parts(get: Any) -> dict[str, Any]:
     merges = get("part_descriptors.kmeans.merge.enabled")
     resembling = ("join" if joins else "drop") if merges else "keep"
     return {
-        "static.part_source": "both" if len(sources) == 2 else (sources or ["kmeans"])[0],
-        "static.part_resembling": resembling,
-        "static.attention_heads": tuple(get("part_descriptors.attention.head_ids") or ()),
+        "static.switches.part_source": "both" if len(sources) == 2 else (sources or ["kmeans"])[0],
+        "static.switches.part_resembling": resembling,
+        "static.switches.attention_heads": tuple(get("part_descriptors.attention.head_ids") or ()),
         "thresholds.perception.parts_enabled": get("part_descriptors.enabled") and bool(sources),
         "thresholds.perception.kmeans_parts_kept": kept["kmeans"],
         "thresholds.perception.attention_parts_kept": kept["attention"],

@@ -20,7 +20,7 @@ from remind_jax.printing.terminal import split_columns
 from remind_jax.printing.words import number
 from remind_jax.tracks import Tracks
 
-_MOST_WIDTH = 100  # columns of running text
+_MAX_WIDTH = 100  # columns of running text
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ def say_code(code: enum.Enum) -> str:
 
 def wrap(text: str, width: int | None, *, head: str = "", indent: int = 2) -> list[str]:
     """The lines of a paragraph; all but the first are indented."""
-    most = min(width or _MOST_WIDTH, _MOST_WIDTH)
+    most = min(width or _MAX_WIDTH, _MAX_WIDTH)
     return textwrap.wrap(text, most, initial_indent=head, subsequent_indent=" " * indent)
 
 

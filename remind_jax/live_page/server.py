@@ -1,6 +1,6 @@
 """The live page at a local address: the standard library's server, bounded in every way.
 
-Requests are answered by at most `MOST_CLIENTS` threads, each for `TIMEOUT_S` seconds at most, so
+Requests are answered by at most `MAX_CLIENTS` threads, each for `TIMEOUT_S` seconds at most, so
 that clients that are slow, or many, cost the tracker nothing but the drawing of one picture per
 frame. Names in the `Host` header are checked, so that no page of another site can read this one by
 a name that it makes lead here.
@@ -24,8 +24,8 @@ from remind_jax.errors import OptionError, OutputError
 from remind_jax.live_page.view import LiveView
 
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8642
-_MOST_PORTS = 10  # that are tried from the default one on
-MOST_CLIENTS = 32  # answered at once; a browser that looks on takes two
+_MAX_PORTS = 10  # that are tried from the default one on
+MAX_CLIENTS = 32  # answered at once; a browser that looks on takes two
 TIMEOUT_S = 10.0
 _NEWS_WITHIN_S = 2.0  # that an answer about the state may wait for news
 _FILES = {
@@ -65,7 +65,7 @@ class LivePage(contextlib.AbstractContextManager):
         """
         self._view = view
         self._host, self._port = parse_where(where)
-        self._last_port = self._port + (_MOST_PORTS - 1 if where is True else 0)
+        self._last_port = self._port + (_MAX_PORTS - 1 if where is True else 0)
         self._server: _Server | None = None
         self.address = ""
 
@@ -148,7 +148,7 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, view: LiveView, host: str, port: int) -> None:
         self.view, self.bound = view, host
-        self._free = threading.BoundedSemaphore(MOST_CLIENTS)
+        self._free = threading.BoundedSemaphore(MAX_CLIENTS)
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         super().__init__((host, port), _Handler)
 

@@ -24,16 +24,16 @@ from remind_jax.outputs.overlay import detection_color, draw_overlay
 from remind_jax.sources import LiveSource
 from remind_jax.tracks import Tracks
 
-MOST_OBJECTS = 500  # those unseen for longest leave the page, not the memory
-MOST_SPANS = 100  # of one object
-MOST_ROWS = 40  # of the timeline
-MOST_LISTED = 100  # that are not in view
+MAX_OBJECTS = 500  # those unseen for longest leave the page, not the memory
+MAX_SPANS = 100  # of one object
+MAX_ROWS = 40  # of the timeline
+MAX_LISTED = 100  # that are not in view
 WINDOW_S = 120.0  # of the timeline
 _GAP_S = 1.0  # shorter absences leave no gap in the timeline
-_MOST_SIDE_PX = 1280  # of the picture shown
+_MAX_SIDE_PX = 1280  # of the picture shown
 _QUALITY = 80
 _FRESH_S = 10.0  # so old a picture of an object may be while it is in view
-_MOST_CUT = 4  # pictures of objects per frame
+_MAX_CUT = 4  # pictures of objects per frame
 _RECENT = 20  # frames that the speed is measured over
 
 
@@ -47,7 +47,7 @@ class _Object:
     last_s: float
     num_frames: int = 0
     spans: collections.deque[tuple[float, float]] = dataclasses.field(
-        default_factory=lambda: collections.deque(maxlen=MOST_SPANS)
+        default_factory=lambda: collections.deque(maxlen=MAX_SPANS)
     )
     picture: bytes | None = None
     pictured_s: float = -np.inf
@@ -148,7 +148,7 @@ class LiveView:
             in_view = set(self._in_view)
             absent = [o for key, o in self._objects.items() if key not in in_view]
             absent.sort(key=lambda one: -one.last_s)
-            latest = sorted(self._objects.values(), key=lambda one: -one.last_s)[:MOST_ROWS]
+            latest = sorted(self._objects.values(), key=lambda one: -one.last_s)[:MAX_ROWS]
             keys = {id(one): key for key, one in self._objects.items()}
             return {
                 "version": self._version,
@@ -167,7 +167,7 @@ class LiveView:
                         "unseen_s": self._now_s - one.last_s,
                         "frames": one.num_frames,
                     }
-                    for one in absent[:MOST_LISTED]
+                    for one in absent[:MAX_LISTED]
                 ],
                 "timeline": {
                     "from_s": max(0.0, self._now_s - WINDOW_S),
@@ -192,7 +192,7 @@ class LiveView:
                 return None
             if self._drawn is None or self._drawn[0] != version:
                 image = draw_overlay(*frame)
-                scale = min(1.0, _MOST_SIDE_PX / max(image.shape[:2]))
+                scale = min(1.0, _MAX_SIDE_PX / max(image.shape[:2]))
                 height, width = (max(1, round(scale * side)) for side in image.shape[:2])
                 self._drawn = version, encode_jpeg(fit_image(image, height, width), _QUALITY)
             return self._drawn[1]
@@ -250,7 +250,7 @@ class LiveView:
         one = self._objects.setdefault(kept, former)
         if one is not former:
             spans = sorted([*former.spans, *one.spans])
-            one.spans = collections.deque(spans, maxlen=MOST_SPANS)
+            one.spans = collections.deque(spans, maxlen=MAX_SPANS)
             one.first_s = min(one.first_s, former.first_s)
             one.num_frames += former.num_frames
 
@@ -266,11 +266,11 @@ class LiveView:
         ]
         due.sort(key=lambda pair: pair[0].pictured_s)
         image = fit_image(frame.image, *tracks.frame_size)
-        for one, row in due[:_MOST_CUT]:
+        for one, row in due[:_MAX_CUT]:
             one.picture = encode_jpeg(crop_detection(image, tracks, row), _QUALITY)
             one.pictured_s = frame.time_s
 
     def _forget_some(self) -> None:
-        while len(self._objects) > MOST_OBJECTS:
+        while len(self._objects) > MAX_OBJECTS:
             oldest = min(self._objects, key=lambda key: self._objects[key].last_s)
             del self._objects[oldest]

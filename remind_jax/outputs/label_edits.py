@@ -1,4 +1,7 @@
-"""What a person corrected in a run: a small file of edits, and the run as they leave it.
+"""What a person corrected in a run: the page for it, a small file of edits, and what they leave.
+
+`label.html` is the report with `label_page.js`: edits are shown at once, kept by the browser, and
+saved as the file that is read here: evaluation.md#labeling.
 
 Every detection is labeled by one identity or none; at first by the one that the run gave it firmly.
 Edits are applied in their order: evaluation.md#edits.
@@ -27,7 +30,7 @@ from remind_jax.outputs.tables import firm_rows
 from remind_jax.outputs.writer import OVERLAY_NAME
 from remind_jax.tracks import Tracks
 
-MOST_EDITS = 1_000_000
+MAX_EDITS = 1_000_000
 
 Labels = list[Int[np.ndarray, "_"]]  # identity of each detection of each frame, NO_ID for none
 
@@ -72,7 +75,7 @@ class Edits(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     version: Literal[1]
     run: Text  # name of the run
     num_detections: Count  # of the whole run: whether the file is of this run
-    edits: Annotated[list[Edit], Meta(max_length=MOST_EDITS)]
+    edits: Annotated[list[Edit], Meta(max_length=MAX_EDITS)]
 
 
 def read_edits(path: str | Path) -> Edits:

@@ -1,16 +1,14 @@
-"""A run for labeling tools: CVAT for video and MOTS PNG.
+"""A run for labeling tools: CVAT for video, and instance maps in the DAVIS layout.
 
 As in `tables`, they know firm identities only, each once per frame. Frames are those of the source.
 """
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path, PurePath
-from typing import Any, Literal, get_args
+from typing import Any
 from xml.etree import ElementTree
 
 import cv2
@@ -25,28 +23,13 @@ from remind_jax.outputs.tables import firm_rows, masks_without_overlap
 from remind_jax.printing.terminal import printable
 from remind_jax.tracks import Tracks
 
-LabelingFormat = Literal["cvat", "mots-png"]
-FORMATS: tuple[str, ...] = get_args(LabelingFormat)
-FILE_NAMES = {"cvat": "cvat.xml", "mots-png": "mots_png.zip"}
-MOTS_PNG_INSTANCES = 1000  # of a class; a pixel is class times this, plus the instance
-
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # of members of archives, so that the same run gives the same file
-
-
 METADATA_NAME = "metadata.json"
-_MOST_8_BIT = 254  # 255 is void in 8-bit truth
+_MAX_8_BIT = 254  # 255 is void in 8-bit truth
 
 
-def export(result: Result, format: LabelingFormat, path: str | Path) -> None:
-    """Writes a run for a labeling tool.
-
-    Args:
-      result: The run.
-      format: `cvat` (XML) or `mots-png` (zip).
-      path: File to write; one that is there is replaced.
-    """
-    content = to_cvat(result) if format == "cvat" else to_mots_png(result)
-    files.replace_file(Path(path), content)
+def write_cvat(result: Result, path: str | Path) -> None:
+    """Writes a run as CVAT for video 1.1; a file that is there is replaced."""
+    files.replace_file(Path(path), to_cvat(result))
 
 
 def to_cvat(result: Result) -> bytes:
@@ -87,31 +70,6 @@ def to_cvat(result: Result) -> bytes:
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def to_mots_png(result: Result) -> bytes:
-    """MOTS PNG 1.0: a zip with a 16-bit picture per frame, and the names of classes.
-
-    Shared pixels go to the higher confidence. Instances are counted from 1 within a class, in the
-    order of their ids.
-
-    Raises:
-      OutputError: If there are more classes or identities of a class than the format can number.
-    """
-    numbers, names = _mots_numbers(result), picture_names(result.tracks)
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        labels = "".join(f"{printable(name)}\n" for name in result.class_names)
-        archive.writestr(zipfile.ZipInfo("default/instances/labels.txt", _EPOCH), labels)
-        for index, tracks in enumerate(result.tracks):
-            picture = np.zeros(tracks.frame_size, np.uint16)
-            rows = firm_rows(tracks)
-            for row, rle in zip(rows, masks_without_overlap(tracks, rows), strict=True):
-                if rle is not None:
-                    picture[decode_mask(rle).astype(bool)] = numbers[int(tracks.object_id[row])]
-            member = zipfile.ZipInfo(f"default/instances/{names[index]}.png", _EPOCH)
-            archive.writestr(member, cv2.imencode(".png", picture)[1].tobytes())
-    return buffer.getvalue()
-
-
 def _sights(run: Sequence[Tracks]) -> dict[int, list[tuple[int, int]]]:
     """Frame and row of every sight of each identity, by rising id."""
     sights: dict[int, list[tuple[int, int]]] = {}
@@ -138,24 +96,6 @@ def _cvat_mask(tracks: Tracks, row: int) -> dict[str, str]:
         "height": str(height),
         "z_order": "0",
     }
-
-
-def _mots_numbers(result: Result) -> dict[int, int]:
-    """The number of each identity's pixels."""
-    classes = {name: number for number, name in enumerate(result.class_names, start=1)}
-    met = dict.fromkeys(classes, 0)
-    numbers = {}
-    for object_id, sights in _sights(result.tracks).items():
-        index, row = sights[0]
-        label = result.tracks[index].labels[row]
-        met[label] += 1
-        numbers[object_id] = classes[label] * MOTS_PNG_INSTANCES + met[label]
-        if met[label] >= MOTS_PNG_INSTANCES or numbers[object_id] > np.iinfo(np.uint16).max:
-            raise OutputError(
-                f"MOTS PNG has numbers for {MOTS_PNG_INSTANCES - 1} identities of each of 64 "
-                f"classes, and '{label} {object_id}' is beyond that; export to cvat"
-            )
-    return numbers
 
 
 def picture_names(run: Sequence[Tracks]) -> list[str]:
@@ -203,7 +143,7 @@ def write_instance_maps(result: Result, folder: str | Path) -> None:
         raise OutputError(
             f"'{maps}' holds '{min(others)}', which is no map of this run; name another folder"
         )
-    dtype = np.uint8 if most <= _MOST_8_BIT else np.uint16
+    dtype = np.uint8 if most <= _MAX_8_BIT else np.uint16
     with files.replacing_folder(maps, Path(folder)) as unfinished:
         for tracks, picture in zip(result.tracks, pictures, strict=True):
             (unfinished / picture).write_bytes(_draw(tracks, dtype))

@@ -38,7 +38,7 @@ from remind_jax.tracks import Tracks
 
 _TINT = 0.42
 # Of a frame of the video; larger ones are drawn smaller: what an encoder takes goes by the pixels.
-MOST_PIXELS = 4096 * 2304
+MAX_PIXELS = 4096 * 2304
 # A seek decodes from the last key frame on: one per second keeps clicks in the report quick.
 _KEY_FRAME_EVERY_S = 1.0
 
@@ -122,11 +122,11 @@ def draw_overlay(
 def draw_for_video(
     image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """As `draw_overlay`, at most `MOST_PIXELS` large."""
+    """As `draw_overlay`, at most `MAX_PIXELS` large."""
     height, width = tracks.frame_size
-    if height * width <= MOST_PIXELS:
+    if height * width <= MAX_PIXELS:
         return draw_overlay(image, tracks)
-    scale = math.sqrt(MOST_PIXELS / (height * width))
+    scale = math.sqrt(MAX_PIXELS / (height * width))
     size = max(1, int(scale * height)), max(1, int(scale * width))
     if image is not None:
         image = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)

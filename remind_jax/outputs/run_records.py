@@ -31,9 +31,9 @@ from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.static import MOST_DETECTIONS
 from remind_jax.tracks import Tracks, title_of
 
-MOST_FRAMES = MOST_ROWS
-MOST_CANDIDATES = 1_000  # of a detection
-_MOST_CELLS = 10_000_000  # detections times candidates: columns are padded to the widest
+MAX_FRAMES = MOST_ROWS
+MAX_CANDIDATES = 1_000  # of a detection
+_MAX_CELLS = 10_000_000  # detections times candidates: columns are padded to the widest
 
 if TYPE_CHECKING:
     OutcomeName = ReasonName = StatusName = str
@@ -44,7 +44,7 @@ else:
 
     OutcomeName, ReasonName, StatusName = _names(Outcome), _names(Reason), _names(Status)
 
-FrameNumber = Annotated[int, Meta(ge=0, lt=MOST_FRAMES)]
+FrameNumber = Annotated[int, Meta(ge=0, lt=MAX_FRAMES)]
 Milliseconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 
 
@@ -73,7 +73,7 @@ class DetectionRow(msgspec.Struct, frozen=True):
     score: float | None
     confidence: float | None
     detector_score: float | None
-    candidates: Annotated[list[tuple[Small, float | None]], Meta(max_length=MOST_CANDIDATES)]
+    candidates: Annotated[list[tuple[Small, float | None]], Meta(max_length=MAX_CANDIDATES)]
     box: tuple[float | None, float | None, float | None, float | None]
     rle: str
 
@@ -86,7 +86,7 @@ class FrameRow(msgspec.Struct, frozen=True):
     time_s: float | None
     name: Text
     size: tuple[Side, Side]  # height, width in pixels
-    num_candidates: Annotated[int, Meta(ge=0, le=MOST_CANDIDATES)]
+    num_candidates: Annotated[int, Meta(ge=0, le=MAX_CANDIDATES)]
     detections: Annotated[list[DetectionRow], Meta(max_length=MOST_DETECTIONS)]
 
 
@@ -110,13 +110,13 @@ class RunRecord(msgspec.Struct, frozen=True):
     complete: bool
     info: RunInfo
     timings_ms: Annotated[
-        dict[Label, Annotated[list[Milliseconds], Meta(max_length=MOST_FRAMES)]],
+        dict[Label, Annotated[list[Milliseconds], Meta(max_length=MAX_FRAMES)]],
         Meta(max_length=100),
     ]
     first_frame_ms: Milliseconds | None
     compile_s: Milliseconds | None
-    skipped: Annotated[list[SkippedFrame], Meta(max_length=MOST_FRAMES)]
-    events: Annotated[list[Event], Meta(max_length=MOST_FRAMES)]
+    skipped: Annotated[list[SkippedFrame], Meta(max_length=MAX_FRAMES)]
+    events: Annotated[list[Event], Meta(max_length=MAX_FRAMES)]
     summary: SummaryRecord | None = None
     comparison: Annotated[tuple[tuple[Label, Label, Label, Label], ...], Meta(max_length=100)] = ()
 
@@ -166,7 +166,7 @@ def tracks_of(frame: FrameRow) -> Tracks:
     """
     rows = frame.detections
     num, width = len(rows), frame.num_candidates
-    if max((len(row.candidates) for row in rows), default=0) > width or num * width > _MOST_CELLS:
+    if max((len(row.candidates) for row in rows), default=0) > width or num * width > _MAX_CELLS:
         raise OutputError(f"'num_candidates' is {width}, which does not fit the candidates")
     candidate_id = np.full((num, width), NO_ID, np.int32)
     candidate_score = np.zeros((num, width))

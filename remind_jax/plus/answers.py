@@ -16,7 +16,6 @@ from jaxtyping import Array, Bool, Float, Int
 from remind_jax.decision import (
     NUM_OPTIONS,
     Decisions,
-    MatchOrigin,
     Outcome,
     Reason,
     Status,
@@ -97,7 +96,6 @@ def conclude(
 def report(
     verdicts: Verdicts,
     belief: Float[Array, "N C"],
-    base: Float[Array, "N C"],
     moves: Float[Array, "N"],
     here: Tracklets,
     present: Bool[Array, "N"],
@@ -114,7 +112,6 @@ def report(
     Args:
       verdicts: Decisions.
       belief: Probability of each candidate.
-      base: Evidence of each candidate without that of the others in view.
       moves: How far each answer is an object that moves of its own.
       here: Tracklets of the detections, before the decisions.
       present: Detection slots that hold a mask.
@@ -139,7 +136,6 @@ def report(
     outcome = jnp.where(doubtful, undecided_outcome, firm_outcome)
     outcome = jnp.where(seen, outcome, jnp.where(present, int(Outcome.DROPPED), int(Outcome.EMPTY)))
     is_firm = seen & ~doubtful
-    matched = outcome == int(Outcome.MATCH)
     reason = jnp.full_like(outcome, int(Reason.NONE))
     for what, why in _REASONS.items():
         reason = jnp.where(outcome == int(what), int(why), reason)
@@ -151,7 +147,7 @@ def report(
     shown = doubtful[:, None] & look_up_in_rows(could_be, first)
     firm_id = jnp.where(is_firm, verdicts.answer_id, NO_ID)
     ordered, ranked = jax.lax.top_k(belief, belief.shape[1])
-    listed = _shown_candidates(verdicts, ordered, base, ranked, static.num_candidates)
+    listed = _shown_candidates(verdicts, ordered, ranked, static.num_candidates)
     decisions = no_decisions(static).replaced(
         outcome=outcome.astype(jnp.int32),
         reason=reason.astype(jnp.int32),
@@ -159,17 +155,9 @@ def report(
         pending_id=jnp.where(doubtful, verdicts.tracklet_id, NO_ID),
         score=confidence,
         status=status,
-        status_final=status,
         confidence=confidence,
         best_score=ordered[:, 0],
         second_score=ordered[:, 1],
-        num_close=num_close,
-        source=jnp.where(matched, int(MatchOrigin.ASSOCIATION), int(MatchOrigin.NONE)).astype(
-            jnp.int32
-        ),
-        assigned_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
-        guarded_id=jnp.where(is_own, NO_ID, verdicts.answer_id),
-        is_anchor=seen & (here.slot != NO_SLOT),
         option_id=jnp.where(shown, look_up_in_rows(option_id, first), NO_ID),
         option_score=jnp.where(shown, look_up_in_rows(option_score, first), 0.0),
         num_bad_patches=sightings.num_bad_patches,
@@ -214,7 +202,6 @@ def _list_options(
 def _shown_candidates(
     verdicts: Verdicts,
     ordered: Float[Array, "N C"],
-    base: Float[Array, "N C"],
     ranked: Int[Array, "N C"],
     width: int,
 ) -> dict[str, Array]:
@@ -223,7 +210,6 @@ def _shown_candidates(
     Args:
       verdicts: Decisions.
       ordered: Probabilities, falling.
-      base: Evidence of each candidate without that of the others in view.
       ranked: Which candidates have those.
       width: Candidates that are shown.
     """
@@ -234,12 +220,10 @@ def _shown_candidates(
 
     ids = look_up_in_rows(verdicts.option_id, ranked)
     valid = ids != NO_ID
-    gained = look_up_in_rows(verdicts.option_odds - base, ranked)
     return {
         "candidate_id": show(ids, NO_ID),
         "candidate_score": show(ordered, 0.0),
         "candidate_final": show(ordered, 0.0),
         "candidate_eligible": show(valid, False),
         "candidate_plausible": show(valid, False),
-        "candidate_bonus": show(jnp.where(valid, gained, 0.0), 0.0),
     }

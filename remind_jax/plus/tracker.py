@@ -168,9 +168,7 @@ def _advance(
     verdicts = conclude(here, objects, rows, candidates, weighed, choice)
     answered = jnp.where(choice.slot != NO_SLOT, choice.slot, here.slot)
     moves = mobility_of(answered, objects, t.mobility)
-    decisions = report(
-        verdicts, weighed.belief, candidates.base, moves, here, present, sightings, static, t
-    )
+    decisions = report(verdicts, weighed.belief, moves, here, present, sightings, static, t)
     # What does that teach?
     scene, objects = learn_newness(scene, objects, choice, here.class_id, t.decision)
     ended = find_ended(tracklets, frame, t.decision)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _HIGH = 25  # without a height, rich takes the width of dumb terminals to be 80
 _WIDE = 4000  # characters of a line where nothing limits it
 _AROUND_CELL = 3  # characters of border and padding
-_MOST_FOLDED = 36  # a column that is wider may be folded to fit
+_MAX_FOLDED = 36  # a column that is wider may be folded to fit
 _PIPE = re.compile(r"(?<!\\)\|")
 
 
@@ -100,7 +100,7 @@ def lay_out(
     from rich.table import Table
 
     shown = lines if is_markup else [[escape(printable(c)) for c in line] for line in lines]
-    widths = [min(size, _MOST_FOLDED) for size in natural_widths(shown)]
+    widths = [min(size, _MAX_FOLDED) for size in natural_widths(shown)]
     for number, columns in enumerate(split_columns(widths, width - 1, _AROUND_CELL)):
         table = Table(title=escape(title) or None if number == 0 else None, title_justify="left")
         for place in columns:

@@ -15,6 +15,7 @@ from remind_jax.remind.association.assignment import Assignment
 from remind_jax.remind.association.diagnosis import Evidence
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.memory.objects import Objects
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.undecided.settlement import Settlement
 from remind_jax.remind.undecided.temporal import PairTable
 from remind_jax.static import Static
@@ -31,7 +32,7 @@ def decide(
     assignment: Assignment,
     settlement: Settlement,
     static: Static,
-) -> Decisions:
+) -> tuple[Decisions, Stages]:
     """Writes down the decisions; memory fills in the ids of new objects and pending tracks.
 
     Args:
@@ -69,23 +70,27 @@ def decide(
     doubts = settlement.doubts
     option = jnp.where(is_ambiguous, settlement.ambiguous.slot, doubts.support)
     option_score = jnp.where(is_ambiguous, settlement.ambiguous.score, doubts.support_score)
-    return Decisions.of(
+    stages = Stages(
+        status_final=jnp.where(masks.valid, final.status, Status.NONE),
+        num_close=evidence.num_close,
+        is_anchor=jnp.any(anchors, axis=1),
+        lock=assignment.lock,
+        assigned_id=owners[:, 1],
+        guarded_id=owners[:, 2],
+        source=jnp.where(settlement.slot >= 0, settlement.source, 0).astype(jnp.int32),
+        candidate_gate=gate,
+        candidate_bonus=reals[..., 2],
+    )
+    decisions = Decisions(
         outcome=jnp.where(usable, outcome, given).astype(jnp.int32),
         reason=jnp.where(usable, reason, why).astype(jnp.int32),
         object_id=owners[:, 0],
         pending_id=jnp.full_like(rows[:, 0], NO_ID),
         score=jnp.where(usable, score, 0.0),
         status=jnp.where(masks.valid, evidence.status, Status.NONE),
-        status_final=jnp.where(masks.valid, final.status, Status.NONE),
         confidence=evidence.confidence,
         best_score=evidence.best_score,
         second_score=evidence.second_score,
-        num_close=evidence.num_close,
-        lock=assignment.lock,
-        source=jnp.where(settlement.slot >= 0, settlement.source, 0).astype(jnp.int32),
-        assigned_id=owners[:, 1],
-        guarded_id=owners[:, 2],
-        is_anchor=jnp.any(anchors, axis=1),
         option_id=named_ids(objects, option, settlement.reserved_id),
         option_score=jnp.where(option >= 0, option_score, 0.0),
         option_blocked=doubts.blocked,
@@ -94,10 +99,9 @@ def decide(
         candidate_final=reals[..., 1],
         candidate_eligible=eligible > 0,
         candidate_plausible=plausible > 0,
-        candidate_gate=gate,
-        candidate_bonus=reals[..., 2],
         num_bad_patches=descriptors.num_bad_patches,
     )
+    return decisions, stages
 
 
 def _verdicts(settlement: Settlement) -> tuple[Array, Array, Array]:

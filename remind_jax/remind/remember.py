@@ -37,6 +37,7 @@ from remind_jax.remind.memory.pending import (
 from remind_jax.remind.memory.prototypes import Bank, keep_rows
 from remind_jax.remind.memory.writing import write_rows
 from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import TrackerState, map_banks, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.provisional_commit import (
@@ -51,6 +52,7 @@ from remind_jax.static import Static
 def remember(
     state: TrackerState,
     decisions: Decisions,
+    stages: Stages,
     settlement: Settlement,
     birth_support: Int[Array, "N K"],
     pending_score: Array,
@@ -67,6 +69,7 @@ def remember(
     Args:
       state: Memory before the frame.
       decisions: Outcomes; ids of new objects and of pending tracks are filled in here.
+      stages: What they were made in.
       settlement: Slots and reserved ids behind the decisions.
       birth_support: Slots of known objects that speak for a new detection, -1 padding.
       pending_score: Visual score of detections with pending tracks, `[N, P]`.
@@ -122,7 +125,7 @@ def remember(
         lambda new, old: jnp.where(fits, new.astype(old.dtype), old), decisions, state.decisions
     )
 
-    learns, permit = gate_updates(decisions, t)
+    learns, permit = gate_updates(decisions, stages, t)
     row = jnp.where(pending_slot < num_pending, slots + pending_slot, slots + num_pending)
     row = jnp.where(slot < slots, slot, row)
     row = jnp.where(learns & descriptors.valid, row, slots + num_pending)
@@ -133,7 +136,7 @@ def remember(
         state.distances,
         state.frame,
         jnp.where(descriptors.valid & t.cooccurrence.enabled, slot, slots),
-        decided_rank(decisions, settlement.source, descriptors.class_id),
+        decided_rank(decisions, stages, settlement.source, descriptors.class_id),
         objects.id,
         allowed,
         relations,
@@ -156,7 +159,7 @@ def remember(
             pending=jnp.where(needed_pending <= num_pending, 0, needed_pending),
         ),
     )
-    if static.remove_objects:
+    if static.switches.remove_objects:
         return remove_objects(updated, forgotten & fits)
     return updated
 
@@ -196,12 +199,14 @@ def _protected(objects: Objects, items: Items) -> Bool[Array, "O"]:
     return objects.exists & jnp.any(objects.id[:, None, None] == named, axis=(1, 2))
 
 
-def gate_updates(decisions: Decisions, t: Thresholds) -> tuple[Bool[Array, "N"], Permit]:
+def gate_updates(
+    decisions: Decisions, stages: Stages, t: Thresholds
+) -> tuple[Bool[Array, "N"], Permit]:
     """How freely each detection may change memory; new objects always may.
 
     Rule: method.md#update-permit.
     """
-    status = decisions.status_final
+    status = stages.status_final
     gated = t.update.gated & (decisions.outcome == Outcome.MATCH)
     weak, ambiguous = status == Status.WEAK, status == Status.AMBIGUOUS
     rate = jnp.where(gated & ambiguous, t.update.ambiguous_rate, 1.0)

@@ -95,17 +95,21 @@ def init(static: Static) -> TrackerState:
         ),
         pending=no_pending(static.num_pending, scalar),
         cooccurrence=empty_cooccurrence(objects, scalar),
-        distances=empty_distances(objects, scalar, static.pending_relations),
+        distances=empty_distances(objects, scalar, static.switches.pending_relations),
         wholes=banks(
             NUM_APPEARANCE_CHANNELS + NUM_RINGS,
-            static.appearance_slots,
-            static.inner_ring_slots,
-            static.outer_ring_slots,
+            static.switches.appearance_slots,
+            static.switches.inner_ring_slots,
+            static.switches.outer_ring_slots,
         ),
-        parts=banks(len(static.part_channels), static.part_slots),
+        parts=banks(len(static.switches.part_channels), static.switches.part_slots),
         ring_prototypes=(
-            banks(NUM_RINGS, static.inner_prototype_slots, static.outer_prototype_slots)
-            if static.ring_prototypes
+            banks(
+                NUM_RINGS,
+                static.switches.inner_prototype_slots,
+                static.switches.outer_prototype_slots,
+            )
+            if static.switches.ring_prototypes
             else None
         ),
         next_id=number(static.first_object_id),

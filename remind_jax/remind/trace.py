@@ -1,7 +1,7 @@
 """What a step knew when it decided: the numbers behind every decision of one frame.
 
-`tracker.step_traced` gathers them; the plain step carries nothing of this. On the host the same
-classes hold NumPy arrays without padding (`explanation.remind`).
+`tracker.decide` gives them beside the memory; what nobody reads is not computed. On the host the
+same classes hold NumPy arrays without padding (`explanation.remind`).
 
 Letters: `N` detections, `C` candidates shown, `T` terms (object, background, parts; with them on,
 ring prototypes), `R` passes of the reconciliation, `K = 3` objects that an undecided detection may
@@ -32,6 +32,7 @@ from remind_jax.remind.disambiguation.distance_evidence import (
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS
 from remind_jax.remind.outcome import named_ids
 from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.settlement import Settlement
@@ -155,6 +156,7 @@ class ContextTrace:
 class Trace:
     """What the decisions of one frame were made of."""
 
+    stages: Stages
     detections: DetectionTrace
     sets: SetTrace
     context: ContextTrace
@@ -176,6 +178,7 @@ class Intermediates:
     assignment: Assignment
     settlement: Settlement
     visual_gate: Float[Array, ""]
+    stages: Stages
 
 
 def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -> Trace:
@@ -188,6 +191,7 @@ def collect_trace(intermediates: Intermediates, static: Static, t: Thresholds) -
     """
     d, influence = intermediates, intermediates.reasoning.influence
     return Trace(
+        stages=d.stages,
         detections=_trace_detections(d, static, t),
         sets=_trace_sets(d.reasoning.hypotheses, d.state.objects.id),
         context=ContextTrace(influence.enabled, influence.quality, influence.global_ok),

@@ -87,7 +87,7 @@ def _advance(
     )  # fmt: skip
     num_terms = count_terms(comparison)
     evidence = diagnose(
-        comparison.score, comparison.candidate, num_terms, static.margin, t.diagnosis
+        comparison.score, comparison.candidate, num_terms, static.switches.margin, t.diagnosis
     )
     anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
     # Which tracks belong together here?
@@ -107,8 +107,10 @@ def _advance(
     # Who stays undecided?
     table = tabulate_pairs(comparison, pairs, context, t.similarity, t.ambiguous.known_set_score)
     settlement = settle(table, assignment, state, descriptors, relations, static, t)
-    final = diagnose(pairs.score_final, pairs.eligible, num_terms, static.margin, t.diagnosis)
-    decisions = decide_outcomes(
+    final = diagnose(
+        pairs.score_final, pairs.eligible, num_terms, static.switches.margin, t.diagnosis
+    )
+    decisions, stages = decide_outcomes(
         state.objects, masks, descriptors, table, anchors, evidence, final, assignment,
         settlement, static,
     )  # fmt: skip
@@ -117,10 +119,10 @@ def _advance(
         decisions.outcome == Outcome.NEW,
     )  # fmt: skip
     after = remember(
-        state, decisions, settlement, birth_support, comparison.pending_score, descriptors, masks,
-        relations, static, t,
+        state, decisions, stages, settlement, birth_support, comparison.pending_score,
+        descriptors, masks, relations, static, t,
     )  # fmt: skip
     return after, Intermediates(
         state, descriptors, quality, relations, evidence, anchors, view,
-        reasoning, table, assignment, settlement, visual_gate,
+        reasoning, table, assignment, settlement, visual_gate, stages,
     )  # fmt: skip

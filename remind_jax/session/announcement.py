@@ -10,14 +10,16 @@ from __future__ import annotations
 import dataclasses
 import numbers
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import OptionError
+from remind_jax.files.records import Small, Whole
 from remind_jax.tracks import Tracks
 
 # Detections from which on an object of a detector is announced (`benchmarks/announcement.py`).
@@ -36,7 +38,7 @@ class Announcements:
     known_below: int = _ALL  # objects with lower ids were announced under these
     ids: Mapping[int, int] = dataclasses.field(default_factory=dict)  # of all others announced
     counts: Mapping[int, int] = dataclasses.field(default_factory=dict)  # detections of the rest
-    became: Mapping[int, int] = dataclasses.field(default_factory=dict)  # what it turned out to be
+    merged_into: Mapping[int, int] = dataclasses.field(default_factory=dict)  # by the tracker
     next_id: int = _ALL  # number of the next object announced
 
     @classmethod
@@ -58,21 +60,6 @@ class Announcements:
             "counts": [list(pair) for pair in self.counts.items()],
         }
 
-    @classmethod
-    def from_json(cls, content: Mapping[str, Any]) -> Announcements:
-        """Reads back what `to_json` made.
-
-        Raises:
-          KeyError, TypeError, ValueError: If it is something else.
-        """
-        pairs = {
-            name: {int(one): int(other) for one, other in content[name]}
-            for name in ("ids", "counts")
-        }
-        return cls(
-            known_below=int(content["known_below"]), next_id=int(content["next_id"]), **pairs
-        )
-
     @property
     def is_identity(self) -> bool:
         """Whether every object is announced at once under the id that it has in memory."""
@@ -80,14 +67,11 @@ class Announcements:
 
     def id_of(self, object_id: int) -> int:
         """The announced id, NO_ID without any."""
-        while True:
-            if object_id < self.known_below:
-                return object_id
-            if object_id in self.ids:
-                return self.ids[object_id]
-            if object_id not in self.became:
+        while object_id >= self.known_below and object_id not in self.ids:
+            if object_id not in self.merged_into:
                 return NO_ID
-            object_id = self.became[object_id]
+            object_id = self.merged_into[object_id]
+        return self.ids.get(object_id, object_id)
 
     def memory_ids(self, announced_id: int) -> tuple[int, ...]:
         """The ids that memory may have an announced object under."""
@@ -117,6 +101,19 @@ class Announcements:
         direct = {i: i if i < self.known_below else self.ids.get(i, NO_ID) for i in ids}
         rest = [i for i in ids if direct[i] == NO_ID]
         return direct | {i: self.next_id + place for place, i in enumerate(rest)} | {NO_ID: NO_ID}
+
+
+class FiledAnnouncements(msgspec.Struct, frozen=True):
+    """As `Announcements.to_json` makes it."""
+
+    known_below: Whole
+    next_id: Whole
+    ids: list[tuple[Small, Whole]]
+    counts: list[tuple[Small, Whole]]
+
+    def restored(self) -> Announcements:
+        """What was announced."""
+        return Announcements(self.known_below, dict(self.ids), dict(self.counts), {}, self.next_id)
 
 
 def choose_after(asked: int | None, configured: int, has_detector: bool) -> int:
@@ -158,9 +155,9 @@ def announce(
     merges = list(merges)
     if not seen and not merges:
         return so_far
-    ids, counts, became = dict(so_far.ids), dict(so_far.counts), dict(so_far.became)
+    ids, counts, merged = dict(so_far.ids), dict(so_far.counts), dict(so_far.merged_into)
     for gone, kept in merges:
-        became[gone] = kept
+        merged[gone] = kept
         known = so_far.id_of(gone)
         if known != NO_ID and so_far.waits(kept):
             # To whoever reads the answers, the two were one object all along.
@@ -172,7 +169,7 @@ def announce(
         if object_id not in ids and counts[object_id] >= after:
             ids[object_id], next_id = next_id, next_id + 1
     waiting = {i: n for i, n in counts.items() if i not in ids and so_far.waits(i)}
-    return Announcements(so_far.known_below, ids, waiting, became, next_id)
+    return Announcements(so_far.known_below, ids, waiting, merged, next_id)
 
 
 def as_announced(announced: Announcements, tracks: Tracks) -> Tracks:
@@ -185,7 +182,8 @@ def as_announced(announced: Announcements, tracks: Tracks) -> Tracks:
         return tracks
     object_id = _name_rows(announced, tracks.object_id)
     waits = (tracks.object_id != NO_ID) & (object_id == NO_ID)
-    candidate_id, candidate_score = _name_candidates(announced, tracks, waits)
+    candidate_id, candidate_score = rename_candidates(tracks, announced.id_of)
+    candidate_id[waits], candidate_score[waits] = NO_ID, 0.0
     outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
     for row in range(len(tracks)):
         if outcome[row] in (Outcome.AMBIGUOUS, Outcome.PROVISIONAL_PARENT):
@@ -209,16 +207,30 @@ def as_announced(announced: Announcements, tracks: Tracks) -> Tracks:
     )
 
 
+def rename_candidates(
+    tracks: Tracks, id_of: Callable[[int], int]
+) -> tuple[Int[np.ndarray, "N C"], Float[np.ndarray, "N C"]]:
+    """Candidates and scores by other ids, each once and in order; those without an id go."""
+    ids = np.full_like(tracks.candidate_id, NO_ID)
+    scores = np.zeros_like(tracks.candidate_score)
+    for row in range(len(tracks)):
+        named = [id_of(int(one)) for one in tracks.candidate_id[row]]
+        columns = [c for c, one in enumerate(named) if one != NO_ID and one not in named[:c]]
+        ids[row, : len(columns)] = [named[c] for c in columns]
+        scores[row, : len(columns)] = tracks.candidate_score[row, columns]
+    return ids, scores
+
+
 def _was_known(announced: Announcements, object_id: int) -> bool:
     """Whether it became an object that has the same id and was seen before it."""
-    kept = announced.became.get(object_id)
+    kept = announced.merged_into.get(object_id)
     return kept is not None and announced.id_of(kept) == announced.id_of(object_id)
 
 
 def _name_rows(announced: Announcements, object_id: Int[np.ndarray, "N"]) -> Int[np.ndarray, "N"]:
     """The announced id of each row; of objects that share one, the first to have it keeps it."""
     named = np.array([announced.id_of(int(i)) for i in object_id], object_id.dtype)
-    rank = {i: place for place, i in enumerate(announced.ids)} if announced.became else {}
+    rank = {i: place for place, i in enumerate(announced.ids)} if announced.merged_into else {}
     for shared in {int(i) for i in named if i != NO_ID}:
         rows = np.flatnonzero(named == shared)
         first = min({int(i) for i in object_id[rows]}, key=lambda i: _rank(announced, rank, i))
@@ -229,17 +241,3 @@ def _name_rows(announced: Announcements, object_id: Int[np.ndarray, "N"]) -> Int
 def _rank(announced: Announcements, rank: Mapping[int, int], object_id: int) -> int:
     """When it was announced, among others."""
     return -1 if object_id < announced.known_below else rank.get(object_id, len(rank))
-
-
-def _name_candidates(
-    announced: Announcements, tracks: Tracks, waits: Bool[np.ndarray, "N"]
-) -> tuple[Int[np.ndarray, "N C"], Float[np.ndarray, "N C"]]:
-    """Announced candidates, each once, in their order; none of rows that wait."""
-    ids = np.full_like(tracks.candidate_id, NO_ID)
-    scores = np.zeros_like(tracks.candidate_score)
-    for row in np.flatnonzero(~waits):
-        named = [announced.id_of(int(i)) for i in tracks.candidate_id[row]]
-        columns = [c for c, i in enumerate(named) if i != NO_ID and i not in named[:c]]
-        ids[row, : len(columns)] = [named[c] for c in columns]
-        scores[row, : len(columns)] = tracks.candidate_score[row, columns]
-    return ids, scores

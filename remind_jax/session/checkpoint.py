@@ -36,7 +36,7 @@ from remind_jax.session.live import Tracker
 from remind_jax.tracks import Tracks
 
 EVERY_S = 10.0  # seconds between checkpoints, or more where one is expensive:
-MOST_OF_A_RUN = 0.01  # share of the time that they may take
+MAX_OF_A_RUN = 0.01  # share of the time that they may take
 FRAMES_NAME = "frames.jsonl"
 _FORMAT, _VERSION = "remind-jax checkpoint", 2
 _NOT_COMPARED = ("info.started_at", "info.class_names", "info.fps")  # of the moment, or of the end
@@ -138,7 +138,7 @@ class Checkpoints:
         files.replace_file(self._path, msgspec.json.encode(header) + b"\n")
         self._start = header.start
 
-    def go_on(
+    def resume(
         self, header: Header, tracker: Tracker, trace: TraceArchive | None
     ) -> list[tuple[Tracks, Step]]:
         """Takes the tracker to where the last checkpoint was; gives the frames until then.
@@ -169,7 +169,7 @@ class Checkpoints:
             elif trace is not None:
                 trace.take_in(path)
         if frames:
-            tracker.go_on(
+            tracker.resume(
                 frames[-1][1].attention_slots,
                 {gone: kept for _, step in frames for gone, kept in step.merges},
             )
@@ -209,7 +209,7 @@ class Checkpoints:
         tracker.save(self.folder / MEMORY_NAME, durably=True)
         self._num_kept = self._num_done
         took_s = self._clock() - begun
-        self._due = self._clock() + max(self._every_s, took_s / MOST_OF_A_RUN)
+        self._due = self._clock() + max(self._every_s, took_s / MAX_OF_A_RUN)
 
     def remove(self) -> None:
         """Removes everything, once nothing is left to go on with."""

@@ -7,6 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from remind_jax.decision import no_decisions
+from remind_jax.method import named_leaves
+from remind_jax.static import Static
+
 EARLIER_VERSION = 7  # of the schema, which is read as well
 
 Columns = Mapping[str, tuple[int, tuple[str, ...]]]  # as `method.Host.columns`
@@ -38,3 +42,10 @@ def split_columns(
                 found[part] = np.array(column, leaf.dtype, order="C")
             at += width
     return found
+
+
+def without_decisions(tensors: Mapping[str, np.ndarray], static: Static) -> dict[str, np.ndarray]:
+    """The tensors with none of the decisions of the last frame, which nothing goes on from."""
+    blank = named_leaves(no_decisions(static))
+    kept = {name: one for name, one in tensors.items() if not name.startswith("decisions.")}
+    return kept | {f"decisions.{name}": np.asarray(leaf) for name, leaf in blank}

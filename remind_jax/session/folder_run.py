@@ -25,6 +25,14 @@ from remind_jax.session.live import FEATURES_GIVEN, Tracker
 from remind_jax.sources import LiveSource
 
 
+def run_alone(loop: FrameLoop) -> Result:
+    """Tracks all frames; nothing is written."""
+    with loop.prepare() as ahead:
+        first = loop.look_at_first(ahead)
+        info = describe_run(loop, first.size, first.features is not None)
+        return loop.conclude(info, loop.consume(ahead, None))
+
+
 def run_into(
     loop: FrameLoop,
     checkpoints: Checkpoints,
@@ -57,7 +65,7 @@ def run_into(
         checkpoints.remove()
         return header
     if header is not None:
-        loop.go_on_after(header)
+        loop.resume(header)
     with loop.prepare() as ahead:
         if header is not None and loop.num_before:
             info = RunInfo.from_json(header.info)

@@ -38,7 +38,7 @@ class FrameFeatures:
         Raises:
           ConfigError: If it has no attention, which is wanted.
         """
-        if self._wants_attention(static):
+        if self._attention_heads(static) is not None:
             self._backbone.check_attention()
 
     def wants_closeups(self, choice: Literal["auto", "always", "never"]) -> bool:
@@ -77,7 +77,8 @@ class FrameFeatures:
                 frame_size=size,
             )
         images = prepared.image[None]
-        if not self._wants_attention(static):
+        heads = self._attention_heads(static)
+        if heads is None:
             features = self._backbone.extract(images, self._wanted_patches(prepared))[0]
             return FrameFeats(jax.block_until_ready(features), size)
         patches = np.flatnonzero(np.any(prepared.masks.coverage > 0, axis=0))
@@ -85,8 +86,7 @@ class FrameFeatures:
             self.attention_slots *= 2
         slots = np.full(self.attention_slots, -1, np.int32)
         slots[: len(patches)] = patches
-        heads = static.attention_heads or None
-        extracted = self._backbone.extract_with_attention(images, slots[None], heads)
+        extracted = self._backbone.extract_with_attention(images, slots[None], heads or None)
         features, paid = jax.block_until_ready(extracted)
         attention = PatchAttention(slots, paid.row_sums[0], paid.block[0])
         return FrameFeats(features[0], size, attention)
@@ -121,7 +121,7 @@ class FrameFeatures:
         square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
         return np.stack([cv2.dilate(one.view(np.uint8), square).view(bool) for one in covered])
 
-    def _wants_attention(self, static: Static) -> bool:
-        """Whether parts come from attention."""
-        wants = self._method.needs.wants_attention
-        return wants is not None and wants(static)
+    def _attention_heads(self, static: Static) -> tuple[int, ...] | None:
+        """Those whose attention the method reads; None if it reads none."""
+        of = self._method.needs.attention_heads
+        return None if of is None else of(static)

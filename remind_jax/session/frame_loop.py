@@ -105,10 +105,10 @@ class FrameLoop:
         self._identities: set[int] = set()
         self._num_detections = self._num_undecided = 0
 
-    def go_on_after(self, header: Header) -> None:
+    def resume(self, header: Header) -> None:
         """Takes the tracker to the last checkpoint of a run that was not completed."""
         assert self._checkpoints is not None
-        self._before = self._checkpoints.go_on(header, self.tracker, self._archive)
+        self._before = self._checkpoints.resume(header, self.tracker, self._archive)
         self.num_before = len(self._before)
 
     def prepare(self) -> contextlib.closing[Generator[Upcoming, None, None]]:
@@ -191,8 +191,6 @@ class FrameLoop:
     def conclude(self, info: RunInfo, complete: bool) -> Result:
         """What was found so far, by what is announced now."""
         self._note_end()
-        self._note_drops()
-        self._note_unannounced()
         announced = self.tracker.identities.announcements
         archive = self._archive
         if archive is not None and not announced.is_identity:
@@ -342,28 +340,20 @@ class FrameLoop:
             )
 
     def _note_end(self) -> None:
-        """Reports what happened to a live source after the last frame."""
-        if self._last_index is not None:
-            self._events += self._news(self._last_index)
-
-    def _note_drops(self) -> None:
-        """Reports detections that the detector found and gave up again."""
+        """Reports what is known at the end: of the source, the detector, objects without an id."""
         if self._last_index is None:
             return
+        last, told = self._last_index, self.tracker.identities
+        self._events += self._news(last)
         for reason, count in self._dropped.items():
             message = f"{count} detections were dropped by the detector: {reason} mask"
-            self._events.append(Event(self._last_index, "dropped", message))
-
-    def _note_unannounced(self) -> None:
-        """Reports objects that were not announced."""
-        told = self.tracker.identities
-        num, after = len(told.announcements.counts), told.announce_after
-        if num and self._last_index is not None:
+            self._events.append(Event(last, "dropped", message))
+        if num := len(told.announcements.counts):
             message = (
-                f"{plural(num, 'object')} without an id: detected fewer than {after} times "
-                "(--announce-after)"
+                f"{plural(num, 'object')} without an id: detected fewer than {told.announce_after} "
+                "times (--announce-after)"
             )
-            self._events.append(Event(self._last_index, "announced", message))
+            self._events.append(Event(last, "announced", message))
 
 
 def _check_same(was: Tracks, frame: Frame) -> None:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import dataclasses
 import gc
 import logging
 import os
-import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
 
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
-from remind_jax.compiled.freed_memory import return_freed_memory
 from remind_jax.compiled.packing import Packed
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
@@ -23,6 +21,7 @@ from remind_jax.masks.reduction import pad_feats, pad_masks
 from remind_jax.method import Method
 from remind_jax.observation import AnyFeats
 from remind_jax.printing.words import listing
+from remind_jax.session.ahead import PRESSED, Ahead
 from remind_jax.session.answers import Outlines, outline
 from remind_jax.session.preparation import Prepared
 from remind_jax.static import GROWTH_STEP, MOST_DETECTIONS, Static
@@ -33,10 +32,8 @@ _CAPACITIES = {
     "undecided tracks": "num_pending",
 }
 
-# Share of a capacity from which on twice of it is prepared: objects stay, the rest comes and goes.
-PRESSED = {"num_detections": 3 / 4, "num_objects": 1 / 2, "num_pending": 3 / 4}
 SETTLED_FRAMES = 100  # after which a loop that must not wait has twice of everything prepared
-MOST_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth nobody foresees
+MAX_IDLE_BYTES = 1 << 28  # of memory and step, that may lie ready for a growth nobody foresees
 
 # Frames after which freed memory goes back: what a compiler freed lies scattered, and a loop would
 # touch more and more of its pages.
@@ -47,8 +44,8 @@ _log = logging.getLogger("remind_jax")
 
 BUDGET_SHARE = 0.75  # of the memory of the device; the rest is for frames, masks and the network
 GIB = 2**30
-MOST_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
-MOST_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
+MAX_FRAME_BYTES = 1 << 29  # what follows from one frame may take so much of it; see `check_room`
+MAX_UNCOUNTED = 2048  # detections in a frame, of methods that do not count their bytes
 _GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of a container, where there is one
 
 
@@ -157,7 +154,7 @@ class GrowingMemory:
             )
         self._num_steps += 1
         if self._num_steps % _RETURN_EVERY == 0:
-            return_freed_memory()
+            _return_freed_memory()
         self.has_grown = self.static != before
         self.trace = jax.device_get(trace)
         self._look_ahead(frame_feats, prepared, thresholds, readout.occupied)
@@ -262,104 +259,7 @@ class GrowingMemory:
 
     def _is_small(self, static: Static) -> bool:
         count = self._method.host.count_bytes
-        return count is None or count(static) <= MOST_IDLE_BYTES
-
-
-class Ahead:
-    """Larger capacities at hand, and a thread that makes one thing at a time.
-
-    Attributes:
-      at_hand: Capacities whose programs are there.
-    """
-
-    def __init__(self, method: Method) -> None:
-        """Prepares nothing yet."""
-        self.at_hand: list[Static] = []
-        self._method = method
-        self._spare: tuple[Static, Any] | None = None  # an empty memory on the host
-        self._failed: set[Static] = set()
-        self._wanted: Static | None = None  # what the thread prepares
-        self._thread: threading.Thread | None = None
-
-    def start(
-        self, static: Static, compile_them: Callable[[], None] | None, with_spare: bool
-    ) -> None:
-        """Prepares capacities, unless the thread is at work, they are there, or they failed.
-
-        Args:
-          static: Capacities.
-          compile_them: Compiles their program; None if that is at hand.
-          with_spare: Make the memory as well: to get so much of the system takes several times as
-            long as to write into it what is remembered.
-        """
-        is_there = self._spare is not None and self._spare[0] == static
-        is_busy = self._thread is not None and self._thread.is_alive()
-        if is_busy or static in self._failed or (compile_them is None and is_there):
-            return
-
-        def run() -> None:
-            try:
-                if compile_them is not None:
-                    compile_them()
-                    self.at_hand.append(static)
-                if with_spare:
-                    self._spare = static, self._method.make_empty(static)
-            except Exception:  # the frame that needs these capacities will tell
-                self._failed.add(static)
-                _log.debug("could not prepare %s", static, exc_info=True)
-
-        self._wanted = static
-        # No daemon: the compiler must not be at work while the process is taken down.
-        self._thread = threading.Thread(target=run, name="remind-jax prepares capacities")
-        self._thread.start()
-
-    def is_near(self, static: Static) -> bool:
-        """Whether capacities are at hand that hold these, and of none more than twice."""
-        return any(
-            holds(one, static)
-            and all(
-                most <= GROWTH_STEP * least
-                for most, least in zip(_capacities(one), _capacities(static), strict=True)
-            )
-            for one in self.at_hand
-        )
-
-    def room_for(self, needed: Static) -> Static:
-        """The least capacities at hand that hold these, else just these.
-
-        Waits for what is in preparation if that holds them.
-        """
-        if self._wanted is not None and holds(self._wanted, needed):
-            self.finish()
-        fitting = [static for static in self.at_hand if holds(static, needed)]
-        return min(fitting, key=_capacities, default=needed)
-
-    def following(self, present: Static) -> Static | None:
-        """The least capacities at hand that hold more than these."""
-        larger = [one for one in self.at_hand if one != present and holds(one, present)]
-        return min(larger, key=_capacities, default=None)
-
-    def take_spare(self, static: Static) -> Any:
-        """The empty memory of these capacities, which is used up; None if it is not at hand."""
-        spare, self._spare = self._spare, None
-        return None if spare is None or spare[0] != static else spare[1]
-
-    def finish(self) -> None:
-        """Waits for what is in preparation."""
-        if self._thread is not None:
-            self._thread.join()
-
-
-def holds(large: Static, small: Static) -> bool:
-    """Whether capacities hold at least others, and are the same in all else."""
-    pairs = zip(_capacities(large), _capacities(small), strict=True)
-    names = dict.fromkeys(PRESSED, 1)
-    same = dataclasses.replace(large, **names) == dataclasses.replace(small, **names)
-    return same and all(most >= least for most, least in pairs)
-
-
-def _capacities(static: Static) -> tuple[int, ...]:
-    return static.num_objects, static.num_detections, static.num_pending
+        return count is None or count(static) <= MAX_IDLE_BYTES
 
 
 def check_room(method: Method, static: Static) -> None:
@@ -389,7 +289,7 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
       feature_dim: Width of the features, where `static` does not say it yet.
     """
     if method.host.count_bytes is None:
-        return max(static.num_detections, MOST_UNCOUNTED)
+        return max(static.num_detections, MAX_UNCOUNTED)
     empty = dataclasses.replace(
         static, num_objects=1, num_pending=1, feature_dim=static.feature_dim or feature_dim
     )
@@ -398,7 +298,7 @@ def most_detections(method: Method, static: Static, feature_dim: int) -> int:
         # Each may be open in one frame, and be an object beside a new one in the next.
         needed = most * GROWTH_STEP
         room = empty.grow(num_detections=needed, num_objects=2 * needed, num_pending=needed)
-        if method.host.count_bytes(room) > MOST_FRAME_BYTES:
+        if method.host.count_bytes(room) > MAX_FRAME_BYTES:
             break
         most = needed
     return most
@@ -416,3 +316,9 @@ def device_bytes() -> int:
         return min(total, int(_GROUP_LIMIT.read_text(encoding="ascii")))
     except (OSError, ValueError):  # no such group, or "max"
         return total
+
+
+def _return_freed_memory() -> None:
+    """Gives what was freed back to the system, where its C library can: that of GNU."""
+    with contextlib.suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)

@@ -43,7 +43,7 @@ class Identities:
         self._is_new_session = False
         self._most_told = _FEW_TOLD
 
-    def take_up(self, memory: SavedMemory) -> None:
+    def restore(self, memory: SavedMemory) -> None:
         """Goes on with those of a memory, in a session of its own that begins with the next frame.
 
         Objects of a memory without announcements were announced under the ids that they have there.
@@ -56,13 +56,13 @@ class Identities:
             self.announcements = Announcements()
         self.records, self._is_new_session = memory.records, True
 
-    def go_on(self, merged_into: Mapping[int, int]) -> None:
-        """After `take_up`: as if the frames of the memory had been of this session.
+    def resume(self, merged_into: Mapping[int, int]) -> None:
+        """After `restore`: as if the frames of the memory had been of this session.
 
         Args:
           merged_into: Objects that turned out to be others in them, by ids of the memory.
         """
-        self.announcements = dataclasses.replace(self.announcements, became=merged_into)
+        self.announcements = dataclasses.replace(self.announcements, merged_into=merged_into)
         self._is_new_session = False
 
     def add(
@@ -91,7 +91,7 @@ class Identities:
         for gone, kept in merges:
             old, new = before.id_of(gone), self.announcements.id_of(kept)
             if NO_ID not in (old, new) and old != new:
-                self.records.found_to_be(old, new)
+                self.records.merge_for_good(old, new)
                 message = f"object {old} turned out to be object {new}"
                 events.append(Event(decided.frame_index, "merged", message))
         self.records.note(as_announced(self.announcements, decided), image)

@@ -39,7 +39,6 @@ from remind_jax.session.memory_file import (
     SavedMemory,
     check_backbone,
     check_tracker,
-    chosen_switches,
     forget_object,
     load_memory,
     save_memory,
@@ -119,7 +118,6 @@ class Tracker(Printable):
             )
         self.backbone = backbone
         static = self.config.static
-        self.method.check_static(chosen_switches(self.config))
         if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
             raise ConfigError(
                 "static.precision is 'float64', which needs 64-bit JAX; set the environment "
@@ -375,7 +373,7 @@ class Tracker(Printable):
         """
         self._preparer.pass_over(frame, self.config)
 
-    def go_on(self, attention_slots: int, merged_into: Mapping[int, int]) -> None:
+    def resume(self, attention_slots: int, merged_into: Mapping[int, int]) -> None:
         """After `load`: as if the frames that the memory has seen had been seen here.
 
         Args:
@@ -383,7 +381,7 @@ class Tracker(Printable):
           merged_into: Objects that turned out to be others in these frames, by ids of the memory.
         """
         self._features.attention_slots = attention_slots
-        self.identities.go_on(merged_into)
+        self.identities.resume(merged_into)
         if not self._features_given:
             self._follow_profile()
 
@@ -436,7 +434,7 @@ class Tracker(Printable):
         self._memory.static = static_of(memory, self.config, path)
         self._memory.state = memory.state
         self._preparer.class_ids = {name: number for number, name in enumerate(memory.class_names)}
-        self.identities.take_up(memory)
+        self.identities.restore(memory)
 
     def __reduce__(self) -> Any:
         """Refuses to be pickled or copied."""

@@ -12,24 +12,24 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import msgspec
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from remind_jax import files
 from remind_jax.config import Config
+from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.config.keys import how_to_choose
 from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
-from remind_jax.files.records import MOST_LABEL, Small, Whole, decode_json
+from remind_jax.files.records import MOST_LABEL, check, decode_json
 from remind_jax.files.tensors import TensorEntry, read_safetensors_header
 from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
-from remind_jax.session.announcement import Announcements
-from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns
-from remind_jax.session.object_pictures import MOST_FILE_BYTES
+from remind_jax.session.announcement import Announcements, FiledAnnouncements
+from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns, without_decisions
+from remind_jax.session.object_pictures import MAX_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
 
@@ -37,8 +37,6 @@ SCHEMA_VERSION = 8
 _FORMAT = "remind-jax memory"
 _GROWN = ("num_detections", "num_objects", "num_pending", "feature_dim")  # follow the frames
 _BOUND = ("first_object_id", "precision")  # a memory has them from its start
-_PUBLISHED = Static()
-_SETTINGS = {field.name for field in dataclasses.fields(Static)}
 _PICTURES = "pictures"  # of all objects, one after another
 _RESTORE = "restore the file, or start without it"
 # As safetensors call the types of arrays.
@@ -56,17 +54,7 @@ _CODES: dict[str, type[enum.IntEnum]] = {
     "outcome": Outcome,
     "reason": Reason,
     "status": Status,
-    "status_final": Status,
 }
-
-
-class _AnnouncedRow(msgspec.Struct, frozen=True):
-    """As `Announcements.to_json` makes it."""
-
-    known_below: Whole
-    next_id: Whole
-    ids: list[tuple[Small, Whole]]
-    counts: list[tuple[Small, Whole]]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,6 +145,7 @@ def load_memory(path: str | Path) -> SavedMemory:
         raise OutputError(f"'{path}' is damaged: its checksum is another one; {_RESTORE}")
     if is_earlier:
         tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
+        tensors = without_decisions(tensors, static)
         entries = {
             name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape, (0, one.nbytes))
             for name, one in tensors.items()
@@ -189,14 +178,24 @@ def check_tracker(memory: SavedMemory, tracker: str, path: str | Path) -> None:
         )
 
 
-def chosen_switches(config: Config) -> dict[str, Any]:
-    """What a configuration chose of `static` beside capacities that follow the frames."""
+def _chosen_switches(config: Config) -> dict[str, Any]:
+    """What a configuration chose of `static` beside capacities that follow the frames, by key."""
+    switches = type(config.static.switches)()
+    published = dict(flatten_fields(Static(switches=switches)))
     return {
-        name: value
-        for name, value in dataclasses.asdict(config.static).items()
-        if name not in _GROWN
-        and (f"static.{name}" in config.chosen or value != getattr(_PUBLISHED, name))
+        key: value
+        for key, value in flatten_fields(config.static)
+        if key not in _GROWN and (f"static.{key}" in config.chosen or value != published[key])
     }
+
+
+def _with_switch(static: Static, key: str, value: Any) -> Static:
+    """The same with another value of one key, dotted."""
+    section, _, name = key.rpartition(".")
+    if not section:
+        return dataclasses.replace(static, **{name: value})
+    switches = dataclasses.replace(static.switches, **{name: value})
+    return dataclasses.replace(static, switches=switches)
 
 
 def static_of(memory: SavedMemory, config: Config, path: str | Path) -> Static:
@@ -207,17 +206,17 @@ def static_of(memory: SavedMemory, config: Config, path: str | Path) -> Static:
     Raises:
       RemindError: If one of them asks for a memory of another shape.
     """
-    asked = chosen_switches(config)
-    for name, value in asked.items():
-        made_with = getattr(memory.static, name)
-        other = dataclasses.replace(memory.static, **{name: value})
-        is_bound = name in _BOUND and value != made_with
+    static, made_with = memory.static, dict(flatten_fields(memory.static))
+    for key, value in _chosen_switches(config).items():
+        other = _with_switch(memory.static, key, value)
+        is_bound = key in _BOUND and value != made_with[key]
         if is_bound or _shape(memory.tracker, other) != _shape(memory.tracker, memory.static):
             raise RemindError(
-                f"{path} was made with static.{name} {made_with}, not {value}; leave that as it "
-                "was, or start without the memory"
+                f"{path} was made with static.{key} {made_with[key]}, not {value}; leave that as "
+                "it was, or start without the memory"
             )
-    return dataclasses.replace(memory.static, **asked)
+        static = _with_switch(static, key, value)
+    return static
 
 
 def _shape(tracker: str, static: Static) -> Any:
@@ -252,10 +251,10 @@ def _check_tensors(tensors: Mapping[str, TensorEntry], expected: Any, path: Path
     pictures = tensors.get(_PICTURES)
     if pictures is None or pictures.dtype != "U8" or len(pictures.shape) != 1:
         raise OutputError(f"'{path}' is damaged, or of another version: it lacks '{_PICTURES}'")
-    if pictures.shape[0] > MOST_FILE_BYTES:
+    if pictures.shape[0] > MAX_FILE_BYTES:
         raise OutputError(
             f"'{path}' is damaged: it holds {pictures.shape[0]} bytes of pictures; at most "
-            f"{MOST_FILE_BYTES} are kept"
+            f"{MAX_FILE_BYTES} are kept"
         )
     for name in tensors:
         if name not in leaves and name != _PICTURES:
@@ -290,20 +289,31 @@ def _read_description(
         data = metadata[name].encode("utf-8", "replace")
         return decode_json(data, record, f"{where}, '{name}'", refused=OutputError)
 
+    switches = get_method(metadata["tracker"]).switches()
+    values = read("static", dict[str, Any])
+    if "switches" in values:
+        given = values.pop("switches")
+    else:  # an earlier file names the switches of the paper's tracker in every memory
+        paper = {field.name for field in dataclasses.fields(get_method(PAPER_METHOD).switches())}
+        earlier = {name: values.pop(name) for name in paper & set(values)}
+        own = {field.name for field in dataclasses.fields(switches)}
+        given = {name: value for name, value in earlier.items() if name in own}
     try:
         static = read("static", Static)
+        switches = check(given, type(switches), f"{where}, 'static'", refused=OutputError)
     except ConfigError as error:
         raise OutputError(f"{where}, 'static': {error}") from error
-    for name in read("static", dict[str, Any]):
-        if name not in _SETTINGS:
+    known = {field.name for one in (static, switches) for field in dataclasses.fields(one)}
+    for name in (*values, *given):
+        if name not in known:
             raise OutputError(
                 f"'{path}' is damaged, or of another version: 'static' has no '{name[:100]}'"
             )
+    static = dataclasses.replace(static, switches=switches)
     names = tuple(read("class_names", list[str]))
     announced = None
     if "announced" in metadata:
-        row = read("announced", _AnnouncedRow)
-        announced = Announcements(row.known_below, dict(row.ids), dict(row.counts), {}, row.next_id)
+        announced = read("announced", FiledAnnouncements).restored()
     if static.precision == "float64" and not jax.config.read("jax_enable_x64"):
         raise OutputError(
             f"{path} was made with static.precision 'float64', which needs 64-bit JAX; set the "

@@ -16,9 +16,9 @@ from remind_jax.outputs.drawing import encode_jpeg
 from remind_jax.outputs.gallery import crop_detection, view_quality
 from remind_jax.tracks import Tracks
 
-MOST_PICTURES = 3  # of an object
+MAX_PICTURES = 3  # of an object
 PICTURE_PX = 96  # side
-MOST_FILE_BYTES = 8 << 20  # of all pictures in a memory file
+MAX_FILE_BYTES = 8 << 20  # of all pictures in a memory file
 _JPEG_QUALITY = 82
 # A view replaces another one of its visit only if it is better by this factor.
 _CLEARLY_BETTER = 1.1
@@ -69,7 +69,7 @@ class Pictures:
 
 def best_of(pictures: Iterable[Picture]) -> tuple[Picture, ...]:
     """The best ones, best first; of equals those that come first."""
-    return tuple(sorted(pictures, key=lambda one: -one.quality)[:MOST_PICTURES])
+    return tuple(sorted(pictures, key=lambda one: -one.quality)[:MAX_PICTURES])
 
 
 def fit_into(budget: int, pictures: Sequence[Sequence[Picture]]) -> list[tuple[Picture, ...]]:
@@ -80,7 +80,7 @@ def fit_into(budget: int, pictures: Sequence[Sequence[Picture]]) -> list[tuple[P
       pictures: Of each object, best first; the first object comes first.
     """
     kept: list[list[Picture]] = [[] for _ in pictures]
-    for place in range(MOST_PICTURES):
+    for place in range(MAX_PICTURES):
         for own, given in zip(kept, pictures, strict=True):
             if len(own) == place < len(given) and len(given[place].jpeg) <= budget:
                 own.append(given[place])

@@ -22,9 +22,10 @@ from remind_jax.files.records import Count, Label, Positive, Small
 from remind_jax.frame import MOST_LABEL
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.tables import firm_rows
+from remind_jax.session.announcement import rename_candidates
 from remind_jax.session.object_pictures import (
-    MOST_FILE_BYTES,
-    MOST_PICTURES,
+    MAX_FILE_BYTES,
+    MAX_PICTURES,
     Picture,
     Pictures,
     best_of,
@@ -104,9 +105,9 @@ class _Row(msgspec.Struct, frozen=True):
     last: tuple[Positive, Small]
     pictures: Annotated[
         list[tuple[Annotated[float, Meta(ge=0.0, le=1e9)], Positive]],
-        Meta(max_length=MOST_PICTURES),
+        Meta(max_length=MAX_PICTURES),
     ]  # quality and bytes of each
-    visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MOST_PICTURES)]]  # its frames, its picture
+    visit: tuple[Count, Annotated[int, Meta(ge=-1, lt=MAX_PICTURES)]]  # its frames, its picture
     now: Count = 0  # frames in the session of the last sight
 
 
@@ -185,7 +186,7 @@ class ObjectRecords:
                 num_now=len(frames),
             )
 
-    def found_to_be(self, gone: int, kept: int) -> None:
+    def merge_for_good(self, gone: int, kept: int) -> None:
         """Takes an object that the tracker found to be another one; this cannot be split again."""
         record = self._records.pop(gone, None)
         if record is not None:
@@ -350,7 +351,7 @@ class ObjectRecords:
         fitting = dict(
             zip(
                 recent,
-                fit_into(MOST_FILE_BYTES, [kept[one].pictures.best for one in recent]),
+                fit_into(MAX_FILE_BYTES, [kept[one].pictures.best for one in recent]),
                 strict=True,
             )
         )
@@ -447,15 +448,9 @@ def _as_merged(tracks: Tracks, merged_into: Mapping[int, int]) -> Tracks:
     given = tracks.object_id
     object_id = np.array([merged_into.get(int(one), int(one)) for one in given], given.dtype)
     outcome, reason = tracks.outcome.copy(), tracks.reason.copy()
-    candidate_id = np.full_like(tracks.candidate_id, NO_ID)
-    candidate_score = np.zeros_like(tracks.candidate_score)
-    for row in range(len(tracks)):
-        named = [merged_into.get(int(one), int(one)) for one in tracks.candidate_id[row]]
-        columns = [c for c, one in enumerate(named) if one != NO_ID and one not in named[:c]]
-        candidate_id[row, : len(columns)] = [named[c] for c in columns]
-        candidate_score[row, : len(columns)] = tracks.candidate_score[row, columns]
-        if outcome[row] == Outcome.AMBIGUOUS and len(columns) == 1:
-            outcome[row] = Outcome.PROVISIONAL_PARENT
+    candidate_id, candidate_score = rename_candidates(tracks, lambda one: merged_into.get(one, one))
+    is_one = np.sum(candidate_id != NO_ID, axis=1) == 1
+    outcome[is_one & (outcome == Outcome.AMBIGUOUS)] = Outcome.PROVISIONAL_PARENT
     for shared in {int(one) for one in object_id if one != NO_ID}:
         rows = np.flatnonzero(object_id == shared)
         best = rows[np.argmax(tracks.score[rows])]

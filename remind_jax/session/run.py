@@ -12,7 +12,7 @@ from remind_jax import files
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
-from remind_jax.detectors import DetectorOptions, as_detector
+from remind_jax.detectors import Detector, DetectorOptions, as_detector
 from remind_jax.errors import (
     ConfigError,
     OptionError,
@@ -33,7 +33,7 @@ from remind_jax.outputs.writer import (
 )
 from remind_jax.session.announcement import choose_after
 from remind_jax.session.checkpoint import Checkpoints
-from remind_jax.session.folder_run import describe_run, run_into
+from remind_jax.session.folder_run import run_alone, run_into
 from remind_jax.session.frame_loop import FrameLoop
 from remind_jax.session.live import Tracker
 from remind_jax.session.progress import Progress, follow_run
@@ -42,7 +42,7 @@ from remind_jax.sources import LiveSource, Sampling, Source, open_source
 from remind_jax.sources.opening import NO_MASKS, check_options
 from remind_jax.sources.source import SampledSource
 
-_MOST_DELAY = 1_000_000  # frames
+_MAX_DELAY = 1_000_000  # frames
 
 
 def run(
@@ -107,8 +107,8 @@ def run(
         and options must be those that it was begun with. A complete run is given back as it is, an
         empty folder gets a new run.
       mcap: Record for Foxglove (`.mcap`); needs `out`.
-      record: Folder or lossless video (`.mkv`) that gets the frames as they were seen, and their
-        detections, so that a live run can be repeated.
+      record: Folder that gets the frames as they were seen, and their detections, so that a live
+        run can be repeated.
       live: True shows the run on a page that only this machine sees; `"HOST:PORT"` on one at that
         address.
       on_live: Gets the address of the page once it is there; printed to standard error if left
@@ -141,48 +141,31 @@ def run(
         check_switch(name, value)
     check_function("on_live", on_live)
     check_function("progress", None if isinstance(progress, bool) else progress)
-    _check_resume(out, overwrite, resume, record)
-    if mcap is not None and out is None:
-        raise OptionError("'mcap' records a run that is written to a folder; give out", "mcap")
     if live is not False:
         parse_where(live)
-    recorded = None if record is None else FrameRecord(record, overwrite)
-    if out is not None:
-        out = as_path(out, "the output folder", OutputError)
-        check_folder(out, overwrite, resume)
-        if recorded is not None and not recorded.target.suffix:
-            _keep_record_apart(recorded.target, out)
-    network, config_file = detector, config
-    detector = as_detector(detector, detector_options)
+    folder, recorded = _check_outputs(out, record, mcap, overwrite, resume)
+    found_by = as_detector(detector, detector_options)
     backbone = open_backbone(
         backbone, weights=weights, feature_cache=feature_cache, quiet=progress is False
     )
-    config = load_config(config)
-    after = choose_after(announce_after, config.input.announce_after, detector is not None)
-    tracking = Tracker(config, backbone, tracker=tracker, trace=trace, announce_after=after)
+    settings = load_config(config)
+    after = choose_after(announce_after, settings.input.announce_after, found_by is not None)
+    tracking = Tracker(settings, backbone, tracker=tracker, trace=trace, announce_after=after)
     if memory is not None:
         tracking.load(memory)
     frames = open_source(
         source, masks=masks, sampling=sampling, metadata=metadata, **source_options
     )
-    if resume and isinstance(frames, LiveSource):
-        raise OutputError(
-            f"'{frames.name}' is live and cannot be gone back in; start a new run into another "
-            f"folder, and go on from what is remembered with memory='{out}/{MEMORY_NAME}' (or "
-            f"'{out}/{CHECKPOINT_NAME}/{MEMORY_NAME}' after a crash)"
-        )
-    if isinstance(frames, SampledSource):
-        frames.most_detections = tracking.most_detections
-    if isinstance(frames, LiveSource) and detector is None and not frames.brings_masks:
-        raise SourceError(f"'{frames.name}' brings no masks; give a detector")
-    if out is not None:
-        _keep_apart(out, frames, mcap, masks, metadata, weights, config_file, network)
+    _check_source(frames, tracking, found_by, folder if resume else None)
+    if folder is not None:
+        _keep_apart(folder, frames, mcap, masks, metadata, weights, config, detector)
     # Pictures cannot be written anew, so frames wait until most objects that will be announced are:
     # detectors miss them now and then, hence twice the detections that it takes.
     waiting = max(0, 2 * after - delay) if after > 1 else 0
-    delayed = _delay_answers(tracking, delay)
-    checkpoints = None if out is None else Checkpoints(Path(out))
-    loop = FrameLoop(tracking, frames, detector, delayed, waiting, checkpoints)
+    checkpoints = None if folder is None else Checkpoints(folder)
+    loop = FrameLoop(
+        tracking, frames, found_by, _delay_answers(tracking, delay), waiting, checkpoints
+    )
     with contextlib.ExitStack() as stack:
         if live is not False:
             loop.view = stack.enter_context(_open_page(frames, live, on_live))
@@ -190,30 +173,69 @@ def run(
             loop.record = stack.enter_context(recorded)
         loop.progress = stack.enter_context(follow_run(progress, frames.name, frames.num_frames))
         if checkpoints is None:
-            with loop.prepare() as ahead:
-                first = loop.look_at_first(ahead)
-                info = describe_run(loop, first.size, first.features is not None)
-                return loop.conclude(info, loop.consume(ahead, None))
-        with files.locked(checkpoints.run_folder):
-            return run_into(
-                loop,
-                checkpoints,
-                {"delay": delay, "trace": trace},
-                overlay=overlay,
-                overwrite=overwrite,
-                resume=resume,
-                viewers=_open_viewers(mcap),
-            )
+            return run_alone(loop)
+        stack.enter_context(files.locked(checkpoints.run_folder))
+        return run_into(
+            loop,
+            checkpoints,
+            {"delay": delay, "trace": trace},
+            overlay=overlay,
+            overwrite=overwrite,
+            resume=resume,
+            viewers=_open_viewers(mcap),
+        )
 
 
-def _check_resume(out: Any, overwrite: bool, resume: bool, record: Any) -> None:
-    """Refuses to go on with nothing, or with what is to be removed."""
-    if resume and out is None:
-        raise OptionError("'resume' goes on with the run in a folder; give out", "resume")
+def _check_outputs(
+    out: Any, record: Any, mcap: Any, overwrite: bool, resume: bool
+) -> tuple[Path | None, FrameRecord | None]:
+    """The folder of the run and the record of its frames, if there are any; nothing is changed."""
+    needs_folder = {"resume": ("goes on with the run in a folder", resume)}
+    needs_folder["mcap"] = ("records a run that is written to a folder", mcap is not None)
+    for name, (what, is_given) in needs_folder.items():
+        if is_given and out is None:
+            raise OptionError(f"'{name}' {what}; give out", name)
     if resume and overwrite:
         raise OptionError("'resume' and 'overwrite' exclude each other; give one", "resume")
     if resume and record is not None:
         raise OptionError("'record' would lack the frames before 'resume'; leave it out", "record")
+    recorded = None if record is None else FrameRecord(record, overwrite)
+    if out is None:
+        return None, recorded
+    folder = as_path(out, "the output folder", OutputError)
+    check_folder(folder, overwrite, resume)
+    # The record of detections has the same name in both.
+    if recorded is not None and recorded.target.absolute() == folder.absolute():
+        raise OptionError(
+            "'record' and 'out' are the same folder; give the frames a folder of their own",
+            *("record", "out"),
+        )
+    return folder, recorded
+
+
+def _check_source(
+    frames: Source, tracking: Tracker, detector: Detector | None, resumed: Path | None
+) -> None:
+    """Refuses live sources that nobody finds anything in, or that a run would go on with.
+
+    Args:
+      frames: The source, which is told how many detections a frame may have.
+      tracking: Says how many.
+      detector: Finds detections; None if the source brings them.
+      resumed: Folder of the run that is gone on with, if one is.
+    """
+    if isinstance(frames, SampledSource):
+        frames.most_detections = tracking.most_detections
+    if not isinstance(frames, LiveSource):
+        return
+    if resumed is not None:
+        raise OutputError(
+            f"'{frames.name}' is live and cannot be gone back in; start a new run into another "
+            f"folder, and go on from what is remembered with memory='{resumed}/{MEMORY_NAME}' (or "
+            f"'{resumed}/{CHECKPOINT_NAME}/{MEMORY_NAME}' after a crash)"
+        )
+    if detector is None and not frames.brings_masks:
+        raise SourceError(f"'{frames.name}' brings no masks; give a detector")
 
 
 def _keep_apart(out: Path, frames: Source, mcap: Any, *others: Any) -> None:
@@ -221,25 +243,12 @@ def _keep_apart(out: Path, frames: Source, mcap: Any, *others: Any) -> None:
     arguments = frames.describe().get("reopen") or {}
     inputs = [arguments.get(name) for name in ("spec", "masks", "metadata")]
     # Words that name something else, such as "default", are no paths.
-    inputs += [path for path in others if _is_there(path)]
+    inputs += [one for one in others if isinstance(one, (str, Path)) and Path(one).exists()]
     inputs = [path for path in inputs if path != NO_MASKS]
     is_ours = not out.is_dir() or not any(out.iterdir()) or holds_run(out)
     files.refuse_folder(out, inputs, is_ours=is_ours)
     if mcap is not None:
         files.refuse_file(as_path(mcap, "the record", OutputError), inputs)
-
-
-def _keep_record_apart(record: Path, out: Path) -> None:
-    """Refuses frames in the folder of a run, whose record of detections has the same name."""
-    if record.absolute() == out.absolute():
-        raise OptionError(
-            "'record' and 'out' are the same folder; give the frames a folder of their own",
-            *("record", "out"),
-        )
-
-
-def _is_there(path: Any) -> bool:
-    return isinstance(path, (str, Path)) and Path(path).exists()
 
 
 def _open_viewers(mcap: str | Path | None) -> list[ViewerRecord]:
@@ -267,7 +276,7 @@ def _open_page(
 
 def _delay_answers(tracker: Tracker, delay: int) -> Any:
     """What revises answers, None if they are given at once."""
-    check_option("delay", delay, 0, _MOST_DELAY)
+    check_option("delay", delay, 0, _MAX_DELAY)
     if not delay:
         return None
     if tracker.method.host.delayed is None:

@@ -81,7 +81,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "weight": (0.0, 1e4),
 }
 # By unit, the largest count that fixes shapes. What is nested or unrolled takes time without end.
-MOST_COUNTS: dict[str, int] = {
+MAX_COUNTS: dict[str, int] = {
     "candidates": 1024,
     "clusters": 64,
     "clusters: fewest, most": 64,
@@ -104,8 +104,8 @@ MOST_COUNTS: dict[str, int] = {
 }
 
 
-_MOST_LISTED = 10_000
-_MOST_CHARACTERS = 200  # of a name
+_MAX_LISTED = 10_000
+_MAX_CHARACTERS = 200  # of a name
 
 
 def range_of(record: Setting) -> tuple[float, float]:
@@ -134,7 +134,7 @@ def check_count(name: str, value: Any, record: Setting) -> None:
       ConfigError: If it is larger than supported.
     """
     if isinstance(value, int) and not isinstance(value, bool):
-        most = MOST_COUNTS.get(record.unit, math.inf) if record.most is None else record.most
+        most = MAX_COUNTS.get(record.unit, math.inf) if record.most is None else record.most
         _check(name, value, -math.inf, most, record.why)
 
 
@@ -214,7 +214,9 @@ def check_fields(settings: Any, section: str) -> None:
         name, arguments = f"{section}.{field.name}", typing.get_args(kind)
         if typing.get_origin(kind) is typing.Literal and value not in arguments:
             raise ConfigError(f"{name} is {value!r}; allowed: {', '.join(map(str, arguments))}")
-        record = field.metadata["setting"]
+        record = field.metadata.get("setting")
+        if record is None:
+            continue
         if kind is int and not _is_count(value, 1 if record.least is None else record.least):
             sign = "positive " if record.least is None else ""
             raise ConfigError(f"{name} is {value!r}; it must be a {sign}whole number")
@@ -229,17 +231,17 @@ def check_fields(settings: Any, section: str) -> None:
 def _check_list(name: str, values: Any, kind: type) -> None:
     """Names, or numbers from 0 on, in a tuple of any length."""
     is_one = _is_name if kind is str else lambda value: _is_count(value, 0)
-    if not isinstance(values, tuple) or len(values) > _MOST_LISTED:
-        raise ConfigError(f"{name} must be a list of at most {_MOST_LISTED} entries")
+    if not isinstance(values, tuple) or len(values) > _MAX_LISTED:
+        raise ConfigError(f"{name} must be a list of at most {_MAX_LISTED} entries")
     for value in values:
         if not is_one(value):
-            names = f"names of 1 to {_MOST_CHARACTERS} characters"
+            names = f"names of 1 to {_MAX_CHARACTERS} characters"
             what = names if kind is str else "numbers from 0 on"
             raise ConfigError(f"{name} holds {reprlib.repr(value)}; it must be a list of {what}")
 
 
 def _is_name(value: Any) -> bool:
-    return isinstance(value, str) and 0 < len(value) <= _MOST_CHARACTERS
+    return isinstance(value, str) and 0 < len(value) <= _MAX_CHARACTERS
 
 
 def _are_two_counts(value: Any) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from remind_jax.sweeps.bench import SceneBench as SceneBench
 from remind_jax.sweeps.bench import sweep as sweep
 from remind_jax.sweeps.cross_validation import cross_validate as cross_validate
-from remind_jax.sweeps.cross_validation import cross_validate_choice as cross_validate_choice
 from remind_jax.sweeps.result import Standing as Standing
 from remind_jax.sweeps.result import SweepResult as SweepResult
 from remind_jax.sweeps.scene_arrays import StackedScene as StackedScene

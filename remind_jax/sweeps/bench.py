@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import Backbone
 from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields
-from remind_jax.errors import SweepError, nearest_names
+from remind_jax.errors import SweepError
 from remind_jax.method import get_method
 from remind_jax.settings.ranges import check_option
 from remind_jax.sources import Sampling, Source, open_source
@@ -31,7 +30,7 @@ from remind_jax.sweeps.settings import (
 from remind_jax.sweeps.worker import Progress, Worker, group_by_description
 
 DEFAULT_BUDGET_GIB = 2.0
-MOST_GIB, MOST_BATCH, MOST_WORKERS = 1e5, 100_000, 10_000
+MAX_GIB, MAX_BATCH, MAX_WORKERS = 1e5, 100_000, 10_000
 
 
 class SceneBench:
@@ -63,8 +62,8 @@ class SceneBench:
           RemindError: If a scene or the configuration is not accepted.
         """
         check_options(source_options, type(self))
-        check_option("memory_gib", memory_gib, 1e-3, MOST_GIB, whole=False)
-        for name, value, most in (("batch", batch, MOST_BATCH), ("workers", workers, MOST_WORKERS)):
+        check_option("memory_gib", memory_gib, 1e-3, MAX_GIB, whole=False)
+        for name, value, most in (("batch", batch, MAX_BATCH), ("workers", workers, MAX_WORKERS)):
             if value is not None:
                 check_option(name, value, 1, most)
         self._config = load_config(config)
@@ -92,21 +91,6 @@ class SceneBench:
     def tracker(self) -> str:
         """Name of the method whose thresholds settings are about."""
         return self._config.tracker
-
-    def only(self, scenes: Sequence[str]) -> SceneBench:
-        """The same bench with some of its scenes; what is read and found is shared.
-
-        Raises:
-          SweepError: If there is no such scene.
-        """
-        for name in scenes:
-            if name not in self._sources:
-                raise SweepError(
-                    f"there is no scene {name!r}; {nearest_names(name, self._sources)}"
-                )
-        fewer = copy.copy(self)
-        fewer._sources = {name: self._sources[name] for name in scenes}
-        return fewer
 
     def check_space(self, space: Mapping[str, Iterable[Value]]) -> None:
         """Checks what settings will be made of (`settings.check_space`)."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,9 +13,6 @@ from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.sweeps.result import SweepResult, markdown_table, mean_known, show_setting
 from remind_jax.sweeps.search import GIVEN
 from remind_jax.sweeps.settings import Setting
-
-if TYPE_CHECKING:
-    from remind_jax.sweeps.bench import SceneBench
 
 Interval = tuple[float, float]
 
@@ -124,8 +120,7 @@ def choose_without(result: SweepResult, scene: str, metric: str = "IDF1") -> int
 def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation:
     """Chooses among the settings of a sweep on all scenes but one, and reports on that one.
 
-    For grids and random settings, which do not depend on the scenes. What a search proposes does:
-    see `cross_validate_choice`.
+    For grids and random settings, which do not depend on the scenes; what a search proposes does.
 
     Args:
       result: Rows of at least two scenes; the setting `{}` in it is what gains are counted from,
@@ -150,32 +145,4 @@ def cross_validate(result: SweepResult, metric: str = "IDF1") -> CrossValidation
                 float(table[given, held_out]),
             )
         )
-    return CrossValidation(metric, tuple(folds))
-
-
-def cross_validate_choice(
-    bench: SceneBench, choose: Callable[[SceneBench], Setting], metric: str = "IDF1"
-) -> CrossValidation:
-    """Lets a search choose a setting on all scenes but one, and reports on that one.
-
-        cross_validate_choice(bench, lambda others: search(others, space).best()[0].setting)
-
-    Args:
-      bench: At least two scenes.
-      choose: Finds a setting on the scenes that it is given.
-      metric: Score to report.
-
-    Raises:
-      SweepError: If there are fewer than two scenes, or there is no such score.
-    """
-    if len(bench.scenes) < 2:
-        raise SweepError("cross-validation needs at least two scenes; give more of them")
-    folds = []
-    for scene in bench.scenes:
-        others = bench.only([name for name in bench.scenes if name != scene])
-        setting = choose(others)
-        seen, unseen = others.run([setting]), bench.only([scene]).run([setting, GIVEN])
-        chosen_score = seen.best(metric)[0].scores[metric] if seen.best(metric) else math.nan
-        score, given_score = (standing.scores[metric] for standing in unseen.standings())
-        folds.append(Fold(scene, setting, chosen_score, score, given_score))
     return CrossValidation(metric, tuple(folds))

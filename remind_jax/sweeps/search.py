@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from remind_jax.sweeps.bench import SceneBench
 
 Space = Mapping[str, Sequence[Value]]  # as in `settings.draw`
-SamplerName = Literal["tpe", "cmaes", "random", "nsga2"]
+SamplerName = Literal["tpe", "nsga2"]
 
 HIGH_IS_GOOD = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery", "Firm")
 LOW_IS_GOOD = ("Ambiguous", "Provisional")
@@ -45,8 +45,8 @@ def search(
       bench: What settings are tried on.
       space: By threshold, the least and the largest value, or three or more to choose from.
       number: Settings to try.
-      at_once: Settings proposed together; a generation of "cmaes" and "nsga2".
-      sampler: Who proposes: "tpe", "cmaes" (one objective), "random" or "nsga2".
+      at_once: Settings proposed together; a generation of "nsga2".
+      sampler: Who proposes: "tpe" or "nsga2".
       objectives: Scores; several of them are traded against each other (`SweepResult.pareto`).
       seed: Same seed, same settings.
 
@@ -110,11 +110,8 @@ def _open_study(
     for name in objectives:
         if name not in known:
             raise SweepError(f"{name!r} is no objective; {nearest_names(name, known)}")
-    if not objectives or (sampler == "cmaes" and len(objectives) > 1):
-        raise SweepError(
-            f"sampler {sampler!r} cannot search for {len(objectives)} objectives; give one, or "
-            "take nsga2 for several"
-        )
+    if not objectives:
+        raise SweepError("a search has no objective; give at least one")
     level = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
@@ -134,16 +131,9 @@ def _make_sampler(name: SamplerName, at_once: int, seed: int) -> Any:
         if name == "tpe":
             # The constant liar keeps settings of one batch apart.
             return optuna.samplers.TPESampler(seed=seed, constant_liar=True)
-        if name == "random":
-            return optuna.samplers.RandomSampler(seed)
         if name == "nsga2":
             return optuna.samplers.NSGAIISampler(population_size=max(2, at_once), seed=seed)
-        if name == "cmaes":
-            return optuna.samplers.CmaEsSampler(
-                seed=seed, popsize=max(2, at_once), warn_independent_sampling=False
-            )
-    names = ("tpe", "cmaes", "random", "nsga2")
-    raise SweepError(f"there is no sampler {name!r}; {nearest_names(name, names)}")
+    raise SweepError(f"there is no sampler {name!r}; {nearest_names(name, ('tpe', 'nsga2'))}")
 
 
 def _propose(trial: optuna.Trial, space: Space) -> Setting:

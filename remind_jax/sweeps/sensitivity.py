@@ -14,7 +14,7 @@ from remind_jax.method import PAPER_METHOD
 from remind_jax.settings.ranges import check_option
 from remind_jax.sweeps.result import SweepResult, markdown_table
 from remind_jax.sweeps.search import GIVEN, Space
-from remind_jax.sweeps.settings import MOST_SETTINGS, Setting, Value
+from remind_jax.sweeps.settings import MAX_SETTINGS, Setting, Value
 
 if TYPE_CHECKING:
     from remind_jax.sweeps.bench import SceneBench
@@ -108,7 +108,7 @@ def move_one_at_a_time(
     Raises:
       SweepError: If there is no such score, or no space for the tracker.
     """
-    check_option("number", number, 2, MOST_SETTINGS)
+    check_option("number", number, 2, MAX_SETTINGS)
     space = space or space_of(bench.tracker)
     bench.check_space(space)
     values = {name: spread(ends, number) for name, ends in space.items()}

@@ -33,11 +33,11 @@ Value = float | int | bool
 Setting = dict[str, Value]
 
 _ORIGIN = "a setting of the sweep"
-MOST_SETTINGS = 100_000  # of one sweep
-_MOST_BYTES = 64 << 20  # of a file of settings
+MAX_SETTINGS = 100_000  # of one sweep
+_MAX_BYTES = 64 << 20  # of a file of settings
 _LARGEST = 3e38  # in single precision
 _DECIMAL = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[-+]?[0-9]+)?")
-_Rows: Any = Annotated[list[dict[str, Any]], msgspec.Meta(max_length=MOST_SETTINGS)]
+_Rows: Any = Annotated[list[dict[str, Any]], msgspec.Meta(max_length=MAX_SETTINGS)]
 
 
 def grid(space: Mapping[str, Iterable[Value]]) -> list[Setting]:
@@ -51,9 +51,9 @@ def grid(space: Mapping[str, Iterable[Value]]) -> list[Setting]:
         if not several:
             raise ConfigError(f"{name} has no values to sweep over; give at least one")
     size = int(np.prod([float(len(several)) for several in values.values()]))
-    if size > MOST_SETTINGS:
+    if size > MAX_SETTINGS:
         raise ConfigError(
-            f"the grid has {size} settings, at most {MOST_SETTINGS} are allowed; draw settings at "
+            f"the grid has {size} settings, at most {MAX_SETTINGS} are allowed; draw settings at "
             "random or give fewer values"
         )
     return [
@@ -70,7 +70,7 @@ def as_settings(given: Any) -> list[Setting]:
     if isinstance(given, Mapping):
         return grid(given)
     if isinstance(given, Iterable) and not isinstance(given, (str, bytes)):
-        return list(itertools.islice(given, MOST_SETTINGS + 2))
+        return list(itertools.islice(given, MAX_SETTINGS + 2))
     raise ConfigError(
         f"settings are {reprlib.repr(given)}; give values by threshold, or a list of settings"
     )
@@ -79,7 +79,7 @@ def as_settings(given: Any) -> list[Setting]:
 def _as_list(name: str, values: Any) -> list[Value]:
     if not isinstance(values, Iterable) or isinstance(values, (str, bytes)):
         raise ConfigError(f"{name} has {reprlib.repr(values)} for values; give a list of them")
-    return list(itertools.islice(values, MOST_SETTINGS + 1))
+    return list(itertools.islice(values, MAX_SETTINGS + 1))
 
 
 def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> list[Setting]:
@@ -93,8 +93,8 @@ def draw(space: Mapping[str, Sequence[Value]], number: int, seed: int = 0) -> li
     Raises:
       ConfigError: If the number is out of range, or a range has no values.
     """
-    if not 0 < number <= MOST_SETTINGS:
-        raise ConfigError(f"{number} settings cannot be drawn; give 1 to {MOST_SETTINGS}")
+    if not 0 < number <= MAX_SETTINGS:
+        raise ConfigError(f"{number} settings cannot be drawn; give 1 to {MAX_SETTINGS}")
     for name, values in space.items():
         if not len(values) or (_is_range(values) and values[0] > values[1]):
             raise ConfigError(
@@ -157,9 +157,9 @@ def _read_range(text: str) -> list[Value]:
         raise ConfigError(f"{text!r} is no range; write first:last:step with a step above 0")
     first, last, step = parts
     count = math.floor((last - first) / step + 1e-9) + 1
-    if not 0 < count <= MOST_SETTINGS:
+    if not 0 < count <= MAX_SETTINGS:
         raise ConfigError(
-            f"{text!r} has {max(0, count)} values; 1 to {MOST_SETTINGS} are allowed, so write "
+            f"{text!r} has {max(0, count)} values; 1 to {MAX_SETTINGS} are allowed, so write "
             "first:last:step with first up to last and a larger step"
         )
     whole = all(isinstance(part, int) for part in parts)
@@ -171,7 +171,7 @@ def read_settings(path: str | Path) -> list[Setting]:
     """Settings of a CSV file with one column per threshold, or a JSON file with a list of them."""
     path = Path(path)
     if path.suffix.lower() == ".json":
-        rows = records.read_json(path, _Rows, refused=ConfigError, most_bytes=_MOST_BYTES)
+        rows = records.read_json(path, _Rows, refused=ConfigError, most_bytes=_MAX_BYTES)
         settings = [dict(flatten(row)) for row in rows]
     else:
         settings = _read_table(path)
@@ -201,15 +201,15 @@ def _read_table(path: Path) -> list[Setting]:
     import csv
 
     try:
-        text = files.read_text(path, _MOST_BYTES)
-        rows = list(itertools.islice(csv.reader(text.splitlines(), strict=True), MOST_SETTINGS + 2))
+        text = files.read_text(path, _MAX_BYTES)
+        rows = list(itertools.islice(csv.reader(text.splitlines(), strict=True), MAX_SETTINGS + 2))
     except OSError as error:
         raise ConfigError(f"cannot read settings from '{path}': {error.strerror}") from error
     except csv.Error as error:
         raise ConfigError(f"'{path}' is no CSV file: {error}") from error
     names, *rows = ([unguard_cell(cell) for cell in row] for row in rows or [[]])
-    if len(rows) > MOST_SETTINGS:
-        raise ConfigError(f"'{path}' holds more than {MOST_SETTINGS} settings; sweep over fewer")
+    if len(rows) > MAX_SETTINGS:
+        raise ConfigError(f"'{path}' holds more than {MAX_SETTINGS} settings; sweep over fewer")
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
     if twice is not None:
         raise ConfigError(f"'{path}' has the column {twice!r} twice; name every threshold once")
@@ -245,9 +245,9 @@ def complete(settings: Sequence[Mapping[str, Value]], config: Config) -> list[Se
     """
     if not settings:
         raise ConfigError("there are no settings to sweep over; give at least one")
-    if len(settings) > MOST_SETTINGS + 1:  # beside the configuration as it stands
+    if len(settings) > MAX_SETTINGS + 1:  # beside the configuration as it stands
         raise ConfigError(
-            f"there are {len(settings)} settings to sweep over; at most {MOST_SETTINGS} are allowed"
+            f"there are {len(settings)} settings to sweep over; at most {MAX_SETTINGS} are allowed"
         )
     for setting in settings:
         if not isinstance(setting, Mapping) or not all(isinstance(name, str) for name in setting):

@@ -41,8 +41,8 @@ _HEIGHTS_M = (0.5, 1.9)
 _MARGIN_RAD = np.radians(8.0)  # beyond the sides of the field of view
 _VISIT_FRAMES = (25, 60)
 _ABSENCE_FRAMES = (12, 70)
-_MOST_TURN_RAD = np.radians(1.5)  # per frame
-_MOST_CURVE_M = 0.5  # by which the middle of a way is off the straight line
+_MAX_TURN_RAD = np.radians(1.5)  # per frame
+_MAX_CURVE_M = 0.5  # by which the middle of a way is off the straight line
 _LAMP_COLOR = np.array([1.06, 1.0, 0.9], np.float32)
 _WINDOW_COLOR = np.array([0.86, 0.97, 1.14], np.float32)
 _KEY = 0.3  # mean linear brightness that the exposure aims at
@@ -269,9 +269,9 @@ def _draw_way(
         yaw = pose.yaw_rad + angle
         x, y = np.array(pose.position_m[:2]) + depth * np.array([np.cos(yaw), np.sin(yaw)])
         ends.append(np.array([x, y, rng.uniform(*_HEIGHTS_M)]))
-    middle = (ends[0] + ends[1]) / 2 + rng.uniform(-1, 1, 3) * _MOST_CURVE_M * (1, 1, 0.6)
+    middle = (ends[0] + ends[1]) / 2 + rng.uniform(-1, 1, 3) * _MAX_CURVE_M * (1, 1, 0.6)
     half = (start + end) // 2
-    yaw, turn = float(rng.uniform(-0.6, 0.6)), float(rng.uniform(-1, 1) * _MOST_TURN_RAD)
+    yaw, turn = float(rng.uniform(-0.6, 0.6)), float(rng.uniform(-1, 1) * _MAX_TURN_RAD)
     pieces = []
     for first, last, begin, finish in (
         (ends[0], middle, start, half),

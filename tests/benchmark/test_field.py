@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import field
-from benchmarks.field_page import write_figures, write_tables
-from benchmarks.field_peers import environments
+from benchmarks.field_page import write_tables
 from benchmarks.field_peers.neutral import identities, read
 from benchmarks.field_scoring import judge, pool, truth_of
 from benchmarks.field_worlds import COVERED, OTHER, Pictures, Question, Trial, questions
@@ -75,11 +74,6 @@ def test_who_is_taken_for_another_is_told_apart_from_who_is_new(trial):
     assert found["another"] == pytest.approx(200 / 3)
 
 
-def test_one_name_for_all_recovers_one(trial):
-    found = scores(trial, lambda frame, who: 7)
-    assert found["recovery"] == pytest.approx(100 / 3)
-
-
 def test_frames_have_the_detections_of_their_pictures(trial):
     frames = list(trial.frames())
     assert [frame.index for frame in frames] == list(range(BEFORE + AWAY + AFTER))
@@ -112,40 +106,6 @@ def test_the_others_get_every_frame_and_no_truth(trial, tmp_path):
     assert int(seen[1].picture.max()) == 1  # the second picture
     assert int(seen[BEFORE + 1].picture.max()) == 40  # covered
     assert identities(3, [2, 0], [5, 6]).tolist() == [6, -1, 5]
-
-
-def test_a_package_that_cannot_be_had_is_absent(tmp_path, monkeypatch):
-    folder = tmp_path / "environments"
-    folder.write_text("a file")
-    peer = environments.Peer("nobody", ("nothing",), "none")
-    with pytest.raises(environments.AbsentError, match="no environment could be made"):
-        environments.prepare(peer, folder)
-    with pytest.raises(environments.AbsentError, match="running failed"):
-        environments.ask(peer, sys.executable, tmp_path, tmp_path / "out")
-
-
-def test_tables_and_figures_are_written(tmp_path):
-    rows = [
-        {"contender": who, "varied": asked.varied, "world": asked.world, "value": asked.value}
-        | dict.fromkeys(("idf1", "recovery", "hard", "another", "ids", "unanswered"), 50.0)
-        for who in ("ours", "X (p), published", "X (p), open")
-        for asked in questions()
-    ]
-    rows += [{**row, "varied": "all", "world": "all"} for row in rows[:: len(questions())]]
-    contenders = {
-        "ours": {"setting": "ours"},
-        "X (p), published": {"setting": "published", "peer": "p"},
-        "X (p), open": {"setting": "open", "peer": "p", "error": "it broke"},
-    }
-    result = {"rows": rows, "contenders": contenders, "versions": {"p": {"p": "1.0"}}}
-    result["absent"] = {"q": "no such package"}
-    tables = write_tables(result)
-    assert "| **ours** | 50.0 |" in tables["all"]
-    assert "absent: no such package" in tables["peers"]
-    assert "failed: it broke" in tables["peers"]
-    pytest.importorskip("matplotlib")
-    for file in write_figures(result, tmp_path):
-        assert file.read_text().startswith("<?xml")
 
 
 def test_the_page_has_a_place_for_every_table():

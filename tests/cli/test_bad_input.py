@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import json
 import logging
 import re
 import resource
-import tarfile
 
 import cv2
 import numpy as np
 import pytest
 
 from remind_jax.outputs.result import Result
-from remind_jax.session.live import Tracker
 from tests.cli import scenes
 
 
@@ -40,11 +37,6 @@ def test_missing_file_suggests_the_nearest_name(command, tmp_path):
     assert_refused(command("run", "room.mp4"), "room.mp4", "does not exist", "rooms.mp4")
 
 
-def test_file_that_is_no_video(command, tmp_path):
-    (tmp_path / "rooms.mp4").write_bytes(b"no video at all")
-    assert_refused(command("run", "rooms.mp4"), "rooms.mp4", "cannot be opened as a video")
-
-
 def test_truncated_video_is_tracked_up_to_its_end(command, tmp_path):
     num = 24
     video = scenes.write_video(tmp_path / "rooms.mp4", num)
@@ -55,20 +47,6 @@ def test_truncated_video_is_tracked_up_to_its_end(command, tmp_path):
     assert outcome.stderr == ""
     assert 0 < summary["frames"] < num
     assert summary["skipped_frames"] == num - summary["frames"]
-
-
-def test_video_without_a_decodable_frame(command, tmp_path):
-    video = scenes.write_video(tmp_path / "rooms.mp4", 4)
-    content = bytearray(video.read_bytes())
-    start = content.index(b"mdat") + 4
-    content[start:] = bytes(len(content) - start)
-    video.write_bytes(content)
-    assert_refused(command("run", video), "rooms.mp4", "no frame")
-
-
-def test_folder_without_frames(command, tmp_path):
-    (tmp_path / "images").mkdir()
-    assert_refused(command("run", "images"), "images")
 
 
 def test_corrupt_image_in_the_middle_is_skipped_counted_and_reported(command, scene):
@@ -97,18 +75,8 @@ def test_mask_of_another_size(command, scene):
     assert names <= {path.name for path in (scene[0].parent.parent / "out").iterdir()}
 
 
-def test_mask_ids_without_class(command, tmp_path):
-    images, masks = scenes.write_scene(tmp_path / "scene", classes={1: "cup", 2: "cup"})
-    assert_refused(command("run", images, "--masks", masks), "3", "class")
-
-
 def test_neither_masks_nor_detector(command, scene):
     assert_refused(command("run", scene[0]), "0000.png", "without masks", "detector")
-
-
-def test_detector_that_is_no_model(command, scene, tmp_path):
-    (tmp_path / "model.onnx").write_bytes(b"\x00" * 64)
-    assert_refused(command("run", scene[0], "--detector", "model.onnx"), "model.onnx")
 
 
 @pytest.mark.parametrize(
@@ -139,14 +107,6 @@ def test_features_that_are_not_finite_are_left_out_and_reported(command, tmp_pat
             "message": "2 patches were left out for a feature that is not finite",
         }
     ]
-
-
-def test_frame_smaller_than_a_patch(command, tmp_path):
-    (tmp_path / "images").mkdir()
-    cv2.imwrite(str(tmp_path / "images" / "0.png"), np.zeros((12, 40, 3), np.uint8))
-    np.savez(tmp_path / "masks.npz", masks=np.ones((1, 12, 40), np.uint8), ids=[1], labels=["cup"])
-    outcome = command("run", "images", "--masks", "masks.npz")
-    assert_refused(outcome, "40x12", "smaller than one patch", "16 pixels")
 
 
 def test_changing_frame_size_is_skipped_and_reported(command, scene):
@@ -193,24 +153,6 @@ def test_full_disk(command, scene):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert_refused(outcome, "cannot write", "out/")
     assert len(Result.load("out")) == 4
-
-
-def test_hostile_archive(command, tmp_path):
-    with tarfile.open(tmp_path / "scene.tar", "w") as archive:
-        member = tarfile.TarInfo("../../outside.png")
-        member.size = 4
-        archive.addfile(member, io.BytesIO(b"evil"))
-    assert_refused(command("run", "scene.tar"), "scene.tar", "outside.png")
-    assert not (tmp_path.parent / "outside.png").exists()
-
-
-def test_output_folder_with_files_is_left_alone(command, scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(Tracker, "prepare", None)  # no frame is looked at
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "thesis.tex").write_text("years of work")
-    outcome = command("run", scene[0], "--masks", scene[1], "--out", "out")
-    assert_refused(outcome, "out", "not empty", "--overwrite")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
 
 
 def test_what_this_user_may_not_touch_is_told(command, scene, monkeypatch):

@@ -92,7 +92,7 @@ def test_diff_across_trackers_compares_what_both_have(command):
     assert outcome.stdout.splitlines() == [
         "tracker: 'plus' -> 'remind'",
         "static.num_detections: 32 -> 16",
-        "static.assignment: 'joint' -> 'greedy'",
+        "static.switches.assignment: 'joint' -> 'greedy'",
         "backbone_profile: False -> True",
         f"only in plus: {num['plus']} thresholds of tracker 'plus'",
         f"only in ablation_greedy: {num['remind']} thresholds of tracker 'remind'",
@@ -109,12 +109,6 @@ def test_validate(command, tmp_path):
     assert "did you mean 'close_px'" in outcome.stderr
 
 
-def test_validate_needs_a_name(command):
-    outcome = command("config", "validate")
-    assert (outcome.code, outcome.stdout) == (1, "")
-    assert "name the configurations" in outcome.stderr
-
-
 @pytest.mark.parametrize("to_file", [False, True])
 def test_settings_of_the_original_are_imported(command, tmp_path, to_file):
     settings = {"association": {"matching": {"match_thr": 0.65}}}
@@ -126,10 +120,3 @@ def test_settings_of_the_original_are_imported(command, tmp_path, to_file):
         "base": "published",
         "thresholds": {"matching": {"match": 0.65}},
     }
-
-
-def test_file_that_cannot_be_written(command, tmp_path):
-    (tmp_path / "reference.yaml").write_text("{}")
-    outcome = command("config", "import-reference", "reference.yaml", "--out", "no/where.yaml")
-    assert outcome.code == 1
-    assert "cannot write 'no/where.yaml': No such file or directory;" in outcome.stderr

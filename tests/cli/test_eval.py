@@ -27,25 +27,6 @@ def test_scores_are_printed_and_written(command, tmp_path):
     assert (metrics["IDSW"], metrics["GT_IDs"], metrics["IDs"]) == (1, 1, 2)
 
 
-def test_quiet_prints_nothing(command, tmp_path):
-    write_tracks(tmp_path / "gt.txt", [1, 1])
-    assert command("eval", "gt.txt", "gt.txt", "--quiet").stdout == ""
-
-
-def test_missing_file(command, tmp_path):
-    write_tracks(tmp_path / "gt.txt", [1])
-    outcome = command("eval", "gt.txt", "pred.txt")
-    assert outcome.code == 1
-    assert "pred.txt" in outcome.stderr
-
-
-def test_result_that_cannot_be_written(command, tmp_path):
-    write_tracks(tmp_path / "gt.txt", [1])
-    outcome = command("eval", "gt.txt", "gt.txt", "--json", "no/scores.json")
-    assert outcome.code == 1
-    assert "cannot write 'no/scores.json'" in outcome.stderr
-
-
 @pytest.mark.parametrize(("box", "first"), [(BOX_AWAY, 1), (BOX, 101)], ids=["place", "frames"])
 def test_truth_of_another_scene_is_doubted(command, tmp_path, box, first):
     write_tracks(tmp_path / "gt.txt", [1] * 30)
@@ -97,13 +78,6 @@ def test_predictions_are_needed(command, tmp_path):
     outcome = command("eval", "gt.txt")
     assert outcome.code == 1
     assert "no predictions to score against 'gt.txt'" in outcome.stderr
-
-
-def test_a_run_that_is_not_there(command, tmp_path):
-    (tmp_path / "runs").mkdir()
-    outcome = command("eval", "runs/nothere")
-    assert outcome.code == 1
-    assert "'runs/nothere' is not the output folder of a run: it does not exist" in outcome.stderr
 
 
 def test_federated_truth_is_scored_by_its_labels(command, tmp_path):

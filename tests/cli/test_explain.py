@@ -113,13 +113,6 @@ def test_a_run_without_trace_says_what_to_do(command, traced, tmp_path):
     assert outcome.stderr == "remind: 'bare' holds no trace; run again with --trace\n"
 
 
-def test_no_run_is_one_sentence(command, tmp_path):
-    outcome = command("explain", "nowhere", "--frame", 0, "--detection", 0)
-    assert outcome.code == 1
-    assert outcome.stderr.startswith("remind: 'nowhere' is not the output folder of a run")
-    assert len(outcome.stderr.splitlines()) == 1
-
-
 @pytest.mark.parametrize("config", ["default", "remind"])
 def test_objects_are_called_as_they_were_announced(command, tmp_path, config):
     """The vase of the first frame is seen once; without waiting it would be object 0."""

@@ -11,16 +11,12 @@ def run(tmp_path):
     return tmp_path / "run"
 
 
-@pytest.mark.parametrize(
-    ("format", "name"),
-    [("cvat", "cvat.xml"), ("mots-png", "mots_png.zip")],
-)
-def test_the_file_lies_in_the_folder_of_the_run(run, format, name, capsys):
-    assert main(["export", str(run), "--format", format]) == 0
+def test_the_file_lies_in_the_folder_of_the_run(run, capsys):
+    assert main(["export", str(run)]) == 0
     # Long paths are wrapped.
     said = "".join(capsys.readouterr().out.split())
-    assert said.endswith(f"{name}:6identities,40frames")
-    assert evaluate(run / name, run).scores()["IDF1"] == 1
+    assert said.endswith("cvat.xml:6identities,40frames")
+    assert evaluate(run / "cvat.xml", run).scores()["IDF1"] == 1
 
 
 def test_nothing_is_replaced_unasked(run, tmp_path, capsys):
@@ -29,8 +25,3 @@ def test_nothing_is_replaced_unasked(run, tmp_path, capsys):
     assert main(words) == 1
     assert "exists; name another file" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
-
-
-def test_a_folder_without_run_is_told(tmp_path, capsys):
-    assert main(["export", str(tmp_path)]) == 1
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1

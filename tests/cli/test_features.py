@@ -6,7 +6,6 @@ import json
 
 import pytest
 
-from remind_jax.cli import process
 from tests.backbone.networks import converted_file
 
 
@@ -66,24 +65,3 @@ def test_a_run_with_a_transformer(command, scene):
     outcome = command(*words, "--backbone", "dinov3-vits16", "--weights", weights)
     summary = json.loads(outcome.stdout)
     assert (summary["frames"], summary["complete"]) == (4, True)
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (("--weights", "missing.safetensors"), "no weights for 'dinov3-vits16' at 'missing"),
-        (("--backbone", "dinov3-vit16"), "did you mean 'dinov3-vit"),
-        (("--backbone", "onnx:missing.onnx"), "'missing.onnx' does not exist"),
-        (
-            ("--backbone", "vit"),
-            "'vit' needs its weights; give it after a colon, 'vit:FILE' or as weights",
-        ),
-    ],
-)
-def test_wrong_backbones_are_answered_in_one_sentence(command, scene, words, told):
-    for verb in (("features", scene[0], "--cache", "kept"), ("run", scene[0])):
-        given = words if "--backbone" in words else (*words, "--backbone", "dinov3-vits16")
-        outcome = command(*verb, *given)
-        assert outcome.code == process.ERROR
-        assert told in outcome.stderr
-        assert outcome.stderr.count("\n") == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 import textwrap
@@ -100,14 +99,6 @@ def test_a_sentence_is_never_too_long_to_be_read(capfd):
     assert len(said) < 2000
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"), [(("--confidence", "3"), "from 0 to 1"), (("--fps", "-2"), "above 0")]
-)
-def test_values_out_of_range_are_wrong_usage(capfd, words, expected):
-    assert main(["run", "rooms.mp4", *words]) == exit_codes.USAGE
-    assert expected in " ".join(capfd.readouterr().err.split())
-
-
 def raising(error: BaseException):
     class Verb:
         def execute(self) -> int:
@@ -130,19 +121,6 @@ def test_interruption_before_anything_is_done(monkeypatch, capfd):
     assert capfd.readouterr().err == "remind: stopped\n"
 
 
-def test_reader_that_goes_away_is_no_error():
-    with subprocess.Popen(
-        [sys.executable, "-m", "remind_jax.cli.main", "config", "show"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        assert process.stderr.read() == b""
-        assert process.wait(timeout=120) == exit_codes.BROKEN_PIPE
-
-
 def test_real_process_says_one_sentence(tmp_path):
     finished = subprocess.run(
         [sys.executable, "-m", "remind_jax.cli.main", "run", "missing.mp4"],
@@ -156,10 +134,6 @@ def test_real_process_says_one_sentence(tmp_path):
     assert finished.stdout == ""
     assert finished.stderr == "remind: 'missing.mp4' does not exist\n"
     assert list(tmp_path.iterdir()) == []
-
-
-def test_interrupt_code_is_what_shells_report():
-    assert exit_codes.INTERRUPTED == 128 + signal.SIGINT
 
 
 def test_a_defect_of_ours_ends_in_one_sentence_and_a_file(monkeypatch, capfd, tmp_path):

@@ -102,11 +102,11 @@ def test_one_sentence_says_what_to_do(command, things, words, code, told):
     assert not (things / "out").exists()
 
 
-@pytest.mark.parametrize("flag", ["--classes", "--ignored-classes", "--set"])
-def test_a_list_without_names_is_wrong_usage(command, things, flag):
-    outcome = command(*SCENE, flag, static=("static.num_objects=6",))
-    assert outcome.code == process.USAGE
-    assert outcome.stderr.startswith(f"remind: {flag}: nothing follows it; give at least one")
+def test_a_list_without_names_is_wrong_usage(command, things):
+    for flag in ("--classes", "--ignored-classes", "--set"):
+        outcome = command(*SCENE, flag, static=("static.num_objects=6",))
+        assert outcome.code == process.USAGE
+        assert outcome.stderr.startswith(f"remind: Error parsing {flag}: nothing follows it")
 
 
 @pytest.mark.parametrize("words", [("help",), ("help", "eval"), ("eval", "--help")])

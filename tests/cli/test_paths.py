@@ -53,17 +53,14 @@ def place(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("path", [LONG, f"a/{LONG}/b", "a\0b", "round", "a\udcff"])
-@pytest.mark.parametrize("verb", VERBS)
-def test_an_impossible_path_is_refused(verb, path, place, monkeypatch, capsys):
+@pytest.mark.parametrize("path", [LONG, f"a/{LONG}/b", "a\0b", "round/x", "a\udcff"])
+def test_an_impossible_path_is_refused(path, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
-    if path == "round" and not (place / "round").is_symlink():
+    if path == "round/x" and not (place / "round").is_symlink():
         (place / "round").symlink_to("round")
-    if path == "round":
-        path = "round/x"
     before = sorted(place.rglob("*"))
-    words = [word.format(path) for word in VERBS[verb].split()]
-    assert main(words) in (1, 2)
-    told = capsys.readouterr().err
-    assert told.count("remind: ") == 1, told
+    for verb, words in VERBS.items():
+        assert main([word.format(path) for word in words.split()]) in (1, 2), verb
+        told = capsys.readouterr().err
+        assert told.count("remind: ") == 1, told
     assert sorted(place.rglob("*")) == before

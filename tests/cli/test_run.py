@@ -33,11 +33,6 @@ def test_summary_for_machines(command, scene):
     assert {"backbone", "step", "write"} <= set(summary["ms_per_frame"])
 
 
-def test_quiet_says_nothing(command, scene):
-    outcome = command("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay")
-    assert (outcome.code, outcome.stdout, outcome.stderr) == (0, "", "")
-
-
 def test_an_earlier_run_is_replaced_only_on_request(command, scene):
     words = ("run", scene[0], "--masks", scene[1], "--quiet", "--no-overlay", "--out", "out")
     assert [command(*words).code, command(*words).code] == [0, 1]
@@ -92,13 +87,6 @@ def test_view_draws_again_from_the_same_or_a_moved_source(command, scene, tmp_pa
     said = " ".join(command("view", "out").stdout.split())
     assert f"drawn without the frames: '{scene[0]}' does not exist" in said
     assert command("view", "out", "--source", "moved", "--quiet").code == 0
-
-
-def test_view_of_no_run(command, tmp_path):
-    (tmp_path / "empty").mkdir()
-    outcome = command("view", "empty")
-    assert outcome.code == 1
-    assert "empty" in outcome.stderr
 
 
 def test_source_names_become_folder_names(command, scene, tmp_path):

@@ -64,48 +64,8 @@ def test_a_report_keeps_what_they_said(tmp_path):
     assert "libpng error: bad adaptive filter value" in kept.read_text()
 
 
-@pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
-def test_a_report_that_cannot_be_kept_is_still_one_sentence():
-    code = """
-        import sys, tempfile
-        from remind_jax.cli import main as module
-
-        def fail(verb):
-            def full(*args, **options):
-                raise OSError(28, "No space left on device")
-            tempfile.NamedTemporaryFile = full
-            raise KeyError("x")
-
-        module.VERBS["view"].execute = fail
-        sys.exit(module.main(["view", "x"]))
-    """
-    finished = run_python(code)
-    assert finished.returncode == exit_codes.FAILED
-    assert "its traceback cannot be kept (No space left on device)" in finished.stderr
-    assert finished.stderr.count("\n") == 1
-
-
-def test_the_compiler_out_of_memory_is_a_lack_of_memory():
-    code = """
-        import sys
-        from remind_jax.cli import main as module
-
-        def fail(verb):
-            raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 17 bytes.")
-
-        module.VERBS["view"].execute = fail
-        sys.exit(module.main(["view", "x"]))
-    """
-    finished = run_python(code)
-    assert finished.returncode == exit_codes.ERROR
-    assert "there is not enough memory (RESOURCE_EXHAUSTED" in finished.stderr
-
-
 VERBS = {
-    "settings": ("config", "show"),
     "help": ("--help",),
-    "help of a verb": ("run", "--help"),
-    "version": ("--version",),
     "scores": ("eval", "gt.txt", "gt.txt"),
 }
 

@@ -53,7 +53,7 @@ def test_it_says_for_how_many_and_prepares_the_way_there(command, folder):
     tracker.update(image, labels)
     tracker.update(image, np.stack([labels == 1] * 6))
     assert tracker.static.num_detections == 8
-    tracker._memory.preparation.finish()
+    tracker._memory.ahead.finish()
     assert sorted(folder.iterdir()) == made
 
 

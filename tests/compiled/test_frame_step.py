@@ -14,8 +14,8 @@ from remind_jax.compiled.frame_step import FrameInput, FrameStep
 from remind_jax.compiled.packing import Packed
 from remind_jax.method import get_method
 from remind_jax.session.live import Tracker
-from remind_jax.static import Static
 from tests.cli import scenes
+from tests.statics import make_static
 
 TINY = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
 METHODS = ("plus", "running-mean", pytest.param("remind", marks=pytest.mark.slow))
@@ -110,8 +110,8 @@ def test_a_trace_changes_no_decision(name):
 def test_a_method_that_calls_the_host_is_not_kept():
     step = FrameStep(get_method("plus"))
     decide = get_method("plus").decide
-    assert step._is_kept(decide, Static())
-    assert not step._is_kept(decide, Static(solver="host"))
+    assert step._is_kept(decide, make_static())
+    assert not step._is_kept(decide, make_static(solver="host"))
 
 
 def test_the_readout_is_packed_in_the_order_of_the_layout():

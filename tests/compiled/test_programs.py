@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
+import gc
 import threading
 
 import jax
 import numpy as np
 import pytest
 
-from remind_jax.compiled import programs
 from remind_jax.compiled.programs import (
     KeptFunction,
     Recipe,
@@ -49,15 +49,34 @@ def test_seconds_of_waiting_are_counted(folder):
     assert waited_s() > before
 
 
-@pytest.mark.parametrize(("much_s", "num_returns"), [(0.0, 1), (1e9, 0)])
-def test_memory_goes_back_after_programs_that_take_long_to_make(monkeypatch, much_s, num_returns):
-    returns: list[None] = []
-    monkeypatch.setattr(programs, "_MUCH_S", much_s)
-    monkeypatch.setattr(programs, "return_freed_memory", lambda: returns.append(None))
-    recipe = Recipe("sum", Counted(), shapes_of(PAIR), f"memory {much_s}", is_kept=False)
-    get_program(recipe)
-    get_program(recipe)
-    assert len(returns) == num_returns
+@pytest.mark.parametrize("runs", [True, False])
+def test_nothing_is_collected_while_programs_are_traced(runs):
+    """And the collector comes back as it was, when the last of several threads is done."""
+    seen, entered, leave = [], threading.Event(), threading.Event()
+
+    def trace():
+        seen.append(gc.isenabled())
+        entered.set()
+        leave.wait(10)
+        return []
+
+    def make(name, function):
+        get_program(Recipe(name, function, (), ("collector", runs), is_kept=False))
+
+    was = gc.isenabled()
+    try:
+        gc.enable() if runs else gc.disable()
+        thread = threading.Thread(target=make, args=("first", trace))
+        thread.start()
+        assert entered.wait(10)
+        make("second", lambda: [])
+        assert not gc.isenabled()
+        leave.set()
+        thread.join()
+        assert gc.isenabled() == runs
+    finally:
+        gc.enable() if was else gc.disable()
+    assert seen == [False]
 
 
 def test_a_failure_is_raised_and_not_kept(folder):

@@ -64,7 +64,10 @@ def test_every_renamed_key_reaches_its_field(path):
     assert value_at(config, path) == new
     changed = {name for name, _, _ in config.difference(Config())}
     # Larger rings and deferred relations need room in the compiled program.
-    assert changed - {path} <= {"static.ring_max_radius", "static.pending_relations"}
+    assert changed - {path} <= {
+        "static.switches.ring_max_radius",
+        "static.switches.pending_relations",
+    }
 
 
 @pytest.mark.parametrize("path", CHOICES)
@@ -126,9 +129,9 @@ def test_capacities_of_work_and_stable_banks():
                     "parts": {"max_prototypes_per_channel": 7},
                     "background": {"max_outer_global_stable": 5}}}
     )  # fmt: skip
-    assert config.static.appearance_slots == (3, 20)
-    assert config.static.part_slots == (7, 7)
-    assert config.static.outer_ring_slots == (30, 5)
+    assert config.static.switches.appearance_slots == (3, 20)
+    assert config.static.switches.part_slots == (7, 7)
+    assert config.static.switches.outer_ring_slots == (30, 5)
 
 
 # Keys of one setting, what it is with all of them as shipped, and with other values.
@@ -180,12 +183,15 @@ SWITCHED = [
     ({"part_descriptors.kmeans.enabled": False}, {"thresholds.perception.parts_enabled": False}),
     (
         {"part_descriptors.kmeans.enabled": False, "part_descriptors.attention.enabled": True},
-        {"thresholds.perception.parts_enabled": True, "static.part_source": "attention"},
+        {"thresholds.perception.parts_enabled": True, "static.switches.part_source": "attention"},
     ),
-    ({"part_descriptors.attention.enabled": True}, {"static.part_source": "both"}),
-    ({"part_descriptors.attention.head_ids": [0, 3]}, {"static.attention_heads": [0, 3]}),
-    ({"part_descriptors.kmeans.merge.enabled": False}, {"static.part_resembling": "keep"}),
-    ({"part_descriptors.kmeans.merge.mode": "weighted_mean"}, {"static.part_resembling": "join"}),
+    ({"part_descriptors.attention.enabled": True}, {"static.switches.part_source": "both"}),
+    ({"part_descriptors.attention.head_ids": [0, 3]}, {"static.switches.attention_heads": [0, 3]}),
+    ({"part_descriptors.kmeans.merge.enabled": False}, {"static.switches.part_resembling": "keep"}),
+    (
+        {"part_descriptors.kmeans.merge.mode": "weighted_mean"},
+        {"static.switches.part_resembling": "join"},
+    ),
     (
         {"memory.parts.channels.attention.enabled": False},
         {
@@ -206,33 +212,33 @@ SWITCHED = [
     ({"bg_local.sanitize.mode": "morphology"}, {"input.sanitize": "morphology"}),
     (
         {"association.similarity.background_partials.enabled": True},
-        {"static.ring_prototypes": True},
+        {"static.switches.ring_prototypes": True},
     ),
     (
         {
             "association.similarity.background_partials.enabled": True,
             "bg_local.prototypes.enabled": False,
         },
-        {"static.ring_prototypes": False},
+        {"static.switches.ring_prototypes": False},
     ),
     (
         {"association.scores.neighbor_sets.context.k": 3},
-        {"static.context_hypotheses": 3, "static.expected_neighbours": 6},
+        {"static.switches.context_hypotheses": 3, "static.switches.expected_neighbours": 6},
     ),
     (  # as the original reads them: at least one
         {"association.scores.neighbor_sets.context.k": 0},
-        {"static.context_hypotheses": 1, "static.expected_neighbours": 2},
+        {"static.switches.context_hypotheses": 1, "static.switches.expected_neighbours": 2},
     ),
     (
         {
             "association.matching.neighbor_sets_context_veto.local.expected_topk_scale": 1.1,
             "association.scores.neighbor_sets.context.k": 4,
         },
-        {"static.context_hypotheses": 4, "static.expected_neighbours": 5},
+        {"static.switches.context_hypotheses": 4, "static.switches.expected_neighbours": 5},
     ),
     (  # less than one is one
         {"association.matching.neighbor_sets_context_veto.local.expected_topk_scale": 0.5},
-        {"static.context_hypotheses": 6, "static.expected_neighbours": 6},
+        {"static.switches.context_hypotheses": 6, "static.switches.expected_neighbours": 6},
     ),
     ({"memory.background.enabled": False}, {"thresholds.background.enabled": False}),
     ({"update.background_memory.enabled": False}, {"thresholds.background.enabled": False}),
@@ -272,7 +278,7 @@ def test_whole_numbers_pass_as_numbers():
 
 def test_rings_of_the_original_are_never_cut_short():
     config = Config.from_reference({"bg_local": {"outer_radius_patches": 14}})
-    assert config.static.ring_max_radius == 14
+    assert config.static.switches.ring_max_radius == 14
 
 
 def test_misspelt_keys_are_named():

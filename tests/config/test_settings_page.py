@@ -69,9 +69,14 @@ def test_symbols_of_the_paper_are_listed(page):
 def test_the_page_is_up_to_date(page):
     written = (DOCS / "thresholds.md").read_text(encoding="utf-8")
     assert written == page.render_page(), "run `make docs`"
+    rules = (DOCS / "method_plus.md").read_text(encoding="utf-8")
+    assert rules == page.with_settings(rules), "run `make docs`"
 
 
 def test_the_page_is_written_where_it_is_asked_for(page, tmp_path, capsys):
-    assert page.main([str(tmp_path / "page.md")]) == 0
+    rules = tmp_path / "rules.md"
+    rules.write_text("# Rules\n", encoding="utf-8")
+    assert page.main([str(tmp_path / "page.md"), str(rules)]) == 0
+    assert rules.read_text(encoding="utf-8").startswith(f"# Rules\n{page.MARK}\n## Thresholds")
     assert page.main([]) == 0
     assert (tmp_path / "page.md").read_text(encoding="utf-8") == capsys.readouterr().out

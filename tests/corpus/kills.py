@@ -362,6 +362,6 @@ def main() -> int:
 if __name__ == "__main__":
     if sys.argv[1:2] == [CHILD]:
         # Runs of seconds have checkpoints, too.
-        checkpoint.EVERY_S, checkpoint.MOST_OF_A_RUN = 0.1, 1.0
+        checkpoint.EVERY_S, checkpoint.MAX_OF_A_RUN = 0.1, 1.0
         sys.exit(remind(sys.argv[2:]))
     sys.exit(main())

@@ -209,7 +209,7 @@ def _empty_memory(static: rj.Static) -> Any:
 
 
 def _memory(folder: Path) -> Path:
-    static = rj.Static(num_detections=2, num_objects=3, feature_dim=4)
+    static = METHOD.static(num_detections=2, num_objects=3, feature_dim=4)
     state = _empty_memory(static)
     path = folder / "memory.safetensors"
     save_memory(path, SavedMemory(state, static, ("cup",), "fingerprint", METHOD.name))

@@ -37,10 +37,10 @@ from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import Intermediates, collect_trace
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import tabulate_pairs
-from remind_jax.static import Static
+from tests.statics import make_static
 
 NUM, SLOTS = 3, 4
-STATIC = Static(num_detections=NUM, num_objects=SLOTS, num_pending=1, feature_dim=2)
+STATIC = make_static(num_detections=NUM, num_objects=SLOTS, num_pending=1, feature_dim=2)
 CONTEXT = ("bonus_raw", "support", "score_sets", "compat_rel", "kernel_raw", "compat_band")
 OTHER = 0.30  # score of pairs that are not given
 
@@ -123,7 +123,7 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     )
     masks: Any = SimpleNamespace(valid=valid, detector_score=valid)
     num_terms = jnp.ones(NUM, jnp.int32)
-    evidence = diagnose(comparison.score, candidate, num_terms, STATIC.margin, t.diagnosis)
+    evidence = diagnose(comparison.score, candidate, num_terms, STATIC.switches.margin, t.diagnosis)
     anchors = find_anchors(comparison.score, candidate, t.diagnosis)
     on = has_context > 0
     felt = dataclasses.replace(
@@ -139,10 +139,10 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
     relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
     settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
     final = diagnose(
-        assignment.pairs.score_final, assignment.pairs.eligible, num_terms, STATIC.margin,
+        assignment.pairs.score_final, assignment.pairs.eligible, num_terms, STATIC.switches.margin,
         t.diagnosis,
     )  # fmt: skip
-    decisions = decide(
+    decisions, stages = decide(
         objects, masks, descriptors, table, anchors, evidence, final, assignment, settlement,
         STATIC,
     )  # fmt: skip
@@ -153,6 +153,6 @@ def _decide(score, said, veto, num, num_objects, lifecycle, has_context):
         state, descriptors, Quality(ones, ones, ones, ones, ones), relations, evidence, anchors,
         view_frame(state.cooccurrence, objects, anchors[0], descriptors, masks, t.cooccurrence),
         reasoning, table,
-        assignment, settlement, jnp.float32(0.75),
+        assignment, settlement, jnp.float32(0.75), stages,
     )  # fmt: skip
     return decisions, collect_trace(intermediates, STATIC, t)

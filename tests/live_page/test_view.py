@@ -101,7 +101,7 @@ def test_objects_that_turn_out_to_be_one_are_one(run):
 
 
 def test_memory_is_bounded(run, monkeypatch):
-    monkeypatch.setattr(views, "MOST_OBJECTS", 3)
+    monkeypatch.setattr(views, "MAX_OBJECTS", 3)
     view = LiveView("room", clock=Clock())
     show(view, run, *range(60))
     assert view.state()["num_objects"] == 3

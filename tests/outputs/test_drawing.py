@@ -24,11 +24,6 @@ def test_neighbors_differ_clearly():
         assert np.abs(a - b).max() >= 35
 
 
-def test_no_identity_is_near_white():
-    for object_id in range(500):
-        assert min(identity_color(object_id)) <= 128
-
-
 def test_ink_has_contrast():
     assert ink_on((255, 255, 255)) != (255, 255, 255)
     assert ink_on((10, 10, 60)) == (255, 255, 255)

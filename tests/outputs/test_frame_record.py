@@ -12,8 +12,6 @@ from remind_jax.errors import OutputError
 from remind_jax.frame import Detections, Frame
 from remind_jax.outputs.frame_record import FrameRecord
 
-TARGETS = {"seen": "seen/detections.jsonl", "seen.mkv": "seen.jsonl"}
-
 
 def make_frames(num: int = 5, size: tuple[int, int] = (37, 51)) -> list[Frame]:
     """Noise, which no codec with loss keeps; odd sides; none, one or two detections."""
@@ -31,13 +29,12 @@ def make_frames(num: int = 5, size: tuple[int, int] = (37, 51)) -> list[Frame]:
     return frames
 
 
-@pytest.mark.parametrize("name", TARGETS)
-def test_frames_and_detections_come_back_bit_by_bit(name, tmp_path):
+def test_frames_and_detections_come_back_bit_by_bit(tmp_path):
     frames = make_frames()
-    with FrameRecord(tmp_path / name) as record:
+    with FrameRecord(tmp_path / "seen") as record:
         for frame in frames:
             record.add(frame)
-    again = list(rj.open_source(tmp_path / name, masks=tmp_path / TARGETS[name]))
+    again = list(rj.open_source(tmp_path / "seen", masks=tmp_path / "seen" / "detections.jsonl"))
     assert len(again) == len(frames)
     for seen, back in zip(frames, again, strict=True):
         np.testing.assert_array_equal(seen.image, back.image)
@@ -49,14 +46,6 @@ def test_frames_and_detections_come_back_bit_by_bit(name, tmp_path):
         assert seen.detections.labels == back.detections.labels
 
 
-def test_a_video_keeps_the_times(tmp_path):
-    with FrameRecord(tmp_path / "seen.mkv") as record:
-        for frame in make_frames():
-            record.add(frame)
-    times = [frame.time_s for frame in rj.open_source(tmp_path / "seen.mkv")]
-    assert times == pytest.approx([0.1 * index for index in range(5)], abs=0.002)
-
-
 def test_every_frame_is_on_disk_at_once(tmp_path):
     with FrameRecord(tmp_path / "seen") as record:
         record.add(make_frames()[2])
@@ -66,8 +55,8 @@ def test_every_frame_is_on_disk_at_once(tmp_path):
     assert (row["frame"], row["source_index"], len(row["detections"])) == (0, 6, 2)
 
 
-@pytest.mark.parametrize("name", TARGETS)
-def test_what_is_there_is_kept_unless_told(name, tmp_path):
+def test_what_is_there_is_kept_unless_told(tmp_path):
+    name = "seen"
     frames = make_frames()
     for count in (4, 2):
         with FrameRecord(tmp_path / name, overwrite=True) as record:
@@ -79,7 +68,7 @@ def test_what_is_there_is_kept_unless_told(name, tmp_path):
 
 
 def test_a_lossy_video_is_refused(tmp_path):
-    with pytest.raises(OutputError, match=r"as '\.mp4'; give a folder, or a video that ends in"):
+    with pytest.raises(OutputError, match=r"as '\.mp4'; give a folder"):
         FrameRecord(tmp_path / "seen.mp4")
 
 

@@ -56,7 +56,7 @@ def test_discarded_detections_are_only_outlined():
 def test_a_large_frame_is_drawn_smaller_in_videos(image, monkeypatch):
     tracks = one_square(object_id=4)
     np.testing.assert_array_equal(draw_for_video(image, tracks), draw_overlay(image, tracks))
-    monkeypatch.setattr(overlay, "MOST_PIXELS", 5000)
+    monkeypatch.setattr(overlay, "MAX_PIXELS", 5000)
     drawn = draw_for_video(image, tracks).astype(int)
     assert drawn.shape == (70, 70, 3)
     ground, color = drawn[65, 65], np.array(identity_color(4))

@@ -14,7 +14,7 @@ import pytest
 from remind_jax.outputs import report
 from tests.headless_browser import needs_browser, open_browser
 from tests.outputs.fake_run import make_run, write_run
-from tests.outputs.traced_run import EMPTY, UNDECIDED, make_plus_run, make_traced_run
+from tests.outputs.traced_run import UNDECIDED, make_plus_run, make_traced_run
 
 NUM_FRAMES = 60
 FPS = 10.0
@@ -202,16 +202,6 @@ def test_a_comparison_with_the_truth_is_shown(browser, tmp_path):
     assert find(browser, "#comparison tbody").text == "returns 16 17 back in view"
 
 
-def test_the_axes_have_round_numbers(page):
-    def ticks(axis: str) -> list[str]:
-        return page.execute_script(
-            f"return [...document.querySelectorAll('#{axis} span')].map((s) => s.textContent)"
-        )
-
-    assert ticks("ticks") == [str(frame) for frame in range(0, NUM_FRAMES, 5)]
-    assert ticks("times") == [f"0:{half / 2:04.1f}" for half in range(12)]
-
-
 def test_what_has_no_score_shows_none(page):
     page.execute_script("seek(0)")
     row = page.find_elements("css selector", "#seen tbody tr")[0]
@@ -221,13 +211,6 @@ def test_what_has_no_score_shows_none(page):
     assert row.text == "cup 0 match 0.90 0.80"
     heads = [cell.text for cell in page.find_elements("css selector", "#seen th")]
     assert heads == ["Detection", "Outcome", "Score with context", "Confidence"]
-
-
-def test_one_number_is_shown_once(browser, tmp_path):
-    report.write_report(tmp_path, make_plus_run(), [], None)
-    browser.get(f"file://{tmp_path / report.REPORT_NAME}")
-    heads = [cell.text for cell in browser.find_elements("css selector", "#seen th")]
-    assert heads == ["Detection", "Outcome", "Confidence"]
 
 
 def test_crops_and_absences_seek(page):
@@ -398,33 +381,6 @@ def test_a_return_leads_to_the_frame_that_decided_it(browser, tmp_path):
     link.click()
     wait_for(browser, "!document.getElementById('why').hidden")
     assert find(browser, "#why-title").text == "Why mug 0? (frame 11, detection 0)"
-
-
-def test_the_explanation_follows_the_identity(traced_page, traced):
-    open_row(traced_page, UNDECIDED - 1, 1)
-    assert "locked to mug 1" in " ".join(shown_reasons(traced_page))
-    traced_page.execute_script(f"seek({UNDECIDED - 2})")
-    wait_for(
-        traced_page,
-        f"document.getElementById('why-title').textContent.includes('frame {UNDECIDED - 2},')",
-    )
-    assert find(traced_page, "#why-title").text.startswith("Why mug 1?")
-    traced_page.execute_script(f"seek({EMPTY})")  # nothing is seen there
-    assert is_closed(traced_page)
-
-
-def test_the_timeline_explains_what_is_clicked(traced_page, traced):
-    from selenium.webdriver.common.action_chains import ActionChains
-
-    track = find(traced_page, "#track")
-    traced_page.execute_script("arguments[0].scrollIntoView({block: 'center'})", track)
-    size = track.size
-    num_lanes = traced_page.execute_script("return lanes.length")
-    x = round((20 + 0.5) / 40 * size["width"] - size["width"] / 2)
-    y = round(1.5 / num_lanes * size["height"] - size["height"] / 2)  # the second lane: mug 1
-    ActionChains(traced_page).move_to_element_with_offset(track, x, y).click().perform()
-    wait_for(traced_page, "!document.getElementById('why').hidden")
-    assert find(traced_page, "#why-title").text == "Why mug 1? (frame 20, detection 1)"
 
 
 def test_the_explanation_works_by_keyboard(traced_page):

@@ -106,11 +106,6 @@ def test_other_files_are_refused(tmp_path, content, message):
         store.read_detections(path)
 
 
-def test_a_folder_without_a_run_is_named(tmp_path):
-    with pytest.raises(OutputError, match="not the output folder of a run"):
-        store.read_detections(tmp_path / store.DETECTIONS_NAME)
-
-
 def test_run_json_is_readable_and_atomic(tmp_path):
     path = tmp_path / store.RUN_NAME
     content = {"a": [1, 2.5, -3e-7], "b": {"c": "[ 1,\n 2 ]"}, "d": []}

@@ -47,9 +47,8 @@ def report_one(
         slot=jnp.full(3, NO_SLOT),
     )
     present = jnp.array([True, False, False])
-    base = jnp.zeros_like(beliefs)
     moving = first(jnp.zeros(3), moves)
-    return report(verdicts, beliefs, base, moving, here, present, seen, STATIC, T)
+    return report(verdicts, beliefs, moving, here, present, seen, STATIC, T)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():

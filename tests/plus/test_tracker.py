@@ -17,7 +17,6 @@ from remind_jax.plus.observation import Motion
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from remind_jax.plus.tracker import advance
-from remind_jax.plus.verdicts import Stage
 from tests.plus.walls import NO_TRUTH, STATIC, Walk, disguise, displace, follow, glimpse, pan, split
 
 
@@ -152,14 +151,6 @@ def test_what_was_taken_for_new_may_turn_out_to_be_known():
     assert never[-1] == taken_for
     hardly_known, _ = answers(late_margin=0.0, late_seen=100.0)
     assert hardly_known[-1] == taken_for
-
-
-def test_an_object_that_was_just_decided_speaks_for_its_surroundings():
-    _, verdicts, decisions, _ = follow(pan())
-    fresh = (verdicts.stage == Stage.FRESH) & (verdicts.merged_id == NO_ID)
-    assert np.any(fresh)
-    assert np.all(decisions.is_anchor[fresh])
-    assert not np.any(decisions.is_anchor[verdicts.stage == Stage.OPEN])
 
 
 def test_a_lying_image_motion_is_found_out():

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.decision import Lock, MatchOrigin, Outcome, no_decisions
+from remind_jax.decision import Outcome, no_decisions
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.association.similarity import Comparison
 from remind_jax.remind.outcome import rank_candidates
+from remind_jax.remind.stages import Lock, MatchOrigin
 from remind_jax.remind.state import init
 from tests.remind.association.tables import SLOTS, STATIC, decide_frames, empty_frame, visual_frame
 

@@ -12,6 +12,7 @@ from remind_jax.remind.memory.pending import Kind
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import TrackerState
 from tests import tiny_world as world
+from tests.statics import change_static
 
 SEED = 2
 MANY = 100  # more than any id or class of the world
@@ -55,7 +56,7 @@ def test_undecided_tracks_alone_overflow_and_change_nothing_else():
 
     # With room for them the tracks move as a whole, and the strangers with them.
     grown = METHOD.enlarge(
-        before, dataclasses.replace(world.STATIC, num_pending=2 * len(before.pending.id))
+        before, change_static(world.STATIC, num_pending=2 * len(before.pending.id))
     )
     assert count_tracks(grown) == world.STATIC.num_pending
     np.testing.assert_array_equal(grown.pending.id[: world.STATIC.num_pending], before.pending.id)

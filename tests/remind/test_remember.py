@@ -19,13 +19,14 @@ from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.memory.pending import Kind
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.remember import gate_updates, remember
+from remind_jax.remind.stages import Lock
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Update
-from remind_jax.static import Static
+from tests.statics import make_static
 
 NUM, SLOTS, PENDING, DIM = 3, 3, 2, 4
-STATIC = Static(
+STATIC = make_static(
     num_detections=NUM,
     num_objects=SLOTS,
     num_pending=PENDING,
@@ -45,9 +46,13 @@ def _remember(state, given, static):
     seen = given["outcome"] != Outcome.EMPTY
     decisions = no_decisions(static).replaced(
         outcome=given["outcome"],
-        status_final=jnp.full(NUM, Status.STRONG),
         option_id=given["options"],
         option_score=jnp.where(given["options"] >= 0, 0.8, 0.0),
+    )
+    stages: Any = SimpleNamespace(
+        status_final=jnp.full(NUM, Status.STRONG),
+        lock=jnp.full(NUM, Lock.NONE),
+        assigned_id=jnp.full(NUM, NO_ID),
     )
     settlement: Any = SimpleNamespace(
         slot=given["slot"],
@@ -60,8 +65,8 @@ def _remember(state, given, static):
     descriptors = Descriptors(
         appearance=views,
         appearance_valid=jnp.stack([seen] * 2, axis=1),
-        parts=jnp.zeros((NUM, 1, static.part_clusters, DIM), jnp.float32),
-        parts_valid=jnp.zeros((NUM, 1, static.part_clusters), bool),
+        parts=jnp.zeros((NUM, 1, static.switches.part_clusters, DIM), jnp.float32),
+        parts_valid=jnp.zeros((NUM, 1, static.switches.part_clusters), bool),
         rings=jnp.zeros((NUM, 2, DIM), jnp.float32),
         rings_valid=jnp.zeros((NUM, 2), bool),
         num_patches=count,
@@ -80,7 +85,7 @@ def _remember(state, given, static):
     alike = jnp.ones((NUM, PENDING))
     unsupported = jnp.full((NUM, NUM_OPTIONS), NO_SLOT)
     return remember(
-        state, decisions, settlement, unsupported, alike, descriptors, masks, relations,
+        state, decisions, stages, settlement, unsupported, alike, descriptors, masks, relations,
         static, t,
     )  # fmt: skip
 
@@ -227,15 +232,14 @@ def test_tracks_that_do_not_fit_change_nothing():
 
 def test_gated_updates_learn_from_clear_matches_only():
     """method.md#update-permit: a weak match teaches nothing, an ambiguous one a little."""
-    decisions = no_decisions(STATIC).replaced(
-        outcome=np.array([Outcome.MATCH] * 3),
-        status_final=np.array([Status.STRONG, Status.AMBIGUOUS, Status.WEAK]),
-    )
+    decisions = no_decisions(STATIC).replaced(outcome=np.array([Outcome.MATCH] * 3))
+    status = np.array([Status.STRONG, Status.AMBIGUOUS, Status.WEAK])
+    stages: Any = SimpleNamespace(status_final=status)
     t = Thresholds(update=Update(gated=True, ambiguous_rate=0.25)).as_arrays(jnp.float32)
-    learns, permit = gate_updates(decisions, t)
+    learns, permit = gate_updates(decisions, stages, t)
     assert learns.tolist() == [True, True, False]
     assert permit.insert.tolist() == [True, False, True]
     assert permit.rate.tolist() == [1.0, 0.25, 1.0]
-    free, permit = gate_updates(decisions, Thresholds().as_arrays(jnp.float32))
+    free, permit = gate_updates(decisions, stages, Thresholds().as_arrays(jnp.float32))
     assert free.all()
     assert permit.insert.all()

@@ -14,9 +14,10 @@ from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import init
 from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests import tiny_world as world
+from tests.statics import change_static
 
 NUM_FRAMES = 16
-STATIC = dataclasses.replace(
+STATIC = change_static(
     world.STATIC,
     ring_prototypes=True,
     ring_clusters=(2, 3),
@@ -76,7 +77,7 @@ def test_they_survive_growth_and_files(steps, tmp_path):
     save_memory(path, SavedMemory(state, STATIC, names, "test"))
     kept = load_memory(path).state
     chex.assert_trees_all_equal(kept, state)
-    larger = dataclasses.replace(STATIC, num_objects=11)
+    larger = change_static(STATIC, num_objects=11)
     grown = METHOD.enlarge(kept, larger).ring_prototypes
     assert grown is not None
     for ours, theirs in zip(

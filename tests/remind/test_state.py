@@ -14,10 +14,11 @@ from remind_jax.decision import Outcome
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.state import TrackerState, init
+from tests.statics import change_static
 from tests.tiny_world import STATIC
 
-WIDER = dataclasses.replace(STATIC, num_objects=13, num_pending=11)
-WIDEST = dataclasses.replace(STATIC, num_detections=9, num_objects=17, num_pending=12)
+WIDER = change_static(STATIC, num_objects=13, num_pending=11)
+WIDEST = change_static(STATIC, num_detections=9, num_objects=17, num_pending=12)
 
 
 def fill(state: TrackerState) -> TrackerState:
@@ -76,7 +77,7 @@ def test_growing_in_steps_is_growing_at_once():
     )
     overflow = init(STATIC).overflow
     chex.assert_trees_all_equal(
-        METHOD.enlarge(small, STATIC), dataclasses.replace(small, overflow=overflow), strict=True
+        METHOD.enlarge(small, STATIC), change_static(small, overflow=overflow), strict=True
     )
 
 

@@ -74,16 +74,17 @@ def test_named_objects_are_among_the_candidates(steps):
         for row in rows_of(state):
             shown = set(trace.detections.candidates.id[row].tolist())
             d = state.decisions
-            named = {*d.option_id[row].tolist(), int(d.assigned_id[row]), int(d.guarded_id[row])}
+            s = trace.stages
+            named = {*d.option_id[row].tolist(), int(s.assigned_id[row]), int(s.guarded_id[row])}
             named |= set(trace.detections.passes.option_id[row].ravel().tolist())
             assert (named & known) <= shown
         known = set(state.objects.id.tolist()) - {NO_ID}
 
 
-def test_anchors_are_those_of_the_decisions(steps):
-    for state, trace in steps:
+def test_anchors_are_those_of_the_stages(steps):
+    for _, trace in steps:
         anchors = trace.detections.anchor_id != NO_ID
-        np.testing.assert_array_equal(anchors, state.decisions.is_anchor)
+        np.testing.assert_array_equal(anchors, trace.stages.is_anchor)
         best = trace.detections.candidates.id[:, 0]
         np.testing.assert_array_equal(trace.detections.anchor_id[anchors], best[anchors])
 

@@ -18,9 +18,11 @@ from remind_jax.compiled.frame_step import settle_types
 from remind_jax.decision import Decisions, Outcome, Reason
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.method import METHOD
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import TrackerState, init
 from remind_jax.static import Static
 from tests import tiny_world as world
+from tests.statics import change_static
 from tests.stepping import step_once
 
 CLOSE = 2e-5
@@ -33,7 +35,7 @@ OTHER_THRESHOLDS = dataclasses.replace(
     matching=dataclasses.replace(world.THRESHOLDS.matching, match=0.65, lock_score=0.95),
     similarity=dataclasses.replace(world.THRESHOLDS.similarity, background_weight=0.05),
 )
-LARGER = dataclasses.replace(world.STATIC, num_detections=9, num_objects=20, num_pending=17)
+LARGER = change_static(world.STATIC, num_detections=9, num_objects=20, num_pending=17)
 
 
 def assert_same(ours: Any, theirs: Any, close: float = CLOSE) -> None:
@@ -60,18 +62,23 @@ def frames() -> list[world.Frame]:
 
 
 @pytest.fixture(scope="module")
-def states(frames) -> list[TrackerState]:
-    return world.run(frames)
+def followed(frames) -> list[tuple[TrackerState, Stages]]:
+    return world.follow(frames)
 
 
-def test_the_world_brings_every_kind_of_decision(states):
+@pytest.fixture(scope="module")
+def states(followed) -> list[TrackerState]:
+    return [state for state, _ in followed]
+
+
+def test_the_world_brings_every_kind_of_decision(states, followed):
     """Else the tests below would show little."""
     outcomes = np.concatenate([world.decided(state)["outcome"] for state in states])
     assert {*map(int, outcomes)} >= {Outcome.MATCH, Outcome.NEW, Outcome.AMBIGUOUS}
-    decisions = [state.decisions for state in states]
-    assert any((d.candidate_bonus != 0).any() for d in decisions)
-    assert any((d.source > 1).any() for d in decisions)
-    assert any((d.assigned_id != d.guarded_id).any() for d in decisions)
+    stages = [stages for _, stages in followed]
+    assert any((s.candidate_bonus != 0).any() for s in stages)
+    assert any((s.source > 1).any() for s in stages)
+    assert any((s.assigned_id != s.guarded_id).any() for s in stages)
     assert not any(state.overflow.objects or state.overflow.pending for state in states)
 
 
@@ -176,8 +183,8 @@ def test_vmap_alone_is_a_loop(frames):
 
 @pytest.mark.slow
 def test_large_capacities_change_nothing(frames):
-    medium = dataclasses.replace(world.STATIC, num_detections=16, num_objects=64, num_pending=32)
-    large = dataclasses.replace(medium, num_objects=256, num_pending=128)
+    medium = change_static(world.STATIC, num_detections=16, num_objects=64, num_pending=32)
+    large = change_static(medium, num_objects=256, num_pending=128)
     padded = world.pad(frames, medium.num_detections)
     few, many = world.run(padded, medium), world.run(padded, large)
     for small, big in zip(few, many, strict=True):
@@ -186,7 +193,7 @@ def test_large_capacities_change_nothing(frames):
 
 
 @pytest.mark.parametrize("start", [0, 15])
-def test_order_of_detections_changes_only_ids_of_simultaneous_births(states, start):
+def test_order_of_detections_changes_only_ids_of_simultaneous_births(followed, start):
     """From frame 15 on nothing is born: then shuffling changes nothing at all.
 
     With other ids, hypotheses of equal score are kept in another order, and the context that
@@ -199,11 +206,11 @@ def test_order_of_detections_changes_only_ids_of_simultaneous_births(states, sta
         orders.append(rng.permutation(len(boxes)) if mixed else np.arange(len(boxes)))
         return [boxes[i] for i in orders[-1]]
 
-    shuffled = world.run(world.make_frames(40, SEED, order=shuffle))
+    shuffled = world.follow(world.make_frames(40, SEED, order=shuffle))
     renamed = {NO_ID: NO_ID}
-    for plain, other, order in zip(states, shuffled, orders, strict=True):
-        a = {name: values[order] for name, values in world.decided(plain).items()}
-        b = world.decided(other)
+    for plain, other, order in zip(followed, shuffled, orders, strict=True):
+        a = {name: values[order] for name, values in world.decided(*plain).items()}
+        b = world.decided(*other)
         is_new = b["outcome"] == Outcome.NEW
         renamed |= dict(zip(a["object_id"][is_new], b["object_id"][is_new], strict=True))
         for name in ("outcome", "reason", "status", "num_close", "lock", "source"):
@@ -316,7 +323,7 @@ def test_thresholds_alone_can_be_swept(frames):
 @pytest.mark.slow
 @pytest.mark.parametrize("change", [{"solver": "host"}, {"num_candidates": 8}])
 def test_decisions_do_not_depend_on(frames, states, change):
-    other = world.run(frames, dataclasses.replace(world.STATIC, **change))
+    other = world.run(frames, change_static(world.STATIC, **change))
     shown = min(world.STATIC.num_candidates, other[0].decisions.candidate_id.shape[1])
     for state, expected in zip(other, states, strict=True):
         ours, theirs = world.decided(state), world.decided(expected)
@@ -337,7 +344,7 @@ def test_decisions_do_not_depend_on_compiler_options(frames, states, optimized):
 
 @pytest.mark.slow
 def test_single_precision_decides_as_double(frames, states, x64):
-    static: Static = dataclasses.replace(world.STATIC, precision="float64")
+    static: Static = change_static(world.STATIC, precision="float64")
     for ours, double in zip(states, world.run(frames, static), strict=True):
         a, b = world.decided(ours), world.decided(double)
         for name in ("outcome", "reason", "object_id", "option_id", "pending_id"):

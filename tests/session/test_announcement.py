@@ -20,11 +20,13 @@ import remind_jax as rj
 from remind_jax.config import load_config
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import ConfigError
+from remind_jax.files.records import decode_json
 from remind_jax.outputs.result import Result
 from remind_jax.session import folder_run as session
 from remind_jax.session.announcement import (
     DETECTOR_DEFAULT,
     Announcements,
+    FiledAnnouncements,
     announce,
     as_announced,
     choose_after,
@@ -206,8 +208,9 @@ def test_a_run_in_two_parts_is_the_whole_run(run, after, cut):
     frames = [frame_of(*rows, index=index) for index, rows in enumerate(run)]
     whole, _ = follow(frames, after)
     first, announced = follow(frames[:cut], after)
-    saved = json.loads(json.dumps(announced.to_json()))
-    second, _ = follow(frames[cut:], after, Announcements.from_json(saved))
+    saved = json.dumps(announced.to_json()).encode()
+    restored = decode_json(saved, FiledAnnouncements, "here").restored()
+    second, _ = follow(frames[cut:], after, restored)
     assert ids(first + second) == ids(whole)
 
 

@@ -80,32 +80,32 @@ def test_what_was_never_announced_becomes_another_in_silence():
     assert answers.object_id.tolist() == [0]
 
 
-def taken_up(announce_after: int, announced: Announcements | None) -> Identities:
+def restored(announce_after: int, announced: Announcements | None) -> Identities:
     """Those of a memory whose next object is number 6."""
     tracker = rj.Tracker({"tracker": "iou", "static": STATIC})
     tracker.update(*scenes.picture(0, (1, 2)))
     state = dataclasses.replace(tracker.state, next_id=np.int32(6))
     told = Identities(announce_after, 0)
-    told.take_up(SavedMemory(state, tracker.static, (), "none", "iou", announced))
+    told.restore(SavedMemory(state, tracker.static, (), "none", "iou", announced))
     return told
 
 
 def test_objects_of_a_memory_are_known_and_its_next_frame_begins_a_session():
-    assert taken_up(1, None).announcements.is_identity
-    late = taken_up(3, None)
+    assert restored(1, None).announcements.is_identity
+    late = restored(3, None)
     assert late.announcements == Announcements.all_below(6)
     known = Announcements(0, {9: 0}, next_id=1)
-    assert taken_up(3, known).announcements is known
+    assert restored(3, known).announcements is known
     late.add(frame_of(7, 4), [], None, never)
     assert late.records.objects()[0].first == Sight(2, 7)
 
 
 def test_a_run_that_goes_on_stays_in_its_session():
-    told = taken_up(1, None)
-    told.go_on({9: 4})
+    told = restored(1, None)
+    told.resume({9: 4})
     told.add(frame_of(7, 4), [], None, never)
     assert told.records.objects()[0].first == Sight(1, 7)
-    assert told.announcements.became == {9: 4}
+    assert told.announcements.merged_into == {9: 4}
 
 
 def test_records_of_what_memory_lost_do_not_pile_up(monkeypatch):

@@ -59,7 +59,7 @@ def test_the_memory_of_this_machine_is_known():
 @pytest.mark.parametrize("name", ["plus", "remind"])
 def test_the_estimate_holds_the_memory_and_is_of_its_size(name):
     method = get_method(name)
-    static = Static(num_detections=16, num_objects=512, feature_dim=96)
+    static = method.static(num_detections=16, num_objects=512, feature_dim=96)
     state = jax.eval_shape(lambda: method.init(static))
     num_bytes = sum(math.prod(leaf.shape) * leaf.dtype.itemsize for leaf in jax.tree.leaves(state))
     assert method.host.count_bytes is not None

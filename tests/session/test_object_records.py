@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import re
 
 import numpy as np
 import pytest
@@ -64,16 +62,6 @@ def test_objects_are_listed(tracker):
     for one in objects:
         assert 1 <= len(one.pictures) <= 3
         assert all(jpeg.startswith(b"\xff\xd8\xff") for jpeg in one.pictures)
-
-
-def test_what_is_printed_is_short(tracker):
-    shown = repr(tracker.objects())
-    assert "object_id=2" in shown
-    assert len(shown) < 1000
-    assert "\\x" not in shown  # no bytes of pictures
-    head, *rows = repr(tracker).splitlines()
-    assert head == f"tracker 'plus' on patch-statistics: 3 objects after {FRAMES} frames"
-    assert rows[1].endswith(f" {FRAMES}  session 1, frame {FRAMES - 1}")
 
 
 def test_a_loaded_memory_begins_a_session_with_its_next_frame(tracker):
@@ -204,7 +192,7 @@ def test_what_the_tracker_found_to_be_one_is_one_record():
         records.note(seen(number, ids), None)
     records.rename(1, "mug")
     records.merge(1, [2])
-    records.found_to_be(1, 0)
+    records.merge_for_good(1, 0)
     (known,) = records.objects()
     assert (known.object_id, known.name, known.num_frames, known.merged) == (0, "mug", 5, (2,))
     assert (known.first, known.last) == (Sight(1, 0), Sight(1, 2))
@@ -214,7 +202,7 @@ def test_what_people_and_tracker_found_alike_stays_one():
     records = ObjectRecords()
     records.note(seen(0, [0, 1]), None)
     records.merge(1, [0])
-    records.found_to_be(1, 0)
+    records.merge_for_good(1, 0)
     assert [(one.object_id, one.merged) for one in records.objects()] == [(0, ())]
 
 
@@ -304,11 +292,3 @@ def test_a_view_is_judged_less_and_less_often(monkeypatch):
 def test_names_by_two_threads_are_refused(tracker):
     with tracker._alone("advance"), pytest.raises(RemindError, match="two threads at once"):
         tracker.rename(0, "mug")
-
-
-def test_titles():
-    tracker = Tracker()
-    tracker.update(*scenes.picture(0))
-    known = dataclasses.replace(tracker.objects()[0], name="my mug")
-    assert known.title == "my mug"
-    assert re.fullmatch(r"object \d", dataclasses.replace(known, name="").title)

@@ -29,7 +29,7 @@ def track(out: Path, pictures=PICTURES, **options) -> rj.Result:
 @pytest.fixture(autouse=True)
 def _checkpoints_of_short_runs(monkeypatch):
     monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
-    monkeypatch.setattr(checkpoint, "MOST_OF_A_RUN", 1e6)
+    monkeypatch.setattr(checkpoint, "MAX_OF_A_RUN", 1e6)
 
 
 @pytest.fixture(scope="module")
@@ -228,7 +228,7 @@ def test_a_damaged_journal_is_refused_in_a_sentence(tmp_path):
 def test_checkpoints_take_a_bounded_share_of_a_run(tmp_path, monkeypatch):
     """Each is followed by so much of the run that it was at most a hundredth of it."""
     now = [0.0]
-    monkeypatch.setattr(checkpoint, "MOST_OF_A_RUN", 0.01)
+    monkeypatch.setattr(checkpoint, "MAX_OF_A_RUN", 0.01)
     kept = checkpoint.Checkpoints(tmp_path, every_s=10.0, clock=lambda: now[0])
     kept.folder.mkdir()
 

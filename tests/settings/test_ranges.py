@@ -10,7 +10,7 @@ from remind_jax.config import Config, list_configs, load_config
 from remind_jax.errors import ConfigError
 from remind_jax.method import get_method, list_methods
 from remind_jax.settings.ranges import (
-    MOST_COUNTS,
+    MAX_COUNTS,
     RANGES,
     check_count,
     check_order,
@@ -38,7 +38,7 @@ def test_every_count_has_a_limit():
     for section in (Config().static, Config().input):
         for key, value, record in walk_settings(section):
             if any(type(one) is int for one in (value if type(value) is tuple else (value,))):
-                assert record.most is not None or record.unit in MOST_COUNTS, key
+                assert record.most is not None or record.unit in MAX_COUNTS, key
 
 
 def test_the_table_names_no_unit_that_nobody_has():
@@ -80,7 +80,7 @@ def test_every_number_beyond_its_range_is_refused(tracker):
 def test_every_count_beyond_its_limit_is_refused(section):
     base = load_config("published")
     for key, _, record in numbers(getattr(base, section)):
-        most = record.most or MOST_COUNTS[record.unit]
+        most = record.most or MAX_COUNTS[record.unit]
         for value in (most + 1, 10**12, -1, 0.5, math.nan, True, "1", None, [1]):
             with pytest.raises(ConfigError, match=key):
                 base.updated({f"{section}.{key}": value}, "a test")

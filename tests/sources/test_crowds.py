@@ -123,7 +123,7 @@ def test_boxes_of_large_pictures_are_compared_before_they_are_filled(monkeypatch
 
 
 def test_a_tracker_takes_no_more_than_it_has_memory_for(monkeypatch):
-    monkeypatch.setattr(growing_memory, "MOST_FRAME_BYTES", 1)
+    monkeypatch.setattr(growing_memory, "MAX_FRAME_BYTES", 1)
     most = rj.load_config("default").static.num_detections
     assert rj.Tracker().most_detections == most
     chosen = {"static": {"num_detections": 4 * most}}
@@ -151,7 +151,7 @@ def test_masks_of_much_larger_pictures_are_counted_as_such(images, tmp_path, mon
 
 
 def test_a_method_that_does_not_count_its_bytes_has_a_bound_as_well():
-    assert rj.Tracker(tracker="iou").most_detections == growing_memory.MOST_UNCOUNTED
+    assert rj.Tracker(tracker="iou").most_detections == growing_memory.MAX_UNCOUNTED
 
 
 def test_no_frame_asks_for_more_than_is_meant_for_it():
@@ -160,4 +160,4 @@ def test_no_frame_asks_for_more_than_is_meant_for_it():
     assert 500 <= most < MOST_DETECTIONS
     assert tracker.method.host.count_bytes is not None
     room = rj.Static(num_detections=most, num_objects=2 * most, feature_dim=tracker.backbone.dim)
-    assert tracker.method.host.count_bytes(room) <= growing_memory.MOST_FRAME_BYTES
+    assert tracker.method.host.count_bytes(room) <= growing_memory.MAX_FRAME_BYTES

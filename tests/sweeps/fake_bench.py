@@ -37,9 +37,6 @@ class FakeBench:
     def check_space(self, space) -> None:
         """Everything is allowed."""
 
-    def only(self, scenes: Sequence[str]) -> FakeBench:
-        return dataclasses.replace(self, scenes=tuple(scenes))
-
 
 def hill(setting: Setting, scene: int) -> dict[str, float]:
     """Best at match 0.7, lock 0.9 with the gate on; each scene a little to the side."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SweepError
-from remind_jax.sweeps.cross_validation import choose_without, cross_validate, cross_validate_choice
+from remind_jax.sweeps.cross_validation import choose_without, cross_validate
 from tests.sweeps.fake_bench import FakeBench, hill
 
 SETTINGS = [{}, *({"matching.match": 0.4 + 0.05 * step} for step in range(12))]
@@ -37,19 +37,6 @@ def test_choice_is_the_best_mean_over_the_others():
         assert choose_without(result, scene) == int(np.argmax(others))
 
 
-def test_a_search_chooses_on_the_others_only():
-    seen = []
-
-    def choose(others):
-        seen.append(others.scenes)
-        return others.run(SETTINGS).best()[0].setting
-
-    bench = FakeBench(favourite, tuple("abc"))
-    validation = cross_validate_choice(bench, choose)
-    assert seen == [("b", "c"), ("a", "c"), ("a", "b")]
-    assert validation.folds == cross_validate(bench.run(SETTINGS)).folds
-
-
 def test_interval_holds_the_mean_and_narrows_with_agreement():
     wide = cross_validate(FakeBench(hill, tuple("abcdef")).run(SETTINGS))
     low, high = wide.interval()
@@ -65,7 +52,5 @@ def test_one_scene_is_too_few():
     bench = FakeBench(hill, ("a",))
     with pytest.raises(SweepError, match="no scene but 'a'"):
         cross_validate(bench.run(SETTINGS))
-    with pytest.raises(SweepError, match="at least two scenes"):
-        cross_validate_choice(bench, lambda others: {})
     with pytest.raises(SweepError, match="no score 'IDF'"):
         cross_validate(FakeBench(hill).run(SETTINGS), "IDF")

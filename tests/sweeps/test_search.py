@@ -18,7 +18,7 @@ SPACE = {
 }
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "cmaes", "random", "nsga2"])
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2"])
 def test_search_beats_the_configuration_as_it_stands(sampler):
     bench = FakeBench(hill)
     result = search(bench, SPACE, number=48, at_once=8, sampler=sampler, seed=2)
@@ -37,7 +37,7 @@ def test_a_sampler_that_learns_ends_nearer_the_top_than_where_it_began():
     assert result.best()[0].scores["IDF1"] > 0.95
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "cmaes", "random", "nsga2"])
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2"])
 def test_same_seed_same_settings(sampler):
     first, again = (
         search(FakeBench(hill), SPACE, number=24, at_once=6, sampler=sampler, seed=5)
@@ -82,8 +82,8 @@ def test_what_cannot_be_searched_is_told():
         search(bench, SPACE, objectives=("IDF",))
     with pytest.raises(SweepError, match="no sampler 'anneal'"):
         search(bench, SPACE, sampler="anneal")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(SweepError, match="cannot search for 2 objectives"):
-        search(bench, SPACE, sampler="cmaes", objectives=("IDF1", "Ambiguous"))
+    with pytest.raises(SweepError, match="no objective"):
+        search(bench, SPACE, objectives=())
     with pytest.raises(SweepError, match="no thresholds"):
         search(bench, {})
     with pytest.raises(SweepError, match="has 1 value"):

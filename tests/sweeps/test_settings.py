@@ -7,7 +7,7 @@ import pytest
 from remind_jax.config import load_config
 from remind_jax.errors import ConfigError, RemindError
 from remind_jax.sweeps import SceneBench, draw, grid, parse_values, read_settings, sweep
-from remind_jax.sweeps.settings import MOST_SETTINGS, as_settings, check_space, complete
+from remind_jax.sweeps.settings import MAX_SETTINGS, as_settings, check_space, complete
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ FILES = {
     "twice.csv": "matching.match,matching.match\n0.7,0.8\n",
     "same.csv": "matching.match\n0.7\n0.8\n0.70\n",
     "huge.csv": "matching.match\n" + "9" * 200_000 + "\n",
-    "many.csv": "matching.match\n" + "0.5\n" * (MOST_SETTINGS + 1),
+    "many.csv": "matching.match\n" + "0.5\n" * (MAX_SETTINGS + 1),
     "wide.csv": "x" * 200_000 + "\n1\n",
     "utf16.csv": "matching.match\n0.7\n".encode("utf-16"),
     "latin.csv": "matching.match\n0.7\n\xe9".encode("latin-1"),
@@ -113,7 +113,7 @@ def test_a_file_that_holds_something_else_is_refused_by_name(name, tmp_path):
         [{1: 2}],
         ["matching.match"],
         [None],
-        [{}] * (MOST_SETTINGS + 2),
+        [{}] * (MAX_SETTINGS + 2),
     ],
 )
 def test_settings_are_checked_before_a_scene_is_opened(settings):

@@ -58,9 +58,3 @@ def test_ids_beyond_eight_bits_are_refused(tiny, tmp_path):
     scene = dataclasses.replace(tiny.scene, objects=(item,))
     with pytest.raises(OutputError, match="256 does not fit"):
         write_davis(scene, tmp_path)
-
-
-def test_an_unusable_folder_is_one_sentence(tiny, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot write the sequence"):
-        write_davis(tiny, tmp_path / "file")

@@ -26,11 +26,6 @@ def test_same_options_give_the_same_bytes(tiny):
         np.testing.assert_array_equal(detections_of(one).masks, detections_of(other).masks)
 
 
-def test_another_seed_gives_another_scene(tiny):
-    other = next(render(make_scene(dataclasses.replace(TINY, seed=TINY.seed + 1))))
-    assert not np.array_equal(image_of(other), image_of(tiny.frames[0]))
-
-
 def test_frames_have_the_asked_form(small):
     assert [frame.index for frame in small.frames] == list(range(SMALL.frames))
     times = [frame.time_s for frame in small.frames]
@@ -81,14 +76,6 @@ def test_light_drop_darkens(small):
     bright = np.mean([image_of(frame).mean() for frame in small.frames[:8]])
     dark = np.mean([image_of(frame).mean() for frame in small.frames[drop:]])
     assert dark < 0.75 * bright
-
-
-def test_without_a_drop_nothing_darkens():
-    options = dataclasses.replace(TINY, light_drop=1.0)
-    scene = make_scene(options)
-    assert scene.light.drop_frame is None
-    frames = list(render(scene))
-    assert image_of(frames[-1]).mean() > 0.8 * image_of(frames[0]).mean()
 
 
 def test_consecutive_masks_overlap_at_the_demo_pace():

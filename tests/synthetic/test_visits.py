@@ -7,8 +7,8 @@ import itertools
 
 import pytest
 
+from benchmarks.visits import kept_places, split_visits
 from remind_jax.synthetic import SceneOptions, render_sequence
-from remind_jax.synthetic.visits import kept_places, split_visits
 
 OPTIONS = SceneOptions(
     seed=3,

@@ -12,6 +12,7 @@ import numpy as np
 
 from remind_jax.config import Config
 from remind_jax.decision import NO_ID, Decisions, Outcome, Reason
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.trace import ContextTrace, DetectionTrace, SetTrace
 from remind_jax.tracks import title_of
@@ -23,6 +24,7 @@ class FrameRecord:
     """Everything known about the decisions of one frame; NumPy arrays without padding rows."""
 
     decisions: Decisions
+    stages: Stages
     detections: DetectionTrace
     sets: SetTrace
     context: ContextTrace
@@ -66,7 +68,7 @@ class Case:
     @property
     def assignment(self) -> str:
         """How detections and objects were assigned, `joint` or `greedy`."""
-        return self.config.static.assignment
+        return self.config.static.switches.assignment
 
     @property
     def outcome(self) -> Outcome:
@@ -81,6 +83,10 @@ class Case:
     def decision(self, field: str) -> Any:
         """A field of `Decisions` for this detection."""
         return _plain(getattr(self.record.decisions, field)[self.row])
+
+    def stage(self, field: str) -> Any:
+        """A field of `Stages` for this detection."""
+        return _plain(getattr(self.record.stages, field)[self.row])
 
     def trace(self, field: str) -> Any:
         """A field of `DetectionTrace` for this detection."""
@@ -126,7 +132,8 @@ class Case:
 
         Stages: `assigned_id`, `guarded_id`, `object_id`.
         """
-        (rows,) = np.nonzero(getattr(self.record.decisions, field) == object_id)
+        given = self.record.decisions if field == "object_id" else self.record.stages
+        (rows,) = np.nonzero(getattr(given, field) == object_id)
         rows = rows[rows != self.row]
         return int(rows[0]) if len(rows) else None
 

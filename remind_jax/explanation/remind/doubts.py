@@ -51,7 +51,7 @@ def _list_options(case: Case, options: list[tuple[int, float]]) -> str:
 
 def _explain_closeness(case: Case, reason: Reason, options: list[tuple[int, float]]) -> str:
     """Candidates too close to distinguish (method.md#ambiguity)."""
-    t, matched = case.thresholds.ambiguous, case.decision("guarded_id")
+    t, matched = case.thresholds.ambiguous, case.stage("guarded_id")
     names = _list_options(case, options)
     is_unbacked = matched == options[0][0] and case.candidate(matched, "backed") is False
     rivals = [i for i, _ in options[1:] if case.candidate(i, "backed")]
@@ -80,7 +80,7 @@ def _explain_closeness(case: Case, reason: Reason, options: list[tuple[int, floa
 
 def explain_firmness(case: Case) -> Iterator[str]:
     """Why a match with rivals was not left open (method.md#ambiguity)."""
-    own, t = case.decision("guarded_id"), case.thresholds.ambiguous
+    own, t = case.stage("guarded_id"), case.thresholds.ambiguous
     was_open = any(case.passes("undecided", turn) for turn in range(case.num_passes))
     rivals = [i for i in case.candidate_ids() if i != own and case.candidate(i, "plausible")]
     if case.outcome != Outcome.MATCH or was_open or not rivals or not t.enabled:
@@ -128,7 +128,7 @@ def _explain_competition(case: Case, options: list[tuple[int, float]]) -> str:
     t, record = case.thresholds.competition, case.record
     parent, founded = options[0][0], options[1][0]
     seed = int(np.flatnonzero(record.detections.reserved_id == founded)[0])
-    holder = int(np.flatnonzero(record.decisions.guarded_id == parent)[0])
+    holder = int(np.flatnonzero(record.stages.guarded_id == parent)[0])
     claim = (
         f"detection {holder} holds {case.name(parent)}, and detection {seed}, which would be new, "
         "claims it too"

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from remind_jax.decision import NO_ID, Decisions, Lock, MatchOrigin, Outcome, Reason, Status
+from remind_jax.decision import NO_ID, Decisions, Outcome, Reason, Status
 from remind_jax.explanation.archive import TraceArchive, first_rows
 from remind_jax.explanation.explainer import Explainer
 from remind_jax.explanation.explanation import id_or_none
@@ -35,6 +35,7 @@ from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.disambiguation.joint_assignments import GroupStatus
 from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.remind.stages import Lock, MatchOrigin
 from remind_jax.remind.trace import Trace
 from remind_jax.tracks import Tracks
 
@@ -78,14 +79,14 @@ class RemindExplainer(Explainer[FrameRecord]):
         sets = dataclasses.replace(
             sets, detections=sets.detections[:, :num], member_id=sets.member_id[:, :num]
         )
-        decided, known = first_rows((decisions, trace.detections), num)
-        return FrameRecord(decided, known, sets, trace.context)
+        kept = first_rows((decisions, trace.stages, trace.detections), num)
+        return FrameRecord(*kept, sets, trace.context)
 
     def _explain(self, record: FrameRecord, tracks: Tracks, row: int) -> RemindExplanation:
         labels = self._archive.labels
         case = Case(record, row, tracks.labels[row], labels, tracks.names, self._config)
         since = self._pending.get((tracks.frame_index, row))
-        is_rated, found = tracks.is_rated(row), case.decision
+        is_rated, found, made = tracks.is_rated(row), case.decision, case.stage
         return RemindExplanation(
             frame=tracks.frame_index,
             time_s=float(tracks.time_s),
@@ -100,14 +101,14 @@ class RemindExplainer(Explainer[FrameRecord]):
             score=found("score") if is_rated else None,
             confidence=found("confidence") if is_rated else None,
             status=Status(found("status")),
-            status_final=Status(found("status_final")),
+            status_final=Status(made("status_final")),
             best_score=found("best_score"),
             second_score=found("second_score"),
-            num_close=found("num_close"),
-            lock=Lock(found("lock")),
-            source=MatchOrigin(found("source")),
-            assigned_id=id_or_none(found("assigned_id")),
-            guarded_id=id_or_none(found("guarded_id")),
+            num_close=made("num_close"),
+            lock=Lock(made("lock")),
+            source=MatchOrigin(made("source")),
+            assigned_id=id_or_none(made("assigned_id")),
+            guarded_id=id_or_none(made("guarded_id")),
             why=give_reasons(case, since),
             quality=_quality(case),
             num_candidates=case.trace("num_candidates"),

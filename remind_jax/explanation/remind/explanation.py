@@ -6,7 +6,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from remind_jax.decision import Lock, MatchOrigin, Status
+from remind_jax.decision import Status
 from remind_jax.explanation.explanation import Explanation, lay_out, say_code, wrap
 from remind_jax.explanation.remind.evidence import (
     Anchor,
@@ -22,6 +22,7 @@ from remind_jax.printing.words import change, listing, number, plural
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
 from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.remind.stages import Lock, MatchOrigin
 
 SHOWN_SETS = 5
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from remind_jax.decision import NO_ID, Lock, MatchOrigin, Outcome, Reason, Status
+from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.explanation.remind.case import Case
 from remind_jax.explanation.remind.doubts import (
     explain_birth,
@@ -21,6 +21,7 @@ from remind_jax.explanation.remind.doubts import (
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence, threshold
 from remind_jax.remind.association.gating import Gate
 from remind_jax.remind.context.veto import Veto
+from remind_jax.remind.stages import Lock, MatchOrigin
 
 _VISIBLE = 0.005  # a change of score that shows in two decimals
 
@@ -80,7 +81,7 @@ def _explain_looks(case: Case) -> Iterator[str]:
 def _explain_status(case: Case, alone: bool) -> str:
     t, status = case.thresholds.diagnosis, Status(case.decision("status"))
     best, second = case.decision("best_score"), case.decision("second_score")
-    lead, num_close = best - second, case.decision("num_close")
+    lead, num_close = best - second, case.stage("num_close")
     if status == Status.STRONG:
         ahead = "" if alone else f", ahead by {compare(lead, '>=', t.strong_gap)}"
         return f"that is STRONG evidence: {compare(best, '>=', t.strong_score)}{ahead}"
@@ -186,11 +187,11 @@ def _explain_assignment(case: Case) -> Iterator[str]:
     """Which object it got: locks, then the joint assignment (11.4, 12, 13)."""
     if not case.candidate_ids():
         return
-    assigned = case.decision("assigned_id")
+    assigned = case.stage("assigned_id")
     if assigned == NO_ID:
         yield _explain_unassigned(case)
         return
-    lock = Lock(case.decision("lock"))
+    lock = Lock(case.stage("lock"))
     yield _explain_lock(case, assigned, lock) if lock else _explain_joint(case, assigned)
     best = case.candidate_ids()[0]
     if best != assigned:
@@ -324,12 +325,12 @@ def _explain_closed(case: Case, object_id: int) -> str:
 
 def _was_locked(case: Case, object_id: int) -> bool:
     holder = case.holder(object_id, "assigned_id")
-    return holder is not None and int(case.record.decisions.lock[holder]) == Lock.OBJECT
+    return holder is not None and int(case.record.stages.lock[holder]) == Lock.OBJECT
 
 
 def _explain_guard(case: Case) -> Iterator[str]:
     """Look-alikes that could swap objects (method.md#identity-stability)."""
-    before, after = case.decision("assigned_id"), case.decision("guarded_id")
+    before, after = case.stage("assigned_id"), case.stage("guarded_id")
     if before == after:
         return
     t, gap = case.thresholds.stability, case.trace("group_gap")
@@ -365,7 +366,7 @@ def _explain_verdict(case: Case, since: tuple[int, int] | None) -> str:
     if outcome == Outcome.MATCH:
         score = number(case.decision("score"))
         context = " with context" if case.candidate(object_id, "bonus") else ""
-        settled = case.decision("source") > MatchOrigin.ASSOCIATION
+        settled = case.stage("source") > MatchOrigin.ASSOCIATION
         return f"{'settled' if settled else 'matched'} as {case.name(object_id)} ({score}{context})"
     if outcome == Outcome.NEW:
         return f"a new object: {case.name(object_id)}"

@@ -19,7 +19,6 @@ from remind_jax.errors import SourceError
 from remind_jax.files.records import MOST_LABEL
 from remind_jax.masks.run_length import encode_label_map
 from remind_jax.metrics.formats.rows import TrackRows, boxes_of
-from remind_jax.outputs.labeling import MOTS_PNG_INSTANCES
 from remind_jax.sources.annotation_png import read_label_map
 from remind_jax.sources.source import UnreadableFrame
 
@@ -27,6 +26,7 @@ FOLDER = "instances"
 LABELS = "labels.txt"
 IGNORED_CLASS = 10
 _MOST_BYTES = 64 << 20  # of a picture
+MOTS_PNG_INSTANCES = 1000  # of a class; a pixel is class times this, plus the instance
 _MOST_CLASSES = (1 << 16) // MOTS_PNG_INSTANCES
 
 

@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import Lock
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.remind.association.diagnosis import Evidence, admit_by_status, rank_two
 from remind_jax.remind.association.gating import ContextVerdict, Pairs, gate_pairs, initial_pairs
 from remind_jax.remind.association.similarity import Comparison
+from remind_jax.remind.stages import Lock
 from remind_jax.remind.thresholds.association import Matching
 from remind_jax.solvers.assignment import assign
 from remind_jax.solvers.greedy import assign_greedily
@@ -30,7 +30,7 @@ class Assignment:
 
     slot: Int[Array, "N"]  # -1: no object
     score: Float[Array, "N"]  # final score of the pair, 0 without object
-    lock: Int[Array, "N"]  # decision.Lock
+    lock: Int[Array, "N"]  # stages.Lock
     pairs: Pairs  # the table as last built
 
 
@@ -68,7 +68,7 @@ def associate(
 
     pairs = gate_pairs(pairs, candidate, score, context, open_to_context, free, used, t)
     allowed, dummy = pairs.eligible & free[:, None], dummy_scores(evidence, t)
-    if static.assignment == "greedy":
+    if static.switches.assignment == "greedy":
         column = assign_greedily(pairs.score_assign, allowed, dummy, t.dummies)
     else:
         column = assign(

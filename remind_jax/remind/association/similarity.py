@@ -205,17 +205,19 @@ def compare_channels(
     def both(score: Score) -> tuple[Score, Score]:
         """Against the work and against the stable bank."""
         work, stable = (Score(*sides) for sides in zip(score.value, score.present, strict=True))
-        return work, _absent(stable) if static.banks_read == "work" else stable
+        return work, _absent(stable) if static.switches.banks_read == "work" else stable
 
     rings = descriptors.appearance.shape[1]
     object_work, object_stable = both(jax.tree.map(lambda leaf: leaf[:, :rings], wholes))
     rings_work, rings_stable = both(jax.tree.map(lambda leaf: leaf[:, rings:], wholes))
     authority_work, authority_stable = proven[:, :rings]
-    parts_work, parts_stable = both(_best_parts(state.parts, parts, parts_seen, static.part_top))
+    parts_work, parts_stable = both(
+        _best_parts(state.parts, parts, parts_seen, static.switches.part_top)
+    )
     prototypes: tuple[Score | None, Score | None] = None, None
     if descriptors.ring_prototypes is not None and state.ring_prototypes is not None:
         patches = jax.tree.map(lambda leaf: jnp.swapaxes(leaf, 0, 1), descriptors.ring_prototypes)
-        known, top = patches.valid & background, static.ring_prototype_top
+        known, top = patches.valid & background, static.switches.ring_prototype_top
         prototypes = both(_best_parts(state.ring_prototypes, patches.vector, known, top))
     return ChannelScores(
         object_work,
@@ -336,7 +338,7 @@ def collapse(
     best = [
         (Score(score.value[:, channel], score.present[:, channel]), authority[:, channel])
         for channel, name in enumerate(("global", "trimmed"))
-        if static.object_channel in ("best", name)
+        if static.switches.object_channel in ("best", name)
     ]
     (obj, authority), *others = best
     for other, its_authority in others:  # the first among equals
@@ -351,7 +353,9 @@ def collapse(
         of_term[BACKGROUND],
     )
     parts, _ = _collapse_pair(c.parts_work, c.parts_stable, of_term[PARTS])
-    counted = jnp.array([static.part_channel in ("best", c) for c in static.part_channels])
+    counted = jnp.array(
+        [static.switches.part_channel in ("best", c) for c in static.switches.part_channels]
+    )
     present = parts.present & counted[:, None, None]
     parts = Score(jnp.max(jnp.where(present, parts.value, 0.0), axis=1), jnp.any(present, axis=1))
     terms = [obj, back, parts]
@@ -384,9 +388,9 @@ def _collapse_pair(
 
 def _combine_rings(rings: Score, static: Static, t: Similarity) -> Score:
     """Joins inner and outer ring; one alone counts in full (method.md#channel-scores)."""
-    if static.ring_channel == "inner":
+    if static.switches.ring_channel == "inner":
         return jax.tree.map(lambda leaf: leaf[0], rings)
-    if static.ring_channel == "outer":
+    if static.switches.ring_channel == "outer":
         return jax.tree.map(lambda leaf: leaf[1], rings)
     return _join_rings(rings, t)
 

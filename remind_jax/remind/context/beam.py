@@ -93,7 +93,7 @@ class Beam:
 
 def empty_beam(num: int, slots: int, static: Static) -> Beam:
     """Nothing chosen yet, in the first row; the other rows are free."""
-    width, scalar = static.beam_width, static.scalar
+    width, scalar = static.switches.beam_width, static.scalar
     zero = jnp.zeros((), scalar)
     one = (
         empty_set(min(num, slots), slots, scalar),

@@ -83,7 +83,7 @@ def join_links(view: FrameView, num_in_question: Int[Array, ""], static: Static,
       t: Thresholds.
     """
     forth, back = view.conditional, view.conditional.T
-    joint = jnp.sqrt(forth * back) if static.mutual_links else 0.5 * (forth + back)
+    joint = jnp.sqrt(forth * back) if static.switches.mutual_links else 0.5 * (forth + back)
     other = ~jnp.eye(joint.shape[0], dtype=bool)
     strong = (jnp.clip(joint, 0.0, 1.0) >= t.min_link) & other
     counts = strong | (other & ~t.drop_weak_links)

@@ -50,16 +50,16 @@ def group_by_class(view: FrameView, static: Static, t: Sets) -> FrameClasses:
     index = np.arange(num, dtype=np.int32)
     first = det_valid & ~jnp.any(same & (index[None] < index[:, None]), axis=1)
     stored = (det_class[:, None] == view.object_class[None]) & view.exists[None]
-    pool_size = jnp.minimum(jnp.sum(stored, axis=1, dtype=jnp.int32), static.class_pool)
+    pool_size = jnp.minimum(jnp.sum(stored, axis=1, dtype=jnp.int32), static.switches.class_pool)
     known = first & (pool_size > 0)
     _, _, order = jax.lax.sort(
         (jnp.where(known, pool_size, _LAST), det_class, jnp.asarray(index)), num_keys=2
     )
 
     by_score = jnp.lexsort((-index, -view.det_score))
-    detections = _first_in_order(same[order], by_score, min(static.class_detections, num))
+    detections = _first_in_order(same[order], by_score, min(static.switches.class_detections, num))
     by_relevance = _rank_objects(view, t)
-    width = min(static.class_pool, slots)
+    width = min(static.switches.class_pool, slots)
     pool = _first_in_order(stored[order], by_relevance, width)
     pool = jnp.pad(-jnp.sort(-pool, axis=1), ((0, 0), (0, 1)), constant_values=NO_SLOT)
     num_known = jnp.sum(known, dtype=jnp.int32)

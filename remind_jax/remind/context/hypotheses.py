@@ -39,7 +39,7 @@ class Hypotheses:
 
 def no_hypotheses(num: int, slots: int, static: Static) -> Hypotheses:
     """The outcome of no search, for `num` detections and object `slots`."""
-    count = min(static.num_hypotheses, static.beam_width)
+    count = min(static.switches.num_hypotheses, static.switches.beam_width)
     real = jnp.zeros(count, static.scalar)
     return Hypotheses(
         score=real,
@@ -87,7 +87,7 @@ def _best_of_beam(
     score, size = beam.rating.score[beam.set_of], beam.sets.size[beam.set_of]
     valid = beam.valid & searched & (score >= t.min_set_score)
     valid = valid & ((scale.num_detections <= 1) | (size >= 2))
-    count = min(static.num_hypotheses, static.beam_width)
+    count = min(static.switches.num_hypotheses, static.switches.beam_width)
     best, row = jax.lax.top_k(jnp.where(valid, score, -jnp.inf), count)
     kept = best >= 0.0
     which = beam.set_of[row]

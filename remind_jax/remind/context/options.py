@@ -99,7 +99,7 @@ def support_by_kernel(
     # float32 holds these keys exactly and has a fast top_k.
     key = jnp.where(view.anchors, slot, jnp.where(members, slots + slot, 2 * slots))
     key = key.astype(jnp.float32)
-    found, kernel = jax.lax.top_k(-key, min(static.set_kernel or slots, slots))
+    found, kernel = jax.lax.top_k(-key, min(static.switches.set_kernel or slots, slots))
     in_kernel = -found < 2 * slots
     at = jnp.maximum(pool, 0)
     link = view.conditional[:, at][kernel]
@@ -164,7 +164,7 @@ def _allowed(
     """Choices that exist; nothing at all is one of them unless every class must be explained."""
     count = jnp.arange(most + 1)
     fits = (count <= jnp.minimum(num_detections, pool_size)) & ((count > 0) | t.partial)
-    considered = jnp.minimum(pool_size, jnp.maximum(count, static.option_objects))
+    considered = jnp.minimum(pool_size, jnp.maximum(count, static.switches.option_objects))
     replaceable = (count > 0) & jnp.stack([num_detections > count, considered > count])
     either = jnp.stack([jnp.ones_like(replaceable), replaceable], axis=-1)
     return fits[:, None, None] & either[0][:, :, None] & either[1][:, None, :]
@@ -174,7 +174,7 @@ def _information(
     pool_size: Int[Array, ""], most: int, static: Static, t: Sets
 ) -> Float[Array, "C"]:
     """1 for a forced choice, less the more choices of that size exist."""
-    logs = np.array([math.lgamma(n + 1) for n in range(max(static.class_pool, most) + 1)])
+    logs = np.array([math.lgamma(n + 1) for n in range(max(static.switches.class_pool, most) + 1)])
     log_factorial = jnp.asarray(logs, t.choice_penalty.dtype)
     count = jnp.arange(most + 1)
     rest = jnp.maximum(pool_size - count, 0)

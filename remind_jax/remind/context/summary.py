@@ -163,14 +163,14 @@ def find_kernels(
     is full. At least one member enters, however many anchors there are.
     """
     slots = anchors.shape[0]
-    source = hypotheses.members[: max(1, static.context_hypotheses)]
+    source = hypotheses.members[: max(1, static.switches.context_hypotheses)]
     is_member, namer = largest(source, axis=0)
     named = is_member & ~anchors
     # Members in order of the first hypothesis that names them, then of their slot.
     order = jnp.lexsort((jnp.arange(slots), namer, ~named))
     foreign = (named & ~same)[:, order]
     before = jnp.cumsum(foreign, axis=1, dtype=jnp.int32) - foreign
-    room = (static.set_kernel or slots) - jnp.sum(anchors, dtype=jnp.int32)
+    room = (static.switches.set_kernel or slots) - jnp.sum(anchors, dtype=jnp.int32)
     enters = foreign & ((before == 0) | (before < room))
     back = jnp.argsort(order)
     exists = same.reshape(-1)[:: slots + 1]  # in steps: the diagonal without a look-up

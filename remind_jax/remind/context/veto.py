@@ -80,7 +80,7 @@ def expect_neighbors(
     """
     graph = view.graph
     slots = graph.episodes.shape[0]
-    length = min(static.max_neighbours or slots, slots)
+    length = min(static.switches.max_neighbours or slots, slots)
     neighbor = graph.count > 0
     keys = (graph.weight, graph.edge_time)
     order, known = ranked_neighbors(neighbor_rank(neighbor, keys, graph.edge_order), length)
@@ -91,8 +91,8 @@ def expect_neighbors(
     number, mass = reduce_together(
         ("sum", upto), ("sum", jnp.where(upto, link[:, None], 0.0)), axis=2
     )
-    enough = (number >= max(1, static.context_hypotheses)) & (mass >= t.local_mass)
-    ends = taken & (enough | (number >= static.expected_neighbours))
+    enough = (number >= max(1, static.switches.context_hypotheses)) & (mass >= t.local_mass)
+    ends = taken & (enough | (number >= static.switches.expected_neighbours))
     ended_before = jnp.any(ends[:, None] & (place < place[:, None]), axis=2)
     kept = taken & ~ended_before
     return jnp.any((order[..., None] == jnp.arange(slots)) & kept[..., None], axis=1)

@@ -111,7 +111,7 @@ def find_voters(
     claims = pair_ok & (jnp.arange(masked.shape[1]) == best[:, None])
     claimed = jnp.where(claims, masked, -jnp.inf)
     top, holder = largest(claimed, axis=0)
-    limit = num if static.soft_anchors == 0 else static.soft_anchors
+    limit = num if static.switches.soft_anchors == 0 else static.switches.soft_anchors
     ranked, backwards = jax.lax.top_k(top[::-1], min(limit, top.shape[0]))
     soft_slot = (top.shape[0] - 1 - backwards).astype(jnp.int32)
     soft = jnp.isfinite(ranked)
@@ -153,10 +153,10 @@ def choose_anchors(
     rank = jnp.sum(ahead, axis=1)
     best = jnp.maximum(jnp.max(score), 0.0)
     floor = jnp.maximum(t.min_usefulness, t.usefulness_share * best)
-    pairs = jnp.minimum(t.max_pairs, static.group_anchors)
+    pairs = jnp.minimum(t.max_pairs, static.switches.group_anchors)
     limit = jnp.minimum(t.max_anchors, jnp.maximum(FEWEST_ANCHORS, pairs))
     chosen = valid & (rank < limit) & (score >= floor)
-    room = max(FEWEST_ANCHORS, static.group_anchors)
+    room = max(FEWEST_ANCHORS, static.switches.group_anchors)
     at_rank = chosen & (rank == jnp.arange(room)[:, None])
     (found, voter), place, rated = reduce_together(
         ("top", at_rank),

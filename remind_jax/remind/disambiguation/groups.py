@@ -96,7 +96,9 @@ def form_groups(
     each = jnp.stack([takes_part, num_fresh, num_fresh_stored, takes_part & ~some])
     counts = jnp.sum(jnp.where(member, each[:, None], 0), axis=2, dtype=jnp.int32)
     num_detections, num_candidates, num_stored, num_unknown = counts
-    small = (num_detections <= static.group_size) & (num_candidates <= static.group_candidates)
+    small = (num_detections <= static.switches.group_size) & (
+        num_candidates <= static.switches.group_candidates
+    )
     closed = (num_detections >= 2) & (num_stored == num_detections) & (num_unknown == 0)
     return Groups(
         root=root,

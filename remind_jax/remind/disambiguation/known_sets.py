@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.control_flow import branch
 from remind_jax.numerics.ranks import count_before
@@ -42,6 +41,7 @@ from remind_jax.remind.disambiguation.joint_assignments import (
 )
 from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.stages import MatchOrigin
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
 
@@ -71,7 +71,7 @@ class Settled:
 
     resolved_slot: Int[Array, "N"]  # object, -1 none
     resolved_score: Float[Array, "N"]  # score_known of that object, 0 without any
-    source: Int[Array, "N"]  # decision.MatchOrigin
+    source: Int[Array, "N"]  # stages.MatchOrigin
     remaining: Bool[Array, "N"]  # entries that stay undecided; one given a virtual object does not
     root: Int[Array, "N"]  # root of the group of each entry, -1 outside groups
     proposed: Int[Array, "N"]  # candidate in the best assignment of the group, -1 if not scored
@@ -163,7 +163,7 @@ def _no_anchors(
     static: Static,
 ) -> GroupOutcome:
     """Groups that were not scored."""
-    room = (status.shape[0], max(FEWEST_ANCHORS, static.group_anchors))
+    room = (status.shape[0], max(FEWEST_ANCHORS, static.switches.group_anchors))
     nobody = jnp.full(room, NO_SLOT, jnp.int32)
     return GroupOutcome(
         status, num_detections, num_candidates, jnp.zeros_like(status), numbers,
@@ -287,8 +287,8 @@ def extract_group(
     none = jnp.iinfo(jnp.int32).max
     member = groups.root == root
     # A closed group has two detections at least; smaller limits leave nothing to solve.
-    room = max(2, static.group_candidates)
-    size = max(2, min(static.group_size, room))
+    room = max(2, static.switches.group_candidates)
+    size = max(2, min(static.switches.group_size, room))
     index = jnp.where(member, jnp.arange(num, dtype=jnp.int32), none)
     index = jnp.pad(index, (0, size), constant_values=none)
     detection = jnp.sort(index)[:size]

@@ -91,21 +91,21 @@ def _appearance_channel(static: Static, a: Appearance, keeps_first: Bool[Array, 
             by_quality=(~a.gated_update, ~a.gated_update),
         ),
         room=Room(
-            capacity=static.appearance_slots,
+            capacity=static.switches.appearance_slots,
             merge=(a.merge, a.stable_merge),
             redundant=(
-                static.appearance_evict == "redundant",
-                static.appearance_stable_evict == "redundant",
+                static.switches.appearance_evict == "redundant",
+                static.switches.appearance_stable_evict == "redundant",
             ),
         ),
-        cap=a.merge_cap if static.appearance_merge == "capped" else 1,
+        cap=a.merge_cap if static.switches.appearance_merge == "capped" else 1,
         promote_hits=a.promote_hits,
         promote_quality=a.promote_quality,
         promotes=a.promote_hits > 0,
         create_quality=a.create_quality,
         keeps_first=keeps_first,
         refreshes_work=a.refresh_work,
-        novel=a.novel if static.appearance_insert == "novel" else jnp.inf,
+        novel=a.novel if static.switches.appearance_insert == "novel" else jnp.inf,
     )
 
 
@@ -122,7 +122,7 @@ def _ring_channels(static: Static, b: Background, keeps_first: Bool[Array, ""]) 
             keeps_first=keeps_first,
             stable_waits=True,
         )
-        for slots in (static.inner_ring_slots, static.outer_ring_slots)
+        for slots in (static.switches.inner_ring_slots, static.switches.outer_ring_slots)
     ]
 
 
@@ -139,14 +139,14 @@ def observe_parts(
             rate_max=(p.update_rate_max, p.update_rate_max),
         ),
         room=Room(
-            capacity=static.part_slots,
+            capacity=static.switches.part_slots,
             merge=(p.merge, p.stable_merge),
-            redundant=(static.part_evict == "redundant",) * 2,
+            redundant=(static.switches.part_evict == "redundant",) * 2,
         ),
-        cap=p.merge_cap if static.part_merge == "capped" else 1,
+        cap=p.merge_cap if static.switches.part_merge == "capped" else 1,
         promote_hits=p.promote_hits,
         promotes=p.promote_hits > 0,
-        novel=p.novel if static.part_insert == "novel" else jnp.inf,
+        novel=p.novel if static.switches.part_insert == "novel" else jnp.inf,
         one_to_one=p.one_to_one,
     )
     # [N C K ...] to [K C N ...]
@@ -168,7 +168,7 @@ def observe_ring_prototypes(
             cap=b.merge_cap,
             promote_hits=t.ring_prototypes.promote_hits,
         )
-        for slots in (static.inner_prototype_slots, static.outer_prototype_slots)
+        for slots in (static.switches.inner_prototype_slots, static.switches.outer_prototype_slots)
     ]
     # [N R M ...] to [M R N ...]
     vector, present = jnp.swapaxes(patches.vector, 0, 2), jnp.swapaxes(patches.valid, 0, 2)
@@ -190,7 +190,7 @@ def _ring_refresh(b: Background) -> Refresh:
 
 
 def _ring_room(capacity: tuple[int, int], static: Static, b: Background) -> Room:
-    redundant = static.ring_evict == "redundant"
+    redundant = static.switches.ring_evict == "redundant"
     return Room(capacity, (b.merge, b.merge), (redundant, redundant))
 
 

@@ -239,7 +239,7 @@ def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> Coo
 
     Only objects in view can have got too many (method.md#neighbor-order).
     """
-    slots, num, most = graph.count.shape[0], sightings.row.shape[0], static.max_neighbours
+    slots, num, most = graph.count.shape[0], sightings.row.shape[0], static.switches.max_neighbours
     if not 0 < most < slots - 1:
         return graph
     full = sightings.visible & (jnp.sum(graph.count > 0, axis=1) > most)
@@ -259,7 +259,7 @@ def _trim(graph: CooccurrenceGraph, sightings: Sightings, static: Static) -> Coo
 def rank_edges(graph: CooccurrenceGraph, static: Static) -> Int[Array, "R O"]:
     """Position of every neighbor by the rule that trims the lists (method.md#neighbor-order)."""
     keys = {"weight": (graph.weight, graph.edge_time), "recent": (graph.edge_time,)}
-    return neighbor_rank(graph.count > 0, keys[static.neighbour_trim], graph.edge_order)
+    return neighbor_rank(graph.count > 0, keys[static.switches.neighbour_trim], graph.edge_order)
 
 
 def neighbor_rank(

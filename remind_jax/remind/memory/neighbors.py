@@ -8,7 +8,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from remind_jax.decision import Decisions, Lock, MatchOrigin, Outcome
+from remind_jax.decision import Decisions, Outcome
 from remind_jax.numerics.ranks import rank_rising
 from remind_jax.remind.memory.cooccurrence import (
     CooccurrenceGraph,
@@ -17,12 +17,16 @@ from remind_jax.remind.memory.cooccurrence import (
 )
 from remind_jax.remind.memory.distances import DistanceGraph, update_distances
 from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.stages import Lock, MatchOrigin, Stages
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
 
 
 def decided_rank(
-    decisions: Decisions, source: Int[Array, "N"], class_id: Int[Array, "N"]
+    decisions: Decisions,
+    stages: Stages,
+    source: Int[Array, "N"],
+    class_id: Int[Array, "N"],
 ) -> Int[Array, "N"]:
     """Position of every detection in the order in which it got its object.
 
@@ -30,17 +34,18 @@ def decided_rank(
     the classes appear, locks first (method.md#locks, method.md#outcomes).
 
     Args:
-      decisions: Outcomes and locks.
-      source: What gave each match its object, `decision.MatchOrigin`.
+      decisions: Outcomes and candidates.
+      stages: Locks, and what the assignment gave.
+      source: What gave each match its object, `stages.MatchOrigin`.
       class_id: Class of each detection.
     """
     late = (source > MatchOrigin.ASSOCIATION).astype(jnp.int32)
     late = jnp.where(decisions.outcome == Outcome.NEW, 2, late)
     by_class = jnp.argmax(class_id[:, None] == class_id, axis=1)
     by_class = jnp.where(late == 0, by_class, 0)
-    locked = (decisions.lock != Lock.NONE) & (late == 0)
-    lock = jnp.where(locked, decisions.lock, Lock.DETECTION + 1)
-    assigned = decisions.candidate_id == decisions.assigned_id[:, None]
+    locked = (stages.lock != Lock.NONE) & (late == 0)
+    lock = jnp.where(locked, stages.lock, Lock.DETECTION + 1)
+    assigned = decisions.candidate_id == stages.assigned_id[:, None]
     score = jnp.sum(jnp.where(assigned, decisions.candidate_score, 0.0), axis=1)
     return rank_rising([late, by_class, lock, -jnp.where(locked, score, 0.0)])
 

@@ -42,9 +42,9 @@ def find_attention_parts(
     inside = inside.at[:, :, jnp.where(known, at, members.shape[1])].max(region, mode="drop")
     inside = inside & exists[..., None]
 
-    weights = weigh_patches(inside, coverage, static.attention_weighted)
+    weights = weigh_patches(inside, coverage, static.switches.attention_weighted)
     mean, present = pool_regions(
-        features, weights, inside, static.attention_mean, t.trim_keep, t.trim_min_patches
+        features, weights, inside, static.switches.attention_mean, t.trim_keep, t.trim_min_patches
     )
     valid = exists & present
     support = jnp.where(valid, jnp.sum(weights, axis=-1), 0.0)
@@ -61,12 +61,12 @@ def _choose_seeds(
     paid: Float[Array, "Q Q"], mine: Bool[Array, "N Q"], static: Static
 ) -> tuple[Int[Array, "N S"], Bool[Array, "N S"]]:
     """The patches that the object's patches attend to most, or that attend to them most."""
-    share = paid if static.attention_seed == "attended" else paid.T
+    share = paid if static.switches.attention_seed == "attended" else paid.T
     score = jnp.einsum("nq,qr->nr", mine.astype(paid.dtype), share, precision="highest")
     score = jnp.where(mine, score, -jnp.inf)
-    num = min(static.attention_seeds, paid.shape[0])
+    num = min(static.switches.attention_seeds, paid.shape[0])
     best, seeds = jax.lax.top_k(score, num)
-    missing = ((0, 0), (0, static.attention_seeds - num))
+    missing = ((0, 0), (0, static.switches.attention_seeds - num))
     return jnp.pad(seeds, missing), jnp.pad(best > -jnp.inf, missing)
 
 

@@ -50,7 +50,7 @@ def describe(
         frame_feats.attention, features, weights, members, static, thresholds
     )
     kept = {"kmeans": t.kmeans_parts_kept, "attention": t.attention_parts_kept}
-    parts_kept = jnp.stack([kept[channel] for channel in static.part_channels])[:, None]
+    parts_kept = jnp.stack([kept[channel] for channel in static.switches.part_channels])[:, None]
 
     # An object that sanitizing left as it was keeps its own selection of patches.
     unchanged, covered, left, patch_sum, num_patches = reduce_together(
@@ -66,11 +66,11 @@ def describe(
         given > t.patch_coverage.astype(given.dtype),
         filled > t.ring_object_coverage.astype(filled.dtype),
     )
-    rings = find_rings(blocked, static.ring_max_radius, t) & finite
+    rings = find_rings(blocked, static.switches.ring_max_radius, t) & finite
     background = ring_weights(rings, filled)
     ring_mean, ring_present = pool(background, features)
     prototypes = None
-    if static.ring_prototypes:
+    if static.switches.ring_prototypes:
         inside = rings.reshape(background.shape)
         prototypes = find_ring_prototypes(
             features, inside, background, static, thresholds.ring_prototypes
@@ -106,10 +106,10 @@ def _describe_objects(
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Mean feature of all patches and of the typical ones, `[N, D]`, with their presence."""
     plain = members.astype(coverage.dtype)
-    weights = coverage if static.global_weighted else plain
+    weights = coverage if static.switches.global_weighted else plain
     whole, seen = mean, present = pool(weights, features)
-    if static.trimmed_weighted != static.global_weighted:
-        weights = coverage if static.trimmed_weighted else plain
+    if static.switches.trimmed_weighted != static.switches.global_weighted:
+        weights = coverage if static.switches.trimmed_weighted else plain
         mean, present = pool(weights, features)
     typical = keep_typical(features, mean, members, t.trim_keep, t.trim_min_patches)
     trimmed, left = pool(jnp.where(typical, weights, 0.0), features)
@@ -126,7 +126,7 @@ def _describe_parts(
 ) -> tuple[Float[Array, "N C K D"], Bool[Array, "N C K"], Float[Array, "N C K"]]:
     """Parts of all channels with their support, padded to the channel that may have most."""
     t, found = thresholds.perception, []
-    for source in static.part_channels:
+    for source in static.switches.part_channels:
         if source == "kmeans":
             found.append(cluster_parts(features, coverage, members, static, t))
             continue

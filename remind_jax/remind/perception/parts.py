@@ -39,30 +39,35 @@ def cluster_parts(
     labels = kmeans(
         features / norm,
         members & t.parts_enabled,
-        clusters=static.part_clusters,
-        iterations=static.part_iterations,
-        restarts=static.part_restarts,
-        seed=static.part_seed,
+        clusters=static.switches.part_clusters,
+        iterations=static.switches.part_iterations,
+        restarts=static.switches.part_restarts,
+        seed=static.switches.part_seed,
         solver=static.solver,
     )
-    inside = labels[:, None, :] == jnp.arange(static.part_clusters)[:, None]
-    weights = weigh_patches(inside, coverage, static.part_weighted)
+    inside = labels[:, None, :] == jnp.arange(static.switches.part_clusters)[:, None]
+    weights = weigh_patches(inside, coverage, static.switches.part_weighted)
     support = jnp.sum(weights, axis=-1)
     mean, present = pool_regions(
-        features, weights, inside, static.part_mean, t.part_trim_keep, t.part_trim_min_patches
+        features,
+        weights,
+        inside,
+        static.switches.part_mean,
+        t.part_trim_keep,
+        t.part_trim_min_patches,
     )
 
     size = jnp.sum(inside, axis=-1)
     # An object that is one cluster is one part by itself and is spared the test of size.
     count = jnp.sum(members, axis=-1, keepdims=True)
-    alone = jnp.minimum(count, static.part_clusters) == 1
+    alone = jnp.minimum(count, static.switches.part_clusters) == 1
     large = (size >= t.part_min_patches) & (support >= t.part_min_support)
     valid = present & (large | (alone & (size > 0)))
     parts = unit(mean)
-    if static.part_resembling == "keep":
+    if static.switches.part_resembling == "keep":
         return _compact(parts, valid, support)
     return _merge_resembling(
-        parts, valid, support, t.part_merge, joins=static.part_resembling == "join"
+        parts, valid, support, t.part_merge, joins=static.switches.part_resembling == "join"
     )
 
 

@@ -40,7 +40,12 @@ def find_ring_prototypes(
     norm = jnp.sqrt(jnp.sum(features * features, axis=-1, keepdims=True)) + TINY
     found = [
         _describe_ring(
-            features / norm, rings[:, ring], weights[:, ring], static.ring_seed + ring, static, t
+            features / norm,
+            rings[:, ring],
+            weights[:, ring],
+            static.switches.ring_seed + ring,
+            static,
+            t,
         )
         for ring in range(rings.shape[1])
     ]
@@ -57,15 +62,15 @@ def _describe_ring(
     t: RingPrototypes,
 ) -> tuple[Float[Array, "N M D"], Bool[Array, "N M"]]:
     """Prototypes of one ring of every detection."""
-    clusters = max(static.ring_clusters)
+    clusters = max(static.switches.ring_clusters)
     wanted = _count_clusters(jnp.sum(members, axis=1), static, t)
     labels, centers = kmeans_with_centers(
         points,
         members,
         wanted,
         clusters=clusters,
-        iterations=static.ring_iterations,
-        restarts=static.ring_restarts,
+        iterations=static.switches.ring_iterations,
+        restarts=static.switches.ring_restarts,
         seed=seed,
         solver=static.solver,
     )
@@ -97,7 +102,7 @@ def _describe_ring(
     chosen, valid = _choose_regions(mass, cohesion, size > 0, static, t)
 
     vectors = jnp.take_along_axis(center, chosen[..., None], axis=1)
-    if static.ring_prototype_kind == "medoid":
+    if static.switches.ring_prototype_kind == "medoid":
         at = jnp.take_along_axis(root, jnp.maximum(labels, 0), axis=1)
         is_inside = (at[:, None] == chosen[..., None]) & members[:, None]
         vectors = _take_nearest(points, vectors, is_inside, labels)
@@ -113,11 +118,11 @@ def _describe_ring(
 def _count_clusters(count: Int[Array, "N"], static: Static, t: RingPrototypes) -> Int[Array, "N"]:
     """Clusters that a ring of so many patches is split into, at least 1."""
     patches = count.astype(t.cluster_scale.dtype)
-    if static.ring_cluster_rule == "root":
+    if static.switches.ring_cluster_rule == "root":
         ideal = jnp.maximum(t.cluster_scale, 0.01) * jnp.sqrt(patches)
     else:
         ideal = patches / jnp.maximum(t.patches_per_cluster, 1.0)
-    least, most = static.ring_clusters
+    least, most = static.switches.ring_clusters
     number = jnp.clip(jnp.round(ideal).astype(jnp.int32), least, max(least, most))
     room = jnp.maximum(1, count // jnp.maximum(t.min_cluster_patches, 1))
     return jnp.maximum(1, jnp.minimum(number, room)).astype(jnp.int32)
@@ -159,7 +164,7 @@ def _choose_regions(
     total = jnp.sum(jnp.where(exists, mass, 0.0), axis=1, keepdims=True) + TINY
     large = exists & (mass / total >= t.min_mass)
     merit = mass * cohesion ** jnp.maximum(t.cohesion_power, 0.0)
-    kept = min(static.ring_prototypes_kept or mass.shape[1], mass.shape[1])
+    kept = min(static.switches.ring_prototypes_kept or mass.shape[1], mass.shape[1])
     order = jnp.argsort(jnp.where(large, -merit, jnp.inf), axis=1, stable=True)[:, :kept]
     return order.astype(jnp.int32), jnp.take_along_axis(large, order, axis=1)
 

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from remind_jax.decision import MatchOrigin
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.numerics.reductions import pick_in_rows
 from remind_jax.observation import Descriptors
@@ -20,6 +19,7 @@ from remind_jax.remind.disambiguation.groups import Undecided
 from remind_jax.remind.disambiguation.known_sets import GroupOutcome, settle_known_sets
 from remind_jax.remind.memory.distances import DistanceGraph
 from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.stages import MatchOrigin
 from remind_jax.remind.state import TrackerState
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.ambiguity import find_ambiguous
@@ -48,7 +48,7 @@ class Settlement:
 
     slot: Int[Array, "N"]  # matched object, -1 none
     score: Float[Array, "N"]  # of the match
-    source: Int[Array, "N"]  # decision.MatchOrigin of the match
+    source: Int[Array, "N"]  # stages.MatchOrigin of the match
     guarded: Int[Array, "N"]  # matched object after the guard of look-alikes
     creates: Bool[Array, "N"]  # founds an object unless it is ambiguous or provisional
     ambiguous: Undecided
@@ -106,7 +106,7 @@ def settle(
             open_, turn, table, exists, state.distances, descriptors, relations, static, t
         )
 
-    turns = jnp.arange(static.max_passes, dtype=jnp.int32)
+    turns = jnp.arange(static.switches.max_passes, dtype=jnp.int32)
     open_, (groups, rounds) = jax.lax.scan(reconcile, open_, turns)
     undecided = open_.entries.present | open_.doubts.present
     second = withdraw_second_claims(

@@ -28,15 +28,16 @@ from remind_jax.remind.context.reasoning import Reasoning
 from remind_jax.remind.memory.objects import Lifecycle
 from remind_jax.remind.outcome import decide
 from remind_jax.remind.perception.relations import Relations
+from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.undecided.settlement import settle
 from remind_jax.remind.undecided.temporal import tabulate_pairs
-from remind_jax.static import Static
+from tests.statics import make_static
 
 NUM, SLOTS, PENDING = 5, 8, 1  # detections, objects, undecided tracks
 BATCH = 64  # frames that are decided at once
-STATIC = Static(
+STATIC = make_static(
     num_detections=NUM,
     num_objects=SLOTS,
     num_pending=PENDING,
@@ -69,10 +70,16 @@ class Frame:
 class Verdict:
     """What is decided about a frame, and on what grounds."""
 
-    decisions: Decisions
+    decided: Decisions
+    stages: Stages
     comparison: Comparison
     assignment: Assignment
     anchors: Any  # [N, O]
+
+    @property
+    def decisions(self) -> Any:
+        """What was decided, and in what stages."""
+        return SimpleNamespace(**vars(self.decided), **vars(self.stages))
 
 
 def empty_frame(num: int, num_objects: int) -> Frame:
@@ -174,7 +181,7 @@ def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
         )
     num_terms = similarity.count_terms(comparison)
     evidence = diagnose(
-        comparison.score, comparison.candidate, num_terms, STATIC.margin, t.diagnosis
+        comparison.score, comparison.candidate, num_terms, STATIC.switches.margin, t.diagnosis
     )
     anchors = find_anchors(comparison.score, comparison.candidate, t.diagnosis)
     felt = dataclasses.replace(no_influence(SLOTS, STATIC.scalar), **frame.context)
@@ -189,9 +196,11 @@ def _decide_batch(frame: Frame, thresholds: Thresholds) -> Verdict:
     never = jnp.zeros((NUM, NUM), bool)
     relations = Relations(apart, apart, apart.astype(jnp.int32), apart, never, apart, never, never)
     settlement = settle(table, assignment, state, descriptors, relations, STATIC, t)
-    final = diagnose(pairs.score_final, pairs.eligible, num_terms, STATIC.margin, t.diagnosis)
-    decisions = decide(
+    final = diagnose(
+        pairs.score_final, pairs.eligible, num_terms, STATIC.switches.margin, t.diagnosis
+    )
+    decided = decide(
         objects, masks, descriptors, table, anchors, evidence, final, assignment, settlement,
         STATIC,
     )  # fmt: skip
-    return Verdict(decisions, comparison, assignment, anchors)
+    return Verdict(*decided, comparison, assignment, anchors)

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.decision import Lock
 from remind_jax.remind.association.assignment import dummy_scores, lock_pairs
 from remind_jax.remind.association.diagnosis import Evidence
 from remind_jax.remind.association.gating import initial_pairs
+from remind_jax.remind.stages import Lock
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Matching
 from tests.remind.association.tables import NUM, SLOTS, decide_frames, visual_frame

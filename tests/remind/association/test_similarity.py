@@ -27,11 +27,11 @@ from remind_jax.remind.association.similarity import (
 from remind_jax.remind.memory.prototypes import Bank, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.association import Similarity
-from remind_jax.static import Static
 from tests.remind.association.tables import decide_frames, empty_frame, visual_frame
 from tests.remind.memory.small_banks import with_records
+from tests.statics import change_static, make_static
 
-STATIC = Static(feature_dim=3)
+STATIC = make_static(feature_dim=3)
 DENSE = (0.5 - 0.15) / (0.60 - 0.15)
 
 
@@ -148,7 +148,7 @@ def test_one_ring_alone_counts_in_full(x64, inner, outer, expected):
 
 @pytest.mark.parametrize(("channel", "value"), [("inner", 0.5), ("outer", 1.0)])
 def test_a_chosen_ring_stands_alone(x64, channel, value):
-    static = dataclasses.replace(STATIC, ring_channel=channel)
+    static = change_static(STATIC, ring_channel=channel)
     rings = similarity._combine_rings(score(0.5, 1.0), static, rules())
     assert float(rings.value[0, 0]) == value
 
@@ -157,7 +157,7 @@ def test_a_chosen_ring_stands_alone(x64, channel, value):
     ("channel", "value"), [("best", 0.82), ("global", 0.82), ("trimmed", 0.80)]
 )
 def test_a_chosen_object_channel_stands_alone(x64, channel, value):
-    static = dataclasses.replace(STATIC, object_channel=channel)
+    static = change_static(STATIC, object_channel=channel)
     ways = similarity.collapse(ChannelScores(**EXAMPLE), similarity._WAYS, static, rules())
     terms = jax.tree.map(lambda leaf: leaf[AUTO], ways)
     assert float(terms.value[OBJECT, 0, 0]) == pytest.approx(value)
@@ -192,7 +192,7 @@ def best_of(made: Bank, vector: np.ndarray, seen: bool = True) -> tuple[float, b
 )  # fmt: skip
 def test_a_chosen_part_channel_stands_alone(x64, source, channel, value):
     """method.md#visual-score; a channel that there is not leaves the term absent."""
-    static = dataclasses.replace(STATIC, part_source=source, part_channel=channel)
+    static = change_static(STATIC, part_source=source, part_channel=channel)
     parts = score(0.6, 0.9) if source == "both" else score(0.6)
     known = {**EXAMPLE, "parts_work": parts, "parts_stable": jax.tree.map(np.zeros_like, parts)}
     ways = similarity.collapse(ChannelScores(**known), similarity._WAYS, static, rules())

@@ -24,11 +24,12 @@ from remind_jax.remind.context.reasoning import Reasoning, reason
 from remind_jax.remind.memory.cooccurrence import conditional, empty_cooccurrence
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.static import Static
+from tests.statics import make_static
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "context" / "scenes.npz"
 UNIT = 1024
 NUM, SLOTS = 12, 32  # detections and object slots of a scene
-STATIC = Static(num_detections=NUM, num_objects=SLOTS, precision="float64")
+STATIC = make_static(num_detections=NUM, num_objects=SLOTS, precision="float64")
 VISUAL_GATE = 0.75  # least visual score of an object that is plausibly in view
 
 

@@ -10,13 +10,13 @@ from remind_jax.remind.context.beam import Beam, empty_beam, expand_by_class
 from remind_jax.remind.context.evidence import join_links
 from remind_jax.remind.context.frame_classes import group_by_class
 from remind_jax.remind.context.set_score import FrameScale, rate_sizes
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import Scene, example, read_view, thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
 NUM, SLOTS = 3, 5
-STATIC = Static(precision="float64", beam_width=10)
+STATIC = make_static(precision="float64", beam_width=10)
 
 
 @functools.partial(jax.jit, static_argnames="static")

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.context.evidence import ROUNDED_OBJECTS, join_links, maturity
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import STATIC, example, list_scenes, read_view, thresholds, view_of
 
@@ -46,7 +46,7 @@ def test_both_accounts_are_joined(mutual, joint):
     conditional = np.array([[0.9, 0.02], [0.5, 0.9]])
     count = np.array([[0, 0], [3, 0]], np.int32)  # the first object has forgotten the edge
     view = view_of(conditional, count=count)
-    links = join(view, static=Static(precision="float64", mutual_links=mutual))
+    links = join(view, static=make_static(precision="float64", mutual_links=mutual))
     expected = np.array([[0, joint], [joint, 0]])
     np.testing.assert_array_equal(links.strength, expected.astype(np.float32))
     np.testing.assert_array_equal(links.present, expected > 0)

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 
 from remind_jax.numerics.absent import NO_SLOT
 from remind_jax.remind.context.frame_classes import FrameClasses, group_by_class
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import thresholds, view_of
 
 NUM, SLOTS = 5, 7
-SMALL = Static(num_detections=NUM, num_objects=SLOTS, class_pool=3, class_detections=2)
+SMALL = make_static(num_detections=NUM, num_objects=SLOTS, class_pool=3, class_detections=2)
 LEAST = 0.125  # conditional probability from which an object speaks for another
 LABELS = [-4, 0, 3]
 
@@ -59,9 +59,13 @@ def group_plainly(memory, detections, static):
         objects = np.flatnonzero(exists & (object_class == label)).tolist()
         shown = np.flatnonzero(det_valid & (det_class == label)).tolist()
         if objects:
-            pool = rank_plainly(objects, conditional, episodes, anchors)[: static.class_pool]
+            pool = rank_plainly(objects, conditional, episodes, anchors)[
+                : static.switches.class_pool
+            ]
             shown.sort(key=lambda index: (det_score[index], index), reverse=True)
-            classes.append((shown[: static.class_detections], sorted(pool, reverse=True), label))
+            classes.append(
+                (shown[: static.switches.class_detections], sorted(pool, reverse=True), label)
+            )
     return [entry[:2] for entry in sorted(classes, key=lambda entry: (len(entry[1]), entry[2]))]
 
 
@@ -131,14 +135,14 @@ def test_large_class_keeps_25_objects():
     """
     mature = np.zeros(30, np.int32)
     mature[[2, 11]] = 4
-    found = group(memory_of(30, episodes=mature), one_detection(), Static())
+    found = group(memory_of(30, episodes=mature), one_detection(), make_static())
     assert found.pool_size[0] == 25
     assert set(found.pool[0, :25]) == {2} | set(range(6, 30))
     conditional = np.zeros((30, 30), np.float32)
     conditional[20, [0, 4]] = LEAST
     conditional[20, 5] = LEAST / 2
     memory = memory_of(30, conditional=conditional, episodes=mature, anchors=np.arange(30) == 20)
-    found = group(memory, one_detection(), Static())
+    found = group(memory, one_detection(), make_static())
     assert set(found.pool[0, :25]) == {0, 2, 4} | set(range(8, 30))
     np.testing.assert_array_equal(found.pool[0, :25], np.sort(found.pool[0, :25])[::-1])
 
@@ -148,6 +152,6 @@ def test_large_class_keeps_25_objects():
     [(0, one_detection()), (3, one_detection(label=1)), (3, one_detection(valid=False))],
 )
 def test_no_class_is_known(num, detections):
-    found = group(memory_of(num), detections, Static())
+    found = group(memory_of(num), detections, make_static())
     assert found.num == 0
     assert not np.any(found.pool_size)

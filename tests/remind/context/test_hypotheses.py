@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from remind_jax.remind.context.hypotheses import find_hypotheses, no_hypotheses
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import read_view, thresholds
 from .test_beam import NUM, SLOTS, list_rows, small_example, two_alike, walk
 
 pytestmark = pytest.mark.usefixtures("x64")
-STATIC = Static(precision="float64", beam_width=10, num_hypotheses=5)
+STATIC = make_static(precision="float64", beam_width=10, num_hypotheses=5)
 
 
 @functools.partial(jax.jit, static_argnames="static")
@@ -44,7 +44,7 @@ def test_best_rows_of_the_beam_are_kept(make):
     """Stably by score; single objects explain too little of a frame with several detections."""
     rows = [row for row in list_rows(walk(make())[-1]) if len(row[0]) >= 2]
     rows.sort(key=lambda row: -row[2])
-    assert find(make()) == rows[: STATIC.num_hypotheses]
+    assert find(make()) == rows[: STATIC.switches.num_hypotheses]
 
 
 def test_least_score():

@@ -19,13 +19,13 @@ from remind_jax.remind.context.options import (
     support_by_kernel,
     write_menu,
 )
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
 MOST, POOL = 3, 5  # most detections of a class; most objects of it
-SMALL = Static(precision="float64", class_pool=POOL, class_detections=MOST, option_objects=3)
+SMALL = make_static(precision="float64", class_pool=POOL, class_detections=MOST, option_objects=3)
 ROUNDING = 1e-12  # float64, some tens of operations on numbers below 10
 assert_close = functools.partial(np.testing.assert_allclose, rtol=0, atol=ROUNDING)
 quick = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -44,7 +44,7 @@ def _list(support, has_kernel, pool, pool_size, num_detections, t, most, static)
 
 def choices(support, has_kernel, pool, num_detections, most=MOST, static=SMALL):
     """Options of one set, its menu, and most objects that can be chosen; `pool` latest first."""
-    place = np.arange(static.class_pool + 1)
+    place = np.arange(static.switches.class_pool + 1)
     listed = np.where(place < len(pool), np.resize(pool, len(place)), NO_SLOT).astype(np.int32)
     told = np.where(place < len(pool), np.resize(support, len(place)), 0.0)
     options, menu, largest = jax.device_get(
@@ -72,7 +72,7 @@ def list_plainly(support, has_kernel, pool, num_detections):
     rated, exclusivity = {}, {}
     for count in range(1, min(num_detections, len(pool)) + 1):
         chosen = [value[:count]]
-        if min(len(pool), max(count, SMALL.option_objects)) > count:
+        if min(len(pool), max(count, SMALL.switches.option_objects)) > count:
             chosen.append([*value[: count - 1], value[count]])
         terms = [sum(v) / count * min(1.0, count / target) for v in chosen]
         rated[count] = terms
@@ -163,7 +163,7 @@ def support_plainly(members, anchors, one, conditional, maturity, kernel_size):
 def test_support_by_the_kernel():
     generator = np.random.default_rng(0)
     slots, sets, kernel_size = 7, 40, 3
-    static = Static(precision="float64", set_kernel=kernel_size)
+    static = make_static(precision="float64", set_kernel=kernel_size)
     pool = np.array([6, 4, 1, NO_SLOT], np.int32)
     conditional = generator.choice([0.0, 0.04, 0.05, 0.3, 0.7], (slots, slots))
     maturity = generator.random(slots)

@@ -89,10 +89,10 @@ def test_frozen_scenes_show_every_effect():
     assert 10 <= np.sum(expected["global_ok"]) <= len(expected["global_ok"]) - 10
     classes = scenes.object_class
     largest = [np.bincount(row[row >= 0]).max() for row in classes]
-    assert np.sum(np.array(largest) > STATIC.class_pool) >= 3
+    assert np.sum(np.array(largest) > STATIC.switches.class_pool) >= 3
     anchors = scenes.anchors.sum(1)
     assert np.sum(anchors == 0) >= 5
-    assert np.sum(anchors >= STATIC.set_kernel) >= 2
+    assert np.sum(anchors >= STATIC.switches.set_kernel) >= 2
     assert np.sum((scenes.det_class >= 0).sum(1) == 1) >= 2
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from remind_jax.remind.context.hypotheses import Hypotheses, no_hypotheses
 from remind_jax.remind.context.summary import find_kernels, summarize
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import (
     NUM,
@@ -72,7 +72,7 @@ def test_frozen_scenes_are_summed_up_as_by_the_plain_rules():
 
 def hypotheses_of_the_page() -> Hypotheses:
     """method.md#example-company; scores as given there, to six places."""
-    count = STATIC.num_hypotheses
+    count = STATIC.switches.num_hypotheses
     sets = [{0, 1, 3}, {0, 3}, {0, 1}, {1, 3}, {0, 2, 3}, {0, 2}, {2, 3}]
     members = np.zeros((count, SLOTS), bool)
     for row, objects in enumerate(sets):
@@ -145,21 +145,21 @@ def test_no_hypotheses():
 def kernel_plainly(members, object_class, anchors, label, static):
     """method.md#class-summary, in the order in which the kernel of a class fills up."""
     kernel = np.flatnonzero(anchors).tolist()
-    for row in members[: static.context_hypotheses]:
+    for row in members[: static.switches.context_hypotheses]:
         for one in np.flatnonzero(row).tolist():
             if object_class[one] != label and one not in kernel:
                 kernel.append(one)
-                if len(kernel) >= static.set_kernel:
+                if len(kernel) >= static.switches.set_kernel:
                     return kernel
     return kernel
 
 
 def test_kernels_of_classes():
     """No anchor to more of them than a kernel holds."""
-    static = Static(precision="float64", set_kernel=3, context_hypotheses=2)
+    static = make_static(precision="float64", set_kernel=3, context_hypotheses=2)
     generator, slots = np.random.default_rng(0), 8
     find = jax.jit(find_kernels, static_argnames="static")
-    blank = no_hypotheses(2, slots, Static(precision="float64", num_hypotheses=4))
+    blank = no_hypotheses(2, slots, make_static(precision="float64", num_hypotheses=4))
     for case in range(40):
         num = int(generator.integers(1, slots + 1))
         exists = np.arange(slots) < num

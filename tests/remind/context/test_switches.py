@@ -21,7 +21,7 @@ import pytest
 from remind_jax.config import Config
 from remind_jax.config.dotted_keys import nest
 from remind_jax.remind.context.veto import expect_neighbors
-from remind_jax.static import Static
+from tests.statics import change_static, make_static
 
 from .scenes import GOLDEN, STATIC, UNIT, Scene, read_context, read_view
 
@@ -118,9 +118,10 @@ _expect = jax.jit(expect_neighbors, static_argnames="static")
 def expected_by(scene: Scene, config: Config) -> np.ndarray:
     t = config.thresholds.as_arrays(STATIC.scalar)
     listed = {
-        name: getattr(config.static, name) for name in ("expected_neighbours", "context_hypotheses")
+        name: getattr(config.static.switches, name)
+        for name in ("expected_neighbours", "context_hypotheses")
     }
-    static = dataclasses.replace(STATIC, **listed)
+    static = change_static(STATIC, **listed)
     view = read_view(scene, t, static)
     return np.asarray(_expect(view, t.sets.min_link, static=static, t=t.veto))
 
@@ -141,4 +142,5 @@ def test_length_of_the_list_of_expected_neighbours():
 
 def test_published_length_of_that_list():
     assert configure({SCALE: 2.0, COUNT: 6}) == Config()
-    assert Static().expected_neighbours == 2 * Static().context_hypotheses
+    switches = make_static().switches
+    assert switches.expected_neighbours == 2 * switches.context_hypotheses

@@ -9,12 +9,12 @@ import pytest
 from remind_jax.remind.context.influence import Influence, no_influence
 from remind_jax.remind.context.veto import Veto, expect_neighbors, plausibly_in_view, veto_pairs
 from remind_jax.remind.thresholds.context import Veto as Rules
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import thresholds, view_of
 
 pytestmark = pytest.mark.usefixtures("x64")
-SHORT = Static(precision="float64", expected_neighbours=4, context_hypotheses=2)
+SHORT = make_static(precision="float64", expected_neighbours=4, context_hypotheses=2)
 LEAST = 0.05  # conditional probability of an expected neighbor
 GATE = 0.75  # visual score of a plausible candidate
 _expect = jax.jit(expect_neighbors, static_argnames="static")
@@ -28,13 +28,13 @@ def expect_plainly(told, keys, count, static, mass):
         np.flatnonzero(count), key=lambda one: (-keys[0][one], -keys[1][one], keys[2][one])
     )
     expected, total = [], 0.0
-    for one in listed[: static.max_neighbours]:
+    for one in listed[: static.switches.max_neighbours]:
         if told[one] < LEAST:
             continue
         expected.append(one)
         total += told[one]
-        enough = len(expected) >= static.context_hypotheses and total >= mass
-        if enough or len(expected) >= static.expected_neighbours:
+        enough = len(expected) >= static.switches.context_hypotheses and total >= mass
+        if enough or len(expected) >= static.switches.expected_neighbours:
             break
     return expected
 
@@ -59,7 +59,7 @@ def test_expected_neighbours():
 
 def test_only_the_first_edges_count():
     """Edges beyond the length of a neighbor list are not looked at."""
-    static = Static(precision="float64", max_neighbours=2)
+    static = make_static(precision="float64", max_neighbours=2)
     told, count = np.full((6, 6), 0.3), np.ones((6, 6), np.int32)
     order = np.tile(np.arange(6, dtype=np.int32), (6, 1))
     view = view_of(told, count=count, edge_order=order)
@@ -143,7 +143,8 @@ def test_objects_outside_the_context(quality, changed, vetoes):
     found = np.asarray(
         _veto(
             felt, view, candidate, np.zeros(candidate.shape), GATE, LEAST,
-            static=Static(precision="float64", max_neighbours=1), t=thresholds(veto=changed).veto,
+            static=make_static(precision="float64", max_neighbours=1),
+            t=thresholds(veto=changed).veto,
         )
     )  # fmt: skip
     rules = dataclasses.replace(Rules(), **changed)
@@ -188,7 +189,7 @@ def meet(expected: int, hits: int, *, episodes=4, seen=3, quality=0.45, felt=(),
     rules = thresholds(veto={**MASS, **changed}).veto
     found = _veto(
         influence, view, np.ones((MANY, MANY), bool), score, GATE, LEAST,
-        static=Static(precision="float64"), t=rules,
+        static=make_static(precision="float64"), t=rules,
     )  # fmt: skip
     return Veto(int(np.asarray(found)[0, 0]))
 

@@ -22,6 +22,7 @@ from remind_jax.remind.memory.distances import DistanceGraph, Edges, empty_dista
 from remind_jax.remind.perception.relations import Relations
 from remind_jax.remind.thresholds.known_sets import KnownSets
 from remind_jax.static import Static
+from tests.statics import make_static
 
 GOLDEN = Path(__file__).parents[2] / "golden" / "disambiguation" / "known_sets.npz"
 UNIT = 1024
@@ -159,5 +160,5 @@ def settle_all(scenes: Scene, t: KnownSets, static: Static) -> Any:
 
 
 def settle_scenes(scenes: Scene, precision: str = "float64", **changes: Any) -> Any:
-    static = Static(precision=precision)  # type: ignore[arg-type]
+    static = make_static(precision=precision)  # type: ignore[arg-type]
     return jax.device_get(settle_all(scenes, thresholds(precision, **changes), static))

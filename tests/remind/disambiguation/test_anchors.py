@@ -11,7 +11,7 @@ from remind_jax.remind.disambiguation.anchors import (
     rate_anchors,
 )
 from remind_jax.remind.disambiguation.distance_evidence import KnownDistances, PairOrders
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import known_pairs, relations_of, thresholds
 
@@ -60,7 +60,7 @@ def choose(slots, quality, group=(0, 1), **changes):
         pair_group(group),
         voters(slots),
         jnp.array(quality, jnp.float64),
-        Static(),
+        make_static(),
         thresholds(**changes),
     )
     found = np.flatnonzero(anchors.votes)
@@ -97,7 +97,7 @@ def find(known, matched_slot, *, undecided=(), matched_pass=None, eligible=None,
         np.ones(num_objects, bool),
         np.ones(known.shape, bool),
         known_pairs(known, open_pairs),
-        Static(soft_anchors=soft_limit),
+        make_static(soft_anchors=soft_limit),
         thresholds(),
     )
     found = jax.tree.map(lambda field: np.asarray(field)[np.asarray(found.valid)], found)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 
 from remind_jax.remind.disambiguation.groups import form_groups, measure_affinity
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .scenes import relations_of, thresholds, undecided
 
@@ -36,7 +36,7 @@ def form(present, candidates, class_id, *, exists=None, table=None, distance=Non
             relations_of(distance.astype(np.float32)),
             edge_table() if table is None else table,
             np.zeros((NUM_OBJECTS, NUM_OBJECTS, 4), np.int32),
-            Static(),
+            make_static(),
             thresholds("float32"),
         )
     )

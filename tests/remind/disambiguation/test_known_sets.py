@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from remind_jax.decision import MatchOrigin
 from remind_jax.remind.disambiguation.joint_assignments import NUMBERS, GroupStatus
 from remind_jax.remind.disambiguation.known_sets import settle_known_sets
 from remind_jax.remind.memory.distances import Edges
 from remind_jax.remind.perception.relations import Contact
-from remind_jax.static import Static
+from remind_jax.remind.stages import MatchOrigin
+from tests.statics import make_static
 
 from .scenes import (
     NUM_OBJECTS,
@@ -253,7 +253,7 @@ _settle = jax.jit(settle_known_sets, static_argnames="static")
 
 def settle_one(scene, t, **limits):
     parts = {field.name: getattr(scene, field.name) for field in dataclasses.fields(scene)}
-    static = Static(precision="float64", **limits)
+    static = make_static(precision="float64", **limits)
     return _settle(**parts, static=static, t=t)
 
 

@@ -1,4 +1,3 @@
-import dataclasses
 import functools
 
 import jax
@@ -16,24 +15,18 @@ from remind_jax.remind.memory.channels import (
 from remind_jax.remind.memory.prototypes import STABLE, WORK, confidence, empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Appearance
-from remind_jax.static import Static
-from tests.remind.memory.list_banks import (
-    Banks,
-    assert_same,
-    descriptors_of,
-    random_views,
-    update_appearance,
-)
+from tests.remind.memory.recorded_banks import assert_as_recorded, descriptors_of, random_views
+from tests.statics import change_static, make_static
 
 pytestmark = pytest.mark.usefixtures("x64")
 
-STATIC = Static(appearance_slots=(3, 2), precision="float64")
+STATIC = make_static(appearance_slots=(3, 2), precision="float64")
 FRAMES, OBJECTS, DIM = 50, 8, 4
 SIDE = {"work": WORK, "stable": STABLE}
 
 
 def new_banks(static, num=OBJECTS, dim=DIM):
-    slots = max(static.appearance_slots)
+    slots = max(static.switches.appearance_slots)
     return empty_bank((2, 4, num), slots, dim, static.scalar)  # the rings stay empty
 
 
@@ -76,56 +69,24 @@ SETTINGS = {
     "no promotion": ({}, {"promote_hits": 0}),
     "room for one": ({"appearance_slots": (1, 1)}, {"merge": 0.0, "promote_hits": 2}),
 }
-# What must have happened in a setting for its comparison to mean something.
-MUST_OCCUR = {
-    "published": {"work: evict", "stable: refresh", "skip", "stable: insert"},
-    "merging": {"work: merge", "stable: merge"},
-    "evicting": {"work: evict", "stable: evict"},
-    "oldest": {"work: evict", "stable: evict"},
-    "capped": {"work: merge", "stable: merge"},
-    "novel": {"not novel"},
-    "left alone": {"work: left alone", "work: evict"},
-    "gated": {"work: refresh", "stable: refresh"},
-    "joining": {"stable: join", "work: quality too low to promote"},
-    "no promotion": {"work: refresh"},
-    "room for one": {"work: evict", "stable: evict"},
-}
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_banks_equal_lists(setting):
+def test_banks_are_as_recorded():
     """400 random updates per channel with banks that are always full."""
-    switches, changes = SETTINGS[setting]
-    static = dataclasses.replace(STATIC, **switches)
-    rng = np.random.default_rng(7)
-    views = random_views(rng, FRAMES, OBJECTS, 2, dim=DIM, spread=0.3)
-    patches = rng.uniform(6, 30, (FRAMES, OBJECTS))
-    may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
-    rate = np.where(may_insert, 1.0, 0.2)
-    thresholds = rules(**changes)
-    seen = watch(new_banks(static), views, patches, Permit(may_insert, rate), thresholds, static)
-    seen = jax.tree.map(np.asarray, seen)
-    quality = np.asarray(appearance_quality(patches.ravel(), thresholds.appearance))
-    quality = quality.reshape(FRAMES, OBJECTS, 2)
-    lists = [[Banks() for _ in range(OBJECTS)] for _ in range(2)]
-    for now in range(FRAMES):
-        for channel in (GLOBAL, TRIMMED):
-            for n, banks in enumerate(lists[channel]):
-                update_appearance(
-                    banks, views[now, n, channel], quality[now, n, channel], now, static,
-                    Appearance(**changes), may_insert[now, n], rate[now, n],
-                )  # fmt: skip
-                ours = jax.tree.map(lambda leaf: leaf[now, :, channel, n], seen)  # noqa: B023
-                where = (setting, now, channel, n)
-                assert_same(ours.work, banks.work, where)
-                assert_same(ours.stable, banks.stable, where)
-    occurred = {event for channel in lists for banks in channel for event in banks.events}
-    assert occurred >= MUST_OCCUR[setting], occurred
+    for setting, (switches, changes) in SETTINGS.items():
+        static = change_static(STATIC, **switches)
+        rng = np.random.default_rng(7)
+        views = random_views(rng, FRAMES, OBJECTS, 2, dim=DIM, spread=0.3)
+        patches = rng.uniform(6, 30, (FRAMES, OBJECTS))
+        may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
+        permit = Permit(may_insert, np.where(may_insert, 1.0, 0.2))
+        seen = watch(new_banks(static), views, patches, permit, rules(**changes), static)
+        assert_as_recorded("appearance", setting, seen)
 
 
 def test_example_of_the_page():
     """method.md#appearance-learning: 16 effective patches, one view, then five of another."""
-    static = Static(precision="float64")
+    static = make_static(precision="float64")
     views = np.zeros((6, 1, 2, 2), np.float32)
     views[0, ..., 0] = 1
     views[1:] = [0.96, 0.28]
@@ -164,7 +125,7 @@ def test_example_of_the_page():
     ("patches", "in_global", "in_trimmed"), [(12, 0, 0), (13, 0, 1), (14, 1, 1)]
 )
 def test_small_objects_may_have_no_prototype(patches, in_global, in_trimmed):
-    static = Static(precision="float64")
+    static = make_static(precision="float64")
     permit = Permit(np.ones((1, 1), bool), np.ones((1, 1)))
     views = np.ones((1, 1, 2, 1), np.float32)
     seen = watch(
@@ -174,7 +135,7 @@ def test_small_objects_may_have_no_prototype(patches, in_global, in_trimmed):
 
 
 def test_a_large_duplicate_replaces_the_prototype():
-    static = Static(precision="float64")
+    static = make_static(precision="float64")
     permit = Permit(np.ones((2, 1), bool), np.ones((2, 1)))
     views = np.zeros((2, 1, 2, 2), np.float32)
     views[0], views[1] = [1, 0], [0.96, 0.28]

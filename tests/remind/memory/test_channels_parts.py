@@ -1,4 +1,3 @@
-import dataclasses
 import functools
 
 import jax
@@ -11,23 +10,17 @@ from remind_jax.remind.memory.channels import observe_parts
 from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Parts
-from remind_jax.static import Static
-from tests.remind.memory.list_banks import (
-    Banks,
-    assert_same,
-    descriptors_of,
-    random_views,
-    update_parts,
-)
+from tests.remind.memory.recorded_banks import assert_as_recorded, descriptors_of, random_views
+from tests.statics import change_static, make_static
 
 pytestmark = pytest.mark.usefixtures("x64")
 
-STATIC = Static(part_slots=(4, 2), precision="float64")
+STATIC = make_static(part_slots=(4, 2), precision="float64")
 FRAMES, OBJECTS, NUM_PARTS, DIM = 30, 8, 3, 4
 
 
 def new_banks(static, num=OBJECTS, dim=DIM):
-    slots = max(static.part_slots)
+    slots = max(static.switches.part_slots)
     return empty_bank((2, 1, num), slots, dim, static.scalar)
 
 
@@ -64,55 +57,26 @@ SETTINGS = {
     "many to one": ({}, {"one_to_one": False, "duplicate": 0.8, "update_rate_max": 0.9}),
     "no promotion": ({}, {"promote_hits": 0, "duplicate": 0.8}),
 }
-MUST_OCCUR = {
-    "published": {"work: evict", "redirected", "stable: insert"},
-    "merging": {"work: merge", "stable: merge"},
-    "equal weights": {"work: merge"},
-    "evicting": {"work: evict", "stable: evict", "stable: refresh"},
-    "redundant": {"work: evict", "stable: evict"},
-    "novel": {"not novel", "work: evict"},
-    "many to one": {"work: refresh", "stable: refresh"},
-    "no promotion": {"work: refresh"},
-}
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_banks_equal_lists(setting):
+def test_banks_are_as_recorded():
     """Up to 720 random parts with banks that are always full."""
-    switches, changes = SETTINGS[setting]
-    static = dataclasses.replace(STATIC, **switches)
-    rng = np.random.default_rng(13)
-    parts = random_views(rng, FRAMES, OBJECTS, NUM_PARTS, dim=DIM, spread=0.25)
-    count = rng.integers(0, NUM_PARTS + 1, (FRAMES, OBJECTS))
-    valid = np.arange(NUM_PARTS) < count[..., None]
-    may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
-    rate = np.where(may_insert, 1.0, 0.2)
-    seen = watch(
-        new_banks(static), parts, valid, Permit(may_insert, rate), rules(**changes), static
-    )
-    seen = jax.tree.map(np.asarray, seen)
-    lists = [Banks() for _ in range(OBJECTS)]
-    for now in range(FRAMES):
-        for n, banks in enumerate(lists):
-            update_parts(
-                banks, parts[now, n, : count[now, n]], now, static, Parts(**changes),
-                may_insert[now, n], rate[now, n],
-            )  # fmt: skip
-            ours = jax.tree.map(lambda leaf: leaf[now, :, 0, n], seen)  # noqa: B023
-            where = (setting, now, n)
-            assert_same(ours.work, banks.work, where, qualities=False)
-            assert_same(ours.stable, banks.stable, where, qualities=False)
-            assert ours.work.size <= static.part_slots[0]
-            assert ours.stable.size <= static.part_slots[1]
-    occurred = {event for banks in lists for event in banks.events}
-    assert occurred >= MUST_OCCUR[setting], occurred
-    if setting == "many to one":
-        assert "redirected" not in occurred
+    for setting, (switches, changes) in SETTINGS.items():
+        static = change_static(STATIC, **switches)
+        rng = np.random.default_rng(13)
+        parts = random_views(rng, FRAMES, OBJECTS, NUM_PARTS, dim=DIM, spread=0.25)
+        count = rng.integers(0, NUM_PARTS + 1, (FRAMES, OBJECTS))
+        valid = np.arange(NUM_PARTS) < count[..., None]
+        may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
+        permit = Permit(may_insert, np.where(may_insert, 1.0, 0.2))
+        seen = watch(new_banks(static), parts, valid, permit, rules(**changes), static)
+        assert_as_recorded("parts", setting, seen, qualities=False)
+        assert np.all(np.max(seen.size, axis=(0, 2, 3)) <= static.switches.part_slots)
 
 
 def test_example_of_the_page():
     """method.md#part-learning: two parts never refresh the same prototype in one frame."""
-    static = Static(precision="float64")
+    static = make_static(precision="float64")
     degrees = [[0, 30], [5, 12], *[[5, 0]] * 5]
     parts = np.array(
         [[[np.cos(np.radians(d)), np.sin(np.radians(d))] for d in frame] for frame in degrees]

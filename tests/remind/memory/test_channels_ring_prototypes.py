@@ -1,4 +1,3 @@
-import dataclasses
 import functools
 
 import jax
@@ -13,18 +12,14 @@ from remind_jax.remind.memory.prototypes import empty_bank
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Background
 from remind_jax.remind.thresholds.perception import RingPrototypes
-from remind_jax.static import Static
-from tests.remind.memory.list_banks import (
-    Banks,
-    assert_same,
-    descriptors_of,
-    random_views,
-    update_ring_prototypes,
-)
+from tests.remind.memory.recorded_banks import assert_as_recorded, descriptors_of, random_views
+from tests.statics import change_static, make_static
 
 pytestmark = pytest.mark.usefixtures("x64")
 
-STATIC = Static(inner_prototype_slots=(4, 2), outer_prototype_slots=(6, 3), precision="float64")
+STATIC = make_static(
+    inner_prototype_slots=(4, 2), outer_prototype_slots=(6, 3), precision="float64"
+)
 FRAMES, OBJECTS, RINGS, KEPT, DIM = 40, 6, 2, 3, 4
 
 SETTINGS = {
@@ -33,13 +28,6 @@ SETTINGS = {
     "evicting": ({}, {"merge": 1.1, "duplicate": 0.85}, {"promote_hits": 1}),
     "oldest": ({"ring_evict": "oldest"}, {"merge": 1.1, "stable_update": False}, {}),
     "at once": ({}, {"stable_duplicate": 0.8, "stable_rate_max": 0.9}, {"promote_hits": 0}),
-}
-MUST_OCCUR = {
-    "published": {"work: evict", "work: refresh", "stable: insert"},
-    "joining": {"work: merge", "stable: merge"},
-    "evicting": {"work: evict", "stable: first out", "stable: refresh"},
-    "oldest": {"work: evict", "stable: insert"},
-    "at once": {"stable: first out", "stable: refresh"},
 }
 
 
@@ -53,43 +41,25 @@ def watch(vectors, valid, permit, thresholds, static):
         banks = observe_ring_prototypes(banks, shown, permit, now, static, thresholds)
         return banks, banks
 
-    slots = max(*static.inner_prototype_slots, *static.outer_prototype_slots)
+    slots = max(*static.switches.inner_prototype_slots, *static.switches.outer_prototype_slots)
     leading = (vectors.shape[2], vectors.shape[1])
     empty = empty_bank((2, *leading), slots, vectors.shape[-1], static.scalar)
     now = jnp.arange(len(vectors), dtype=jnp.int32)
     return jax.lax.scan(see, empty, (now, vectors, valid, permit))[1]
 
 
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_banks_equal_lists(setting):
+def test_banks_are_as_recorded():
     """Up to 1,440 random prototypes with banks that are always full."""
-    switches, background, changes = SETTINGS[setting]
-    static = dataclasses.replace(STATIC, **switches)
-    rng = np.random.default_rng(29)
-    vectors = random_views(rng, FRAMES, OBJECTS, RINGS, KEPT, dim=DIM, spread=0.3)
-    count = rng.integers(0, KEPT + 1, (FRAMES, OBJECTS, RINGS))
-    valid = np.arange(KEPT) < count[..., None]
-    may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
-    rate = np.where(may_insert, 1.0, 0.2)
-    rules = Thresholds(
-        background=Background(**background), ring_prototypes=RingPrototypes(**changes)
-    )
-    arrays = rules.as_arrays(jnp.float64)
-    seen = watch(vectors, valid, Permit(may_insert, rate), arrays, static)
-    seen = jax.tree.map(np.asarray, seen)
-    slots = (static.inner_prototype_slots, static.outer_prototype_slots)
-    occurred = set()
-    for n, ring in np.ndindex(OBJECTS, RINGS):
-        banks = Banks()
-        for now in range(FRAMES):
-            update_ring_prototypes(
-                banks, vectors[now, n, ring, : count[now, n, ring]], now, slots[ring],
-                static.ring_evict, rules.background, rules.ring_prototypes,
-                may_insert[now, n], rate[now, n],
-            )  # fmt: skip
-            ours = jax.tree.map(lambda leaf: leaf[now, :, ring, n], seen)  # noqa: B023
-            where = (setting, now, n, ring)
-            assert_same(ours.work, banks.work, where, qualities=False)
-            assert_same(ours.stable, banks.stable, where, qualities=False)
-        occurred |= set(banks.events)
-    assert occurred >= MUST_OCCUR[setting], occurred
+    for setting, (switches, background, changes) in SETTINGS.items():
+        static = change_static(STATIC, **switches)
+        rng = np.random.default_rng(29)
+        vectors = random_views(rng, FRAMES, OBJECTS, RINGS, KEPT, dim=DIM, spread=0.3)
+        count = rng.integers(0, KEPT + 1, (FRAMES, OBJECTS, RINGS))
+        valid = np.arange(KEPT) < count[..., None]
+        may_insert = rng.random((FRAMES, OBJECTS)) < 0.9
+        permit = Permit(may_insert, np.where(may_insert, 1.0, 0.2))
+        rules = Thresholds(
+            background=Background(**background), ring_prototypes=RingPrototypes(**changes)
+        )
+        seen = watch(vectors, valid, permit, rules.as_arrays(jnp.float64), static)
+        assert_as_recorded("ring_prototypes", setting, seen, qualities=False)

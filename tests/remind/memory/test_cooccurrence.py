@@ -17,7 +17,7 @@ from remind_jax.remind.memory.cooccurrence import (
     update_cooccurrence,
 )
 from remind_jax.remind.thresholds.relations import Cooccurrence
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .plain_graphs import PlainNeighbors
 
@@ -41,7 +41,9 @@ _update = jax.jit(update_cooccurrence, static_argnames="static")
 def _order(graph, static):
     """Neighbors, the strongest first."""
     rank = rank_edges(graph, static)
-    return ranked_neighbors(rank, min(static.max_neighbours or rank.shape[1], rank.shape[1]))
+    return ranked_neighbors(
+        rank, min(static.switches.max_neighbours or rank.shape[1], rank.shape[1])
+    )
 
 
 def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=None, ids=None):
@@ -52,7 +54,7 @@ def show(graph, frame, visible, *, slots=8, static=None, rules=None, allowed=Non
     sightings = _sightings(slot, np.arange(slots), allowed, graph.episodes)
     ids = np.arange(graph.episodes.shape[0]) if ids is None else np.asarray(ids, np.int32)
     rules = as_arrays(rules or Cooccurrence())
-    return _update(graph, sightings, ids, jnp.int32(frame), static or Static(), rules)[0]
+    return _update(graph, sightings, ids, jnp.int32(frame), static or make_static(), rules)[0]
 
 
 def edges(graph, owner=0):
@@ -89,7 +91,7 @@ def test_forced_episode_keeps_the_pending_context():
 def test_full_list_keeps_the_lowest_ids_of_equal_edges():
     graph = show(empty_cooccurrence(26, jnp.float32), 0, range(26), slots=26)
     assert edges(graph) == {j: 1 for j in range(1, 21)}
-    slot, valid = _order(graph, Static())
+    slot, valid = _order(graph, make_static())
     assert list(np.asarray(slot[0])[valid[0]]) == list(range(1, 21))
 
 
@@ -117,19 +119,19 @@ def test_conditional_of_the_page():
 worlds = st.lists(st.sets(st.integers(0, 9), max_size=8), min_size=1, max_size=25)
 rules_drawn = st.sampled_from(
     [
-        (Cooccurrence(), {}, Static(max_neighbours=4)),
-        (Cooccurrence(), {}, Static()),
-        (Cooccurrence(decay=0.5), {"decay": 0.5}, Static(max_neighbours=4)),
+        (Cooccurrence(), {}, make_static(max_neighbours=4)),
+        (Cooccurrence(), {}, make_static()),
+        (Cooccurrence(decay=0.5), {"decay": 0.5}, make_static(max_neighbours=4)),
         (
             Cooccurrence(decay=0.5),
             {"decay": 0.5},
-            Static(max_neighbours=3, neighbour_trim="recent"),
+            make_static(max_neighbours=3, neighbour_trim="recent"),
         ),
-        (Cooccurrence(force_frames=0), {"force": 0}, Static(max_neighbours=0)),
+        (Cooccurrence(force_frames=0), {"force": 0}, make_static(max_neighbours=0)),
         (
             Cooccurrence(force_frames=7, debounce_frames=2, same_context=0.5),
             {"force": 7, "debounce": 2, "same_context": 0.5},
-            Static(max_neighbours=4),
+            make_static(max_neighbours=4),
         ),
     ]
 )
@@ -138,7 +140,10 @@ rules_drawn = st.sampled_from(
 @given(worlds, rules_drawn, st.sets(st.integers(0, 150), min_size=12, max_size=12).map(sorted))
 def test_agrees_with_plain_python(frames, drawn, ids):
     rules, plain_rules, static = drawn
-    limits = {"most": static.max_neighbours, "recent": static.neighbour_trim == "recent"}
+    limits = {
+        "most": static.switches.max_neighbours,
+        "recent": static.switches.neighbour_trim == "recent",
+    }
     plain = [PlainNeighbors(**plain_rules, **limits) for _ in range(10)]
     graph = empty_cooccurrence(12, jnp.float32)
     for frame, visible in enumerate(frames):
@@ -161,7 +166,7 @@ def test_agrees_with_plain_python(frames, drawn, ids):
 def test_capacity_does_not_change_results():
     rng = np.random.default_rng(0)
     small, large = (empty_cooccurrence(size, jnp.float32) for size in (10, 16))
-    static = Static(max_neighbours=4)
+    static = make_static(max_neighbours=4)
     for frame in range(30):
         visible = rng.permutation(10)[: rng.integers(0, 9)]
         small = show(small, frame, visible, static=static, ids=13 * np.arange(10))
@@ -216,7 +221,7 @@ def test_maps_over_a_batch():
     slot = np.full((2, 8), 6, np.int32)
     slot[0, :3], slot[1, :2] = [0, 1, 5], [3, 4]
     args = (jnp.arange(8), jnp.ones(8, bool))
-    rules, static = as_arrays(Cooccurrence()), Static(max_neighbours=2)
+    rules, static = as_arrays(Cooccurrence()), make_static(max_neighbours=2)
     ids = 8 * jnp.arange(6)
 
     def one(slot):

@@ -23,7 +23,7 @@ from remind_jax.remind.memory.distances import (
 from remind_jax.remind.perception.relations import Contact, Relations, observe_relations
 from remind_jax.remind.thresholds.relations import Cooccurrence
 from remind_jax.remind.thresholds.relations import Relations as Rules
-from remind_jax.static import Static
+from tests.statics import make_static
 
 from .plain_graphs import PlainDistances, read_order
 
@@ -98,7 +98,7 @@ def test_chairs_and_lamp_of_the_page(x64):
             seen,
             jnp.arange(4, dtype=jnp.int32),
             frame,
-            Static(precision="float64"),
+            make_static(precision="float64"),
             arrays(Cooccurrence(), jnp.float64),
         )
         relations = observe_relations(masks, masks.relations, rules)
@@ -290,7 +290,7 @@ def test_graphs_of_the_original(x64):
     data = dict(np.load(GOLDEN))
     ids, num = data["object_ids"], data["object"].shape[1]
     slots, scalar = len(ids) + 1, jnp.float64
-    static = Static(precision="float64", max_neighbours=6, neighbour_trim="recent")
+    static = make_static(precision="float64", max_neighbours=6, neighbour_trim="recent")
     rules = arrays((Cooccurrence(decay=0.9), Rules()), scalar)
 
     def step(graphs, frame):

@@ -13,10 +13,10 @@ from remind_jax.remind.memory.objects import (
 from remind_jax.remind.state import init, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
-from remind_jax.static import Static
 from tests.remind.memory.small_banks import with_records
+from tests.statics import make_static
 
-STATIC = Static(num_objects=4, num_detections=3, num_pending=2, feature_dim=2)
+STATIC = make_static(num_objects=4, num_detections=3, num_pending=2, feature_dim=2)
 
 
 def rules(**changes):

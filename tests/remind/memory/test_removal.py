@@ -18,11 +18,11 @@ from remind_jax.remind.memory.objects import (
 from remind_jax.remind.state import BANKS, TrackerState, init, remove_objects
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
-from remind_jax.static import Static
 from tests.remind.memory.small_banks import with_records
+from tests.statics import make_static
 
 NUM, FRAMES = 3, 60
-STATIC = Static(
+STATIC = make_static(
     num_objects=24, num_detections=NUM, num_pending=2, feature_dim=2, ring_prototypes=True
 )
 

@@ -12,11 +12,11 @@ from remind_jax.remind.perception.description import describe
 from remind_jax.remind.perception.rings import INNER, OUTER
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
-from remind_jax.static import Static
 from tests.golden import load
+from tests.statics import change_static, make_static
 
 GRID, DIM, SLOTS = (8, 10), 8, 3
-STATIC = Static(num_detections=SLOTS, feature_dim=DIM)
+STATIC = make_static(num_detections=SLOTS, feature_dim=DIM)
 GLOBAL, TRIMMED = 0, 1
 DESCRIBE = jax.jit(describe, static_argnames="static")
 
@@ -218,7 +218,7 @@ def test_detection_with_bad_patches_only_is_not_valid():
 
 
 def test_smallest_frame():
-    static = dataclasses.replace(STATIC, num_detections=1)
+    static = change_static(STATIC, num_detections=1)
     features = random_features(grid=(1, 1))
     d = describe_frame(features, np.ones((1, 1, 1)), static=static)
     unit = features[0, 0] / np.linalg.norm(features[0, 0])
@@ -229,7 +229,7 @@ def test_smallest_frame():
 
 @pytest.mark.usefixtures("x64")
 def test_scalars_are_double_in_agreement_mode():
-    static = dataclasses.replace(STATIC, precision="float64")
+    static = change_static(STATIC, precision="float64")
     d = describe_frame(random_features(), one_block(), static=static)
     assert d.patch_sum.dtype == d.part_support.dtype == d.mask_quality.dtype == np.float64
     assert d.appearance.dtype == d.parts.dtype == d.rings.dtype == np.float32

@@ -9,9 +9,9 @@ from remind_jax.remind.perception.parts import cluster_parts
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.perception import Perception
 from remind_jax.solvers.clustering import cluster_points
-from remind_jax.static import Static
+from tests.statics import make_static
 
-STATIC = Static(part_clusters=4, part_iterations=5, part_restarts=2)
+STATIC = make_static(part_clusters=4, part_iterations=5, part_restarts=2)
 NUM_PATCHES, DIM = 40, 5
 CLUSTER = jax.jit(cluster_parts, static_argnames="static")
 
@@ -85,7 +85,7 @@ def test_two_to_five_patches_give_no_part():
 
 def test_one_cluster_is_one_part_whatever_its_size():
     features, coverage = of_directions((0, 1), (1, 2))
-    one = Static(part_clusters=1)
+    one = make_static(part_clusters=1)
     parts, support, count = describe_parts(features, coverage, static=one)
     assert (count, support[0]) == (1, 3)
     np.testing.assert_allclose(parts[0], np.array([1, 2, 0, 0, 0]) / np.sqrt(5), atol=1e-6)
@@ -104,7 +104,7 @@ def test_parts_are_pooled_from_raw_features_by_coverage():
     features, coverage = of_directions((0, 6))
     features[:6] = [[1, 0.1, 0, 0, 0]] * 3 + [[9, -0.9, 0, 0, 0]] * 3
     coverage[3:6] = 0.5
-    one = Static(part_clusters=1)
+    one = make_static(part_clusters=1)
     parts, _, _ = describe_parts(features, coverage, static=one)
     mean = (3 * np.array([1, 0.1]) + 1.5 * np.array([9, -0.9])) / 4.5
     np.testing.assert_allclose(parts[0, :2], mean / np.linalg.norm(mean), atol=1e-6)
@@ -116,7 +116,7 @@ def test_a_part_like_a_stronger_one_is_dropped(merge, count):
     features, coverage = of_directions((0, 10), (1, 7))
     features[10:17] = [0.6, 0.8, 0, 0, 0]
     parts, support, found = describe_parts(
-        features, coverage, static=Static(part_clusters=2), part_merge=merge
+        features, coverage, static=make_static(part_clusters=2), part_merge=merge
     )
     assert found == count
     assert support[0] == 10
@@ -129,7 +129,7 @@ def parts_by_loops(features, coverage, rules: Perception):
     if not len(at):
         return []
     rows = features[at] / (np.linalg.norm(features[at], axis=1, keepdims=True) + 1e-12)
-    clusters = min(STATIC.part_clusters, len(at))
+    clusters = min(STATIC.switches.part_clusters, len(at))
     labels = np.zeros(len(at), int)
     if clusters > 1:
         labels, _ = cluster_points(

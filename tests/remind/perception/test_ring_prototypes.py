@@ -1,5 +1,3 @@
-import dataclasses
-
 import jax
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from remind_jax.remind.thresholds.perception import RingPrototypes
 from remind_jax.solvers.clustering import cluster_points
 from remind_jax.static import Static
 from tests.golden import load
+from tests.statics import change_static, make_static
 
 DESCRIBE = jax.jit(describe, static_argnames="static")
 FIND = jax.jit(find_ring_prototypes, static_argnames="static")
@@ -29,9 +28,7 @@ def recorded():
 @pytest.fixture(scope="module")
 def described(recorded):
     """Our prototypes of the same detections: `[row, ring, prototype, D]`, and their validity."""
-    static = dataclasses.replace(
-        Config().static, feature_dim=32, num_detections=5, ring_prototypes=True
-    )
+    static = change_static(Config().static, feature_dim=32, num_detections=5, ring_prototypes=True)
     rules, found = Thresholds().as_arrays(static.scalar), {}
     for index, (features, masks, classes) in enumerate(load.load_inputs("small")):
         if index in set(recorded["frame"].tolist()):
@@ -69,13 +66,13 @@ def plain_prototypes(features, members, weights, seed, static: Static, t: RingPr
     ideal = {
         "root": t.cluster_scale * np.sqrt(len(inside)),
         "patches": len(inside) / t.patches_per_cluster,
-    }[static.ring_cluster_rule]
-    number = int(np.clip(np.round(ideal), *static.ring_clusters))
+    }[static.switches.ring_cluster_rule]
+    number = int(np.clip(np.round(ideal), *static.switches.ring_clusters))
     number = min(number, max(1, len(inside) // t.min_cluster_patches))
     if number == 1:
         return [[unit(points.mean(axis=0))]]
     labels, centers = cluster_points(
-        points, number, static.ring_iterations, static.ring_restarts, seed
+        points, number, static.switches.ring_iterations, static.switches.ring_restarts, seed
     )
     found = sorted(set(labels.tolist()))
     region = {cluster: cluster for cluster in found}
@@ -94,8 +91,8 @@ def plain_prototypes(features, members, weights, seed, static: Static, t: RingPr
     total = sum(mass for mass, *_ in regions)
     regions = [r for r in regions if r[0] / total >= t.min_mass]
     regions.sort(key=lambda r: -r[0] * r[1] ** t.cohesion_power)
-    regions = regions[: static.ring_prototypes_kept or None]
-    if static.ring_prototype_kind == "centroid":
+    regions = regions[: static.switches.ring_prototypes_kept or None]
+    if static.switches.ring_prototype_kind == "centroid":
         return [[center] for *_, center in regions]
     # Two patches of equal weight are equally near to their mean.
     near = [(points[own] @ center, points[own]) for _, _, own, center in regions]
@@ -136,13 +133,13 @@ def random_rings(seed, num=12, grid=(12, 14), dim=6):
 def test_prototypes_equal_plain_lists(settings, rules, solver):
     features, rings, weights = random_rings(len(settings))
     t = RingPrototypes(**rules)
-    static = Static(ring_prototypes=True, solver=solver, **settings)
+    static = make_static(ring_prototypes=True, solver=solver, **settings)
     arrays = Thresholds(ring_prototypes=t).as_arrays(static.scalar).ring_prototypes
     found = FIND(features, rings, weights, static=static, t=arrays)
     vectors, valid = found.vector, found.valid
     sizes = set()
     for n, r in np.ndindex(rings.shape[:2]):
-        seed = static.ring_seed + r
+        seed = static.switches.ring_seed + r
         expected = plain_prototypes(features, rings[n, r], weights[n, r], seed, static, t)
         assert int(valid[n, r].sum()) == len(expected), (n, r)
         sizes.add(len(expected))
@@ -154,7 +151,7 @@ def test_prototypes_equal_plain_lists(settings, rules, solver):
 
 def test_a_missing_ring_has_no_prototype():
     features, rings, weights = random_rings(0)
-    static = Static(ring_prototypes=True)
+    static = make_static(ring_prototypes=True)
     arrays = Thresholds().as_arrays(static.scalar).ring_prototypes
     found = FIND(features, rings & False, weights * 0, static=static, t=arrays)
     assert not found.valid.any()
@@ -167,7 +164,7 @@ def test_nothing_is_described_unless_wanted():
         masks, np.zeros(len(classes)), np.ones(len(classes)), num_slots=5, patch_px=load.PATCH
     )
     feats = FrameFeats(features, np.array(masks.shape[1:], np.int32))
-    static = Static(feature_dim=32, num_detections=5)
+    static = make_static(feature_dim=32, num_detections=5)
     shapes = jax.eval_shape(
         lambda: describe(feats, reduced, static, Thresholds().as_arrays(static.scalar))
     )

@@ -16,6 +16,7 @@ from remind_jax.observation import FrameFeats, PatchAttention
 from remind_jax.remind.perception.description import describe
 from tests.golden import load
 from tests.remind.perception.switch_scene import DIM, GRID, PATCH, SETTINGS, make_scene
+from tests.statics import change_static
 
 DESCRIBE = jax.jit(describe, static_argnames="static")
 NUM_SCENES = 2
@@ -53,9 +54,9 @@ def describe_scene(seed: int, settings: dict, **more):
     static = dataclasses.replace(
         config.static, feature_dim=DIM, num_detections=len(masks) + 1, **more
     )
-    heads = list(static.attention_heads) or slice(None)
+    heads = list(static.switches.attention_heads) or slice(None)
     known = None
-    if static.part_source != "kmeans":
+    if static.switches.part_source != "kmeans":
         known = attention_of(reduced, attention[heads].mean(axis=0))
     size = np.array([PATCH * side for side in GRID], np.int32)
     rules = config.thresholds.as_arrays(static.scalar)
@@ -77,8 +78,8 @@ def test_descriptors_equal_the_original(recorded, name):
             ]
             for channel in ("kmeans", "attention"):
                 parts = np.full((4, DIM), np.nan)
-                if channel in static.part_channels:
-                    c = static.part_channels.index(channel)
+                if channel in static.switches.part_channels:
+                    c = static.switches.part_channels.index(channel)
                     most = d.parts.shape[2]
                     parts[:most][d.parts_valid[i, c]] = d.parts[i, c][d.parts_valid[i, c]]
                 ours.append(parts)
@@ -110,7 +111,7 @@ def test_parts_that_are_not_kept_still_count():
 def test_attention_must_come_with_the_frame():
     features, masks, _ = make_scene(0)
     reduced = reduce_masks(masks, np.zeros(5), np.ones(5), num_slots=5, patch_px=PATCH)
-    static = dataclasses.replace(Config().static, feature_dim=DIM, part_source="attention")
+    static = change_static(Config().static, feature_dim=DIM, part_source="attention")
     feats = FrameFeats(features, np.array([144, 192], np.int32))
     with pytest.raises(ConfigError, match="without attention"):
         describe(feats, reduced, static, Config().thresholds.as_arrays(static.scalar))

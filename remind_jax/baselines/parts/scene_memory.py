@@ -194,7 +194,6 @@ def _decide(
         confidence=jnp.clip(score, 0.0, 1.0),
         best_score=shown_score[:, 0],
         second_score=shown_score[:, 1] if shown_score.shape[1] > 1 else blank.second_score,
-        assigned_id=jnp.where(is_match, own_id, NO_ID),
         candidate_id=shown_id,
         candidate_score=shown_score,
         candidate_final=shown_score,

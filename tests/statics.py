@@ -1,0 +1,24 @@
+"""Capacities with the switches of the paper's tracker, both by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from remind_jax.remind.method import METHOD
+from remind_jax.remind.switches import Switches
+from remind_jax.static import Static
+
+_NAMES = {field.name for field in dataclasses.fields(Switches)}
+
+
+def make_static(**fields: Any) -> Static:
+    """The published ones but for these."""
+    return change_static(METHOD.static(), **fields)
+
+
+def change_static(static: Static, **fields: Any) -> Static:
+    """The same but for these."""
+    switches = {name: fields.pop(name) for name in _NAMES & set(fields)}
+    changed = dataclasses.replace(static.switches, **switches)
+    return dataclasses.replace(static, switches=changed, **fields)
