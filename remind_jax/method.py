@@ -76,6 +76,8 @@ class Host:
     # Arrays of memory files of the schema before, by name: the axis along which each holds several
     # leaves side by side, and their names (`session.earlier_memory`).
     columns: Mapping[str, tuple[int, tuple[str, ...]]] = dataclasses.field(default_factory=dict)
+    # Leaves that these files do not have; they are as in an empty memory.
+    new_leaves: tuple[str, ...] = ()
     # Bytes that memory and step take, `count_bytes(static)`, estimated before anything is made;
     # capacities that take too much are refused. Left out, all are tried.
     count_bytes: Callable[[Static], int] | None = None

@@ -30,3 +30,5 @@ COLUMNS: dict[str, tuple[int, tuple[str, ...]]] = {
         ("verdicts.option_reals", -1, "", ""),
     )
 }
+
+NEW_LEAVES = ("objects.visits", "scene.newness", "scene.newness_known")

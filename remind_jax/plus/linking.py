@@ -172,8 +172,9 @@ def advance_tracklets(
     taken = rows_of(origin, linked, len(tracklets.alive)) != NO_ROW
     stays = tracklets.alive & ~taken & (frame - tracklets.last <= MISSED_FRAMES)
     others = dataclasses.replace(tracklets, alive=stays)
-    # Each frame moves all rows on by one frame's detections: what reaches the end is too old.
-    both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[:-num]]), here, others)
+    # Those that wait stay in the order in which they were last seen; the latest have room.
+    waiting = jnp.argsort(~stays, stable=True)[: len(stays) - num]
+    both = jax.tree.map(lambda now, old: jnp.concatenate([now, old[waiting]]), here, others)
     return both, next_id + jnp.sum(starts, dtype=jnp.int32), step
 
 

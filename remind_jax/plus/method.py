@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 
 from remind_jax.method import Host, Method, Needs, Sweeping
 from remind_jax.observation import AnyFeats, Masks
-from remind_jax.plus.earlier_files import COLUMNS
+from remind_jax.plus.earlier_files import COLUMNS, NEW_LEAVES
 from remind_jax.plus.faults import find_faults
 from remind_jax.plus.forgetting import coming_ids, remove_objects
 from remind_jax.plus.image_motion import observe_motion
@@ -79,6 +79,7 @@ METHOD = Method(
         coming_ids=coming_ids,
         find_faults=find_faults,
         columns=COLUMNS,
+        new_leaves=NEW_LEAVES,
         count_bytes=count_bytes,
     ),
     Sweeping(described_by=("looks.unit_patches",), in_turn_on_cpu=True),

@@ -52,9 +52,7 @@ def check_motion(
 
     def follow(hypothesis: Motion) -> Links:
         carried = carry(tracklets, hypothesis, t.mobility)
-        return score_links(
-            carried, sightings, cosine, look_odds, frame, t.linking, t.mobility
-        )
+        return score_links(carried, sightings, cosine, look_odds, frame, t.linking, t.mobility)
 
     def support(hypothesis: Motion) -> Float[Array, ""]:
         links = follow(hypothesis)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from remind_jax.static import Static
 
-MISSED_FRAMES = 8
+MISSED_FRAMES = 8  # a tracklet survives this many frames without a detection
+WAITING = 3  # tracklets that may wait for one, per detection slot; the latest of them
 COMPARED_DIM = 64  # looks are compared in at most this many main directions
 BANK_SLOTS = 8  # remembered looks per object
 NUM_CANDIDATES = 8  # objects that an open tracklet is compared with at length
@@ -15,7 +16,7 @@ NUM_WITNESSES = 64  # other detections that one is weighed together with, the ne
 
 def num_tracklets(static: Static) -> int:
     """Tracklets of a frame and all those that may still resume."""
-    return (1 + MISSED_FRAMES) * static.num_detections
+    return (1 + WAITING) * static.num_detections
 
 
 def white_dim(static: Static) -> int:

@@ -123,9 +123,7 @@ def _advance(
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
     look_odds = look_odds_of(likeness, state.scene, t)
-    motion, links = check_motion(
-        motion, state.tracklets, sightings, likeness, look_odds, frame, t
-    )
+    motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, frame, t)
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility
     )
@@ -204,7 +202,9 @@ def _advance(
         objects, pairs, slot, sure, sure & ~choice.born, sightings, t.place
     )
     since_first = jnp.sum(white[0] * white[1], axis=1)
-    scene = learn_cosines(scene, objects, here, sure, choice, cosine, since_first, share, frame, t.calibration)
+    scene = learn_cosines(
+        scene, objects, here, sure, choice, cosine, since_first, share, frame, t.calibration
+    )
     objects, scene = learn_speeds(objects, scene, here, row, t.mobility)
     pairs = learn_relations(objects, pairs, row, sightings, t.layout, t.mobility)
     objects = learn_objects(objects, row, sightings, frame)

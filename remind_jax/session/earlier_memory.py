@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from remind_jax.decision import no_decisions
-from remind_jax.method import named_leaves
+from remind_jax.method import Method, named_leaves
 from remind_jax.static import Static
 
 EARLIER_VERSION = 7  # of the schema, which is read as well
@@ -49,3 +49,14 @@ def without_decisions(tensors: Mapping[str, np.ndarray], static: Static) -> dict
     blank = named_leaves(no_decisions(static))
     kept = {name: one for name, one in tensors.items() if not name.startswith("decisions.")}
     return kept | {f"decisions.{name}": np.asarray(leaf) for name, leaf in blank}
+
+
+def with_new_leaves(
+    tensors: Mapping[str, np.ndarray], method: Method, static: Static
+) -> dict[str, np.ndarray]:
+    """The tensors with leaves that there were not yet, as in an empty memory."""
+    if not method.host.new_leaves:
+        return dict(tensors)
+    leaves = dict(named_leaves(method.make_empty(static)))
+    added = {name: leaves[name] for name in method.host.new_leaves}
+    return added | dict(tensors)

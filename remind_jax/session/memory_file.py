@@ -28,7 +28,12 @@ from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
 from remind_jax.numerics.array_faults import not_finite, outside, repeated
 from remind_jax.session.announcement import Announcements, FiledAnnouncements
-from remind_jax.session.earlier_memory import EARLIER_VERSION, split_columns, without_decisions
+from remind_jax.session.earlier_memory import (
+    EARLIER_VERSION,
+    split_columns,
+    with_new_leaves,
+    without_decisions,
+)
 from remind_jax.session.object_pictures import MAX_FILE_BYTES
 from remind_jax.session.object_records import FiledRecords, ObjectRecords
 from remind_jax.static import Static
@@ -145,7 +150,7 @@ def load_memory(path: str | Path) -> SavedMemory:
         raise OutputError(f"'{path}' is damaged: its checksum is another one; {_RESTORE}")
     if is_earlier:
         tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
-        tensors = without_decisions(tensors, static)
+        tensors = with_new_leaves(without_decisions(tensors, static), method, static)
         entries = {
             name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape, (0, one.nbytes))
             for name, one in tensors.items()
