@@ -7,7 +7,7 @@ import pytest
 
 from remind_jax.decision import Outcome
 from remind_jax.errors import OutputError
-from remind_jax.metrics.formats.run_folder import read_tracks
+from remind_jax.metrics.run_folder import read_tracks
 from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import RunInfo
 from tests.outputs.fake_run import make_info, make_run, make_tracks
@@ -38,7 +38,7 @@ def test_info_names_what_is_wrong():
     }
     for name, values in wrong.items():
         for value in values:
-            with pytest.raises(OutputError, match=f"description of the run.*`{name}`"):
+            with pytest.raises(OutputError, match=f"description of the run.*{name}"):
                 RunInfo.from_json(make_info().to_json() | {name: value})
     content = make_info().to_json()
     del content["backbone"]
