@@ -206,8 +206,8 @@ class Switches:
         fewest, most = self.ring_clusters
         if fewest > most:
             raise ConfigError(
-                f"static.switches.ring_clusters is {self.ring_clusters!r}; the first, the fewest, may not "
-                "be above the second, the most"
+                f"static.switches.ring_clusters is {self.ring_clusters!r}; the first, the fewest, "
+                "may not be above the second, the most"
             )
 
     @property
