@@ -148,7 +148,7 @@ def load_memory(path: str | Path) -> SavedMemory:
         tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
         tensors = without_decisions(tensors, static)
         entries = {
-            name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape, (0, one.nbytes))
+            name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape)
             for name, one in tensors.items()
         }
         _check_tensors(entries, expected, path)
