@@ -24,12 +24,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.rows import show_rows
-from remind_jax.frame import Frame
+from remind_jax.frame import Frame, fill_boxes
 from remind_jax.masks.run_length import encode_masks, mask_box
 from remind_jax.metrics import evaluate_tracks
 from remind_jax.session.live import Tracker
 from remind_jax.sources import open_source
-from remind_jax.sources.detections import fill_boxes
 from remind_jax.synthetic import demo_options, make_scene, render
 
 

@@ -16,9 +16,9 @@ from benchmarks.field_worlds import COVERED, FPS, Trial
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.baselines.parts.masked_mean import look
 from remind_jax.benchmark.contenders import Contender, make_contenders
+from remind_jax.crops import Crops
 from remind_jax.frame import Frame
 from remind_jax.masks.reduction import pad_feats, pad_masks
-from remind_jax.masks.relations import box_of
 from remind_jax.session.live import Tracker
 
 OURS = ("default", "remind", "bank-closeups")
@@ -106,7 +106,7 @@ class Describer:
         slots = -(-max(num, 1) // _SLOTS) * _SLOTS  # few sizes, so that few programs are compiled
         feats = pad_feats(self._tracker.describe(prepared), slots)
         vectors = jax.device_get(self._look(feats, pad_masks(prepared.masks, slots)))
-        boxes = np.array([box_of(found.masks, row) for row in range(num)]).reshape(num, 4)
+        boxes = np.array([Crops.of(found.masks).box(row) for row in range(num)]).reshape(num, 4)
         boxes[:, 2:] += boxes[:, :2]
         return Described(boxes, found.scores, np.asarray(prepared.masks.class_id), vectors[:num])
 

@@ -28,9 +28,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from remind_jax.formats.mot import FileFormat, fit_texts, read_text_rows
 from remind_jax.metrics.clear import clear_scores, count_clear
 from remind_jax.metrics.evaluation import evaluate_sequence, pool_evaluations
-from remind_jax.metrics.formats.text import FileFormat, fit_texts, read_text_rows
 from remind_jax.metrics.hota import count_hota, hota_scores
 from remind_jax.metrics.identity import count_identity, identity_scores
 from remind_jax.metrics.pairing import pair_scene
@@ -76,9 +76,6 @@ def compare_stored() -> list[Agreement]:
     """All stored cases, kind by kind."""
     found = [_compare_text("boxes", "mot"), _compare_text("masks", "mots")]
     found.append(_compare_pooled())
-    for kind in ("tao", "burst"):
-        folders = sorted((GOLDEN / "federated").glob(f"{kind}_*"))
-        found.append(_compare_federated(f"federated {kind.upper()}, all classes", folders))
     return [*found, _compare_davis()]
 
 
@@ -124,18 +121,6 @@ def _compare_pooled() -> Agreement:
         parts.append(evaluate_sequence(sequence))
     theirs = {k: v for metric in SCORES for k, v in expected[metric].items()}
     return Agreement("masks, pooled", 1, differences(pool_evaluations(parts).fields(), theirs))
-
-
-def _compare_federated(kind: str, folders: list[Path]) -> Agreement:
-    found: list[Difference] = []
-    for folder in folders:
-        expected = json.loads((folder / "expected.json").read_text())
-        ours = evaluate(folder / "gt.json", folder / "pred.json").to_json()["federated"]
-        for way in ("class_averaged", "detection_averaged"):
-            found += differences(ours[way], expected[way])
-        for label, scores in expected["classes"].items():
-            found += differences(ours["classes"][label], scores)
-    return Agreement(kind, len(folders), found)
 
 
 def _compare_davis() -> Agreement:

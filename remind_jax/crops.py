@@ -1,14 +1,12 @@
-"""Pixel masks of one picture, each kept within a box: for the many small ones of a crowded frame.
+"""Pixel masks of one picture, each cut to the box around it: what is measured of them lies there.
 
 What the masks of one frame may be and take is said here, and compared before they are decoded.
-
-Whole planes of 5,000 masks take 1.5 GB at 640x480 pixels; crops take what the masks cover.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import cv2
@@ -16,10 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from remind_jax.errors import UnreadableFrame
+from remind_jax.files.limits import MAX_MASK_BYTES
 from remind_jax.static import MOST_DETECTIONS
-
-MOST_PLANES_BYTES = 1 << 26  # masks that would take more are kept as crops
-MOST_MASK_BYTES = 1 << 29  # of the masks of one frame
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,10 +27,19 @@ class Crops:
     windows: tuple[Bool[np.ndarray, "_h _w"], ...]  # what is in each box; nothing is outside
 
     @classmethod
-    def of_planes(cls, planes: Iterable[Bool[np.ndarray, "H W"]], size: tuple[int, int]) -> Crops:
-        """Cuts planes to the boxes around their masks, one after the other."""
-        cut = [cut_plane(plane) for plane in planes]
-        return cls(size, tuple(corner for corner, _ in cut), tuple(window for _, window in cut))
+    def of(cls, masks: Bool[np.ndarray, "N H W"] | Crops) -> Crops:
+        """Cuts planes to the boxes around their masks; crops stay as they are."""
+        if isinstance(masks, Crops):
+            return masks
+        return cls.join((masks.shape[1], masks.shape[2]), map(cut_plane, masks))
+
+    @classmethod
+    def join(
+        cls, size: tuple[int, int], cut: Iterable[tuple[tuple[int, int], np.ndarray]]
+    ) -> Crops:
+        """Masks of which corner and window are given."""
+        pairs = list(cut)
+        return cls(size, tuple(c for c, _ in pairs), tuple(window for _, window in pairs))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -52,65 +57,46 @@ class Crops:
         return 3
 
     @property
-    def nbytes(self) -> int:
-        """Memory that the masks take."""
-        return sum(window.nbytes for window in self.windows)
+    def areas(self) -> Int[np.ndarray, "N"]:
+        """Pixels of each mask."""
+        return np.array([np.count_nonzero(window) for window in self.windows], np.int64)
 
     def __len__(self) -> int:
         return len(self.windows)
 
-    def __iter__(self) -> Iterator[Bool[np.ndarray, "H W"]]:
-        return (self.plane(row) for row in range(len(self)))
-
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         planes = np.zeros(self.shape, bool)
-        for plane, corner, window in zip(planes, self.corners, self.windows, strict=True):
-            _within(plane, corner, window)[...] = window
+        for plane, (left, top), window in zip(planes, self.corners, self.windows, strict=True):
+            plane[top : top + window.shape[0], left : left + window.shape[1]] = window
         return planes if dtype is None else planes.astype(dtype)
 
     def __getitem__(self, rows: Any) -> Any:
         """One mask as a plane, or several as crops."""
         if np.ndim(rows) == 0 and not isinstance(rows, slice):
-            return self.plane(int(rows))
+            return np.asarray(self[[rows]])[0]
         chosen = np.arange(len(self))[rows].tolist()
-        corners = tuple(self.corners[row] for row in chosen)
-        return Crops(self.size, corners, tuple(self.windows[row] for row in chosen))
+        return self.join(self.size, ((self.corners[row], self.windows[row]) for row in chosen))
+
+    def box(self, row: int) -> Sequence[int]:
+        """Left, top, width and height of the box around a mask; no width if it is empty."""
+        window, (left, top) = self.windows[row], self.corners[row]
+        if not window.size:
+            return 0, 0, 0, 0
+        box = cv2.boundingRect(np.ascontiguousarray(window).view(np.uint8))
+        return (box[0] + left, box[1] + top, box[2], box[3]) if box[2] else (0, 0, 0, 0)
 
     def sampled(self, from_row: Int[np.ndarray, "h"], from_column: Int[np.ndarray, "w"]) -> Crops:
         """Masks whose rows and columns are these rows and columns, both ascending."""
-        corners, windows = [], []
+        cut = []
         for (left, top), window in zip(self.corners, self.windows, strict=True):
             rows = slice(*np.searchsorted(from_row, [top, top + window.shape[0]]).tolist())
             columns = slice(*np.searchsorted(from_column, [left, left + window.shape[1]]).tolist())
-            corners.append((columns.start, rows.start))
-            windows.append(window[np.ix_(from_row[rows] - top, from_column[columns] - left)])
-        return Crops((len(from_row), len(from_column)), tuple(corners), tuple(windows))
-
-    def cropped(self, first_row: int, first_column: int, size: tuple[int, int]) -> Crops:
-        """Masks of a part of the picture, of this height and width, that begins there."""
-        if (first_row, first_column, size) == (0, 0, self.size):
-            return self
-        corners, windows = [], []
-        for (left, top), window in zip(self.corners, self.windows, strict=True):
-            # Where the part begins, counted from the box; below 0 if the box begins later.
-            row, column = first_row - top, first_column - left
-            corners.append((max(0, -column), max(0, -row)))
-            windows.append(
-                window[
-                    max(0, row) : max(0, row + size[0]),
-                    max(0, column) : max(0, column + size[1]),
-                ]
-            )
-        return Crops(size, tuple(corners), tuple(windows))
-
-    def plane(self, row: int) -> Bool[np.ndarray, "H W"]:
-        """One mask over the whole picture."""
-        plane = np.zeros(self.size, bool)
-        _within(plane, self.corners[row], self.windows[row])[...] = self.windows[row]
-        return plane
+            inside = window[np.ix_(from_row[rows] - top, from_column[columns] - left)]
+            cut.append(((columns.start, rows.start), inside))
+        return self.join((len(from_row), len(from_column)), cut)
 
     def region(self, row: int, rows: slice, columns: slice) -> Bool[np.ndarray, "_h _w"]:
-        """A part of a mask, which may reach beyond its box.
+        """A part of a mask, which may reach beyond its box; contiguous.
 
         Args:
           row: Of the mask.
@@ -125,18 +111,23 @@ class Crops:
             first - top : max(first, last) - top, start - left : max(start, stop) - left
         ]
         if inside.shape == (rows.stop - rows.start, columns.stop - columns.start):
-            return inside
+            return np.ascontiguousarray(inside)
         part = np.zeros((rows.stop - rows.start, columns.stop - columns.start), bool)
         if inside.size:
-            _within(part, (start - columns.start, first - rows.start), inside)[...] = inside
+            part[first - rows.start : last - rows.start, start - columns.start :][
+                :, : stop - start
+            ] = inside
         return part
 
 
-def require_few(num: int, name: str, most: int = MOST_DETECTIONS) -> None:
-    """Compares the detections of a frame with how many there may be.
+def require_room(
+    num: int, frame_size: Sequence[int], name: str, most: int = MOST_DETECTIONS
+) -> None:
+    """Compares the detections of a frame with how many there may be, and the memory of their masks.
 
     Args:
       num: Detections.
+      frame_size: Height and width of the frame in pixels.
       name: What has them, for the message.
       most: A tracker may take fewer.
 
@@ -151,33 +142,13 @@ def require_few(num: int, name: str, most: int = MOST_DETECTIONS) -> None:
             f"{name} has {num} detections, at most {most} are taken in a frame; give the best ones "
             f"or the wanted classes only{more}"
         )
-
-
-def require_bytes(num_bytes: int, num: int, frame_size: Sequence[int], name: str) -> None:
-    """Compares the memory for the masks of a frame with what is meant for them.
-
-    Args:
-      num_bytes: Of the boxes around the masks, a byte to a pixel.
-      num: Masks.
-      frame_size: Height and width of the frame in pixels.
-      name: What has them, for the message.
-
-    Raises:
-      UnreadableFrame: If it is more.
-    """
-    if num_bytes > MOST_MASK_BYTES:
+    height, width = frame_size
+    if num * height * width > MAX_MASK_BYTES:
         raise UnreadableFrame(
-            f"{name} has {num} detections in {frame_size[1]}x{frame_size[0]} pixels, whose boxes "
-            f"take {num_bytes >> 20} MiB; at most {MOST_MASK_BYTES >> 20} are meant for a frame, "
-            "give fewer or smaller ones"
+            f"{name} has {num} detections in {width}x{height} pixels, whose masks take "
+            f"{num * height * width >> 20} MiB; at most {MAX_MASK_BYTES >> 20} are meant for a "
+            "frame, give fewer of them or smaller frames"
         )
-
-
-def count_pixels(masks: Bool[np.ndarray, "N H W"] | Crops) -> Int[np.ndarray, "N"]:
-    """Pixels of each mask."""
-    if isinstance(masks, Crops):
-        return np.array([np.count_nonzero(window) for window in masks.windows], np.int64)
-    return masks.sum(axis=(1, 2))
 
 
 def nearest_places(num: int, num_resized: int) -> Int[np.ndarray, "r"]:
@@ -230,11 +201,3 @@ def cut_plane(
     columns = np.flatnonzero(band.any(axis=0))
     corner = int(columns[0]), int(rows[0])
     return corner, band[:, columns[0] : columns[-1] + 1].copy()
-
-
-def _within(
-    plane: Bool[np.ndarray, "H W"], corner: tuple[int, int], window: np.ndarray
-) -> Bool[np.ndarray, "_h _w"]:
-    """The part of a plane where a window lies."""
-    left, top = corner
-    return plane[top : top + window.shape[0], left : left + window.shape[1]]

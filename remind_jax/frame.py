@@ -16,16 +16,14 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from remind_jax.crops import Crops, require_few
+from remind_jax.crops import Crops, require_room
 from remind_jax.errors import SourceError, as_text, first_line, is_text
 from remind_jax.files.host_array import host_array
+from remind_jax.files.limits import MAX_LABEL, MAX_PIXELS, MAX_SIDE_PX
 
 Rle = dict[str, Any]  # COCO run-length encoding: {"size": [H, W], "counts": bytes}
 
 NO_INSTANCE = -1
-MOST_LABEL = 200  # characters of a class name
-MOST_SIDE_PX = 1 << 16  # of a frame
-_MOST_PIXELS = 1 << 28  # of a frame
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Detections:
     `instance_ids` are ground truth (or -1) and never reach the tracker.
     """
 
-    masks: Bool[np.ndarray, "N H W"] | Crops  # crops where planes would take much memory
+    masks: Bool[np.ndarray, "N H W"] | Crops  # crops inside of a tracker
     labels: tuple[str, ...]
     scores: Float[np.ndarray, "N"]
     instance_ids: Int[np.ndarray, "N"]
@@ -66,16 +64,7 @@ class Detections:
           >>> seen.scores.tolist(), seen.instance_ids.tolist()
           ([1.0, 1.0], [-1, -1])
         """
-        planes = masks if isinstance(masks, Crops) else _as_array("masks", masks, "buif")
-        if planes.ndim != 3:
-            raise SourceError(
-                f"masks have shape {planes.shape}; give one [H, W] plane per detection, [N, H, W]"
-            )
-        require_few(len(planes), "a frame")
-        if not isinstance(planes, Crops):
-            if planes.dtype.kind == "f":
-                require_whole(planes)
-            planes = planes.astype(bool, copy=False)
+        planes = masks if isinstance(masks, Crops) else as_masks(masks)
         num = len(planes)
         names = ("object",) * num if labels is None else _as_labels(labels)
         confidence = np.ones(num, np.float32) if scores is None else _as_scores(scores)
@@ -93,10 +82,10 @@ class Detections:
           SourceError: If a side is no number of pixels.
         """
         for side in (height_px, width_px):
-            if not isinstance(side, numbers.Integral) or not 0 <= int(side) <= MOST_SIDE_PX:
+            if not isinstance(side, numbers.Integral) or not 0 <= int(side) <= MAX_SIDE_PX:
                 raise SourceError(
                     f"a frame cannot be {reprlib.repr(height_px)} by {reprlib.repr(width_px)} "
-                    f"pixels; give whole numbers up to {MOST_SIDE_PX}"
+                    f"pixels; give whole numbers up to {MAX_SIDE_PX}"
                 )
         return cls.create(np.zeros((0, height_px, width_px), bool))
 
@@ -181,14 +170,14 @@ def check_size(frame_size: Any) -> tuple[int, int]:
         raise SourceError(
             f"the frame size is {reprlib.repr(frame_size)}; give height and width in whole pixels"
         ) from error
-    if not (0 < height <= MOST_SIDE_PX and 0 < width <= MOST_SIDE_PX):
+    if not (0 < height <= MAX_SIDE_PX and 0 < width <= MAX_SIDE_PX):
         raise SourceError(
             f"frames of {width}x{height} pixels cannot be tracked; give sides from 1 to "
-            f"{MOST_SIDE_PX}"
+            f"{MAX_SIDE_PX}"
         )
-    if height * width > _MOST_PIXELS:
+    if height * width > MAX_PIXELS:
         raise SourceError(
-            f"frames of {width}x{height} pixels are too large; at most {_MOST_PIXELS} pixels"
+            f"frames of {width}x{height} pixels are too large; at most {MAX_PIXELS} pixels"
         )
     return height, width
 
@@ -242,7 +231,7 @@ def check_detections(detections: Any, name: str = "") -> None:
         )
     _check_array(f"masks{where}", detections.masks, 3, "b", "booleans [N, H, W]")
     num, labels = len(detections.masks), detections.labels
-    require_few(num, f"what was given{where}")
+    require_room(num, detections.masks.shape[1:], f"what was given{where}")
     if not isinstance(labels, tuple) or not all(isinstance(label, str) for label in labels):
         raise SourceError(f"labels{where} are {reprlib.repr(labels)}; give a tuple of names")
     _check_array(f"scores{where}", detections.scores, 1, "f", "numbers [N]")
@@ -275,18 +264,57 @@ class SkippedFrame:
             object.__setattr__(self, field, as_text(getattr(self, field)))
 
 
-def require_whole(masks: Float[np.ndarray, "..."]) -> None:
-    """Refuses masks of probabilities: where they end is for whoever made them to say.
+def as_masks(values: Any) -> Bool[np.ndarray, "N H W"]:
+    """Masks of detections, booleans.
 
     Raises:
-      SourceError: If a value lies between whole numbers.
+      SourceError: If they are no planes, not finite, negative, or probabilities: where masks end
+        is for whoever made them to say.
+      UnreadableFrame: If they are too many, or take more than is meant for a frame.
     """
-    broken = masks[masks % 1 != 0]
-    if broken.size:
+    masks = _as_array("masks", values, "buif")
+    if masks.ndim != 3:
         raise SourceError(
-            f"masks hold {broken.flat[0]:g}, as of probabilities; give booleans, for instance "
-            "masks > 0.5"
+            f"masks have shape {masks.shape}; give one [H, W] plane per detection, [N, H, W]"
         )
+    require_room(len(masks), masks.shape[1:], "a frame")
+    if masks.dtype.kind in "if" and masks.size:
+        odd = masks[(masks % 1 != 0) | (masks < 0)]
+        if odd.size:
+            raise SourceError(
+                f"masks hold {odd.flat[0]:g}, as of probabilities or logits; give booleans, for "
+                "instance masks > 0.5"
+            )
+    return masks.astype(bool, copy=False)
+
+
+def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"]:
+    """Masks of boxes (left, top, right, bottom in pixels), cut off at the frame's border.
+
+    Args:
+      boxes: Numbers `[N, 4]`, in any form of array.
+      frame_size: Height and width of the frame in pixels.
+
+    Raises:
+      SourceError: If they are no boxes, or a coordinate is not finite.
+      UnreadableFrame: If they are too many, or take more than is meant for a frame.
+    """
+    array = host_array(boxes, "boxes")
+    if array.size and (array.ndim != 2 or array.shape[1] != 4 or array.dtype.kind not in "uif"):
+        raise SourceError(
+            f"boxes are {array.dtype} {array.shape}; give left, top, right, bottom, [N, 4]"
+        )
+    corners = array.astype(np.float64).reshape(-1, 4)
+    if not np.isfinite(corners).all():
+        row = int(np.flatnonzero(~np.isfinite(corners).all(axis=1))[0])
+        raise SourceError(f"box {row} is {corners[row].tolist()}; coordinates must be finite")
+    require_room(len(corners), frame_size, "a frame")
+    height, width = frame_size
+    edges = np.clip(np.rint(corners), 0, [width, height, width, height]).astype(int)
+    masks = np.zeros((len(edges), *frame_size), bool)
+    for mask, (left, top, right, bottom) in zip(masks, edges.tolist(), strict=True):
+        mask[top:bottom, left:right] = True
+    return masks
 
 
 def _as_array(name: str, values: Any, kinds: str) -> np.ndarray:
@@ -317,10 +345,10 @@ def _as_labels(labels: Any) -> tuple[str, ...]:
             raise SourceError(f"label {row} is {name!r}; give the name of its class as text")
         if not is_text(name):
             raise SourceError(f"label {row} is {name[:40]!r}, which is no text in UTF-8; rename it")
-        if not name.strip() or len(name) > MOST_LABEL:
+        if not name.strip() or len(name) > MAX_LABEL:
             raise SourceError(
                 f"label {row} has {len(name)} characters ({name[:40]!r}); give a name of 1 to "
-                f"{MOST_LABEL} characters"
+                f"{MAX_LABEL} characters"
             )
     return tuple(str(name) for name in names)  # NumPy has a kind of text of its own
 

@@ -71,7 +71,7 @@ class Host:
     # Ids that were answered for what is no object in memory yet, `coming_ids(state)`.
     coming_ids: Callable[[Any], Iterable[int]] | None = None
     # Phrases about what is wrong with a memory that was read from a file, `find_faults(state)`,
-    # beyond what holds for every method (`session.memory_checks`).
+    # beyond what holds for every method (`session.memory_file`).
     find_faults: Callable[[Any], Iterable[str]] | None = None
     # Arrays of memory files of the schema before, by name: the axis along which each holds several
     # leaves side by side, and their names (`session.earlier_memory`).

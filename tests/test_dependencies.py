@@ -29,6 +29,7 @@ MODULES = {
     "ipython": "IPython",
     "mcap-protobuf-support": "mcap_protobuf",
     "opencv-python-headless": "cv2",
+    "pillow": "PIL",
     "pyyaml": "yaml",
 }
 # What is used without being imported by us: where, and by which word.

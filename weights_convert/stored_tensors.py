@@ -129,7 +129,7 @@ def _read(file: Any, name: str, path: Path) -> np.ndarray:
 
 
 def _open_shards(index: Path) -> WeightSource:
-    listed = read_json(index, _Index, refused=WeightsError, most_bytes=_MOST_JSON_BYTES).weight_map
+    listed = read_json(index, _Index, refused=WeightsError, max_bytes=_MOST_JSON_BYTES).weight_map
     if not listed:
         raise WeightsError(f"'{index}' lists no tensors; it needs a 'weight_map'")
     tensors: dict[str, StoredTensor] = {}
@@ -148,7 +148,7 @@ def _config_beside(path: Path) -> Mapping[str, Any]:
     config = path.with_name("config.json")
     if not config.is_file():
         return {}
-    return read_json(config, dict[str, Any], refused=WeightsError, most_bytes=_MOST_JSON_BYTES)
+    return read_json(config, dict[str, Any], refused=WeightsError, max_bytes=_MOST_JSON_BYTES)
 
 
 def _as_stored(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,10 +12,10 @@ import numpy as np
 from remind_jax.benchmark.records import Record, folder_of
 from remind_jax.benchmark.scenes import Scene
 from remind_jax.errors import RemindError
+from remind_jax.formats.rows import RowCollector, TrackRows
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics.columns import Interval
 from remind_jax.metrics.evaluation import Evaluation, pool_evaluations, scene_intervals
-from remind_jax.metrics.formats.rows import RowCollector, TrackRows
 from remind_jax.metrics.run_evaluation import evaluate_run
 from remind_jax.outputs.store import DETECTIONS_NAME, read_detections
 from remind_jax.sources.sampling import Sampling

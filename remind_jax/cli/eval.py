@@ -18,12 +18,11 @@ from remind_jax.settings.ranges import check_option
 
 if TYPE_CHECKING:
     from remind_jax.metrics import SetEvaluation
-    from remind_jax.metrics.federated import FederatedScores
     from remind_jax.metrics.visit_evaluation import VisitsEvaluation
     from remind_jax.tracks import Tracks
 
 FormatName = Literal[
-    "mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "cvat", "mots-png", "run"
+    "mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "mots-png", "run"
 ]
 
 
@@ -39,7 +38,7 @@ class Eval:
     Numbers equal TrackEval's. Recovery: returns that got their identity back.
 
     Truth and predictions may be:
-      MOTChallenge or MOTS text; COCO-video, YouTube-VIS, TAO or BURST JSON;
+      MOTChallenge or MOTS text; COCO-video, YouTube-VIS or CocoVID JSON;
       a folder of instance maps (DAVIS); an output folder of 'remind run';
       a folder with many scenes of these.
 
@@ -203,7 +202,7 @@ class Eval:
     def _evaluate_alone(self) -> SetEvaluation:
         """Scores a run by the true instances that it was given."""
         from remind_jax.metrics import SetEvaluation, evaluate_tracks
-        from remind_jax.metrics.formats.run_folder import holds_run
+        from remind_jax.metrics.run_folder import holds_run
         from remind_jax.outputs.result import Result
 
         if self.truth.exists() and not holds_run(self.truth):
@@ -250,8 +249,6 @@ def _find_runs(folder: Path) -> dict[str, tuple[Tracks, ...]]:
 def print_evaluation(evaluation: SetEvaluation) -> None:
     """Prints the main scores of one set of predictions, and what went wrong."""
     print_scores(evaluation.scores())
-    if evaluation.federated is not None:
-        print_federated(evaluation.federated)
     lines = [f"note: {note}" for note in evaluation.notes]
     if evaluation.failed:
         reasons = [f"  {scene}: {why}" for scene, why in evaluation.failed.items()]
@@ -290,14 +287,6 @@ def print_scores(scores: dict[str, float]) -> None:
 
     shown = show_scores(scores)
     print_table([shown["heads"], *shown["rows"]], is_text=shown["is_text"])
-
-
-def print_federated(scores: FederatedScores) -> None:
-    """Prints what the labels of federated truth allow to say, over classes and detections."""
-    from remind_jax.metrics.federated import FEDERATED_HEADS
-
-    title = f"only what the labels judge, {len(scores.by_class)} classes"
-    print_table([FEDERATED_HEADS, *scores.rows()], title)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:

@@ -149,7 +149,7 @@ class PageAddress:
 @quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class LiveFlags(LiveOptions):
-    """Cameras (0, /dev/video0), streams (rtsp://, http://) and folders that grow (--follow)."""
+    """Cameras (0, /dev/video0) and streams (rtsp://, http://)."""
 
     # folder that gets the frames as seen, to repeat the run
     record: Path | None = None

@@ -16,7 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import UInt8
 
-from remind_jax.crops import count_pixels
+from remind_jax.crops import Crops
 from remind_jax.detectors import rfdetr_seg, yolo_seg
 from remind_jax.detectors.onnx_file import OnnxFile, image_input, refuse_other_formats
 from remind_jax.detectors.onnx_session import OnnxSession
@@ -152,15 +152,16 @@ def refine_detections(
         if score >= options.confidence and options.admits(label)
     ]
     detections = detections.select(np.asarray(wanted, int))
-    before_px = count_pixels(detections.masks)
-    masks = erode_masks(detections.masks, options.erosion_px, margin_px=options.erosion_px)
-    after_px = count_pixels(masks) if options.erosion_px else before_px
+    crops = Crops.of(detections.masks)
+    before_px = crops.areas
+    eroded_masks = erode_masks(crops, options.erosion_px, margin_px=options.erosion_px)
+    after_px = eroded_masks.areas
     keep = after_px >= options.min_mask_px
     empty = before_px == 0
     eroded = ~empty & (after_px == 0)
     small = ~keep & ~empty & ~eroded
     drops = DropCounts(empty=int(empty.sum()), eroded=int(eroded.sum()), small=int(small.sum()))
-    return dataclasses.replace(detections, masks=masks).select(keep), drops
+    return dataclasses.replace(detections, masks=np.asarray(eroded_masks)).select(keep), drops
 
 
 def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector | None:

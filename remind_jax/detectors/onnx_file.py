@@ -17,7 +17,7 @@ from pathlib import Path
 
 from remind_jax.errors import WeightsError
 from remind_jax.files import as_path, say_no_file
-from remind_jax.frame import MOST_LABEL
+from remind_jax.files.limits import MAX_LABEL
 
 _MODEL_GRAPH, _MODEL_METADATA = 7, 14
 _GRAPH_INITIALIZER, _GRAPH_INPUT, _GRAPH_OUTPUT = 5, 11, 12
@@ -136,7 +136,7 @@ def read_class_names(metadata: Mapping[str, str]) -> dict[int, str]:
 
 def is_class_name(name: object) -> bool:
     """Whether it can be the name of a class."""
-    return isinstance(name, str) and bool(name.strip()) and len(name) <= MOST_LABEL
+    return isinstance(name, str) and bool(name.strip()) and len(name) <= MAX_LABEL
 
 
 def parse_literal(text: str) -> object:

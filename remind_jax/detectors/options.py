@@ -12,7 +12,7 @@ from jaxtyping import Bool
 
 from remind_jax.detectors.onnx_file import MOST_INPUT_PX, is_class_name
 from remind_jax.errors import ConfigError, OptionError, nearest_names
-from remind_jax.frame import MOST_LABEL
+from remind_jax.files.limits import MAX_LABEL
 
 Engine = Literal["auto", "onnxruntime", "cv2.dnn"]
 
@@ -91,7 +91,7 @@ def _names(field: str, value: Any) -> tuple[str, ...] | None:
     if is_list and all(isinstance(n, str) and is_class_name(n) for n in value):
         return tuple(sorted(value) if isinstance(value, (set, frozenset)) else value)
     raise OptionError(
-        f"'{field}' is {repr(value)[:60]}; give a list of class names of 1 to {MOST_LABEL} "
+        f"'{field}' is {repr(value)[:60]}; give a list of class names of 1 to {MAX_LABEL} "
         "characters, for example ['chair']",
         field,
     )

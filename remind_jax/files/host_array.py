@@ -37,32 +37,9 @@ def host_array(values: Any, what: str) -> np.ndarray:
     except MemoryError:
         raise
     except Exception as error:  # of somebody else's code
-        if (place := _other_memory(values)) is not None:
-            raise SourceError(
-                f"{what} lie in the memory of device '{place}', where NumPy cannot read them; give "
-                "them on the host, in PyTorch by .cpu()"
-            ) from error
+        device = getattr(values[0] if isinstance(values, list | tuple) else values, "device", "")
+        where = f" of device '{device}'" if device else ""
         raise SourceError(
-            f"{what} make no array: they differ in shape or kind ({first_line(error)}); give one "
-            "array of numbers"
+            f"{what}{where} make no array that NumPy can read ({first_line(error)}); give one "
+            "array of numbers on the host, in PyTorch by .cpu()"
         ) from error
-
-
-def _other_memory(values: Any) -> str | None:
-    """The device that holds an array, or the first of several; None for the host."""
-    first: Any = values[0] if isinstance(values, list | tuple) and values else values
-    device = getattr(first, "device", None)
-    if device is not None:
-        return None if str(device) == "cpu" else str(device)
-    if hasattr(first, "__dlpack_device__"):
-        try:
-            kind = int(first.__dlpack_device__()[0])
-        except Exception:  # of somebody else's code
-            return None
-        return None if kind == _HOST else _DEVICES.get(kind, f"kind {kind}")
-    return None
-
-
-# By the numbers of DLPack.
-_HOST = 1
-_DEVICES = {2: "cuda", 8: "metal", 10: "rocm", 14: "oneapi"}

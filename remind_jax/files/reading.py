@@ -2,26 +2,53 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from remind_jax.errors import RemindError, is_text
+from remind_jax.errors import RemindError, SourceError, first_line, is_text
+from remind_jax.files.limits import MAX_FILE_BYTES, MAX_NAME_BYTES
 
-MOST_BYTES = 512 << 20  # of a file that is read whole
-MOST_NAME_BYTES = 255  # of a file or folder, on nearly all disks
+Family = type[RemindError]
 _PART_BYTES = 1 << 20
-_MARKS = {  # byte order marks, the longer ones first
-    b"\xff\xfe\x00\x00": "UTF-32",
-    b"\x00\x00\xfe\xff": "UTF-32",
-    b"\xff\xfe": "UTF-16",
-    b"\xfe\xff": "UTF-16",
-}
 
 
-def as_path(value: Any, what: str, refused: type[RemindError]) -> Path:
+@contextlib.contextmanager
+def reading(
+    path: str | os.PathLike[str], refused: Family = SourceError, *, place: str = ""
+) -> Iterator[None]:
+    """Turns whatever a library raises on what a user handed over into one sentence.
+
+    Args:
+      path: The file.
+      refused: Kind of error.
+      place: Where in the file, such as the name of a member.
+
+    Raises:
+      RemindError: Of kind `refused`, instead of the error; those of the family pass.
+    """
+    where = f"'{path}'{place and f', {place}'}"
+    try:
+        yield
+    except RemindError:
+        raise
+    except OSError as error:
+        raise refused(f"cannot read {where}: {error.strerror or first_line(error)}") from error
+    except MemoryError as error:
+        raise refused(f"{where} asks for more memory than there is; split it") from error
+    except RecursionError as error:
+        raise refused(f"{where} is nested too deep; correct it") from error
+    except Exception as error:  # of somebody else's code
+        raise refused(
+            f"{where} is damaged or of another form: {first_line(error)}; make it again"
+        ) from error
+
+
+def as_path(value: Any, what: str, refused: Family) -> Path:
     """The path that a caller gave.
 
     Raises:
@@ -52,9 +79,8 @@ def check_name(path: str | os.PathLike[str]) -> str:
         return "it holds a NUL character; take it out"
     if not is_text(text):
         return "it is no text in UTF-8; rename it"
-    longest = max(Path(text).parts, key=len, default="")
-    if len(os.fsencode(longest)) > MOST_NAME_BYTES:
-        return f"a name in it has over {MOST_NAME_BYTES} bytes; choose a shorter one"
+    if len(os.fsencode(max(Path(text).parts, key=len, default=""))) > MAX_NAME_BYTES:
+        return f"a name in it has over {MAX_NAME_BYTES} bytes; choose a shorter one"
     try:
         os.lstat(text)
     except OSError as error:
@@ -78,36 +104,33 @@ def check_regular(path: str | Path) -> None:
 def say_no_file(path: str | Path) -> str:
     """Why no file can be read at a path, as the end of a sentence; empty if one can."""
     try:
-        mode = os.stat(path).st_mode
+        check_regular(path)
     except FileNotFoundError:
         return "does not exist"
     except (OSError, ValueError) as error:
         return f"cannot be read ({getattr(error, 'strerror', None) or error})"
-    if stat.S_ISDIR(mode):
-        return "is a folder"
-    return "" if stat.S_ISREG(mode) else "is a pipe, a device or a socket"
+    return "is a folder" if os.path.isdir(path) else ""
 
 
-def check_size(path: str | Path, most_bytes: int) -> None:
+def check_size(path: str | Path, max_bytes: int) -> None:
     """Makes sure that a file fits the memory that is meant for it, before it is read.
 
     Raises:
       OSError: If there is no such file, or it is larger.
     """
-    size = os.stat(path).st_size
-    if size > most_bytes:
-        why = f"it has {say_bytes(size)}, at most {say_bytes(most_bytes)} are read; split it"
+    if (size := os.stat(path).st_size) > max_bytes:
+        why = f"it has {say_bytes(size)}, at most {say_bytes(max_bytes)} are read; split it"
         raise OSError(errno.EFBIG, why, str(path))
 
 
-def read_bytes(path: str | Path, most_bytes: int = MOST_BYTES) -> bytes:
+def read_bytes(path: str | Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
     """What a file holds.
 
     Raises:
-      OSError: If it cannot be read, is no file, or is larger than `most_bytes`.
+      OSError: If it cannot be read, is no file, or is larger than `max_bytes`.
     """
     check_regular(path)
-    check_size(path, most_bytes)
+    check_size(path, max_bytes)
     with Path(path).open("rb") as file:
         said = os.fstat(file.fileno()).st_size
         data = file.read(said + 1)
@@ -118,20 +141,20 @@ def read_bytes(path: str | Path, most_bytes: int = MOST_BYTES) -> bytes:
         while part := file.read(_PART_BYTES):
             parts.append(part)
             num_bytes += len(part)
-            if num_bytes > most_bytes:
-                why = f"it has over {say_bytes(most_bytes)}, which are not read; split it"
+            if num_bytes > max_bytes:
+                why = f"it has over {say_bytes(max_bytes)}, which are not read; split it"
                 raise OSError(errno.EFBIG, why, str(path))
         return b"".join(parts)
 
 
-def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
+def read_text(path: str | Path, max_bytes: int = MAX_FILE_BYTES) -> str:
     """What a text file in UTF-8 holds, with or without a byte order mark.
 
     Raises:
-      OSError: If it cannot be read, is no file, is larger than `most_bytes`, or is text in another
+      OSError: If it cannot be read, is no file, is larger than `max_bytes`, or is text in another
         encoding.
     """
-    data = read_bytes(path, most_bytes)
+    data = read_bytes(path, max_bytes)
     if wrong := wrong_encoding(data):
         raise OSError(errno.EILSEQ, wrong, str(path))
     return data.decode("utf-8-sig")
@@ -139,9 +162,8 @@ def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
 
 def wrong_encoding(data: bytes) -> str:
     """Half a sentence on text that is not UTF-8; nothing if it is."""
-    found = next((name for mark, name in _MARKS.items() if data.startswith(mark)), "")
-    if found or b"\x00" in data[:4]:
-        return f"its text is {found or 'UTF-16 or no text at all'}; save it as UTF-8"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in data[:4]:
+        return "its text is UTF-16, UTF-32 or no text at all; save it as UTF-8"
     try:
         if not data.isascii():
             data.decode("utf-8")

@@ -2,48 +2,43 @@
 
 A record is a `msgspec.Struct` whose fields say what is allowed: use the bounded kinds below, since
 a bare `int`, `str` or `list` has no bounds. Whatever is read is of limited size; numbers are finite
-and integers have 64 bits. A refusal names file, place, what was found and what is allowed.
+and integers have 64 bits. What is wrong is said by `msgspec`, behind the name of the file.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Generic, NoReturn, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
-from msgspec import Meta, inspect
+from msgspec import Meta
 
 from remind_jax.errors import RemindError, SourceError, first_line, is_text
-from remind_jax.files import json_keys, reading
-from remind_jax.files.json_keys import say_twice
-from remind_jax.files.wording import place_in_words, say_invalid
+from remind_jax.files import limits
+from remind_jax.files.reading import (
+    Family,
+    check_regular,
+    read_bytes,
+    reading,
+    say_bytes,
+    wrong_encoding,
+)
 
-MOST_LABEL = 200  # characters of a label
-MOST_TEXT = 10_000  # characters of any other text
-MOST_ROWS = 10_000_000
-MOST_LINE_BYTES = 32 << 20
-MOST_MAPPINGS = 4_000_000  # in a JSON file: as records these take up to about a gibibyte
-MOST_ITEMS = 30_000_000  # in a JSON file, likewise
-MOST_YAML_BYTES = 256 << 10  # a second or two
-MOST_VALUES = 100_000  # in a mapping that came otherwise; aliases of YAML count as often as used
-MOST_DEPTH = 32
-MOST_INTEGER = 2**63 - 1
-
-Whole = Annotated[int, Meta(ge=-(2**63), le=MOST_INTEGER)]
+Whole = Annotated[int, Meta(ge=-(2**63), le=limits.MAX_INTEGER)]
 Small = Annotated[int, Meta(ge=-(2**31), le=2**31 - 1)]
 Count = Annotated[int, Meta(ge=0, le=2**31 - 1)]
 Positive = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Side = Annotated[int, Meta(ge=1, le=1 << 16)]  # of a picture, pixels
-Label = Annotated[str, Meta(max_length=MOST_LABEL)]
-Text = Annotated[str, Meta(max_length=MOST_TEXT)]
+Side = Annotated[int, Meta(ge=1, le=limits.MAX_SIDE_PX)]  # of a picture, pixels
+Label = Annotated[str, Meta(max_length=limits.MAX_LABEL)]
+Text = Annotated[str, Meta(max_length=limits.MAX_TEXT)]
 
 Record = TypeVar("Record")
-Family = type[RemindError]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +65,7 @@ def read_json(
     record: type[Record],
     *,
     refused: Family = SourceError,
-    most_bytes: int = reading.MOST_BYTES,
+    max_bytes: int = limits.MAX_FILE_BYTES,
 ) -> Record:
     """Reads a JSON file.
 
@@ -78,12 +73,14 @@ def read_json(
       path: The file.
       record: What it holds, bounded.
       refused: Kind of error.
-      most_bytes: Larger files are not read.
+      max_bytes: Larger files are not read.
 
     Raises:
       RemindError: Of kind `refused`, if it cannot be read or holds something else.
     """
-    return decode_json(_read(path, refused, most_bytes), record, f"'{path}'", refused=refused)
+    with reading(path, refused):
+        data = read_bytes(path, max_bytes)
+    return decode_json(data, record, f"'{path}'", refused=refused)
 
 
 def decode_json(
@@ -94,21 +91,21 @@ def decode_json(
     Raises:
       RemindError: Of kind `refused`, if it holds something else.
     """
-    if wrong := reading.wrong_encoding(data):
+    if wrong := wrong_encoding(data):
         raise refused(f"{where}: {wrong}")
     data = data.removeprefix(b"\xef\xbb\xbf")
-    if len(data) > MOST_MAPPINGS:  # shorter text cannot hold more
-        for what, mark, most in (("mappings", b"{", MOST_MAPPINGS), ("items", b",", MOST_ITEMS)):
+    if len(data) > limits.MAX_MAPPINGS:  # shorter text cannot hold more
+        for what, mark, most in (
+            ("mappings", b"{", limits.MAX_MAPPINGS),
+            ("items", b",", limits.MAX_ITEMS),
+        ):
             if data.count(mark) > most:
                 raise refused(f"{where} holds over {most} {what}, which are not read; split it")
-    try:
-        decoded = _decoder(record).decode(data)
-    except (msgspec.DecodeError, RecursionError) as error:
-        _refuse(say_invalid(data, error, record), where, refused, error)
+    row = _decode(_decoder(record).decode, data, f"{where}: ", 0, refused)
     # What is decoded later is looked through then, so that a bad row spoils no other.
-    if said := say_twice(data, is_shallow=_holds_undecoded(record)):
-        raise refused(f"{where}{said}")
-    return decoded
+    if row.error is None and not _holds_undecoded(record) and (twice := _key_twice(data)):
+        raise refused(f"{where}: {twice}")
+    return row.get()
 
 
 def decode_rows(
@@ -129,20 +126,9 @@ def decode_rows(
     Yields:
       Every entry, bad ones with their error.
     """
-    decode, num_bytes = _decoder(record).decode, 0
+    decode = _decoder(record).decode
     for number, raw in enumerate(raws, 1):
-        data = bytes(raw)
-        num_bytes += len(data)
-        try:
-            decoded, said = decode(raw), ""
-            if num_bytes <= json_keys.MOST_BYTES:
-                said = say_twice(data, is_shallow=_holds_undecoded(record))
-        except (msgspec.DecodeError, RecursionError) as error:
-            decoded, said = None, say_invalid(data, error, record)
-        if said:
-            yield Row(number, None, refused(f"{where}, row {number}{said}"))
-        else:
-            yield Row(number, decoded)
+        yield _decode(decode, raw, f"{where}, row {number}: ", number, refused)
 
 
 def read_json_lines(
@@ -167,22 +153,10 @@ def read_json_lines(
       RemindError: Of kind `refused`, if the file cannot be read, or a line or their number is
         beyond all measure.
     """
-    decode, where, num_bytes = _decoder(record).decode, f"'{path}'", 0
+    decode = _decoder(record).decode
     for number, line in read_lines(path, refused=refused):
-        if number <= skip:
-            continue
-        num_bytes += len(line)
-        try:
-            decoded, said = decode(line), ""
-            if num_bytes <= json_keys.MOST_BYTES:
-                said = say_twice(line)
-        except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-            wrong = reading.wrong_encoding(line)
-            decoded, said = None, f": {wrong}" if wrong else say_invalid(line, error, record)
-        if said:
-            yield Row(number, None, refused(f"{where}, row {number}{said}"))
-        else:
-            yield Row(number, decoded)
+        if number > skip:
+            yield _decode(decode, line, f"'{path}', row {number}: ", number, refused)
 
 
 def read_lines(path: str | Path, *, refused: Family = SourceError) -> Iterator[tuple[int, bytes]]:
@@ -192,24 +166,27 @@ def read_lines(path: str | Path, *, refused: Family = SourceError) -> Iterator[t
       RemindError: Of kind `refused`, if the file cannot be read, is no text in UTF-8, or a line or
         their number is beyond all measure.
     """
-    try:
-        reading.check_regular(path)
-        with Path(path).open("rb") as file:
-            start = file.peek(4)[:4]
-            if start[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in start:
-                raise refused(f"'{path}': {reading.wrong_encoding(start)}")
-            number = 0
-            while line := file.readline(MOST_LINE_BYTES + 1):
-                number += 1
-                if len(line) > MOST_LINE_BYTES or number > MOST_ROWS:
-                    most = f"{reading.say_bytes(MOST_LINE_BYTES)} in a line, {MOST_ROWS} lines"
-                    raise refused(f"'{path}', row {number}: at most {most} are read; split it")
-                if number == 1:
-                    line = line.removeprefix(b"\xef\xbb\xbf")
-                if line.strip():
-                    yield number, line
-    except OSError as error:
-        raise refused(f"cannot read '{path}': {error.strerror or first_line(error)}") from error
+    with reading(path, refused):
+        check_regular(path)
+        file = Path(path).open("rb")  # noqa: SIM115
+    with file:
+        start = file.peek(4)[:4]
+        if start[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in start:
+            raise refused(f"'{path}': {wrong_encoding(start)}")
+        number = 0
+        while True:
+            with reading(path, refused):
+                line = file.readline(limits.MAX_LINE_BYTES + 1)
+            if not line:
+                return
+            number += 1
+            if len(line) > limits.MAX_LINE_BYTES or number > limits.MAX_ROWS:
+                most = f"{say_bytes(limits.MAX_LINE_BYTES)} in a line, {limits.MAX_ROWS} lines"
+                raise refused(f"'{path}', row {number}: at most {most} are read; split it")
+            if number == 1:
+                line = line.removeprefix(b"\xef\xbb\xbf")
+            if line.strip():
+                yield number, line
 
 
 def read_yaml(
@@ -228,8 +205,9 @@ def read_yaml(
     """
     from remind_jax.files.yaml_text import parse_yaml
 
-    data = _read(path, refused, MOST_YAML_BYTES)
-    if wrong := reading.wrong_encoding(data):
+    with reading(path, refused):
+        data = read_bytes(path, limits.MAX_YAML_BYTES)
+    if wrong := wrong_encoding(data):
         raise refused(f"'{path}': {wrong}")
     value = parse_yaml(data.decode("utf-8-sig"), f"'{path}'", refused)
     return check({} if value is None else value, record, f"'{path}'", refused=refused)
@@ -254,24 +232,50 @@ def check(
     try:
         return msgspec.convert(value, record)
     except msgspec.ValidationError as error:
-        _refuse(say_invalid(value, error, record), where, refused, error)
+        raise refused(f"{where}: {_said(error)}; correct it") from error
 
 
-def _read(path: str | Path, refused: Family, most_bytes: int) -> bytes:
+def _decode(
+    decode: Callable[[Any], Any], data: Any, where: str, number: int, refused: Family
+) -> Row[Any]:
+    """Decodes one text; of a row with a number, keys that stand twice are found as well."""
     try:
-        return reading.read_bytes(path, most_bytes)
-    except OSError as error:
-        raise refused(f"cannot read '{path}': {error.strerror or first_line(error)}") from error
+        decoded = decode(data)
+        said = _key_twice(bytes(data)) if number else ""
+    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
+        decoded, said = None, wrong_encoding(bytes(data)) or f"{_said(error)}; correct it"
+    return Row(number, None, refused(where + said)) if said else Row(number, decoded)
 
 
-def _refuse(said: str, where: str, refused: Family, error: Exception) -> NoReturn:
-    raise refused(f"{where}{said}") from error
+def _said(error: Exception) -> str:
+    return "it is nested too deep" if isinstance(error, RecursionError) else first_line(error)
+
+
+def _key_twice(data: bytes) -> str:
+    """Half a sentence on a key that stands twice: `msgspec` keeps the last of them without a word.
+
+    Nothing if none does, or the text is large.
+    """
+    if data.count(b":") < 2 or len(data) > limits.MAX_UNIQUE_BYTES:
+        return ""
+    twice: list[str] = []
+
+    def look(pairs: list[tuple[str, Any]]) -> None:
+        if len({key for key, _ in pairs}) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice.append(next(key for key in keys if keys.count(key) > 1))
+
+    try:
+        json.loads(data, object_pairs_hook=look)
+    except (ValueError, RecursionError):
+        return ""
+    return f"the key {json.dumps(twice[0][:100])} stands twice; remove one" if twice else ""
 
 
 @functools.cache
 def _holds_undecoded(record: Any) -> bool:
-    """Whether a type leaves parts of the text as they are, to be decoded one by one."""
-    return "RawType()" in repr(inspect.type_info(record))
+    """Whether a type leaves rows of a list as they are, to be decoded one by one."""
+    return "ListType(item_type=RawType()" in repr(msgspec.inspect.type_info(record))
 
 
 @functools.cache
@@ -279,33 +283,29 @@ def _decoder(record: Any) -> msgspec.json.Decoder:
     return msgspec.json.Decoder(record)
 
 
-def _say_number(path: str) -> str:
-    return place_in_words(path, is_number=True)
-
-
 def _check_values(value: Any, where: str, refused: Family) -> None:
     """Walks through nested values; what is used several times counts as often."""
-    open_values: list[tuple[str, int, Any]] = [("$", 1, value)]
+    open_values: list[tuple[str, int, Any]] = [("", 1, value)]
     num_values = 0
     while open_values:
         place, depth, found = open_values.pop()
         num_values += 1
-        if depth > MOST_DEPTH or num_values > MOST_VALUES:
-            most = f"{MOST_VALUES} values, nested {MOST_DEPTH} deep"
-            raise refused(f"{where}{place_in_words(place)}: it holds too much; at most {most}")
-        if isinstance(found, dict):
-            open_values += [(f"{place}.{key}", depth + 1, part) for key, part in found.items()]
+        said = ""
+        if depth > limits.MAX_DEPTH or num_values > limits.MAX_VALUES:
+            most = f"{limits.MAX_VALUES} values, nested {limits.MAX_DEPTH} deep"
+            said = f"it holds too much; at most {most}"
+        elif isinstance(found, dict):
+            open_values += [
+                (f"{place}.{key}" if place else str(key), depth + 1, part)
+                for key, part in found.items()
+            ]
         elif isinstance(found, (list, tuple)):
             open_values += [(f"{place}[{i}]", depth + 1, part) for i, part in enumerate(found)]
         elif isinstance(found, str) and not is_text(found):
-            raise refused(
-                f"{where}{place_in_words(place)}: found {found[:40]!r}, which is no text in UTF-8; "
-                "correct it"
-            )
+            said = f"found {found[:40]!r}, which is no text in UTF-8; correct it"
         elif isinstance(found, float) and not math.isfinite(found):
-            raise refused(f"{where}{_say_number(place)}: found {found}, give a finite number")
-        elif isinstance(found, int) and abs(found) > MOST_INTEGER:
-            raise refused(
-                f"{where}{_say_number(place)}: found an integer of {len(hex(found)) * 4 - 8} "
-                "bits, at most 64 are allowed; correct it"
-            )
+            said = f"found {found}, give a finite number"
+        elif isinstance(found, int) and abs(found) > limits.MAX_INTEGER:
+            said = f"found an integer of {found.bit_length()} bits, at most 64 are allowed"
+        if said:
+            raise refused(f"{where}{place and f', `{place[:100]}`'}: {said}")

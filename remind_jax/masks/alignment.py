@@ -52,35 +52,18 @@ class Alignment:
 
     def align_image(self, image: UInt8[np.ndarray, "H W 3"]) -> UInt8[np.ndarray, "h w 3"]:
         """The image at the tracker's size."""
-        return self._crop(self._scale(image, cv2.INTER_AREA))
+        if image.shape[:2] != self.scaled_size:
+            image = cv2.resize(image, self.scaled_size[::-1], interpolation=cv2.INTER_AREA)
+        return image[self.top : self.top + self.size[0], self.left : self.left + self.size[1]]
 
-    def align_masks(
-        self, masks: Bool[np.ndarray, "N H W"] | Crops
-    ) -> Bool[np.ndarray, "N h w"] | Crops:
+    def align_masks(self, masks: Bool[np.ndarray, "N H W"] | Crops) -> Crops:
         """The masks at the tracker's size, by nearest neighbor."""
-        if isinstance(masks, Crops):
-            return self._align_crops(masks)
-        if masks.shape[1:] == self.scaled_size:
-            return np.ascontiguousarray(self._crop(masks.transpose(1, 2, 0)).transpose(2, 0, 1))
-        scaled = [self._scale(mask.view(np.uint8), cv2.INTER_NEAREST) for mask in masks]
-        cropped = [self._crop(mask).astype(bool) for mask in scaled]
-        return np.array(cropped, bool).reshape(len(masks), *self.size)
-
-    def _align_crops(self, masks: Crops) -> Crops:
-        if masks.size == self.scaled_size:
-            return masks.cropped(self.top, self.left, self.size)
+        crops = Crops.of(masks)
+        if (crops.size, (self.top, self.left), crops.size) == (self.scaled_size, (0, 0), self.size):
+            return crops
         # Where every row and column of the result comes from is the same for all masks.
-        from_row, from_column = map(nearest_places, masks.size, self.scaled_size)
-        return masks.sampled(
+        from_row, from_column = map(nearest_places, crops.size, self.scaled_size)
+        return crops.sampled(
             from_row[self.top : self.top + self.size[0]],
             from_column[self.left : self.left + self.size[1]],
         )
-
-    def _scale(self, plane: np.ndarray, interpolation: int) -> np.ndarray:
-        if plane.shape[:2] == self.scaled_size:
-            return plane
-        return cv2.resize(plane, self.scaled_size[::-1], interpolation=interpolation)
-
-    def _crop(self, plane: np.ndarray) -> np.ndarray:
-        rows, columns = self.size
-        return plane[self.top : self.top + rows, self.left : self.left + columns]

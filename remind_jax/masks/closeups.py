@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from remind_jax.crops import Crops, count_pixels
-from remind_jax.masks.relations import box_of, region_of
+from remind_jax.crops import Crops
 
 CLOSEUP_PATCHES = 6  # along a side of a closeup
 OBJECT_PATCHES = 2.5  # side of the mask in it, as the root of its area
@@ -42,13 +41,14 @@ def cut_closeups(
 
     What lies beyond the border of the frame continues its last pixels.
     """
-    num, side = len(masks), CLOSEUP_PATCHES * patch_px
+    crops = Crops.of(masks)
+    num, side = len(crops), CLOSEUP_PATCHES * patch_px
     images = np.zeros((num, side, side, 3), np.uint8)
     coverage = np.zeros((num, CLOSEUP_PATCHES, CLOSEUP_PATCHES), np.float32)
-    for row, pixels in enumerate(count_pixels(masks)):
+    for row, pixels in enumerate(crops.areas):
         if not pixels:
             continue
-        left, top, width, height = box_of(masks, row)
+        left, top, width, height = crops.box(row)
         scale = min(
             OBJECT_PATCHES * patch_px / np.sqrt(pixels),
             (CLOSEUP_PATCHES - MARGIN_PATCHES) * patch_px / max(width, height),
@@ -68,7 +68,7 @@ def cut_closeups(
         cut = cv2.copyMakeBorder(image[rows, columns], *beyond, cv2.BORDER_REPLICATE)
         how = cv2.INTER_AREA if window > side else cv2.INTER_LINEAR
         images[row] = cv2.resize(cut, (side, side), interpolation=how)
-        inside = region_of(masks, row, rows, columns).astype(np.float32)
+        inside = crops.region(row, rows, columns).astype(np.float32)
         inside = cv2.copyMakeBorder(inside, *beyond, cv2.BORDER_CONSTANT, value=0.0)
         coverage[row] = cv2.resize(inside, coverage.shape[1:], interpolation=cv2.INTER_AREA)
     return Closeups(images, coverage)

@@ -11,7 +11,7 @@ from remind_jax.crops import Crops
 
 def erode_masks(
     masks: Bool[np.ndarray, "N H W"] | Crops, radius_px: int, *, margin_px: int
-) -> Bool[np.ndarray, "N H W"] | Crops:
+) -> Crops:
     """Erodes every mask once with a square of `2 * radius_px + 1` pixels.
 
     Args:
@@ -21,19 +21,17 @@ def erode_masks(
         inside the mask: with the radius as margin, only the border of the image does not erode,
         with 0 the sides of the box do not either.
     """
+    crops = Crops.of(masks)
     if radius_px <= 0:
-        return masks
-    if isinstance(masks, Crops):
-        eroded = (erode_masks(mask[None], radius_px, margin_px=margin_px) for mask in masks)
-        return Crops.of_planes((np.asarray(one)[0] for one in eroded), masks.size)
+        return crops
     kernel = np.ones((2 * radius_px + 1,) * 2, np.uint8)
-    eroded = np.zeros_like(masks)
-    for mask, out in zip(masks, eroded, strict=True):
-        left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
-        window = np.s_[
-            max(0, top - margin_px) : top + height + margin_px,
-            max(0, left - margin_px) : left + width + margin_px,
-        ]
+    eroded = []
+    for row in range(len(crops)):
+        left, top, width, height = crops.box(row)
+        rows = slice(max(0, top - margin_px), min(crops.size[0], top + height + margin_px))
+        columns = slice(max(0, left - margin_px), min(crops.size[1], left + width + margin_px))
+        window = crops.region(row, rows, columns) if width else np.zeros((0, 0), bool)
         if width:
-            out[window] = cv2.erode(mask[window].view(np.uint8), kernel).view(bool)
-    return eroded
+            window = cv2.erode(window.view(np.uint8), kernel).view(bool)
+        eroded.append(((columns.start, rows.start), window))
+    return Crops.join(crops.size, eroded)

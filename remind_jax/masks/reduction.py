@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from remind_jax.crops import Crops
 from remind_jax.masks.erosion import erode_masks
-from remind_jax.masks.relations import box_of, find_row_ends, region_of, relate_masks
+from remind_jax.masks.relations import find_row_ends, relate_masks
 from remind_jax.observation import AnyFeats, FrameFeats, Masks
 
 SanitizeMode = Literal["convex_hull", "morphology", "none"]
@@ -63,8 +63,8 @@ def reduce_masks(
     Returns:
       Masks of NumPy arrays.
     """
-    masks = erode_masks(masks, erosion_px, margin_px=0)
-    num, height_px, width_px = masks.shape
+    crops = erode_masks(masks, erosion_px, margin_px=0)
+    num, height_px, width_px = crops.shape
     size, grid = (height_px, width_px), (height_px // patch_px, width_px // patch_px)
     coverage = np.zeros((num_slots, *grid), np.float32)
     filled_coverage = np.zeros((num_slots, *grid), np.float32)
@@ -75,19 +75,19 @@ def reduce_masks(
     margin = close_px + open_px if sanitize == "morphology" else 0
     ends: list[np.ndarray | None] = [None] * num
     for slot in range(num):
-        region = left, top, width, height = box_of(masks, slot)
+        region = left, top, width, height = crops.box(slot)
         if not width:
             continue
         valid[slot] = True
         box[slot] = left, top, left + width, top + height
-        tight = region_of(masks, slot, slice(top, top + height), slice(left, left + width))
+        tight = crops.region(slot, slice(top, top + height), slice(left, left + width))
         ends[slot] = find_row_ends(tight, left, top)
         rows, columns = _window(region, margin, patch_px, size)
         patches = np.s_[
             rows.start // patch_px : rows.stop // patch_px,
             columns.start // patch_px : columns.stop // patch_px,
         ]
-        inside = region_of(masks, slot, rows, columns).view(np.uint8)
+        inside = crops.region(slot, rows, columns).view(np.uint8)
         summed = cv2.integral(inside)
         area[slot] = num_pixels = int(summed[-1, -1])
         center[slot] = (
@@ -128,7 +128,7 @@ def reduce_masks(
         class_id=pad(np.asarray(class_ids, np.int32)),
         detector_score=pad(np.asarray(scores, np.float32)),
         relations=relate_masks(
-            masks,
+            crops,
             box,
             area,
             ends,

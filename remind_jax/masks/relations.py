@@ -22,7 +22,7 @@ _SAMPLED = 8  # of so many ends of rows, one bounds a gap
 
 
 def relate_masks(
-    masks: Bool[np.ndarray, "N H W"] | Crops,
+    masks: Crops,
     boxes: Float[np.ndarray, "S 4"],
     areas: Num[np.ndarray, "S"],
     ends: Sequence[Int[np.ndarray, "_ 2"] | None],
@@ -79,7 +79,7 @@ def relate_masks(
 
 
 def _measure_gaps(
-    masks: Bool[np.ndarray, "N H W"] | Crops,
+    masks: Crops,
     corners: np.ndarray,
     row_ends: Sequence[np.ndarray | None],
     first: np.ndarray,
@@ -93,7 +93,7 @@ def _measure_gaps(
         found = row_ends[index] if axis == 0 else column_ends.get(index)
         if found is None:
             left, top, right, bottom = corners[index].tolist()
-            tight = region_of(masks, index, slice(top, bottom), slice(left, right))
+            tight = masks.region(index, slice(top, bottom), slice(left, right))
             inside = np.ascontiguousarray(tight.T)
             found = column_ends[index] = find_row_ends(inside, top, left)
         return found
@@ -129,7 +129,7 @@ def _least_distance(one: Int[np.ndarray, "n 2"], other: Int[np.ndarray, "m 2"]) 
 
 
 def _measure_entangled(
-    masks: Bool[np.ndarray, "N H W"] | Crops,
+    masks: Crops,
     pair: tuple[int, int],
     corners: np.ndarray,
     *ends: np.ndarray,
@@ -189,31 +189,9 @@ def _intersect(one: np.ndarray, other: np.ndarray) -> Int[np.ndarray, "4"]:
     return np.concatenate([np.maximum(one[:2], other[:2]), np.minimum(one[2:], other[2:])])
 
 
-def box_of(masks: Bool[np.ndarray, "N H W"] | Crops, row: int) -> Sequence[int]:
-    """Left, top, width and height of the smallest box around a mask; no width if it is empty."""
-    if not isinstance(masks, Crops):
-        return cv2.boundingRect(masks[row].view(np.uint8))
-    window, corner = masks.windows[row], masks.corners[row]
-    if not window.size:
-        return 0, 0, 0, 0
-    left, top, width, height = cv2.boundingRect(np.ascontiguousarray(window).view(np.uint8))
-    return (left + corner[0], top + corner[1], width, height) if width else (0, 0, 0, 0)
-
-
-def region_of(
-    masks: Bool[np.ndarray, "N H W"] | Crops, row: int, rows: slice, columns: slice
-) -> Bool[np.ndarray, "_h _w"]:
-    """A part of a mask; both ends of rows and columns are given."""
-    if isinstance(masks, Crops):
-        return np.ascontiguousarray(masks.region(row, rows, columns))
-    return masks[row, rows, columns]
-
-
-def _mask_in(
-    masks: Bool[np.ndarray, "N H W"] | Crops, row: int, box: np.ndarray
-) -> Bool[np.ndarray, "_h _w"]:
+def _mask_in(masks: Crops, row: int, box: np.ndarray) -> Bool[np.ndarray, "_h _w"]:
     left, top, right, bottom = box.tolist()
-    return region_of(masks, row, slice(top, bottom), slice(left, right))
+    return masks.region(row, slice(top, bottom), slice(left, right))
 
 
 def _crop(image: np.ndarray, box: np.ndarray) -> np.ndarray:

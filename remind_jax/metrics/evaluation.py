@@ -66,8 +66,6 @@ class Evaluation(Printable):
     uncertainty: UncertaintyCounts | None = None  # where the tracker can be undecided
     by_class: Mapping[str, Evaluation] = dataclasses.field(default_factory=dict)
     breakdowns: Mapping[str, Breakdown] = dataclasses.field(default_factory=dict)
-    # Of one scene of federated truth, by class: without what its labels cannot judge.
-    federated: Mapping[str, Evaluation] = dataclasses.field(default_factory=dict)
     by_object: Sequence[Family] | None = None  # of one sequence, for intervals over its objects
     is_pooled: bool = False
 

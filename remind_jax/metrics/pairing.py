@@ -18,15 +18,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from remind_jax.errors import SourceError
+from remind_jax.formats.pictures import IMAGE_SUFFIXES
+from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import decode_mask, encode_masks
 from remind_jax.metrics.breakdowns import Breakdown, count_breakdowns
-from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.metrics.matching import EPSILON, match_detections
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.similarity import Pairs, covered_share, merge_rles, pair_boxes, rle_iou
 from remind_jax.sources.file_tree import last_number
-from remind_jax.sources.image_folder import IMAGE_SUFFIXES
 
 MAX_ASPECT_DIFFERENCE = 0.01
 NOT_ALIGNED = -1

@@ -13,16 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
 from remind_jax.metrics.collapse import Collapse
 from remind_jax.metrics.columns import column_of, format_cell
 from remind_jax.metrics.combine import bootstrap_intervals, pool_counts, stack_counts
 from remind_jax.metrics.comparison import ComparisonTable, Row
 from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import without_nan
-from remind_jax.metrics.formats.opening import Format, SceneSet
-from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows
-from remind_jax.metrics.formats.run_folder import number_detections, read_tracks
 from remind_jax.metrics.matching import match_detections
+from remind_jax.metrics.opening import Format, SceneSet
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.paper import Sightings, count_generic, count_remind
 from remind_jax.metrics.paper_scores import (
@@ -32,6 +31,7 @@ from remind_jax.metrics.paper_scores import (
     PaperCounts,
     paper_scores,
 )
+from remind_jax.metrics.run_folder import number_detections, read_tracks
 from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
 from remind_jax.printing.small_table import SmallTable
 from remind_jax.tracks import Tracks

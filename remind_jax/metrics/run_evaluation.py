@@ -22,15 +22,14 @@ from jaxtyping import Bool, Float, Int
 
 from remind_jax.decision import NO_ID
 from remind_jax.errors import RemindError, SourceError, nearest_names
+from remind_jax.formats.rows import TrackRows
 from remind_jax.frame import NO_INSTANCE
 from remind_jax.metrics.collapse import collapse_frame, keep_unique_labels
 from remind_jax.metrics.decisions import NO_ROW, Decisions
 from remind_jax.metrics.evaluation import Evaluation, evaluate_classes, evaluate_sequence
-from remind_jax.metrics.federated import NO_COMMON_CLASS, evaluate_federated, name_categories
-from remind_jax.metrics.formats.rows import TrackRows
-from remind_jax.metrics.formats.run_folder import number_detections
 from remind_jax.metrics.matching import match_detections
 from remind_jax.metrics.pairing import PairedScene, break_down, pair_scene
+from remind_jax.metrics.run_folder import number_detections
 from remind_jax.metrics.sequence import TrackingSequence
 from remind_jax.metrics.uncertainty import UncertaintyCounts, count_uncertainty
 from remind_jax.tracks import Tracks
@@ -170,14 +169,7 @@ def evaluate_pair(
     if by_class:
         classes = evaluate_classes(sequence, firm_sequence, min_absence_frames)
         evaluation = dataclasses.replace(evaluation, by_class=classes)
-    if truth.federation is None:
-        return evaluation, paired.notes
-    named = name_categories(paired)
-    if named is None:
-        return evaluation, (*paired.notes, NO_COMMON_CLASS)
-    sequence, firm_sequence = relabel(named)
-    federated = evaluate_federated(sequence, truth.federation, firm_sequence)
-    return dataclasses.replace(evaluation, federated=federated), paired.notes
+    return evaluation, paired.notes
 
 
 def check_undecided(undecided: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.files import as_path
 from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
-from remind_jax.metrics.formats.opening import Format
+from remind_jax.metrics.opening import Format
 from remind_jax.metrics.scene_evaluation import (
     SceneOptions,
     SetEvaluation,
@@ -32,7 +32,6 @@ COLUMNS = (
     "IDs",
     "GT_IDs",
 )
-FEDERATED_COLUMNS = ("ClassHOTA", "ClassAssA", "ClassIDF1")
 UNCERTAIN_COLUMNS = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate")
 
 _CHARTS = {
@@ -99,12 +98,7 @@ def table_of(
     rows = [_row(evaluation, num_resamples) for evaluation in evaluations]
     if columns is None:
         has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
-        is_federated = any(FEDERATED_COLUMNS[0] in row.scores for row in rows)
-        columns = (
-            (FEDERATED_COLUMNS if is_federated else ())
-            + COLUMNS
-            + (UNCERTAIN_COLUMNS if has_soft else ())
-        )
+        columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
     return ComparisonTable(
         rows, columns, _legend(evaluations, rows), title, _draw_breakdowns(evaluations)
     )
@@ -112,21 +106,11 @@ def table_of(
 
 def _row(evaluation: SetEvaluation, num_resamples: int) -> Row:
     intervals = evaluation.intervals(num_resamples=num_resamples) if num_resamples else {}
-    scores = evaluation.scores()
-    federated = evaluation.federated
-    if federated is not None:
-        averaged = federated.class_averaged()
-        scores |= {name: averaged[name.removeprefix("Class")] for name in FEDERATED_COLUMNS}
-    return Row(evaluation.name, scores, intervals, evaluation.failure_note)
+    return Row(evaluation.name, evaluation.scores(), intervals, evaluation.failure_note)
 
 
 def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[str, ...]:
     sentences = ["Scores in percent, equal to TrackEval's; counts are of all scenes together."]
-    if any(FEDERATED_COLUMNS[0] in row.scores for row in rows):
-        sentences.append(
-            "The truth leaves objects unlabeled. Columns 'cls' are means over classes of what its "
-            "labels can judge (TAO, BURST); the others count predictions without label as wrong."
-        )
     if any(row.intervals for row in rows):
         unit = "scenes" if len(evaluations[0].scenes) > 1 else "objects"
         sentences.append(f"Ranges: 95 % bootstrap intervals over {unit}.")

@@ -15,6 +15,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from remind_jax.formats.mot import (
+    SIZE_UNKNOWN,
+    fit_texts,
+    read_frame_size,
+    share_of_frame,
+)
 from remind_jax.metrics.evaluation import (
     Evaluation,
     pool_evaluations,
@@ -22,18 +28,11 @@ from remind_jax.metrics.evaluation import (
     show_scores,
     without_nan,
 )
-from remind_jax.metrics.federated import FederatedScores, pool_federated
-from remind_jax.metrics.formats.opening import TEXT_FORMATS, Format, SceneSet
-from remind_jax.metrics.formats.run_folder import number_detections, read_tracks
-from remind_jax.metrics.formats.text import (
-    SIZE_UNKNOWN,
-    fit_texts,
-    read_frame_size,
-    share_of_frame,
-)
 from remind_jax.metrics.intervals import Intervals
+from remind_jax.metrics.opening import TEXT_FORMATS, Format, SceneSet
 from remind_jax.metrics.pairing import PairedScene, pair_scene
 from remind_jax.metrics.run_evaluation import Undecided, check_undecided, evaluate_pair
+from remind_jax.metrics.run_folder import number_detections, read_tracks
 from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_stream
 from remind_jax.printing.small_table import SmallTable
 from remind_jax.tracks import Tracks
@@ -66,11 +65,6 @@ class SetEvaluation(SceneScores):
             return self.scenes[0]
         return pool_evaluations(self.scenes, self.name)
 
-    @property
-    def federated(self) -> FederatedScores | None:
-        """Scores by class as the labels of federated truth (TAO, BURST) allow; None otherwise."""
-        return pool_federated(self.scenes)
-
     def scores(self) -> dict[str, float]:
         """Scores of all scenes together; of failed scenes nothing enters them."""
         return self.pooled.scores() | self.scene_counts()
@@ -89,10 +83,7 @@ class SetEvaluation(SceneScores):
         return SmallTable(title, **(show_scores(self.scores()) if self.scenes else {}))
 
     def to_json(self) -> dict[str, Any]:
-        """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`.
-
-        Federated truth adds `federated`: `class_averaged`, `detection_averaged` and `classes`.
-        """
+        """`{"metrics": ...}`, with `scenes` where there are several, `failed` and `notes`."""
         content: dict[str, Any] = {"metrics": without_nan(self.scores())}
         pooled = self.pooled
         if pooled.breakdowns:
@@ -107,13 +98,6 @@ class SetEvaluation(SceneScores):
         if pooled.by_class:
             content["classes"] = {
                 label: without_nan(e.scores()) for label, e in pooled.by_class.items()
-            }
-        federated = self.federated
-        if federated is not None:
-            content["federated"] = {
-                "class_averaged": federated.class_averaged(),
-                "detection_averaged": federated.detection_averaged(),
-                "classes": federated.classes(),
             }
         if len(self.scenes) > 1:
             content["scenes"] = {e.name: without_nan(e.scores()) for e in self.scenes}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from remind_jax.errors import RemindError, SourceError, nearest_names
-from remind_jax.metrics.formats.opening import (
+from remind_jax.metrics.opening import (
     FORMATS,
     TEXT_FORMATS,
     Format,

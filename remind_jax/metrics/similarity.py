@@ -13,7 +13,6 @@ from jaxtyping import Float, Int
 
 from remind_jax.errors import SourceError
 from remind_jax.frame import Rle
-from remind_jax.masks.run_length import mask_areas, union_area
 from remind_jax.metrics.sequence import frame_starts
 
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -111,11 +110,6 @@ def covered_share(rles: Sequence[Rle], region: Rle) -> Float[np.ndarray, "N"]:
         return np.zeros(0)
     # With `iscrowd` set, the library divides by the area of the first mask alone.
     return np.asarray(coco.iou(list(rles), [region], [1]), float)[:, 0]
-
-
-def find_overlap(rles: Sequence[Rle]) -> bool:
-    """Whether any two masks of a frame share a pixel, which MOTS forbids."""
-    return len(rles) > 1 and int(mask_areas(rles).sum()) != union_area(rles)
 
 
 def merge_rles(rles: Sequence[Rle]) -> Rle:

@@ -10,7 +10,7 @@ from typing import Any
 from remind_jax.errors import SourceError
 from remind_jax.metrics.combine import pool_counts
 from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, without_nan
-from remind_jax.metrics.formats.opening import Format
+from remind_jax.metrics.opening import Format
 from remind_jax.metrics.recovery import RecoveryCounts, recovery_scores
 from remind_jax.metrics.run_evaluation import (
     Labels,

@@ -4,7 +4,7 @@
 saved as the file that is read here: evaluation.md#labeling.
 
 Every detection is labeled by one identity or none; at first by the one that the run gave it firmly.
-Edits are applied in their order: evaluation.md#edits.
+Edits are applied in their order: evaluation.md#edits. How they come about: evaluation.md#labeling.
 """
 
 from __future__ import annotations

@@ -15,23 +15,15 @@ from msgspec import Meta
 
 from remind_jax.decision import NO_ID, Outcome, Reason, Status
 from remind_jax.errors import OutputError
-from remind_jax.files.records import (
-    MOST_ROWS,
-    Count,
-    Label,
-    Side,
-    Small,
-    Text,
-    Whole,
-    check,
-)
+from remind_jax.files.limits import MAX_ROWS
+from remind_jax.files.records import Count, Label, Side, Small, Text, Whole, check
 from remind_jax.frame import SkippedFrame
 from remind_jax.masks.run_length import find_malformed
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.static import MOST_DETECTIONS
 from remind_jax.tracks import Tracks, title_of
 
-MAX_FRAMES = MOST_ROWS
+MAX_FRAMES = MAX_ROWS
 MAX_CANDIDATES = 1_000  # of a detection
 _MAX_CELLS = 10_000_000  # detections times candidates: columns are padded to the widest
 
@@ -312,6 +304,6 @@ class RunInfo(Printable):
 class Event:
     """Something worth knowing that happened at a frame, as detections that were dropped."""
 
-    frame_index: Annotated[int, Meta(ge=-1, lt=MOST_ROWS)]
+    frame_index: Annotated[int, Meta(ge=-1, lt=MAX_ROWS)]
     kind: Label  # a word or two: "dropped", "features"
     message: Text

@@ -202,12 +202,12 @@ class Switches:
     # fmt: on
 
     def __post_init__(self) -> None:
-        check_fields(self, "static")
+        check_fields(self, "static.switches")
         fewest, most = self.ring_clusters
         if fewest > most:
             raise ConfigError(
-                f"static.ring_clusters is {self.ring_clusters!r}; the first, the fewest, may not "
-                "be above the second, the most"
+                f"static.switches.ring_clusters is {self.ring_clusters!r}; the first, the fewest, "
+                "may not be above the second, the most"
             )
 
     @property

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from remind_jax.crops import Crops, count_pixels
+from remind_jax.crops import Crops
 from remind_jax.decision import NO_ID, Decisions
 from remind_jax.frame import Detections, Frame, Rle
-from remind_jax.masks.relations import box_of
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.outputs.run_records import Event
 from remind_jax.session.preparation import Prepared
@@ -33,22 +32,10 @@ class Outlines:
 
 def outline(masks: Bool[np.ndarray, "N H W"] | Crops) -> Outlines:
     """Encodes and measures pixel masks; the box of an empty one is zero."""
-    import cv2
-
-    if isinstance(masks, Crops):
-        boxes = np.array([box_of(masks, row) for row in range(len(masks))], np.float32)
-        boxes = boxes.reshape(-1, 4)
-        boxes[:, 2:] += boxes[:, :2]
-        return Outlines(encode_masks(masks), boxes, count_pixels(masks))
-    pixels = masks.view(np.uint8)
-    corners = [cv2.boundingRect(mask) for mask in pixels]
-    boxes = np.array(corners, np.float32).reshape(-1, 4)
+    crops = Crops.of(masks)
+    boxes = np.array([crops.box(row) for row in range(len(crops))], np.float32).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]
-    areas = [
-        cv2.countNonZero(mask[top : top + height, left : left + width]) if width else 0
-        for mask, (left, top, width, height) in zip(pixels, corners, strict=True)
-    ]
-    return Outlines(encode_masks(masks), boxes, np.array(areas, np.int64))
+    return Outlines(encode_masks(crops), boxes, crops.areas)
 
 
 def read_tracks(

@@ -21,7 +21,7 @@ import numpy as np
 from remind_jax.backbone.registry import Backbone, get_backbone
 from remind_jax.compiled.programs import waited_s
 from remind_jax.config import Config, load_config
-from remind_jax.crops import require_few
+from remind_jax.crops import require_room
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError
 from remind_jax.files import as_path
 from remind_jax.frame import Detections, Frame, check_frame, check_size, frame_of
@@ -313,7 +313,7 @@ class Tracker(Printable):
         """
         check_frame(frame)
         if frame.detections is not None:
-            require_few(len(frame.detections), "the frame", self.most_detections)
+            require_room(len(frame.detections), frame.size, "the frame", self.most_detections)
         with self._alone("prepare"):
             return self._preparer.prepare(frame, self.config)
 

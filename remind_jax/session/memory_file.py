@@ -22,7 +22,8 @@ from remind_jax.config.dotted_keys import flatten_fields
 from remind_jax.config.keys import how_to_choose
 from remind_jax.decision import Decisions, Outcome, Reason, Status
 from remind_jax.errors import ConfigError, OutputError, RemindError, SourceError, first_line
-from remind_jax.files.records import MOST_LABEL, check, decode_json
+from remind_jax.files.limits import MAX_LABEL
+from remind_jax.files.records import check, decode_json
 from remind_jax.files.tensors import TensorEntry, read_safetensors_header
 from remind_jax.method import PAPER_METHOD, Method, get_method, named_leaves
 from remind_jax.numerics.absent import NO_ID
@@ -152,7 +153,7 @@ def load_memory(path: str | Path) -> SavedMemory:
         tensors = split_columns(tensors, method.host.columns, dict(named_leaves(expected)))
         tensors = with_new_leaves(without_decisions(tensors, static), method, static)
         entries = {
-            name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape, (0, one.nbytes))
+            name: TensorEntry(_TYPES.get(str(one.dtype), ""), one.shape)
             for name, one in tensors.items()
         }
         _check_tensors(entries, expected, path)
@@ -379,8 +380,8 @@ def _find_faults(state: Any, class_names: tuple[str, ...], first_id: int) -> Ite
     yield from outside("objects.id", ids, first_id, int(state.next_id) - 1, used)
     yield from repeated("objects.id", ids[used])
     for name in class_names:
-        if not isinstance(name, str) or len(name) > MOST_LABEL:
-            yield f"a class is named {str(name)[:40]!r}; allowed: up to {MOST_LABEL} characters"
+        if not isinstance(name, str) or len(name) > MAX_LABEL:
+            yield f"a class is named {str(name)[:40]!r}; allowed: up to {MAX_LABEL} characters"
     yield from repeated("class_names", np.array(class_names, object))
     if hasattr(state.objects, "class_id"):
         last_class = len(class_names) - 1

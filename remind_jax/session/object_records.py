@@ -18,8 +18,8 @@ from msgspec import Meta
 
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError, on_one_line
+from remind_jax.files.limits import MAX_LABEL
 from remind_jax.files.records import Count, Label, Positive, Small
-from remind_jax.frame import MOST_LABEL
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
 from remind_jax.outputs.tables import firm_rows
 from remind_jax.session.announcement import rename_candidates
@@ -255,10 +255,10 @@ class ObjectRecords:
             object has it.
         """
         object_id = self.check_known(object_id)
-        if not isinstance(name, str) or len(name) > MOST_LABEL or on_one_line(name) != name:
+        if not isinstance(name, str) or len(name) > MAX_LABEL or on_one_line(name) != name:
             raise SourceError(
                 f"an object cannot be called {str(name)[:40]!r}; give one line of at most "
-                f"{MOST_LABEL} characters"
+                f"{MAX_LABEL} characters"
             )
         name = name.strip()
         names = {one: given for one, given in self.names.items() if one != object_id}

@@ -149,8 +149,8 @@ def _wanted_detections(frame: Frame, config: Config) -> tuple[Detections, int]:
     labels = frame.detections.labels
     kept = [row for row, name in enumerate(labels) if name.lower() not in ignored]
     detections = frame.detections
-    if not isinstance(masks, Crops):  # so that planes are read once, and the caller's not kept
-        detections = dataclasses.replace(detections, masks=Crops.of_planes(masks, masks.shape[1:]))
+    # So that planes are read once, and the caller's not kept.
+    detections = dataclasses.replace(detections, masks=Crops.of(masks))
     return detections.select(np.array(kept, int)), len(labels) - len(kept)
 
 

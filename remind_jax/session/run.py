@@ -234,7 +234,7 @@ def _check_source(
             f"folder, and go on from what is remembered with memory='{resumed}/{MEMORY_NAME}' (or "
             f"'{resumed}/{CHECKPOINT_NAME}/{MEMORY_NAME}' after a crash)"
         )
-    if detector is None and not frames.brings_masks:
+    if detector is None:
         raise SourceError(f"'{frames.name}' brings no masks; give a detector")
 
 

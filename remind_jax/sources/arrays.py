@@ -13,11 +13,11 @@ from jaxtyping import Integer, UInt8
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
+from remind_jax.formats.pictures import decode_image
 from remind_jax.frame import Detections, Frame
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.detections import ClassNaming, detections_from
 from remind_jax.sources.features import read_part
-from remind_jax.sources.image_folder import decode_image
 from remind_jax.sources.label_maps import (
     Unlabelled,
     detections_in,

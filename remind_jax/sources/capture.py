@@ -7,7 +7,6 @@ cameras at this machine by OpenCV, which knows those of every system.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import os
 import socket
@@ -21,10 +20,10 @@ import lazy_loader
 import numpy as np
 
 from remind_jax.errors import SourceError
+from remind_jax.files.limits import MAX_PICTURE_PIXELS
 from remind_jax.sources.address import Address, CameraAddress, StreamAddress
-from remind_jax.sources.picture_file import MOST_PIXELS, MOST_SIDE
 from remind_jax.sources.source import Content, UnreadableFrame
-from remind_jax.sources.video import CONTAINERS, to_rgb
+from remind_jax.sources.video import CONTAINERS, check_video_size, to_rgb
 
 if TYPE_CHECKING:
     import av
@@ -48,13 +47,9 @@ class Lost(Exception):
     """A live source gives no more pictures; the text says why, without its subject."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Picture:
-    """A picture as it arrived, not yet in RGB: one that is passed over costs little."""
-
-    read: Callable[[], Content]  # raises UnreadableFrame
-    name: str | None = None  # of its file
-    number: int | None = None  # in its source; counted by arrival if left out
+# A picture as it arrived, not yet in RGB, so that one that is passed over costs little; raises
+# UnreadableFrame.
+Picture = Callable[[], Content]
 
 
 class Capture(Protocol):
@@ -66,10 +61,6 @@ class Capture(Protocol):
         Raises:
           Lost: If none comes any more.
         """
-        ...
-
-    def interrupt(self) -> None:
-        """Lets `read` come back soon where it can; called by another thread."""
         ...
 
     def close(self) -> None:
@@ -100,7 +91,7 @@ class _Stream:
             "format_whitelist": _FORMATS,
             "protocol_whitelist": _PROTOCOLS,
             "rtsp_transport": "tcp",  # what gets lost otherwise tears pictures apart
-            "max_pixels": str(MOST_PIXELS),
+            "max_pixels": str(MAX_PICTURE_PIXELS),
             "analyzeduration": "1000000",  # microseconds that finding out about it may take
             "fpsprobesize": "0",
         }
@@ -127,10 +118,7 @@ class _Stream:
             if isinstance(error, av.error.EOFError):
                 return None
             raise Lost("broke off") from None
-        return None if frame is None else Picture(functools.partial(_content_of, frame))
-
-    def interrupt(self) -> None:
-        """Does nothing: FFmpeg comes back at the end of the time given."""
+        return None if frame is None else functools.partial(_content_of, frame)
 
     def close(self) -> None:
         """Hangs up."""
@@ -168,12 +156,7 @@ def _video_of(container: av.container.InputContainer, address: StreamAddress) ->
             f"'{address.shown}' is a recording of {container.duration / av.time_base:.1f} s and no "
             "live stream; download it, and give the file"
         )
-    width, height = stream.width, stream.height
-    if width * height > MOST_PIXELS or max(width, height) > MOST_SIDE:
-        raise SourceError(
-            f"'{address.shown}' claims pictures of {width}x{height} pixels; at most {MOST_PIXELS} "
-            "are read"
-        )
+    check_video_size(stream, address.shown)
     return stream
 
 
@@ -232,10 +215,7 @@ class _Camera:
         is_there, pixels = self._device.read()
         if not is_there or pixels is None:
             raise Lost("gave no picture")
-        return Picture(functools.partial(_content_of_bgr, pixels))
-
-    def interrupt(self) -> None:
-        """Does nothing: the driver comes back with the next picture."""
+        return functools.partial(_content_of_bgr, pixels)
 
     def close(self) -> None:
         """Lets go of the camera."""

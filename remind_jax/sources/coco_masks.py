@@ -18,33 +18,53 @@ Rows that are damaged are left out, counted and told in `notes`.
 
 from __future__ import annotations
 
+import dataclasses
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
 import msgspec
 import numpy as np
+from jaxtyping import Bool
 
-from remind_jax.crops import MOST_PLANES_BYTES, Crops, require_bytes, require_few
-from remind_jax.errors import SourceError
-from remind_jax.files.records import Whole, decode_json
-from remind_jax.frame import Detections
-from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.coco_rows import (
-    Category,
-    FoundRows,
-    Name,
-    Place,
-    Position,
-    Row,
+from remind_jax.crops import require_room
+from remind_jax.errors import RemindError, SourceError
+from remind_jax.files.records import Count, Text, decode_rows
+from remind_jax.formats.coco import (
+    Detection,
+    Segmentation,
     name_categories,
+    read_data_set,
+    say_bad,
+    to_rle,
 )
-from remind_jax.sources.detections import crops_of_boxes, name_classes
+from remind_jax.frame import NO_INSTANCE, Detections, fill_boxes
+from remind_jax.masks.run_length import decode_mask
+from remind_jax.sources.class_names import ANY_CLASS
+from remind_jax.sources.detections import name_classes
 from remind_jax.sources.file_tree import last_number
-from remind_jax.sources.label_maps import fit_crops
-from remind_jax.sources.segmentations import cut_sound
+from remind_jax.sources.label_maps import fit_plane
 from remind_jax.sources.source import Entry, Reader
+
+
+@dataclasses.dataclass(frozen=True)
+class _Position:
+    """A frame by its place in the sequence, whatever its name."""
+
+    index: int
+
+    def __str__(self) -> str:
+        return str(self.index)
+
+
+_Place = int | str | _Position  # a frame by its number, its file name or its place
+
+
+class _FrameRow(msgspec.Struct, frozen=True):
+    detections: list[msgspec.Raw]
+    frame: Count | None = None
+    name: Text | None = None
 
 
 class CocoMasks:
@@ -68,28 +88,44 @@ class CocoMasks:
         reader: Reader,
         categories: Mapping[int, str] | None = None,
     ) -> None:
-        found = FoundRows(data, file)
-        self._file, self._num_rows = file, found.num_rows
-        self._num_bad, self._first_bad = found.num_bad, str(found.first_bad)
-        self._categories = found.categories or dict(categories or {})
-        self._rows = _match_places(found.by_place, reader)
-        if found.by_place and not self._rows:
+        self._file, self._num_rows = file, 0
+        self._bad: dict[Any, str] = {}  # what is wrong, by row; sources are iterated several times
+        content = read_data_set(data, file)
+        self._categories = name_categories(content.categories, file) or dict(categories or {})
+        by_place: dict[_Place, list[Detection]] = {}
+        images = {image.id: image.file_name for image in content.images if image.file_name}
+        videos = {video.id: video.file_names for video in content.videos}
+        if "detections" in _keys_of(content.annotations):
+            rows = self._rows_of_frames(content.annotations, by_place)
+        else:
+            rows = self._rows_of_annotations(content.annotations, images, videos)
+        for place, row in rows:
+            self._num_rows += 1
+            if why := _say_bad_row(row):
+                self._leave_out(f"a detection of frame '{place}': {why}")
+            elif place is not None:
+                by_place.setdefault(place, []).append(row)
+        if self._bad and len(self._bad) == self._num_rows:
+            raise SourceError(
+                f"'{file}': not one of {self._num_rows} detections can be used, the first: "
+                f"{next(iter(self._bad.values()))}"
+            )
+        self._rows = _match_places(by_place, reader)
+        if by_place and not self._rows:
             frames = reader.entry_names
             raise SourceError(
                 f"no detection in '{file}' belongs to a frame of '{reader.name}' (first in the "
-                f"file: '{next(iter(found.by_place))}', first frame: "
-                f"'{frames[0] if frames else 0}')"
+                f"file: '{next(iter(by_place))}', first frame: '{frames[0] if frames else 0}')"
             )
         self.frames = self._rows.keys()
-        self.notes: list[str] = []
-        if len(self._rows) < len(found.by_place):
-            self.notes.append(
-                f"{len(found.by_place) - len(self._rows)} of {len(found.by_place)} images in "
-                f"'{file}' are not frames of '{reader.name}'"
+        self._unused_note: list[str] = []
+        if len(self._rows) < len(by_place):
+            self._unused_note.append(
+                f"{len(by_place) - len(self._rows)} of {len(by_place)} images in '{file}' are not "
+                f"frames of '{reader.name}'"
             )
-        self._bad_note = len(self.notes)
-        self._tell_bad()
-        self._unfit: set[tuple[int, int]] = set()  # frame and row of masks of another picture
+        self.notes: list[str] = []
+        self._tell()
         self._require_names()
 
     def detections_of(self, entry: Entry, frame_size: tuple[int, int]) -> Detections:
@@ -100,80 +136,118 @@ class CocoMasks:
           SourceError: If none of their masks can be of this picture.
         """
         rows = self._rows.get(entry.source_index, [])
-        where, num_bytes = f"'{self._file}'", 0
-        require_few(len(rows), where)
-        cut: list[Crops] = []
-        kept: list[int] = []
+        require_room(len(rows), frame_size, f"'{self._file}'")
+        masks, kept = np.zeros((len(rows), *frame_size), bool), []
         unfit: SourceError | None = None
-        for place, row in enumerate(rows):
+        for number, row in enumerate(rows):
             try:
-                crop = self._cut(row, frame_size)
+                masks[len(kept)] = _mask_of(row, frame_size)
             except SourceError as error:
                 unfit = error
-                self._leave_out(entry.source_index, place, error)
-                continue
-            fitted = fit_crops(crop, frame_size)
-            num_bytes += max(crop.nbytes, fitted.nbytes)
-            require_bytes(num_bytes, len(rows), frame_size, where)
-            cut.append(fitted)
-            kept.append(place)
-        if unfit is not None and not kept:
-            raise unfit
-        chosen = [rows[place] for place in kept]
-        crops = Crops(
-            frame_size,
-            tuple(crop.corners[0] for crop in cut),
-            tuple(crop.windows[0] for crop in cut),
-        )
-        is_large = len(kept) * frame_size[0] * frame_size[1] > MOST_PLANES_BYTES
+                if (key := (entry.source_index, number)) not in self._bad:
+                    self._leave_out(f"a detection of frame {entry.source_index}: {error}", key)
+            else:
+                kept.append(row)
+        if unfit is not None:
+            self._tell()
+            if not kept:
+                raise unfit
         return Detections.create(
-            crops if is_large else np.asarray(crops),
-            [self._name(row) for row in chosen],
-            [row.score for row in chosen],
-            [row.instance_id for row in chosen],
+            masks[: len(kept)],
+            [self._name(row) for row in kept],
+            [row.score for row in kept],
+            [NO_INSTANCE if row.instance_id is None else row.instance_id for row in kept],
         )
 
-    def _cut(self, row: Row, frame_size: tuple[int, int]) -> Crops:
-        if row.segmentation:
-            return cut_sound(row.segmentation, frame_size)
-        assert row.bbox is not None
-        left, top, width, height = row.bbox
-        box = np.array([[left, top, left + width, top + height]])
-        return crops_of_boxes(box, frame_size)
+    def _rows_of_annotations(
+        self,
+        raws: list[msgspec.Raw],
+        images: Mapping[int | str, str],
+        videos: Mapping[int | str, tuple[str, ...] | None],
+    ) -> Iterator[tuple[_Place | None, Detection]]:
+        for found in decode_rows(raws, Detection, f"'{self._file}'"):
+            row = found.record
+            if row is None:
+                self._count_bad(found.error)
+            elif row.segmentations is not None:
+                names = None if row.video_id is None else videos.get(row.video_id)
+                where = f"'{self._file}', row {found.number}, `segmentations`"
+                yield from self._rows_of_track(row, names, where)
+            elif row.image_id is None:
+                self._count_bad(f"'{self._file}', row {found.number}: `image_id` is missing")
+            else:
+                yield images.get(row.image_id, row.image_id), row
 
-    def _name(self, row: Row) -> str:
+    def _rows_of_track(
+        self, track: Detection, names: tuple[str, ...] | None, where: str
+    ) -> Iterator[tuple[_Place, Detection]]:
+        """A row of each frame that has a mask."""
+        kind: Any = Segmentation | None
+        for index, code in enumerate(decode_rows(track.segmentations or (), kind, where)):
+            if code.error is not None:
+                self._count_bad(code.error)
+            elif code.record is not None and names is not None and index >= len(names):
+                self._count_bad(f"{where}: there are more than its video has frames")
+            elif code.record is not None:
+                place = names[index] if names else _Position(index)
+                yield (
+                    place,
+                    Detection(
+                        category_id=track.category_id,
+                        label=track.label,
+                        segmentation=code.record,
+                        score=track.score,
+                        instance_id=track.id,
+                    ),
+                )
+
+    def _rows_of_frames(
+        self, raws: list[msgspec.Raw], by_place: dict[_Place, list[Detection]]
+    ) -> Iterator[tuple[_Place, Detection]]:
+        """The rows; a frame without any has a place as well."""
+        for found in decode_rows(raws, _FrameRow, f"'{self._file}'"):
+            if (frame := found.record) is None:
+                self._count_bad(found.error)
+                continue
+            place = frame.name if frame.frame is None else frame.frame
+            if place is None or place in by_place:
+                why = "`frame` is missing" if place is None else f"frame {place} is there twice"
+                raise SourceError(f"'{self._file}', row {found.number}: {why}")
+            by_place[place] = []
+            where = f"'{self._file}', row {found.number}, `detections`"
+            for row in decode_rows(frame.detections, Detection, where):
+                if row.record is None:
+                    self._count_bad(row.error)
+                else:
+                    yield place, row.record
+
+    def _name(self, row: Detection) -> str:
         if row.label is not None:
             return row.label
         if row.category_id is None:
             return ANY_CLASS
         return name_classes([row.category_id], self._categories or None)[0]
 
-    def _leave_out(self, frame: int, place: int, error: SourceError) -> None:
-        if (frame, place) not in self._unfit:  # sources are iterated more than once
-            self._unfit.add((frame, place))
-            self._num_bad += 1
-            if self._num_bad == 1:
-                self._first_bad = f"'{self._file}', a detection of frame {frame}: {error}"
-            self._tell_bad()
+    def _count_bad(self, why: RemindError | str | None) -> None:
+        self._num_rows += 1
+        self._leave_out(str(why))
 
-    def _tell_bad(self) -> None:
-        if self._num_bad:
-            self.notes[self._bad_note :] = [
-                f"{self._num_bad} of {self._num_rows} detections are left out, the first: "
-                f"{self._first_bad}"
-            ]
+    def _leave_out(self, why: str, key: Any = None) -> None:
+        self._bad[len(self._bad) if key is None else key] = why
+
+    def _tell(self) -> None:
+        self.notes[:] = self._unused_note
+        if self._bad:
+            self.notes.append(
+                f"{len(self._bad)} of {self._num_rows} detections of '{self._file}' are left out, "
+                f"the first: {next(iter(self._bad.values()))}"
+            )
 
     def _require_names(self) -> None:
         """Names every category without a name before work starts."""
-        if not self._categories:
-            return
-        used = {
-            row.category_id
-            for rows in self._rows.values()
-            for row in rows
-            if row.category_id is not None and row.label is None
-        }
-        missing = sorted(used - set(self._categories))
+        rows = [row for rows in self._rows.values() for row in rows if row.label is None]
+        used = {row.category_id for row in rows if row.category_id is not None}
+        missing = sorted(used - set(self._categories)) if self._categories else []
         if missing:
             raise SourceError(
                 f"categories {', '.join(map(str, missing[:20]))} in '{self._file}' have no name; "
@@ -181,44 +255,41 @@ class CocoMasks:
             )
 
 
-def read_categories(data: bytes, file: str) -> dict[int, str]:
-    """Category names: `{"categories": [{"id", "name"}]}`, `{"0": "cup"}`, or a list of names.
-
-    Raises:
-      SourceError: If it is something else.
-    """
-    if data.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"[":
-        listed = decode_json(data, list[Name | _Named], f"'{file}'")
-        return {i: c if isinstance(c, str) else c.name for i, c in enumerate(listed)}
-    parts = decode_json(data, dict[str, msgspec.Raw], f"'{file}'")
-    if "categories" in parts:
-        return name_categories(decode_json(data, _Categories, f"'{file}'").categories, file)
-    try:
-        return decode_json(data, dict[Whole, Name], f"'{file}'")
-    except SourceError as error:
-        raise SourceError(
-            f'\'{file}\' names no categories; give {{"categories": [{{"id": 1, "name": "cup"}}]}}'
-        ) from error
+def _say_bad_row(row: Detection) -> str:
+    if row.segmentation:
+        return say_bad(row.segmentation)
+    return "" if row.bbox is not None else "it has neither `segmentation` nor `bbox`"
 
 
-class _Named(msgspec.Struct, frozen=True):
-    name: Name
+def _mask_of(row: Detection, frame_size: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
+    if not row.segmentation:
+        assert row.bbox is not None
+        left, top, width, height = row.bbox
+        return fill_boxes(np.array([[left, top, left + width, top + height]]), frame_size)[0]
+    mask = decode_mask(to_rle(row.segmentation, frame_size))
+    return fit_plane(mask, frame_size, "a mask").view(bool)
 
 
-class _Categories(msgspec.Struct, frozen=True):
-    categories: list[Category]
+def _keys_of(raws: list[msgspec.Raw]) -> set[str]:
+    """Fields of the first row that has any: all rows of a file are of one form."""
+    for row in decode_rows(raws, dict[str, msgspec.Raw], ""):
+        if row.record is not None:
+            return set(row.record)
+    return set()
 
 
-def _match_places(by_place: Mapping[Place, list[Row]], reader: Reader) -> dict[int, list[Row]]:
+def _match_places(
+    by_place: Mapping[_Place, list[Detection]], reader: Reader
+) -> dict[int, list[Detection]]:
     """Detections by source frame."""
     names = reader.entry_names or ()
     index_of: dict[Any, int] = {PurePosixPath(name).stem: i for i, name in enumerate(names)}
     for i, name in enumerate(names):
         number = last_number(name)
         index_of.setdefault(i if number is None else number, i)
-    rows: dict[int, list[Row]] = defaultdict(list)
+    rows: dict[int, list[Detection]] = defaultdict(list)
     for place, found in by_place.items():
-        if isinstance(place, Position):
+        if isinstance(place, _Position):
             index: int | None = place.index
         elif reader.entry_names is None:
             index = last_number(place) if isinstance(place, str) else place

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from remind_jax.crops import MOST_PLANES_BYTES, Crops, require_bytes, require_few
+from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
-from remind_jax.frame import Detections, require_whole
+from remind_jax.frame import Detections, as_masks, fill_boxes
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.label_maps import fit_crops, fit_plane, instance_ids_in, masks_of
+from remind_jax.sources.label_maps import fit_plane, instance_ids_in, masks_of
 from remind_jax.sources.published_forms import gather, published_parts
 
 ClassNaming = Mapping[int, str] | Sequence[str]
@@ -61,45 +61,6 @@ def detections_from(
     raise SourceError(
         f"detections of type {type(obj).__name__} are not understood; give masks [N, H, W], an "
         "instance map [H, W], a mapping with 'masks' or 'boxes', or what YOLO, RF-DETR or SAM give"
-    )
-
-
-def fill_boxes(boxes: Any, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"] | Crops:
-    """Masks of boxes, as crops where planes would take much memory; see `crops_of_boxes`."""
-    crops = crops_of_boxes(boxes, frame_size)
-    is_large = len(crops) * frame_size[0] * frame_size[1] > MOST_PLANES_BYTES
-    return crops if is_large else np.asarray(crops)
-
-
-def crops_of_boxes(boxes: Any, frame_size: tuple[int, int]) -> Crops:
-    """Masks of boxes (left, top, right, bottom in pixels), cut off at the frame's border.
-
-    Args:
-      boxes: Numbers `[N, 4]`, in any form of array.
-      frame_size: Height and width of the frame in pixels.
-
-    Raises:
-      SourceError: If they are no boxes, or a coordinate is not finite.
-      UnreadableFrame: If they are too many, or take more than is meant for a frame.
-    """
-    array = host_array(boxes, "boxes")
-    if array.size and (array.ndim != 2 or array.shape[1] != 4 or array.dtype.kind not in "uif"):
-        raise SourceError(
-            f"boxes are {array.dtype} {array.shape}; give left, top, right, bottom, [N, 4]"
-        )
-    corners = array.astype(np.float64).reshape(-1, 4)
-    if not np.isfinite(corners).all():
-        row = int(np.flatnonzero(~np.isfinite(corners).all(axis=1))[0])
-        raise SourceError(f"box {row} is {corners[row].tolist()}; coordinates must be finite")
-    require_few(len(corners), "a frame")
-    height, width = frame_size
-    edges = np.clip(np.rint(corners), 0, [width, height, width, height]).astype(int)
-    sides = np.maximum(edges[:, 2:] - edges[:, :2], 0)
-    require_bytes(int(sides.prod(axis=1).sum()), len(edges), frame_size, "a frame")
-    return Crops(
-        frame_size,
-        tuple((left, top) for left, top in edges[:, :2].tolist()),
-        tuple(np.ones((height, width), bool) for width, height in sides.tolist()),
     )
 
 
@@ -153,8 +114,6 @@ def _from_mapping(
         raise SourceError("detections have neither 'masks' nor 'boxes'; give one of them")
     if masks is None:
         planes = fill_boxes(boxes, frame_size)
-    elif isinstance(masks, Crops):
-        planes = _fit_masks(masks, frame_size)
     else:
         planes = _as_planes(host_array(masks, "masks"), frame_size)
     if labels is None and parts.get("class_ids") is not None:
@@ -181,24 +140,12 @@ def _from_array(
 def _as_planes(array: np.ndarray, frame_size: tuple[int, int]) -> Bool[np.ndarray, "N H W"] | Crops:
     if array.size == 0:
         return np.zeros((0, *frame_size), bool)
-    if array.dtype.kind not in "buif":
-        raise SourceError(f"masks are {array.dtype}; give booleans or numbers, non-zero inside")
-    planes = array[None] if array.ndim == 2 else array
-    if planes.ndim != 3:
-        raise SourceError(f"masks have shape {array.shape}; give [N, H, W]")
-    require_few(len(planes), "a frame")
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        raise SourceError("masks hold NaN or infinity; give booleans or finite numbers")
-    if array.dtype.kind == "f":
-        require_whole(array)
-        if array.ndim == 2 and array.max() > 1:
-            raise SourceError(
-                f"a mask [H, W] of {array.dtype} holds {array.max():g}; give an instance map of an "
-                "integer type, or a mask of 0 and 1"
-            )
-    if array.dtype.kind == "i" and array.size and array.min() < 0:
-        raise SourceError(f"masks hold {array.min()}; give booleans, or numbers of 0 or more")
-    return _fit_masks(planes.astype(bool, copy=False), frame_size)
+    if array.ndim == 2 and array.dtype.kind == "f" and array.max() > 1:
+        raise SourceError(
+            f"a mask [H, W] of {array.dtype} holds {array.max():g}; give an instance map of an "
+            "integer type, or a mask of 0 and 1"
+        )
+    return _fit_masks(as_masks(array[None] if array.ndim == 2 else array), frame_size)
 
 
 def _fit_masks(
@@ -206,10 +153,9 @@ def _fit_masks(
 ) -> Bool[np.ndarray, "N h w"] | Crops:
     if masks.shape[1:] == frame_size:
         return masks
-    if isinstance(masks, Crops):
-        return fit_crops(masks, frame_size)
+    planes = np.asarray(masks)
     return gather(
-        lambda row: fit_plane(masks[row], frame_size, "a mask").astype(bool, copy=False),
-        len(masks),
+        lambda row: fit_plane(planes[row], frame_size, "a mask").astype(bool, copy=False),
+        len(planes),
         frame_size,
     )

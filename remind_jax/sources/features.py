@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import functools
 import mmap
-import tokenize
 import warnings
 from collections.abc import Generator, Mapping
 from pathlib import Path
@@ -22,9 +21,9 @@ from typing import cast
 import numpy as np
 
 from remind_jax import files
-from remind_jax.errors import SourceError, first_line, nearest_names
-from remind_jax.files.tensors import MOST_NPZ_BYTES, read_npz
-from remind_jax.frame import MOST_LABEL
+from remind_jax.errors import SourceError, nearest_names
+from remind_jax.files.limits import MAX_LABEL, MAX_SIDE_PX
+from remind_jax.files.tensors import read_npz
 from remind_jax.sources.class_names import UNNAMED, ClassNames, read_metadata
 from remind_jax.sources.label_maps import (
     Unlabelled,
@@ -32,14 +31,11 @@ from remind_jax.sources.label_maps import (
     instance_ids_in,
     require_classes,
 )
-from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame, say_size
+from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
 FEATURE_SUFFIXES = (".npz", ".npy")
-FREE_BYTES = 1 << 30  # of arrays, however small their file is; a .npy file stays on disk
-MOST_RATIO = 20  # of arrays to a larger file
-MOST_SIDE = 1 << 16
-MOST_NAME = 1000  # characters of the name of a frame
-MOST_TIME_S = 1e10
+MAX_NAME = 1000  # characters of the name of a frame
+MAX_TIME_S = 1e10
 KNOWN_ARRAYS = ("features", "masks", "ids", "labels", "images", "times_s", "names")
 
 
@@ -112,25 +108,11 @@ def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
       SourceError: If it is no NumPy file, or holds more than is meant for memory.
     """
     if path.suffix.lower() != ".npy":
-        try:
-            most_bytes = max(FREE_BYTES, MOST_RATIO * path.stat().st_size)
-        except OSError as error:
-            raise SourceError(f"cannot read '{path}': {error.strerror}") from error
-        return read_npz(path, refused=SourceError, most_bytes=min(most_bytes, MOST_NPZ_BYTES))
-    try:
+        return read_npz(path, refused=SourceError)
+    with files.reading(path), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of sizes that overflow, which is an error as well
         files.check_regular(path)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of sizes that overflow, which is an error as well
-            return {single: np.load(path, mmap_mode="r", allow_pickle=False)}
-    except OSError as error:
-        why = error.strerror or first_line(error)
-        raise SourceError(f"'{path}' cannot be read as a NumPy file: {why}") from error
-    except (ArithmeticError, ValueError, TypeError, EOFError, SyntaxError, RecursionError) as error:
-        raise SourceError(
-            f"'{path}' cannot be read as a NumPy file: it is damaged, or holds Python objects"
-        ) from error
-    except tokenize.TokenError as error:
-        raise SourceError(f"'{path}' cannot be read as a NumPy file: it is damaged") from error
+        return {single: np.load(path, mmap_mode="r", allow_pickle=False)}
 
 
 def read_part(array: np.ndarray, index: int) -> np.ndarray:
@@ -153,62 +135,51 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], file: str) -> None:
             raise SourceError(
                 f"'{file}' holds an array '{key[:200]}'; {nearest_names(key, KNOWN_ARRAYS)}"
             )
-    features = arrays.get("features")
-    if features is None:
+    if "features" not in arrays:
         raise SourceError(f"'{file}' holds no array 'features'; it must be [T, Hp, Wp, D]")
-    is_sound = features.ndim == 4 and features.dtype in (np.float16, np.float32, np.float64)
-    if not is_sound or 0 in features.shape[1:]:
-        raise SourceError(
-            f"features in '{file}' are {features.dtype} {features.shape}; they must be floats "
-            "[T, Hp, Wp, D]"
-        )
-    if max(features.shape[1:]) > MOST_SIDE:
-        raise SourceError(
-            f"features in '{file}' have shape {features.shape}; no side may be over {MOST_SIDE}"
-        )
+    num = arrays["features"].shape[:1]
     for key, ndim, kinds, form in (
+        ("features", 4, ("f2", "f4", "f8"), "floats [T, Hp, Wp, D]"),
         ("masks", 3, "ui", "whole numbers [T, H, W]"),
-        ("images", 4, "u", "bytes [T, H, W, 3]"),
+        ("images", 4, ("u1",), "bytes [T, H, W, 3]"),
         ("times_s", 1, "f", "floats [T]"),
         ("names", 1, "U", "text [T]"),
     ):
-        array = arrays.get(key)
+        array = arrays.get(key, None)
         if array is None:
             continue
-        if array.ndim != ndim or array.dtype.kind not in kinds or 0 in array.shape[1:]:
+        kind = array.dtype.kind if isinstance(kinds, str) else array.dtype.str[1:]
+        if array.ndim != ndim or kind not in kinds or not _are_sides(array.shape[1:]):
             raise SourceError(
-                f"'{key}' in '{file}' is {array.dtype} {array.shape}; it must be {form}"
+                f"'{key}' in '{file}' is {array.dtype} {array.shape}; it must be {form}, no side "
+                f"over {MAX_SIDE_PX}"
             )
-        if len(array) != len(features):
+        if array.shape[:1] != num:
             raise SourceError(
-                f"'{file}' has features for {len(features)} frames, but '{key}' for {len(array)}"
+                f"'{file}' has features for {num[0]} frames, but '{key}' for {len(array)}"
             )
-    _check_values(arrays, file)
-
-
-def _check_values(arrays: Mapping[str, np.ndarray], file: str) -> None:
-    images, masks, times_s = (arrays.get(key) for key in ("images", "masks", "times_s"))
-    if images is not None and (images.dtype != np.uint8 or images.shape[3] != 3):
-        raise SourceError(
-            f"'images' in '{file}' is {images.dtype} {images.shape}; it must be bytes [T, H, W, 3]"
-        )
-    if images is not None and masks is not None and images.shape[:3] != masks.shape:
-        raise SourceError(
-            f"'images' in '{file}' are {say_size(images.shape[1:3])} pixels, 'masks' "
-            f"{say_size(masks.shape[1:])} (width x height); give both of one size"
-        )
-    if times_s is not None and not (
-        np.isfinite(times_s).all() and (np.abs(times_s) < MOST_TIME_S).all()
+    images, masks = arrays.get("images"), arrays.get("masks")
+    if images is not None and (
+        images.shape[3] != 3 or (masks is not None and images.shape[:3] != masks.shape)
     ):
-        raise SourceError(f"'times_s' in '{file}' must be finite, and below {MOST_TIME_S:g} s")
-    if times_s is not None and (np.diff(times_s) < 0).any():
-        frame = int(np.argmax(np.diff(times_s) < 0)) + 1
-        raise SourceError(f"'times_s' in '{file}' goes back at frame {frame}; give times in order")
+        raise SourceError(
+            f"'images' in '{file}' are {images.shape}; give bytes [T, H, W, 3] of the size of the "
+            "masks"
+        )
+    times_s = arrays.get("times_s", np.zeros(0))
+    if not (np.abs(times_s) < MAX_TIME_S).all() or (np.diff(times_s) < 0).any():
+        raise SourceError(
+            f"'times_s' in '{file}' must be finite, below {MAX_TIME_S:g} s, and in order"
+        )
     for name in arrays.get("names", ()):
-        if not 0 < len(name) <= MOST_NAME:
+        if not 0 < len(name) <= MAX_NAME:
             raise SourceError(
-                f"a name in 'names' of '{file}' has {len(name)} characters; give 1 to {MOST_NAME}"
+                f"a name in 'names' of '{file}' has {len(name)} characters; give 1 to {MAX_NAME}"
             )
+
+
+def _are_sides(shape: tuple[int, ...]) -> bool:
+    return all(0 < side <= MAX_SIDE_PX for side in shape)
 
 
 def find_classes(
@@ -234,10 +205,10 @@ def find_classes(
     for number, label in zip(ids.tolist(), labels.tolist(), strict=True):
         if number in by_id or not 0 <= number < 2**31:
             raise SourceError(f"'ids' in '{file}' holds {number} twice, or out of range")
-        if not label.strip() or len(label) > MOST_LABEL:
+        if not label.strip() or len(label) > MAX_LABEL:
             raise SourceError(
                 f"the label of instance {number} in '{file}' has {len(label)} characters; give a "
-                f"name of 1 to {MOST_LABEL}"
+                f"name of 1 to {MAX_LABEL}"
             )
         by_id[number] = label
     return ClassNames(by_id, file=file) if "ids" in arrays else UNNAMED

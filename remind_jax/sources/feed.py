@@ -27,7 +27,7 @@ _LEAVE_S = 1.0  # waited for the thread; what hangs in a driver is left behind
 class Arrival:
     """A picture, and when it came."""
 
-    picture: Picture
+    read: Picture
     number: int  # in the source; counts those passed over as well
     arrived: float
 
@@ -46,8 +46,6 @@ class Feed:
         *,
         reconnect_s: float,
         wait_s: float,
-        ends_when_silent: bool = False,
-        keeps_all: bool = False,
     ) -> None:
         """Opens the source and starts to read it.
 
@@ -56,17 +54,14 @@ class Feed:
           shown: What it is called in messages.
           reconnect_s: For so long it may be lost; with 0, that is its end and no error.
           wait_s: For so long it may be silent, and opening may take.
-          ends_when_silent: It ends by itself, and is never opened again.
-          keeps_all: Keep all pictures, not the newest only.
 
         Raises:
           SourceError: If it cannot be opened.
         """
         self._open, self._shown = open_source, shown
         self._reconnect_s, self._wait_s = reconnect_s, wait_s
-        self._ends_when_silent = ends_when_silent
         self.num_arrived = 0
-        self._waiting = collections.deque[Arrival](maxlen=None if keeps_all else 1)
+        self._waiting = collections.deque[Arrival](maxlen=1)
         self._news: list[str] = []
         self._state: State = "connected"
         self._error: SourceError | None = None
@@ -111,8 +106,8 @@ class Feed:
     def put_back(self, arrival: Arrival) -> None:
         """Gives back a picture that was only looked at; one that is newer takes its place."""
         with self._changed:
-            if not self._waiting or self._waiting.maxlen is None:
-                self._waiting.appendleft(arrival)
+            if not self._waiting:
+                self._waiting.append(arrival)
 
     def take_news(self) -> list[str]:
         """What happened since the last call, in sentences."""
@@ -123,7 +118,6 @@ class Feed:
     def stop(self) -> None:
         """Ends the reading; whoever waits in `take` gets None."""
         self._stopping.set()
-        self._capture.interrupt()
         with self._changed:
             self._changed.notify_all()
         if threading.current_thread() is not self._thread:
@@ -162,7 +156,7 @@ class Feed:
                     self._add(picture)
                     continue
                 why = "ended"
-            if self._ends_when_silent or (self._reconnect_s == 0 and self.num_arrived):
+            if self._reconnect_s == 0 and self.num_arrived:
                 with self._changed:
                     self._news.append(f"'{self._shown}' {why}, and the run with it")
                 return None
@@ -175,8 +169,7 @@ class Feed:
             if self._state == "lost":
                 gone_s = now - self._last
                 self._news.append(f"'{self._shown}' was lost for {gone_s:.1f} s and came back")
-            number = self.num_arrived if picture.number is None else picture.number
-            self._waiting.append(Arrival(picture, number, now))
+            self._waiting.append(Arrival(picture, self.num_arrived, now))
             self.num_arrived += 1
             self._state, self._last = "connected", now
             self._changed.notify_all()

@@ -6,17 +6,12 @@ import functools
 from collections.abc import Generator, Sequence
 from pathlib import PurePosixPath
 
-import cv2
-import numpy as np
-from jaxtyping import Num, UInt8
-
-from remind_jax.errors import SourceError, first_line
+from remind_jax.errors import SourceError
+from remind_jax.formats.pictures import IMAGE_SUFFIXES, decode_image
 from remind_jax.frame import SkippedFrame
 from remind_jax.sources.file_tree import FileTree, join, require_inside
-from remind_jax.sources.picture_file import check_color, check_picture
-from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
+from remind_jax.sources.source import Content, Entry, Report
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".webp", ".tif", ".tiff")
 # Pictures as well, which are not read.
 OTHER_SUFFIXES = (
     *(".heic", ".heif", ".avif", ".jxl", ".jp2", ".exr", ".hdr", ".ppm", ".pgm", ".tga"),
@@ -92,34 +87,6 @@ def list_images(tree: FileTree, folder: str) -> list[str]:
 
 def _list_by_kind(tree: FileTree, folder: str, suffixes: tuple[str, ...]) -> list[str]:
     return [n for n in tree.files_in(folder) if PurePosixPath(n).suffix.lower() in suffixes]
-
-
-def decode_image(data: bytes) -> UInt8[np.ndarray, "H W 3"]:
-    """Decodes a picture to RGB, 8 bits, turned upright as its EXIF entry says.
-
-    Raises:
-      UnreadableFrame: If it is damaged or too large.
-    """
-    pixels = decode_pixels(data, cv2.IMREAD_COLOR)
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB, dst=pixels)
-
-
-def decode_pixels(data: bytes, mode: int) -> Num[np.ndarray, "H W *C"]:
-    """Decodes an image file by OpenCV, in one of its modes of reading.
-
-    Raises:
-      UnreadableFrame: If it is damaged or too large.
-    """
-    check_picture(data)
-    if mode == cv2.IMREAD_COLOR:
-        check_color(data)
-    try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), mode)
-    except (cv2.error, MemoryError) as error:
-        raise UnreadableFrame(f"it cannot be decoded ({first_line(error)})") from error
-    if pixels is None:
-        raise UnreadableFrame("it is cut off, damaged or no image")
-    return pixels
 
 
 def _read(tree: FileTree, path: str) -> Content:

@@ -16,19 +16,12 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Integer, Shaped
 
-from remind_jax.crops import (
-    MOST_PLANES_BYTES,
-    Crops,
-    nearest_places,
-    require_bytes,
-    require_few,
-)
+from remind_jax.crops import require_room
 from remind_jax.errors import SourceError
+from remind_jax.formats.pictures import IMAGE_SUFFIXES, read_label_map
 from remind_jax.frame import Detections
-from remind_jax.sources.annotation_png import read_label_map
 from remind_jax.sources.class_names import ClassNames
 from remind_jax.sources.file_tree import FileTree, join, last_number
-from remind_jax.sources.image_folder import IMAGE_SUFFIXES
 from remind_jax.sources.source import Entry, Reader, UnreadableFrame, say_size
 
 Unlabelled = Literal["error", "skip"]
@@ -154,50 +147,22 @@ def detections_in(
     return Detections.create(masks, [str(classes[i]) for i in kept], instance_ids=kept)
 
 
-def masks_of(
-    labels: Integer[np.ndarray, "H W"], ids: Sequence[int]
-) -> Bool[np.ndarray, "N H W"] | Crops:
-    """The mask of each of these instances, ascending; as crops where planes would take much memory.
+def masks_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Bool[np.ndarray, "N H W"]:
+    """The mask of each of these instances, ascending.
 
     Raises:
-      UnreadableFrame: If they are too many, or even crops take more than is meant for a frame.
+      UnreadableFrame: If they are too many, or take more than is meant for a frame.
     """
-    require_few(len(ids), "its instance map")
-    if len(ids) * labels.size > MOST_PLANES_BYTES:
-        return _crops_of(labels, ids)
+    require_room(len(ids), labels.shape, "its instance map")
     masks = np.zeros((len(ids), *labels.shape), bool)
     if len(ids) <= _FEW_INSTANCES:
         for row, instance_id in enumerate(ids):
             np.equal(labels, instance_id, out=masks[row])
-    else:  # time and memory go by the pixels, not by pixels times instances
+    else:  # time goes by the pixels, not by pixels times instances
         pixels = np.flatnonzero(np.isin(labels, ids))
         rows = np.searchsorted(ids, labels.ravel()[pixels])
         masks.reshape(len(ids), -1)[rows, pixels] = True
     return masks
-
-
-def _crops_of(labels: Integer[np.ndarray, "H W"], ids: Sequence[int]) -> Crops:
-    """As `masks_of`."""
-    from scipy.ndimage import find_objects  # takes long, and few maps are that crowded
-
-    known = np.asarray(ids)
-    if labels.dtype.kind == "u" and labels.dtype.itemsize <= 2:
-        number_of = np.zeros(1 << 8 * labels.dtype.itemsize, np.int32)
-        number_of[known] = np.arange(1, len(known) + 1)
-        numbers = number_of[labels]
-    else:
-        numbers = np.empty(labels.shape, np.int32)
-        rows = max(1, _CHUNK_PX // labels.shape[1])
-        for start in range(0, len(labels), rows):
-            some = labels[start : start + rows]
-            place = np.searchsorted(known, some).clip(max=len(known) - 1)
-            numbers[start : start + rows] = np.where(known[place] == some, place + 1, 0)
-    boxes = find_objects(numbers, len(ids))
-    areas = [box[0].stop - box[0].start for box in boxes], [b[1].stop - b[1].start for b in boxes]
-    require_bytes(int(np.prod(areas, axis=0).sum()), len(ids), labels.shape, "its instance map")
-    windows = tuple(numbers[box] == number for number, box in enumerate(boxes, 1))
-    size = labels.shape[0], labels.shape[1]
-    return Crops(size, tuple((box[1].start, box[0].start) for box in boxes), windows)
 
 
 def require_classes(classes: ClassNames, instance_ids: Iterable[int], place: str) -> None:
@@ -224,38 +189,16 @@ def fit_plane(
     """
     if plane.shape == frame_size:
         return plane
-    height, width = plane.shape
-    require_same_picture((height, width), frame_size, name)
-    if plane.dtype not in (np.uint8, np.uint16):  # OpenCV knows neither booleans nor uint32
-        plane = plane.astype(np.uint8 if plane.dtype == bool else np.int32)
-    return cv2.resize(plane, frame_size[::-1], interpolation=cv2.INTER_NEAREST)
-
-
-def fit_crops(crops: Crops, frame_size: tuple[int, int]) -> Crops:
-    """As `fit_plane`, of all masks.
-
-    Raises:
-      SourceError: If the aspect ratios differ by more than a hundredth.
-    """
-    if crops.size == frame_size:
-        return crops
-    require_same_picture(crops.size, frame_size, "a mask")
-    return crops.sampled(*map(nearest_places, crops.size, frame_size))
-
-
-def require_same_picture(size: tuple[int, int], frame_size: tuple[int, int], name: str) -> None:
-    """Compares aspect ratios, by height and width.
-
-    Raises:
-      SourceError: If they differ by more than a hundredth.
-    """
-    (height, width), (frame_height, frame_width) = size, frame_size
+    (height, width), (frame_height, frame_width) = plane.shape, frame_size
     ratio = (width * frame_height) / max(1, height * frame_width)
     if abs(ratio - 1) > MAX_ASPECT_DIFFERENCE:
         raise SourceError(
-            f"{name} is {say_size(size)}, its frame is {say_size(frame_size)} (width x height): "
-            "they show different pictures; give masks of the frame's size or aspect ratio"
+            f"{name} is {say_size((height, width))}, its frame is {say_size(frame_size)} (width x "
+            "height): they show different pictures; give masks of the frame's size or aspect ratio"
         )
+    if plane.dtype not in (np.uint8, np.uint16):  # OpenCV knows neither booleans nor uint32
+        plane = plane.astype(np.uint8 if plane.dtype == bool else np.int32)
+    return cv2.resize(plane, frame_size[::-1], interpolation=cv2.INTER_NEAREST)
 
 
 def match_annotations(

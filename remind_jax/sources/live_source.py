@@ -1,4 +1,4 @@
-"""Sources that go on by themselves: cameras, streams and folders that grow.
+"""Sources that go on by themselves: cameras and streams.
 
 They are read in a thread of their own (`feed`). Whoever takes frames slower than they come gets the
 newest each time; those passed over are counted, and their numbers are missing among
@@ -10,21 +10,22 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import functools
 import math
 import time
 from collections.abc import Callable, Generator
 from numbers import Real
 from typing import Any
 
-from remind_jax.errors import OptionError
+from remind_jax.errors import OptionError, SourceError
 from remind_jax.frame import Frame, SkippedFrame
-from remind_jax.sources.capture import Capture
+from remind_jax.sources.address import CameraAddress, read_address
+from remind_jax.sources.capture import Capture, open_capture
 from remind_jax.sources.feed import Arrival, Feed, State
 from remind_jax.sources.sampling import Sampling
 from remind_jax.sources.source import (
     Content,
     Entry,
-    MaskProvider,
     Report,
     SampledSource,
     UnreadableFrame,
@@ -44,8 +45,6 @@ class LiveOptions:
       OptionError: If a value is out of range.
     """
 
-    follow: bool = False  # SOURCE is a folder that grows; its newest picture is taken
-    every_frame: bool = False  # with --follow: take all pictures, in order, however late it gets
     duration: float | None = None  # end after so many seconds
     reconnect: float = RECONNECT_S  # seconds that a lost source is waited for
 
@@ -53,12 +52,6 @@ class LiveOptions:
         if self.duration is not None:
             _require_seconds("duration", self.duration, may_be_zero=False)
         _require_seconds("reconnect", self.reconnect, may_be_zero=True)
-        if self.every_frame and not self.follow:
-            raise OptionError(
-                "'every_frame' is for a folder that grows; give 'follow' as well",
-                "every_frame",
-                "follow",
-            )
 
     def refuse_for_recordings(self, shown: str) -> None:
         """Refuses options that change nothing where a source does not go on by itself.
@@ -69,10 +62,9 @@ class LiveOptions:
         for field in dataclasses.fields(self):
             if getattr(self, field.name) != field.default:
                 raise OptionError(
-                    f"'{field.name}' is for a camera, a stream or a folder that grows, and "
-                    f"'{shown}' is none; leave it out, or give 'follow' with a folder",
+                    f"'{field.name}' is for a camera or a stream, and '{shown}' is none; leave it "
+                    "out",
                     field.name,
-                    "follow",
                 )
 
 
@@ -105,7 +97,7 @@ class LiveReader:
     """Pictures of a live source, as a `Reader`.
 
     Args:
-      kind: "camera", "stream" or "folder".
+      kind: "camera" or "stream".
       name: Name of the sequence.
       shown: What it is called in messages.
       open_capture: Opens it; gets the seconds that opening and every picture may take.
@@ -141,18 +133,9 @@ class LiveReader:
             feed.stop()
 
     def _start(self) -> Feed:
-        reconnect_s, is_folder = self._options.reconnect, self.kind == "folder"
-        half_s = reconnect_s / 2 if reconnect_s else WAIT_S
-        duration = self._options.duration
-        folder_s = reconnect_s if duration is None else min(reconnect_s, duration)
-        return Feed(
-            self._open_capture,
-            self.shown,
-            reconnect_s=reconnect_s,
-            wait_s=folder_s if is_folder else max(1.0, min(WAIT_S, half_s)),
-            ends_when_silent=is_folder,
-            keeps_all=self._options.every_frame,
-        )
+        reconnect_s = self._options.reconnect
+        wait_s = max(1.0, min(WAIT_S, reconnect_s / 2 if reconnect_s else WAIT_S))
+        return Feed(self._open_capture, self.shown, reconnect_s=reconnect_s, wait_s=wait_s)
 
     def entries(self, report: Report) -> Generator[Entry, None, None]:
         """Yields what arrives, the newest first; at the end the count of those passed over."""
@@ -166,13 +149,11 @@ class LiveReader:
             while (arrival := self._take(feed)) is not None:
                 if self.origin is None:
                     self.origin = arrival.arrived
-                    first = arrival.number if arrival.picture.number is None else 0
-                    last = arrival.number - 1
+                    first, last = arrival.number, arrival.number - 1
                 self.num_missed += arrival.number - last - 1
                 last = arrival.number
-                name = arrival.picture.name or f"{last - first:06d}"
-                time_s = arrival.arrived - self.origin
-                yield Entry(last - first, time_s, name, arrival.picture.read)
+                number, time_s = last - first, arrival.arrived - self.origin
+                yield Entry(number, time_s, f"{number:06d}", arrival.read)
         finally:
             feed.stop()
             if self.num_missed:
@@ -183,7 +164,7 @@ class LiveReader:
         if self.before_first is None or (arrival := feed.take()) is None:
             return
         with contextlib.suppress(UnreadableFrame):
-            self.before_first(arrival.picture.read())
+            self.before_first(arrival.read())
         feed.put_back(arrival)
 
     def _take(self, feed: Feed) -> Arrival | None:
@@ -197,17 +178,10 @@ class LiveReader:
 class LiveSource(SampledSource):
     """A source that goes on by itself, until it ends, `stop` is called or its time is over."""
 
-    def __init__(
-        self, reader: LiveReader, masks: MaskProvider | None, sampling: Sampling, **options: Any
-    ) -> None:
-        super().__init__(reader, masks, sampling, **options)
+    def __init__(self, reader: LiveReader, sampling: Sampling, **options: Any) -> None:
+        super().__init__(reader, None, sampling, **options)
         self._live = reader
         self._opened_at = datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds")
-
-    @property
-    def brings_masks(self) -> bool:
-        """Whether its frames come with detections."""
-        return self._masks is not None
 
     def get_ready_by(self, before_first: Callable[[Content], None]) -> None:
         """Sets what is shown a picture before the first one counts, as to compile for its size."""
@@ -236,3 +210,30 @@ class LiveSource(SampledSource):
     def describe(self) -> dict[str, Any]:
         """What it is, as JSON; it cannot be opened again, `opened_at` is its time 0 nearly."""
         return {**super().describe(), "address": self._live.shown, "opened_at": self._opened_at}
+
+
+def open_live(
+    spec: Any,
+    masks: Any,
+    name: str | None,
+    sampling: Sampling,
+    options: LiveOptions,
+    *,
+    allow_size_change: bool = False,
+) -> LiveSource | None:
+    """Opens a camera or a stream; None if it is another source. Arguments as in `open_source`.
+
+    Raises:
+      SourceError: If it cannot be opened, or masks are given.
+    """
+    address = read_address(spec)
+    if address is None:
+        return None
+    if masks is not None and not (isinstance(masks, str) and masks == "none"):
+        raise SourceError(
+            f"'{address.shown}' is live, so that no masks can belong to its frames; give a detector"
+        )
+    kind = "camera" if isinstance(address, CameraAddress) else "stream"
+    open_it = functools.partial(open_capture, address)
+    reader = LiveReader(kind, name or address.name, address.shown, open_it, options)
+    return LiveSource(reader, sampling, allow_size_change=allow_size_change)

@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from remind_jax.errors import ConfigError, OptionError, SourceError, is_text, nearest_names
+from remind_jax.formats.coco import read_categories
 from remind_jax.sources.arrays import ArrayMasks, ItemReader, open_stored_maps
-from remind_jax.sources.coco_masks import CocoMasks, read_categories
+from remind_jax.sources.coco_masks import CocoMasks
 from remind_jax.sources.detections import ClassNaming, detections_from
 from remind_jax.sources.features import FEATURE_SUFFIXES, find_classes, load_arrays
 from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.layouts import Choice, locate, open_maps_at, refuse_unused
-from remind_jax.sources.live_opening import open_live
-from remind_jax.sources.live_source import RECONNECT_S, LiveOptions
+from remind_jax.sources.live_source import RECONNECT_S, LiveOptions, open_live
 from remind_jax.sources.reopening import read_arguments
 from remind_jax.sources.sampling import Sampling, require_rate
 from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
@@ -61,8 +61,6 @@ def open_source(
     allow_size_change: bool = False,
     class_names: ClassNaming | None = None,
     name: str | None = None,
-    follow: bool = False,
-    every_frame: bool = False,
     duration: float | None = None,
     reconnect: float = RECONNECT_S,
 ) -> Source:
@@ -88,12 +86,8 @@ def open_source(
       allow_size_change: Yield frames whose size differs from the first; else they are skipped.
       class_names: Names of class ids (or instance ids of instance maps) of detections in memory.
       name: Name of the sequence; that of the file or folder if left out.
-      follow: The folder grows: its newest picture is taken, as that of a camera. Masks that come
-        along are a folder of instance maps.
-      every_frame: With `follow`, take all pictures in order, however late that gets.
       duration: Seconds after which a live source ends.
-      reconnect: Seconds that a live source may be lost, or a growing folder without new pictures;
-        with 0, that is its end.
+      reconnect: Seconds that a live source may be lost; with 0, that is its end.
 
     Raises:
       SourceError: If nothing can be made of it; one sentence.
@@ -115,13 +109,13 @@ def open_source(
             )
     if unlabelled not in ("error", "skip"):
         raise OptionError(f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled")
-    live = LiveOptions(follow, every_frame, duration, reconnect)
+    live = LiveOptions(duration, reconnect)
     if isinstance(spec, Source) and masks is None and chosen == Sampling():
         live.refuse_for_recordings(spec.name)
         return spec
     json_file = None if metadata is None else _existing(metadata)
     choice = Choice(name, sequence, images, mask_variant, json_file, unlabelled, image_fps)
-    opened = open_live(spec, masks, choice, chosen, live, allow_size_change=allow_size_change)
+    opened = open_live(spec, masks, name, chosen, live, allow_size_change=allow_size_change)
     if opened is not None:
         return opened
     live.refuse_for_recordings(str(spec)[:200] if isinstance(spec, str | Path) else "this source")

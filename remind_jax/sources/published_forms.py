@@ -13,17 +13,17 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from remind_jax.crops import MOST_PLANES_BYTES, Crops, cut_plane, require_bytes, require_few
+from remind_jax.crops import require_room
 from remind_jax.errors import SourceError
 from remind_jax.files.host_array import host_array
+from remind_jax.formats.coco import decode_segmentation
 from remind_jax.frame import check_size
 from remind_jax.masks.letterbox import Letterbox
 from remind_jax.sources.label_maps import fit_plane
-from remind_jax.sources.segmentations import decode_segmentation
 from remind_jax.sources.source import say_size
 
 Parts = Mapping[str, Any]  # "masks" or "boxes", "labels" or "class_ids", "scores", "class_names"
-_Planes = Bool[np.ndarray, "N H W"] | Crops
+_Planes = Bool[np.ndarray, "N H W"]
 
 _MOST_COORDINATE_PX = 1e5
 
@@ -168,7 +168,7 @@ def _parts_of_sam(items: Sequence[Any], frame_size: tuple[int, int]) -> Parts:
 def gather(
     plane: Callable[[int], Bool[np.ndarray, "H W"]], num: int, frame_size: tuple[int, int]
 ) -> _Planes:
-    """Masks made one after the other; kept as crops where planes would take much memory.
+    """Masks made one after the other.
 
     Args:
       plane: Makes the mask of a number.
@@ -176,17 +176,10 @@ def gather(
       frame_size: Height and width of the frame in pixels.
 
     Raises:
-      UnreadableFrame: If they are too many, or even crops take more than is meant for a frame.
+      UnreadableFrame: If they are too many, or take more than is meant for a frame.
     """
-    require_few(num, "the detector's answer")
-    if num * frame_size[0] * frame_size[1] <= MOST_PLANES_BYTES:
-        planes = np.zeros((num, *frame_size), bool)
-        for row in range(num):
-            planes[row] = plane(row)
-        return planes
-    cut, num_bytes = [], 0
+    require_room(num, frame_size, "the detector's answer")
+    planes = np.zeros((num, *frame_size), bool)
     for row in range(num):
-        cut.append(cut_plane(plane(row)))
-        num_bytes += cut[-1][1].nbytes
-        require_bytes(num_bytes, num, frame_size, "the detector's answer")
-    return Crops(frame_size, tuple(corner for corner, _ in cut), tuple(w for _, w in cut))
+        planes[row] = plane(row)
+    return planes

@@ -14,7 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from remind_jax.crops import require_few
+from remind_jax.crops import require_room
 from remind_jax.errors import SourceError, UnreadableFrame, as_text
 from remind_jax.frame import Detections, Frame, SkippedFrame
 from remind_jax.sources.sampling import Sampling
@@ -184,7 +184,7 @@ class SampledSource:
             detections = self._masks.detections_of(entry, frame.size)
             frame = dataclasses.replace(frame, detections=detections)
         if frame.detections is not None:
-            require_few(len(frame.detections), "it", self.most_detections)
+            require_room(len(frame.detections), frame.size, "it", self.most_detections)
         return frame
 
     def _say_unused(self, chosen: set[int]) -> list[str]:

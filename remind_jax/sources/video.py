@@ -13,8 +13,8 @@ from jaxtyping import UInt8
 
 from remind_jax import files
 from remind_jax.errors import SourceError
+from remind_jax.files.limits import MAX_PICTURE_PIXELS, MAX_SIDE_PX
 from remind_jax.frame import SkippedFrame
-from remind_jax.sources.picture_file import MOST_PIXELS, MOST_SIDE
 from remind_jax.sources.source import Content, Entry, Report, UnreadableFrame
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class VideoReader:
                     files.check_regular(file)
                 else:  # PyAV leaves open what it did not open
                     stack.enter_context(file)
-                options = {"format_whitelist": CONTAINERS, "max_pixels": str(MOST_PIXELS)}
+                options = {"format_whitelist": CONTAINERS, "max_pixels": str(MAX_PICTURE_PIXELS)}
                 container = stack.enter_context(av.open(file, mode="r", options=options))
             except (av.error.FFmpegError, OSError, ValueError) as error:
                 raise SourceError(
@@ -144,13 +144,23 @@ def _video_stream(container: av.container.InputContainer, file: str) -> av.Video
     stream = container.streams.video[0]
     if stream.codec_context is None or not stream.codec_context.width:
         raise SourceError(f"the pictures of '{file}' are of an unknown kind or size, or damaged")
-    if stream.width * stream.height > MOST_PIXELS or max(stream.width, stream.height) > MOST_SIDE:
-        raise SourceError(
-            f"'{file}' claims pictures of {stream.width}x{stream.height} pixels; at most "
-            f"{MOST_PIXELS} are read"
-        )
-    stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+    check_video_size(stream, file)
+    stream.codec_context.options = {"max_pixels": str(MAX_PICTURE_PIXELS)}
     return stream
+
+
+def check_video_size(stream: av.VideoStream, shown: str) -> None:
+    """Refuses a stream of larger pictures than are read.
+
+    Raises:
+      SourceError: If it is such a stream.
+    """
+    width, height = stream.width, stream.height
+    if width * height > MAX_PICTURE_PIXELS or max(width, height) > MAX_SIDE_PX:
+        raise SourceError(
+            f"'{shown}' claims pictures of {width}x{height} pixels; at most {MAX_PICTURE_PIXELS} "
+            "are read"
+        )
 
 
 def _count_frames(

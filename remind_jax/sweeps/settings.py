@@ -171,7 +171,7 @@ def read_settings(path: str | Path) -> list[Setting]:
     """Settings of a CSV file with one column per threshold, or a JSON file with a list of them."""
     path = Path(path)
     if path.suffix.lower() == ".json":
-        rows = records.read_json(path, _Rows, refused=ConfigError, most_bytes=_MAX_BYTES)
+        rows = records.read_json(path, _Rows, refused=ConfigError, max_bytes=_MAX_BYTES)
         settings = [dict(flatten(row)) for row in rows]
     else:
         settings = _read_table(path)

@@ -96,9 +96,9 @@ def describe(**values):
         (describe(heads=3), "header of .* is damaged"),
         (describe(family="clip"), "header of .* is damaged"),
         (describe(surprise=1), "header of .* is damaged"),
-        (describe(depth=1 << 20), "`depth`: found 1048576, allowed is an integer from 1 to 1000"),
-        (describe(norm_eps=float("nan")), "`norm_eps`: found NaN, allowed is a finite number"),
-        (describe(width=2.0), "`width`: found 2.0, allowed is an integer"),
+        (describe(depth=1 << 20), "header of .* is damaged.*depth"),
+        (describe(norm_eps=float("nan")), "header of .* is damaged"),
+        (describe(width=2.0), "header of .* is damaged.*width"),
         (
             lambda h: h["__metadata__"].update(architecture="[" * 10_000),
             "header of .* is damaged",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 
@@ -78,10 +77,3 @@ def test_predictions_are_needed(command, tmp_path):
     outcome = command("eval", "gt.txt")
     assert outcome.code == 1
     assert "no predictions to score against 'gt.txt'" in outcome.stderr
-
-
-def test_federated_truth_is_scored_by_its_labels(command, tmp_path):
-    case = Path(__file__).parents[1] / "golden" / "metrics" / "federated" / "tao_rules"
-    outcome = command("eval", str(case / "gt.json"), str(case / "pred.json"))
-    assert outcome.code == 0
-    assert "only what the labels judge, 3 classes" in outcome.stdout

@@ -12,71 +12,79 @@ import webbrowser
 import pytest
 
 from remind_jax.cli import run as verb
+from remind_jax.detectors import as_detector
 from remind_jax.outputs.result import Result
+from remind_jax.session import run
 from remind_jax.session.live import Tracker
 from remind_jax.sources.feed import Feed
-from tests.cli import scenes
-from tests.sources.cameras import Camera
+from tests.sources.cameras import Camera, detect
 
 
 @pytest.fixture
-def growing(tmp_path):
-    """A folder with its masks, that nothing is added to."""
-    images, masks = scenes.write_scene(tmp_path / "scene")
+def camera():
+    """Sends four pictures, then nothing."""
+    with Camera(fps=5, most=4) as camera:
+        yield camera
+
+
+@pytest.fixture
+def live(camera, monkeypatch):
+    """A run of it with a detector that is always right."""
+    monkeypatch.setattr(run, "as_detector", lambda *given: as_detector(detect, given[1]))
     return (
-        "run", images, "--masks", masks, "--follow", "--every-frame", "--no-overlay", "--out", "out"
+        "run", camera.url, "--detector", "m.onnx", "--announce-after", "1", "--no-overlay",
+        "--out", "out",
     )  # fmt: skip
 
 
-def test_a_growing_folder_ends_when_nothing_more_comes(command, growing):
-    outcome = command(*growing, "--reconnect", "1", "--record", "seen")
+def test_a_stream_ends_when_nothing_more_comes(command, live):
+    outcome = command(*live, "--reconnect", "0", "--record", "seen")
     assert (outcome.code, outcome.stderr) == (0, "")
-    assert outcome.stdout.startswith("images: 4 frames, 3 identities")
-    assert "got no picture for 1 s, and the run with it" in outcome.stdout
+    assert "3 identities" in outcome.stdout
+    assert "and the run with it" in outcome.stdout
     again = command(
-        "run", "seen", "--masks", "seen/detections.jsonl", "--no-overlay", "--out", "again"
-    )
+        "run", "seen", "--masks", "seen/detections.jsonl", "--announce-after", "1", "--no-overlay",
+        "--out", "again",
+    )  # fmt: skip
     assert again.code == 0
     ids = [[t.object_id.tolist() for t in Result.load(name).tracks] for name in ("out", "again")]
     assert ids[0] == ids[1]
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_ends_a_run_that_waits_for_its_source(command, growing, monkeypatch, number, code):
-    """The run has done all frames and waits; the signal ends it well, at once."""
+def test_a_signal_ends_a_run_that_waits_for_its_source(
+    command, camera, live, monkeypatch, number, code
+):
+    """The source is silent and the run waits; the signal ends it well, at once."""
     advance, done = Tracker.advance, []
 
     def count(self, prepared):
         tracks = advance(self, prepared)
         done.append(1)
-        if len(done) == 4:
+        camera.is_stalled = True
+        if len(done) == 1:
             threading.Timer(0.5, os.kill, (os.getpid(), number)).start()
         return tracks
 
     monkeypatch.setattr(Tracker, "advance", count)
     began = time.monotonic()
-    outcome = command(*growing, "--reconnect", "300")
+    outcome = command(*live, "--reconnect", "300")
     assert time.monotonic() - began < 200
     assert outcome.code == code
     result = Result.load("out")
     assert result.complete
-    assert len(result) == 4
+    assert len(result) == len(done)
     assert not os.path.exists("out/checkpoint")
 
 
-def test_a_signal_before_the_first_frame(command, growing, tmp_path, monkeypatch):
-    take, asked = Feed.take, []
+def test_a_signal_before_the_first_frame(command, live, monkeypatch):
+    def wait(self, until=None):
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM)).start()
+        for _ in range(600):  # the run hears the signal between two of these
+            time.sleep(0.1)
 
-    def count(self, until=None):
-        asked.append(1)
-        if len(asked) == 1:  # the run waits, so that it hears the signal
-            threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM)).start()
-        return take(self, until)
-
-    monkeypatch.setattr(Feed, "take", count)
-    for picture in (tmp_path / "scene" / "images").iterdir():
-        picture.unlink()
-    outcome = command(*growing, "--reconnect", "300")
+    monkeypatch.setattr(Feed, "take", wait)
+    outcome = command(*live, "--reconnect", "300")
     assert (outcome.code, outcome.stderr) == (143, "remind: stopped\n")
 
 
@@ -95,13 +103,13 @@ def test_a_stream_that_refuses(command):
 
 
 def test_the_address_of_the_page_is_told_and_opened_where_there_is_a_display(
-    command, growing, monkeypatch
+    command, live, monkeypatch
 ):
     opened = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
     monkeypatch.setattr(verb, "has_display", lambda: True)
     monkeypatch.delenv("REMIND_NO_BROWSER", raising=False)
-    words = (*growing, "--reconnect", "0.5", "--overwrite", "--json")
+    words = (*live, "--reconnect", "0", "--overwrite", "--json")
     outcome = command(*words, "--live", "127.0.0.1:0")
     assert outcome.stderr.startswith("live page: http://127.0.0.1:")
     assert opened == [outcome.stderr.split()[-1]]

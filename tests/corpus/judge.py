@@ -33,10 +33,10 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\u202a-\u202e]")
 GOOD = ("refused", "told", "accepted")
 LIBRARIES = (
     *("av", "cv2", "onnxruntime", "rich.progress", "safetensors.numpy", "scipy.optimize"),
-    *("remind_jax.session.run", "remind_jax.metrics.evaluation", "remind_jax.metrics.formats"),
+    *("remind_jax.session.run", "remind_jax.metrics.evaluation", "remind_jax.formats.coco"),
     *("remind_jax.metrics.run_evaluation", "remind_jax.detectors.detector", "remind_jax.sweeps"),
     *("remind_jax.backbone.opening", "remind_jax.outputs.writer"),
-    *("remind_jax.metrics.formats.opening", "remind_jax.sources.opening"),
+    *("remind_jax.metrics.opening", "remind_jax.sources.opening"),
 )
 UNCHANGED = Change("nothing", False)
 

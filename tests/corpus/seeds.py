@@ -26,7 +26,7 @@ from remind_jax.session.memory_file import SavedMemory, load_memory, save_memory
 from tests.backbone.networks import converted_file
 from tests.cli import scenes
 from tests.corpus import binary_seeds
-from tests.metrics.formats import scenes as tracks
+from tests.formats import scenes as tracks
 from tests.outputs import fake_run
 from tests.outputs.traced_run import make_plus_run, make_traced_run
 from weights_convert.stored_tensors import open_source as open_weights
@@ -359,8 +359,9 @@ def _score(path: Path) -> None:
 
 
 FORMATS |= {
-    "tao scored": Format("json", _json_of(lambda: tracks.tao(tracks.TRUTH, True)), _score),
-    "burst scored": Format("json", _json_of(lambda: tracks.burst(tracks.TRUTH)), _score),
+    "coco vid scored": Format(
+        "json", _json_of(lambda: tracks.coco_vid(tracks.TRUTH, True)), _score
+    ),
     "coco boxes scored": Format(
         "json", _json_of(lambda: tracks.coco_video(tracks.TRUTH, "bboxes")), _score
     ),

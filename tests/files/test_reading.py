@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from remind_jax.errors import OutputError
+from remind_jax.errors import OutputError, SourceError
 from remind_jax.files import (
     as_path,
     read_bytes,
@@ -66,7 +66,7 @@ def test_a_byte_order_mark_is_no_text(tmp_path):
 @pytest.mark.parametrize("text", ["mug", "{}"])
 def test_text_without_a_mark_in_another_encoding_is_seen(tmp_path, text):
     (tmp_path / "words.txt").write_bytes(text.encode("utf-16-le"))
-    with pytest.raises(OSError, match="its text is UTF-16 or no text at all"):
+    with pytest.raises(OSError, match="its text is UTF-16"):
         read_text(tmp_path / "words.txt")
 
 
@@ -78,7 +78,7 @@ def test_what_is_too_large_is_not_read(tmp_path, read):
         read(tmp_path / "large")
     (tmp_path / "small").write_bytes(b"12")
     with pytest.raises(OSError, match="it has 2 bytes, at most 1 bytes"):
-        read(tmp_path / "small", most_bytes=1)
+        read(tmp_path / "small", max_bytes=1)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs files that the system makes up")
@@ -87,13 +87,13 @@ def test_a_file_that_does_not_say_its_size_is_read_up_to_the_limit():
     assert own.stat().st_size == 0
     assert b"libc" in read_bytes(own)
     with pytest.raises(OSError, match="it has over 3 MiB, which are not read"):
-        read_bytes("/proc/self/pagemap", most_bytes=3 << 20)
+        read_bytes("/proc/self/pagemap", max_bytes=3 << 20)
 
 
 def test_a_file_that_grows_is_read_whole(tmp_path, monkeypatch):
     (tmp_path / "log").write_bytes(b"x" * 100)
     grown = os.stat_result((stat.S_IFREG, *[0] * 5, 40, *[0] * 3))
-    monkeypatch.setattr(reading.os, "fstat", lambda number: grown)
+    monkeypatch.setattr(os, "fstat", lambda number: grown)
     assert read_bytes(tmp_path / "log") == b"x" * 100
 
 
@@ -102,7 +102,7 @@ def test_a_path_that_may_not_be_reached_is_refused(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied", path)
 
     with monkeypatch.context() as patched:
-        patched.setattr(reading.os, "lstat", refuse)
+        patched.setattr(os, "lstat", refuse)
         with pytest.raises(OutputError, match="the file 'd/x' lies in a folder that this user may"):
             as_path("d/x", "the file", OutputError)
     assert as_path(tmp_path / "none" / "x", "the file", OutputError) == tmp_path / "none" / "x"
@@ -115,7 +115,7 @@ def test_why_there_is_no_file_is_said(tmp_path):
     said = {name: say_no_file(tmp_path / name) for name in ("file", "pipe", "circle", "none", ".")}
     assert said == {
         "file": "",
-        "pipe": "is a pipe, a device or a socket",
+        "pipe": "cannot be read (it is a pipe, a device or a socket; give a file)",
         "circle": "cannot be read (Too many levels of symbolic links)",
         "none": "does not exist",
         ".": "is a folder",
@@ -131,3 +131,13 @@ def test_no_file_takes_the_place_of_a_device(tmp_path):
         saving.replace_file(tmp_path, b"x")
     with pytest.raises(OutputError, match=r"there is no folder '.*none'; make it, or name another"):
         saving.replace_file(tmp_path / "none" / "file", b"x")
+
+
+def test_whatever_a_library_raises_becomes_a_sentence():
+    for error in (OSError(2, "gone"), ValueError("odd\nrow"), KeyError("x"), MemoryError()):
+        refused = pytest.raises(SourceError, match=r"'a\.bin', row 3")
+        with refused as caught, reading("a.bin", place="row 3"):
+            raise error
+        assert "\n" not in str(caught.value)
+    with pytest.raises(OutputError, match="mine"), reading("a.bin"):
+        raise OutputError("mine")

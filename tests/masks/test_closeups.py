@@ -109,7 +109,7 @@ def test_an_empty_mask_has_a_black_picture_that_covers_nothing():
 def test_any_masks_give_sound_pictures_and_crops_give_the_same(boxes, patch_px):
     image, masks = picture(), np.stack([box(*one) for one in boxes])
     found = cut_closeups(image, masks, patch_px)
-    of_crops = cut_closeups(image, Crops.of_planes(list(masks), masks.shape[1:]), patch_px)
+    of_crops = cut_closeups(image, Crops.of(masks), patch_px)
     for values, others in zip(vars(found).values(), vars(of_crops).values(), strict=True):
         np.testing.assert_array_equal(values, others)
     assert ((found.coverage >= 0) & (found.coverage <= 1 + 1e-5)).all()

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from remind_jax.crops import Crops
 from remind_jax.masks.relations import find_row_ends, relate_masks
 
 FLOAT32_STEPS = 1e-4  # px; OpenCV adds up to 200 steps of 0.955 or 1.3693 in float32
@@ -23,7 +24,8 @@ def relate(masks, num_slots=None, **limits):
             box[:] = columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
     areas = masks.sum(axis=(1, 2))
     ends = [find_row_ends(mask) if mask.any() else None for mask in masks]
-    return relate_masks(masks, boxes, areas, ends, num_slots=num_slots or len(masks), **limits)
+    crops = Crops.of(masks)
+    return relate_masks(crops, boxes, areas, ends, num_slots=num_slots or len(masks), **limits)
 
 
 def chamfer_gap(one, other):

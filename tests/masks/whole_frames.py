@@ -12,7 +12,7 @@ def reduce_on_whole_frames(
     masks, *, patch_px, sanitize, fill_holes, close_px, open_px, keep_largest, erosion_px
 ):
     """Coverage, filled coverage, quality, box, center, area and validity of every mask."""
-    masks = erode_masks(masks, erosion_px, margin_px=0)
+    masks = np.asarray(erode_masks(masks, erosion_px, margin_px=0))
     rows = []
     for mask in masks:
         pixels = mask.view(np.uint8)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from remind_jax.metrics.formats.text import FileFormat, fit_texts, read_text_rows
+from remind_jax.formats.mot import FileFormat, fit_texts, read_text_rows
 from remind_jax.metrics.pairing import pair_scene
 from remind_jax.metrics.sequence import TrackingSequence
 

@@ -152,6 +152,7 @@ def test_files(kind: str, format: Any, is_named: bool):
 def test_unknown_formats_are_refused():
     unknown: Any = "coco"
     with pytest.raises(
-        RemindError, match="format is 'coco'; allowed: burst, coco-video, cvat, davis, kitti-mots"
+        RemindError,
+        match="format is 'coco'; did you mean 'coco-vid'",
     ):
         evaluate_files("gt", "pred", format=unknown)

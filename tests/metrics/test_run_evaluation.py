@@ -15,8 +15,9 @@ from remind_jax.metrics import SceneOptions, evaluate, evaluate_tracks
 from remind_jax.metrics.paper_evaluation import evaluate_paper, paper_table
 from remind_jax.outputs.store import DETECTIONS_NAME, DetectionsWriter
 from remind_jax.tracks import Tracks
-from tests.metrics.formats import scenes as made
-from tests.metrics.formats.scenes import CLASSES
+from tests.formats import scenes as made
+from tests.formats.scenes import CLASSES
+from tests.outputs.fake_run import make_info
 
 LINES = ["11.22.", "11.22.", "11....", "11.22.", ".1122."]
 OUTCOMES = {"n": Outcome.NEW, "m": Outcome.MATCH, "a": Outcome.AMBIGUOUS, "-": Outcome.UNASSIGNED}
@@ -65,7 +66,7 @@ def _frame(at: int, line: str, said: str) -> Tracks:
 
 def save(folder: Path, run: list[Tracks]) -> Path:
     folder.mkdir()
-    with DetectionsWriter(folder / DETECTIONS_NAME, {}) as file:
+    with DetectionsWriter(folder / DETECTIONS_NAME, make_info().to_json()) as file:
         for tracks in run:
             file.add(tracks)
     return folder

@@ -6,11 +6,10 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.errors import RemindError
-from remind_jax.metrics.formats.text import SIZE_UNKNOWN
+from remind_jax.formats.mot import SIZE_UNKNOWN
 from remind_jax.metrics.scene_comparison import name_predictions
-from tests.metrics.formats import scenes as made
-from tests.metrics.formats.scenes import ANSWERS, TRUTH
-from tests.metrics.golden import ROOT, TOLERANCE, read_json
+from tests.formats import scenes as made
+from tests.formats.scenes import ANSWERS, TRUTH
 
 
 def test_predictions_of_any_format_in_one_table(tmp_path: Path):
@@ -48,15 +47,6 @@ def test_predictions_are_named_by_what_tells_them_apart():
         name_predictions(["a.txt", "a.txt"])
     with pytest.raises(RemindError, match="no prediction to compare"):
         name_predictions([])
-
-
-def test_federated_truth_has_columns_of_its_own():
-    case = ROOT / "federated" / "tao_rules"
-    table = rj.compare(case / "gt.json", {"a": case / "pred.json", "b": case / "pred.json"})
-    expected = read_json(case / "expected.json")["class_averaged"]
-    assert [column.heading for column in table.resolved_columns[:2]] == ["HOTA cls", "AssA cls"]
-    assert table.rows[0].scores["ClassIDF1"] == pytest.approx(expected["IDF1"], abs=TOLERANCE)
-    assert any("leaves objects unlabeled" in sentence for sentence in table.legend)
 
 
 def test_a_note_on_all_is_told_once(tmp_path: Path):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from remind_jax.errors import SourceError
 from remind_jax.masks.run_length import encode_masks
 from remind_jax.metrics import similarity
-from remind_jax.metrics.similarity import covered_share, find_overlap, pair_boxes, rle_iou
+from remind_jax.metrics.similarity import pair_boxes, rle_iou
 from tests.metrics.golden import ROOT, load_case
 
 
@@ -105,22 +105,3 @@ def test_other_sizes_are_refused():
     small, large = np.ones((1, 4, 4), bool), np.ones((1, 4, 8), bool)
     with pytest.raises(SourceError, match="different sizes"):
         rle_iou(encode_masks(small), encode_masks(large))
-
-
-def test_overlap_inside_a_frame_and_cover_by_a_region():
-    left, right, both = (
-        box_mask([0, 0, 10, 20]),
-        box_mask([10, 0, 20, 20]),
-        box_mask([5, 0, 15, 20]),
-    )
-    rles = encode_masks(np.stack([left, right, both]))
-    assert not find_overlap(rles[:2])
-    assert find_overlap(rles)
-    np.testing.assert_array_equal(covered_share(rles, rles[0]), [1.0, 0.0, 0.5])
-
-
-def test_overlaps_are_found_among_hundreds_of_masks():
-    masks = np.eye(300, dtype=bool).reshape(300, 20, 15)
-    rles = encode_masks(masks)
-    assert not find_overlap(rles)
-    assert find_overlap([*rles, rles[0]])

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from remind_jax.formats.instance_maps import read_instance_maps
 from remind_jax.metrics import evaluate
-from remind_jax.metrics.formats.label_maps import read_label_maps
 from remind_jax.metrics.pairing import PairedScene, pair_scene
 from tests.metrics.golden import ROOT, TOLERANCE, read_json
 
@@ -28,8 +28,8 @@ def write_maps(folder: Path, maps: Any) -> Path:
 
 def pair(root: Path, truth: Any, answers: Any) -> PairedScene:
     return pair_scene(
-        read_label_maps(write_maps(root / "truth", truth), "scene", is_truth=True),
-        read_label_maps(write_maps(root / "answers", answers), "scene", is_truth=False),
+        read_instance_maps(write_maps(root / "truth", truth), "scene", is_truth=True),
+        read_instance_maps(write_maps(root / "answers", answers), "scene", is_truth=False),
     )
 
 
@@ -100,6 +100,6 @@ def test_void_says_nothing_to_boxes(tmp_path: Path):
     folder = write_maps(tmp_path / "truth", truth)
     (tmp_path / "p.txt").write_text("1,7,0,0,5,6,1\n")
     assert evaluate(folder, tmp_path / "p.txt").scores()["LocA(0)"] == pytest.approx(18 / 30)
-    rows = read_label_maps(folder, "scene", is_truth=True)
+    rows = read_instance_maps(folder, "scene", is_truth=True)
     assert rows.is_void
     assert pair_scene(rows, dataclasses.replace(rows, rles=None)).sequence.pred_id.tolist() == [1]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from remind_jax.metrics import evaluate
-from remind_jax.metrics.formats.opening import open_scenes
+from remind_jax.metrics.opening import open_scenes
 from remind_jax.outputs import labeling, tables
 from remind_jax.outputs.result import Result
 from tests.outputs.fake_run import make_info, make_run

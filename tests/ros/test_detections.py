@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from remind_jax.crops import count_pixels
+from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_ros.detections import read_detections
 from tests.ros import messages
@@ -40,7 +40,7 @@ def test_a_map_beside_boxes_gives_their_pixels():
     given = messages.boxes([(0, 0, 9, 9), (0, 0, 9, 9)], ["mug", "bowl"])
     seen = read_detections(SIZE, numbers, given, {})
     assert seen.labels == ("mug", "bowl")
-    assert count_pixels(seen.masks).tolist() == [0, 4 * 30]
+    assert Crops.of(seen.masks).areas.tolist() == [0, 4 * 30]
 
 
 def test_detections_without_hypotheses_are_objects():

@@ -159,31 +159,6 @@ def test_a_record_cannot_begin_in_the_middle(tmp_path):
         rj.run("rooms.mp4", out=tmp_path, resume=True, record=tmp_path / "seen")
 
 
-def test_a_growing_folder_is_tracked_with_the_masks_that_come_along(tmp_path):
-    images, masks = scenes.write_scene(tmp_path / "robot", 2)
-    later = scenes.write_scene(tmp_path / "later", 6)
-
-    def add() -> None:
-        for number in range(2, 6):
-            time.sleep(0.1)
-            for new, folder in zip(later, (images, masks), strict=True):
-                name = f"{number:04d}.png"
-                (new / name).rename(folder / name)
-
-    threading.Timer(0.5, add).start()
-    result = rj.run(
-        images,
-        masks=masks,
-        follow=True,
-        every_frame=True,
-        sampling={"max_frames": 6},
-        out=tmp_path / "out",
-        **OPTIONS,
-    )
-    assert [tracks.name for tracks in result.tracks] == [f"{n:04d}.png" for n in range(6)]
-    assert {tuple(tracks.object_id) for tracks in result.tracks} == {(0, 1, 2)}
-
-
 def test_no_password_is_stored_or_told(tmp_path, capfd):
     with Camera(fps=30, password="pa55word") as camera:
         result = rj.run(

@@ -87,7 +87,7 @@ def test_pictures_of_a_stream_come_one_by_one():
         for _ in range(5):
             picture = stream.read()
             assert picture is not None
-            content = picture.read()
+            content = picture()
             assert content.image is not None
             numbers.append(number_in(content.image))
         stream.close()
@@ -193,7 +193,7 @@ def test_pictures_of_a_camera_are_rgb_and_end_where_it_is_unplugged(monkeypatch)
     camera = open_capture(CameraAddress(0, "camera-0"), WAIT_S)
     picture = camera.read()
     assert picture is not None
-    content = picture.read()
+    content = picture()
     assert content.image is not None
     assert content.image[0, 0].tolist() == [0, 0, 200]
     camera.read()

@@ -116,7 +116,7 @@ def test_detections_made_by_hand_are_counted():
 
 
 def test_boxes_of_large_pictures_are_compared_before_they_are_filled(monkeypatch):
-    monkeypatch.setattr(crops, "MOST_MASK_BYTES", 10_000)
+    monkeypatch.setattr(crops, "MAX_MASK_BYTES", 10_000)
     boxes = np.array([[0, 0, 100, 90.0]] * 2)
     with pytest.raises(SourceError, match="2 detections in 100x90 pixels"):
         rj.sources.detections_from({"boxes": boxes}, (HEIGHT, WIDTH))
@@ -138,16 +138,6 @@ def test_a_tracker_takes_no_more_than_it_has_memory_for(monkeypatch):
     (skipped,) = result.skipped
     assert f"{most + 1} detections, at most {most}" in skipped.reason
     assert f"static.num_detections={most + 1}" in skipped.reason
-
-
-def test_masks_of_much_larger_pictures_are_counted_as_such(images, tmp_path, monkeypatch):
-    monkeypatch.setattr(crops, "MOST_MASK_BYTES", 100_000)
-    side = [HEIGHT * 5, WIDTH * 5]
-    code = {"size": side, "counts": [1, side[0] * side[1] - 1]}
-    (tmp_path / "masks.json").write_text(json.dumps([{"image_id": 0, "segmentation": code}]))
-    source = rj.open_source(images, masks=tmp_path / "masks.json")
-    assert [frame.source_index for frame in source] == [1]
-    assert "1 detections in 100x90 pixels" in source.skipped[0].reason
 
 
 def test_a_method_that_does_not_count_its_bytes_has_a_bound_as_well():

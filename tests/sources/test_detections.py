@@ -3,11 +3,10 @@ import types
 import numpy as np
 import pytest
 
-from remind_jax.crops import count_pixels
+from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
-from remind_jax.frame import Detections
+from remind_jax.frame import Detections, fill_boxes
 from remind_jax.sources import detections_from
-from remind_jax.sources.detections import fill_boxes
 from tests.sources import making
 
 SIZE = making.SIZE
@@ -43,7 +42,7 @@ def test_supervision_class_ids_are_named():
 def test_supervision_boxes_stand_in_for_masks():
     given = foreign(xyxy=np.array([[1.0, 2.0, 4.0, 6.0], [-5.0, -5.0, 500.0, 500.0]]))
     found = detections_from(given, SIZE)
-    assert count_pixels(found.masks).tolist() == [12, SIZE[0] * SIZE[1]]
+    assert Crops.of(found.masks).areas.tolist() == [12, SIZE[0] * SIZE[1]]
     assert found.masks[0, 2:6, 1:4].all()
 
 
@@ -120,5 +119,5 @@ def test_box_the_wrong_way_round_is_empty():
 
 
 def test_a_single_number_is_no_mask():
-    with pytest.raises(SourceError, match=r"masks have shape \(\); give \[N, H, W\]"):
+    with pytest.raises(SourceError, match=r"masks have shape \(\)"):
         detections_from(np.array(True), (4, 4))

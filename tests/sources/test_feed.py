@@ -44,18 +44,14 @@ class Script:
             raise Lost("broke off")
         if step == "defect":
             raise ZeroDivisionError
-        return Picture(Content) if step == "picture" else None
-
-    def interrupt(self) -> None:
-        self.go.set()
-        self.over.set()
+        return Content if step == "picture" else None
 
     def close(self) -> None:
         self.closed += 1
 
 
-def start(script: Script, reconnect_s: float = PATIENCE_S, **options: bool) -> Feed:
-    return Feed(script.open, "it", reconnect_s=reconnect_s, wait_s=1.0, **options)
+def start(script: Script, reconnect_s: float = PATIENCE_S) -> Feed:
+    return Feed(script.open, "it", reconnect_s=reconnect_s, wait_s=1.0)
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -77,14 +73,6 @@ def test_who_is_slow_gets_the_newest():
     assert arrival is not None
     assert arrival.number == 4
     assert feed.take(time.monotonic()) is None
-    feed.stop()
-
-
-def test_all_pictures_are_kept_where_that_is_wanted():
-    feed = start(Script(*5 * ["picture"]), keeps_all=True)
-    wait_for(lambda: feed.num_arrived == 5)
-    taken = [feed.take() for _ in range(5)]
-    assert [one.number for one in taken if one is not None] == [0, 1, 2, 3, 4]
     feed.stop()
 
 

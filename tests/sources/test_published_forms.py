@@ -6,10 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.masks.letterbox import Letterbox
-from remind_jax.sources import detections_from, published_forms
+from remind_jax.sources import detections_from
 from tests.sources import making
 from tests.sources.published import Tensor, sam_masks, ultralytics_results
 from tests.sources.test_coco_masks import encode
@@ -119,9 +118,9 @@ def test_results_without_detections_are_refused():
 
 def test_results_on_a_gpu_say_what_to_do():
     there = ultralytics_results(SIZE, BOXES, MASKS, device="cuda:0")
-    with pytest.raises(SourceError, match=r"masks lie in .* 'cuda:0', .* \.cpu\(\)"):
+    with pytest.raises(SourceError, match=r"masks of device 'cuda:0' .* \.cpu\(\)"):
         detections_from(there, SIZE)
-    with pytest.raises(SourceError, match=r"boxes lie in .* 'cuda:0', .* \.cpu\(\)"):
+    with pytest.raises(SourceError, match=r"boxes of device 'cuda:0' .* \.cpu\(\)"):
         detections_from(ultralytics_results(SIZE, BOXES, device="cuda:0"), SIZE)
 
 
@@ -171,14 +170,6 @@ def test_masks_of_sam_that_are_none(segmentation, sentence):
 def test_estimates_of_sam_must_be_numbers():
     with pytest.raises(SourceError, match="scores"):
         detections_from(sam_masks(MASKS, ["a", "b"]), SIZE)
-
-
-def test_many_large_masks_are_kept_as_crops(monkeypatch):
-    monkeypatch.setattr(published_forms, "MOST_PLANES_BYTES", MASKS.size - 1)
-    for answer in (ultralytics_results(SIZE, BOXES, MASKS), sam_masks(MASKS)):
-        found = detections_from(answer, SIZE)
-        assert isinstance(found.masks, Crops)
-        np.testing.assert_array_equal(np.asarray(found.masks), MASKS)
 
 
 def test_rf_detr_gives_class_names():

@@ -79,8 +79,8 @@ class RemindExplainer(Explainer[FrameRecord]):
         sets = dataclasses.replace(
             sets, detections=sets.detections[:, :num], member_id=sets.member_id[:, :num]
         )
-        kept = first_rows((decisions, trace.stages, trace.detections), num)
-        return FrameRecord(*kept, sets, trace.context)
+        decided, stages, known = first_rows((decisions, trace.stages, trace.detections), num)
+        return FrameRecord(decided, stages, known, sets, trace.context)
 
     def _explain(self, record: FrameRecord, tracks: Tracks, row: int) -> RemindExplanation:
         labels = self._archive.labels

@@ -9,9 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Int
 
 from remind_jax.errors import SourceError
-from remind_jax.frame import Detections
+from remind_jax.frame import Detections, fill_boxes
 from remind_jax.sources.class_names import ANY_CLASS
-from remind_jax.sources.detections import fill_boxes
 
 
 def read_detections(

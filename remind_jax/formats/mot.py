@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import configparser
 import dataclasses
-import errno
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -19,11 +17,10 @@ from jaxtyping import Float, Int
 
 from remind_jax import files
 from remind_jax.errors import SourceError
+from remind_jax.files.limits import MAX_FRAMES, MAX_SIDE_PX, MAX_TEXT_BYTES
+from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.frame import Rle
-from remind_jax.masks.run_length import find_malformed
-from remind_jax.metrics.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
-from remind_jax.metrics.sequence import check_rows
-from remind_jax.metrics.similarity import find_overlap
+from remind_jax.masks.run_length import find_malformed, mask_areas, union_area
 
 FileFormat = Literal["mot", "mots", "kitti-mots"]
 
@@ -31,18 +28,13 @@ MOTS_CLASSES = {1: "car", 2: "pedestrian"}
 MOTS_IGNORE_CLASS = 10
 DEFAULT_MOTS_CLASS = 2
 
-# A larger number is a time stamp or a damaged row; memory is taken by the number of frames.
-MAX_FRAMES = 10_000_000
-
 SIZE_UNKNOWN = (
     "the frame size is unknown (no seqinfo.ini with imWidth and imHeight beside the truth), "
     "so nothing is said by size of observation"
 )
 
-_MOST_TEXT_BYTES = 64 << 20  # some 15 times that in memory
-_MOST_NUMBER = 1e16
-_MOST_SIDE_PX = 1 << 16
-_MOST_ID = 2**63 - 1
+_MAX_NUMBER = 1e16
+_MAX_ID = 2**63 - 1
 
 # Whole numbers up to here are exact as floats.
 _MAX_WHOLE = 2.0**53
@@ -134,11 +126,11 @@ def read_frame_size(gt_path: Path) -> tuple[int, int] | None:
     folder = gt_path.parent.parent if gt_path.parent.name == "gt" else gt_path.parent
     content = configparser.ConfigParser()
     try:
-        content.read_string(files.read_text(folder / "seqinfo.ini", _MOST_TEXT_BYTES))
+        content.read_string(files.read_text(folder / "seqinfo.ini", MAX_TEXT_BYTES))
         size = tuple(content.getint("Sequence", key) for key in ("imHeight", "imWidth"))
     except (configparser.Error, ValueError, OSError):
         return None
-    return (size[0], size[1]) if 0 < min(size) <= max(size) <= _MOST_SIDE_PX else None
+    return (size[0], size[1]) if 0 < min(size) <= max(size) <= MAX_SIDE_PX else None
 
 
 def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
@@ -147,9 +139,6 @@ def _read_boxes(path: str | Path, name: str, *, is_truth: bool) -> TrackRows:
         table = table[np.argsort(table[:, 0], kind="stable")]
     frame, track_id = table[:, :2].astype(np.int64).T
     frame, num_frames = _count_frames(path, frame, 1)
-    check_rows(
-        "ground truth" if is_truth else "prediction", str(path), num_frames, frame, track_id, 1
-    )
     boxes = table[:, 2:6].copy()
     boxes[:, 2:] += boxes[:, :2]
     num_columns = table.shape[1]
@@ -179,7 +168,7 @@ def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool
             frame, track_id, class_id, height, width, counts = line.split()
             row = int(frame), int(track_id), int(class_id)
             size = [int(height), int(width)]
-            if max(map(abs, row)) > _MOST_ID or not 1 <= min(size) <= max(size) <= _MOST_SIDE_PX:
+            if max(map(abs, row)) > _MAX_ID or not 1 <= min(size) <= max(size) <= MAX_SIDE_PX:
                 raise ValueError("beyond all measure")
             numbers.append(row)
             rles.append({"size": size, "counts": counts.encode("ascii")})
@@ -187,7 +176,7 @@ def _read_masks(path: str | Path, name: str, first_frame: int, *, is_truth: bool
             raise SourceError(
                 f"{path}, line {line_number}: '{line[:60]}' is not a MOTS row; "
                 "it needs frame id class height width rle, separated by spaces, whole numbers and "
-                f"sides of 1 to {_MOST_SIDE_PX} pixels"
+                f"sides of 1 to {MAX_SIDE_PX} pixels"
             ) from None
     wrong = find_malformed(rles)
     if wrong is not None:
@@ -270,7 +259,7 @@ def _check_overlaps(rows: TrackRows) -> None:
     for frame, rle in zip(frames, (*rows.rles, *rows.ignored_rles), strict=True):
         by_frame.setdefault(frame, []).append(rle)
     for frame, rles in by_frame.items():
-        if find_overlap(rles):
+        if len(rles) > 1 and int(mask_areas(rles).sum()) != union_area(rles):
             raise SourceError(
                 f"{rows.file}, frame {frame + rows.first_frame}: masks overlap; in MOTS a pixel "
                 "belongs to one object"
@@ -288,70 +277,30 @@ def _check_classes(class_id: int, truth: TrackRows, prediction: TrackRows) -> No
 
 
 def _read_text(path: str | Path) -> str:
-    try:
-        return files.read_text(path, _MOST_TEXT_BYTES)
-    except OSError as error:
-        if error.errno == errno.EILSEQ:
-            raise SourceError(
-                f"{path} is not a text file to score ({error.strerror}); give MOTChallenge or MOTS "
-                "text"
-            ) from None
-        raise SourceError(f"{path} cannot be read: {error.strerror}") from None
+    with files.reading(path):
+        return files.read_text(path, MAX_TEXT_BYTES)
 
 
 def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
     """The rows of a MOTChallenge file, checked."""
-    lines = _read_text(path).splitlines()
-    rows = [line for line in lines if line.strip()]
+    rows = [line for line in _read_text(path).splitlines() if line.strip()]
     if not rows:
         return np.zeros((0, 10))
-    delimiter = "," if "," in rows[0] else None
-    try:
-        table = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None)
-    except ValueError:
-        number, row = _find_bad_row(lines, delimiter)
-        raise SourceError(
-            f"{path} is not MOTChallenge text: row {number} is '{row[:60]}'; every row needs the "
-            "same columns of numbers, frame,id,left,top,width,height,..."
-        ) from None
+    with files.reading(path):
+        table = np.loadtxt(rows, delimiter="," if "," in rows[0] else None, ndmin=2, comments=None)
     if table.shape[1] < 6:
         raise SourceError(
-            f"{path} has rows of {table.shape[1]} columns; MOTChallenge needs frame,id,left,top,"
+            f"'{path}' has rows of {table.shape[1]} columns; MOTChallenge needs frame,id,left,top,"
             "width,height"
         )
-    wrong = np.argwhere(~(np.abs(table[:, 2:]) <= _MOST_NUMBER))
-    if len(wrong):
-        row, column = wrong[0]
-        raise SourceError(
-            f"{path}, row {row + 1}: column {column + 3} is {table[row, column + 2]:g}; give a "
-            f"finite number up to {_MOST_NUMBER:g}"
-        )
-    wrong = np.flatnonzero((table[:, 4:6] < 0).any(axis=1))
-    if len(wrong):
-        width, height = table[wrong[0], 4:6]
-        raise SourceError(
-            f"{path}, row {wrong[0] + 1}: a box is {width:g} x {height:g} pixels (width x height); "
-            "give sides of 0 or more"
-        )
     whole = table[:, :2]
-    wrong = np.argwhere((whole != np.round(whole)) | (np.abs(whole) > _MAX_WHOLE))
-    if len(wrong):
-        row, column = wrong[0]
+    is_good = np.abs(table) <= _MAX_NUMBER
+    is_good[:, :2] = (whole == np.round(whole)) & (np.abs(whole) <= _MAX_WHOLE)
+    is_good[:, 4:6] &= table[:, 4:6] >= 0
+    if not is_good.all():
+        row, column = np.argwhere(~is_good)[0]
         raise SourceError(
-            f"{path}, row {row + 1}: {('frame', 'id')[column]} is {whole[row, column]}; "
-            "it must be a whole number"
+            f"'{path}', row {row + 1}: column {column + 1} is {table[row, column]:g}; give whole "
+            f"numbers as frame and id, sides of 0 or more, and finite numbers up to {_MAX_NUMBER:g}"
         )
     return table
-
-
-def _find_bad_row(lines: Sequence[str], delimiter: str | None) -> tuple[int, str]:
-    """Number and text of the first row that is not numeric or not as long as the first."""
-    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    for number, row in rows:
-        try:
-            num_cells = len([float(cell) for cell in row.split(delimiter)])
-        except ValueError:
-            num_cells = 0
-        if num_cells != len(rows[0][1].split(delimiter)):
-            return number, row.strip()
-    return rows[0][0], rows[0][1].strip()

@@ -21,18 +21,6 @@ UNKNOWN_CLASS = -1
 
 
 @dataclasses.dataclass(frozen=True)
-class Federation:
-    """What is labeled in a scene whose truth leaves objects out on purpose (TAO, BURST).
-
-    Classes are places in `TrackRows.class_names`.
-    """
-
-    absent: frozenset[int] = frozenset()  # verified not to occur: their predictions are wrong
-    incomplete: frozenset[int] = frozenset()  # not all of their objects are labeled
-    unused: frozenset[int] = frozenset()  # not evaluated (distractors of BURST)
-
-
-@dataclasses.dataclass(frozen=True)
 class TrackRows:
     """Truth or predictions of one scene, ordered by frame."""
 
@@ -53,8 +41,7 @@ class TrackRows:
     )
     ignored_rles: tuple[Rle, ...] = ()  # regions in which nothing is known
     is_void: bool = False  # these are cut out of predictions pixel by pixel (DAVIS)
-    federation: Federation | None = None  # None: everything is labeled
-    text_class: Int[np.ndarray, "N"] = dataclasses.field(  # number in text, see `formats.text`
+    text_class: Int[np.ndarray, "N"] = dataclasses.field(  # number in text, see `formats.mot`
         default_factory=lambda: np.zeros(0, np.int64)
     )
     first_frame: int = 0  # number of the first frame, for messages
@@ -119,7 +106,6 @@ class RowCollector:
         class_names: Sequence[str] = (),
         frame_names: Sequence[str] | None = None,
         frame_size: tuple[int, int] | None = None,
-        federation: Federation | None = None,
     ) -> TrackRows:
         """The rows, ordered by frame.
 
@@ -152,7 +138,6 @@ class RowCollector:
             class_names=tuple(class_names),
             rles=tuple(rles) if has_masks else None,
             frame_names=None if frame_names is None else tuple(frame_names),
-            federation=federation,
         ).select(np.argsort(frame, kind="stable"))
         size = frame_size or (size_of(rows.rles[0]) if rows.rles else None)
         return dataclasses.replace(rows, frame_size=size)

@@ -13,8 +13,8 @@ from jaxtyping import Int
 from remind_jax.decision import NO_ID
 from remind_jax.errors import SourceError
 from remind_jax.files.records import read_lines
+from remind_jax.formats.rows import RowCollector, TrackRows
 from remind_jax.metrics.collapse import keep_unique_labels
-from remind_jax.metrics.formats.rows import RowCollector, TrackRows
 from remind_jax.tracks import Tracks
 
 RUN_FILE = "detections.jsonl"

@@ -6,8 +6,7 @@
 | `mots`, `kitti-mots` | MOTS text: likewise |
 | `davis` | instance maps, one PNG per frame: a folder, or folders of them |
 | `coco-video` | COCO-video / YouTube-VIS JSON, truth or list of results |
-| `tao` | TAO or CocoVID JSON, truth or list of results |
-| `burst` | BURST JSON |
+| `coco-vid` | CocoVID JSON, truth or list of results |
 | `cvat` | XML of CVAT for video, or the zip that holds it |
 | `mots-png` | MOTS PNG: a zip or folder with `instances/*.png` of 16 bits |
 | `run` | output folder of `remind run`, or a folder of such folders |
@@ -22,21 +21,35 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
 from remind_jax import files
 from remind_jax.errors import SourceError
-from remind_jax.files.records import read_json
-from remind_jax.metrics.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
-from remind_jax.metrics.formats.json_index import JsonIndex, index_json
-from remind_jax.metrics.formats.json_records import Content, Entry, TrackFile
-from remind_jax.metrics.formats.json_tracks import group_by_video, index_burst, read_video
-from remind_jax.metrics.formats.label_maps import find_classes, find_map_scenes, read_label_maps
-from remind_jax.metrics.formats.mots_png import find_mots_png, read_mots_png
-from remind_jax.metrics.formats.rows import TrackRows
-from remind_jax.metrics.formats.run_folder import holds_run, read_run_rows
-from remind_jax.metrics.formats.text import FileFormat, read_text_rows, recognize_format
+from remind_jax.formats.coco import read_data_set
+from remind_jax.formats.coco_tracks import (
+    CocoFormat,
+    CocoIndex,
+    group_by_video,
+    index_videos,
+    read_video,
+    recognize_coco,
+)
+from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
+from remind_jax.formats.instance_maps import (
+    find_map_scenes,
+    find_mots_png,
+    read_instance_maps,
+    read_mots_png,
+)
+from remind_jax.formats.mot import FileFormat, read_text_rows, recognize_format
+from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
+from remind_jax.metrics.run_folder import holds_run, read_run_rows
+from remind_jax.sources.class_names import UNNAMED, ClassNames, parse_metadata
+from remind_jax.sources.davis import metadata_files
+from remind_jax.sources.label_maps import require_classes
 
 Format = Literal[
-    "mot", "mots", "kitti-mots", "davis", "coco-video", "tao", "burst", "cvat", "mots-png", "run"
+    "mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "mots-png", "run"
 ]
 FORMATS: tuple[str, ...] = get_args(Format)
 TEXT_FORMATS: tuple[FileFormat, ...] = ("mot", "mots", "kitti-mots")
@@ -50,9 +63,7 @@ class SceneSet:
     format: Format
     read: Mapping[str, Callable[[], TrackRows]]  # by name of the scene
     files: Mapping[str, Path]  # where each scene lies
-    index: JsonIndex = dataclasses.field(
-        default_factory=JsonIndex
-    )  # of JSON truth, for lists of results
+    index: CocoIndex = dataclasses.field(default_factory=CocoIndex)  # for lists of results
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -81,19 +92,15 @@ def open_scenes(
     path = files.as_path(path, "what is to be scored", SourceError)
     if not path.exists():
         raise SourceError(f"{path} cannot be read: No such file or directory")
-    try:
+    with files.reading(path):
         files.check_regular(path)
-    except OSError as error:
-        raise SourceError(f"{path} cannot be read: {error.strerror}") from error
     if format == "mots-png" or (format is None and find_mots_png(path) is not None):
         return SceneSet(
             path, "mots-png", {path.stem: functools.partial(read_mots_png, path)}, {path.stem: path}
         )
     if path.is_dir():
-        try:
+        with files.reading(path):
             return _open_folder(path, format, is_truth=truth is None)
-        except OSError as error:
-            raise SourceError(f"{path} cannot be read: {error.strerror}") from error
     if format == "cvat" or (format is None and looks_like_cvat(path)):
         name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
         return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
@@ -102,7 +109,7 @@ def open_scenes(
             f"'{path}' is a zip that holds neither '{NAME_IN_ZIP}' of CVAT nor MOTS PNG "
             "('instances/*.png'); pack one of these, or unpack it"
         )
-    if path.suffix.lower() == ".json" or format in ("coco-video", "tao", "burst"):
+    if path.suffix.lower() == ".json" or format in get_args(CocoFormat):
         return _open_json(path, format, truth)
     if format in ("davis", "run"):
         raise SourceError(f"{path} is a file; format '{format}' is a folder")
@@ -172,71 +179,68 @@ def _find_texts(path: Path) -> dict[str, Path]:
 
 
 def _read_maps(name: str, folder: Path, is_truth: bool) -> TrackRows:
-    return read_label_maps(
-        folder, name, is_truth=is_truth, classes=find_classes(folder, name) if is_truth else None
-    )
+    """Instance maps; an instance of class null is left out of truth, as it is of a run."""
+    rows = read_instance_maps(folder, name, is_truth=is_truth)
+    classes = find_classes(folder, name) if is_truth else None
+    if classes is None:
+        return rows
+    ids = np.unique(rows.track_id).tolist()
+    require_classes(classes, ids, str(folder))
+    names = sorted({label for i in ids if (label := classes[i]) is not None})
+    index = {i: UNKNOWN_CLASS if classes[i] is None else names.index(str(classes[i])) for i in ids}
+    class_id = np.array([index[number] for number in rows.track_id.tolist()], np.int64)
+    named = dataclasses.replace(rows, class_id=class_id, class_names=tuple(names))
+    return named.select(class_id != UNKNOWN_CLASS)
+
+
+def find_classes(folder: Path, name: str) -> ClassNames | None:
+    """Class of each instance of a scene of instance maps, from metadata there or in folders above.
+
+    The folder above `Annotations` is the last one looked into; without that, the one above the
+    maps.
+
+    Raises:
+      SourceError: If a metadata file is damaged.
+    """
+    above = [folder, *folder.parents]
+    roots = [i for i, place in enumerate(above[:4]) if (place / "Annotations").is_dir()]
+    for place in above[: roots[0] + 1 if roots else 2]:
+        for file in dict.fromkeys(Path(file).name for file in metadata_files(name)):
+            path = place / file
+            if path.is_file():
+                with files.reading(path):
+                    data = files.read_bytes(path)
+                classes = parse_metadata(data, str(path), name).classes
+                if classes is not UNNAMED:
+                    return classes
+    return None
 
 
 def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> SceneSet:
-    content: Content = read_json(path, Content)  # pyright: ignore[reportArgumentType]
-    found = format or _recognize_json(path, content, truth)
-    if isinstance(content, list):
-        if found == "burst" or truth is None or not truth.index.videos:
-            raise SourceError(
-                f"{path} is a list of results, which names videos by number only; give truth in "
-                "the JSON of the same data set"
-            )
-        index = truth.index
-    elif found == "burst":
-        _require(content.sequences, "sequences", path, found)
-        index = index_burst(content)
+    file = str(path)
+    with files.reading(path):
+        content = read_data_set(files.read_bytes(path), file)
+    like: Any = truth.format if truth is not None and truth.index.videos else None
+    found: Any = format or recognize_coco(content, file) or like
+    if found is None:
+        found = "coco-vid" if content.images else "coco-video"
+    if content.videos or truth is None:
+        index = index_videos(content, file)
     else:
-        _require(content.videos, "videos", path, found)
-        index = index_json(content)
-    return _json_scenes(path, content, found, index)
-
-
-def _require(part: Any, name: str, path: Path, format: Format) -> None:
-    if part is None:
-        raise SourceError(f"{path} is not {format} JSON: `{name}` is missing; add it")
-
-
-def _json_scenes(path: Path, content: Content, format: Any, index: JsonIndex) -> SceneSet:
-    groups = group_by_video(content, format, index)
+        index = truth.index
+    if not index.videos:
+        raise SourceError(
+            f"'{path}' names no `videos`: it is no truth, and a list of results names them by "
+            "number only; give truth in the JSON of the same data set"
+        )
+    groups = group_by_video(content, found, index, file)
     read = {
         video.name: functools.partial(
-            read_video,
-            groups.get(number, []),
-            format,
-            index,
-            number,
-            str(path),
-            is_results=isinstance(content, list),
+            read_video, groups.get(number, []), found, index, number, file
         )
         for number, video in index.videos.items()
     }
-    return SceneSet(path, format, read, dict.fromkeys(read, path), index)
-
-
-def _recognize_json(path: Path, content: Content, truth: SceneSet | None) -> Format:
-    if isinstance(content, TrackFile) and content.sequences is not None:
-        return "burst"
-    is_set = isinstance(content, list) or content.videos is not None
-    rows = content if isinstance(content, list) else content.annotations or ()
-    if is_set and not rows and truth is not None and truth.format in ("coco-video", "tao"):
-        return truth.format
-    first = rows[0] if is_set and rows else Entry()
-    if first.segmentations is not None or first.bboxes is not None:
-        return "coco-video"
-    has_track = first.track_id is not None or first.instance_id is not None
-    if first.image_id is not None and has_track:
-        return "tao"
-    if is_set and isinstance(content, TrackFile) and not rows:
-        return "tao" if content.images else "coco-video"
-    raise SourceError(
-        f"{path} is no JSON of tracks: COCO-video / YouTube-VIS ('segmentations' per track), TAO "
-        "('image_id' and 'track_id') or BURST ('sequences')"
-    )
+    return SceneSet(path, found, read, dict.fromkeys(read, path), index)
 
 
 def is_blank(path: Path) -> bool:
@@ -245,7 +249,5 @@ def is_blank(path: Path) -> bool:
     Raises:
       SourceError: If it cannot be read.
     """
-    try:
+    with files.reading(path):
         return not files.read_bytes(path).strip()
-    except OSError as error:
-        raise SourceError(f"{path} cannot be read: {error.strerror}") from error

@@ -14,9 +14,9 @@ import pytest
 
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.metrics import SceneOptions, evaluate
-from remind_jax.metrics.formats.opening import open_scenes
-from tests.metrics.formats import scenes as made
-from tests.metrics.formats.scenes import ANSWERS, TRUTH
+from remind_jax.metrics.opening import open_scenes
+from tests.formats import scenes as made
+from tests.formats.scenes import ANSWERS, TRUTH
 
 Writer = Callable[[Path, dict[str, list[str]]], Path]
 
@@ -37,9 +37,8 @@ WRITERS: dict[str, tuple[str, Writer]] = {
     "davis": ("davis", made.write_davis),
     "coco masks": ("coco-video", _json(made.coco_video)),
     "coco boxes": ("coco-video", _json(lambda scenes: made.coco_video(scenes, "bboxes"))),
-    "tao masks": ("tao", _json(lambda scenes: made.tao(scenes, True))),
-    "tao boxes": ("tao", _json(lambda scenes: made.tao(scenes, False))),
-    "burst": ("burst", _json(made.burst)),
+    "vid masks": ("coco-vid", _json(lambda scenes: made.coco_vid(scenes, True))),
+    "vid boxes": ("coco-vid", _json(lambda scenes: made.coco_vid(scenes, False))),
 }
 
 # Object 1 shrinks to half of its mask in the last frame (an overlap of 0.5 counts as a match);
@@ -48,7 +47,7 @@ EXPECTED = {"IDTP": 9, "IDFN": 1, "IDFP": 1, "IDSW": 1, "GT_IDs": 3, "Opportunit
 
 
 @pytest.mark.parametrize("prediction", WRITERS)
-@pytest.mark.parametrize("truth", ["mot", "mots", "davis", "coco masks", "tao masks", "burst"])
+@pytest.mark.parametrize("truth", ["mot", "mots", "davis", "coco masks", "vid masks"])
 def test_every_mixture_scores_alike(tmp_path: Path, truth: str, prediction: str):
     truth_path = WRITERS[truth][1](tmp_path / "truth", TRUTH)
     made_of = {k: v for k, v in ANSWERS.items()}
@@ -88,13 +87,13 @@ def test_result_lists_lean_on_the_truth(tmp_path: Path):
     truth = made.write_json(tmp_path / "truth.json", made.coco_video(TRUTH))
     results = made.write_json(tmp_path / "results.json", made.coco_results(ANSWERS))
     assert evaluate(truth, results).scores()["IDTP"] == 9
-    truth = made.write_json(tmp_path / "tao.json", made.tao(TRUTH, False))
-    results = made.write_json(tmp_path / "r.json", made.tao(ANSWERS, False)["annotations"])
+    truth = made.write_json(tmp_path / "vid.json", made.coco_vid(TRUTH, False))
+    results = made.write_json(tmp_path / "r.json", made.coco_vid(ANSWERS, False)["annotations"])
     assert evaluate(truth, results).scores()["IDTP"] == 9
     empty = made.write_json(tmp_path / "empty.json", [])
     assert evaluate(truth, empty).scores()["IDFN"] == 10
     davis = made.write_davis(tmp_path / "davis", TRUTH)
-    with pytest.raises(SourceError, match="list of results, which names videos by number only"):
+    with pytest.raises(SourceError, match="list of results"):
         evaluate(davis, results)
 
 
@@ -160,7 +159,7 @@ def test_failed_scenes_are_counted(tmp_path: Path):
     )
     evaluation = evaluate(truth, prediction, format="mot")
     assert list(evaluation.failed) == ["two"]
-    assert "is not MOTChallenge text" in evaluation.failed["two"]
+    assert "two.txt" in evaluation.failed["two"]
     assert (evaluation.scores()["Scenes"], evaluation.scores()["FailedScenes"]) == (2, 1)
     (prediction / "two.txt").unlink()
     (prediction / "three.txt").write_text(made.mot_text(ANSWERS["two"]))
@@ -173,57 +172,43 @@ def test_failed_scenes_are_counted(tmp_path: Path):
         evaluate(truth, prediction, format="mot")
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ({"a": 1}, "no JSON of tracks"),
-        ([{"image_id": 1}], "no JSON of tracks"),
-        (3, "found 3, allowed is a mapping or a list"),
-        (
-            {"sequences": [{"seq_name": "a", "height": 4, "width": 6}]},
-            "'a' has no 'annotated_image_paths'",
-        ),
-        ({"sequences": [{"seq_name": "a"}]}, "`sequences`, row 1: `height` is missing"),
-        (
-            {"annotations": [{"segmentations": []}], "videos": [{"name": "a"}]},
-            "`videos`, row 1: `id` is missing",
-        ),
-        ({"videos": [{"id": 1, "length": 10**9}]}, "`length`: found 1000000000, allowed is an int"),
-        ({"videos": [{"id": 1, "name": "x" * 20_000}]}, "`name`: found .*text of at most 10000"),
-    ],
-)
-def test_other_json_is_refused(tmp_path: Path, content: Any, message: str):
-    path = made.write_json(tmp_path / "x.json", content)
-    with pytest.raises(SourceError, match=message):
-        open_scenes(path)
+def test_other_json_is_refused(tmp_path: Path):
+    federated = made.coco_video(TRUTH)
+    federated["videos"][0]["neg_category_ids"] = [1]
+    for content in (
+        {"a": 1},
+        [{"image_id": 1}],
+        3,
+        {"annotations": [{"segmentations": []}], "videos": [{"name": "a"}]},
+        {"videos": [{"id": 1, "length": 10**9}]},
+        {"videos": [{"id": 1, "name": "x" * 20_000}]},
+        federated,
+    ):
+        path = made.write_json(tmp_path / "x.json", content)
+        with pytest.raises(SourceError, match=r"x\.json"):
+            open_scenes(path)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"segmentations": [{"size": [4, 6]}]}, r"`segmentations\[0\]`: `counts` is missing"),
-        (
-            {"segmentations": [{"size": [4, 10**6], "counts": ""}]},
-            "number 2: found 1000000",
-        ),
-        ({"segmentations": [{"size": [4, 6], "counts": "\u00e9"}]}, "its code is no ASCII"),
-        ({"segmentations": [[[1e9, 1, 2, 2, 3, 3]]]}, "number 1: found 1000000000.0, allowed is"),
-        ({"bboxes": [[1, 2, 3]], "segmentations": None}, "a box has 3 numbers; give left, top"),
-        ({"bboxes": [[1, 2, 3, 1e300]], "segmentations": None}, r"found 1e\+300, allowed is a fin"),
-        ({"segmentations": [{"size": [4, 6], "counts": "zz"}]}, "do not add up to a mask of 4 x 6"),
-        ({"segmentations": [{"size": [4, 6], "counts": [3, 4]}]}, "does not add up to its size"),
-        ({"segmentations": [[[1, 1, 2]]]}, "found a list of 3, allowed is a list of at least 6"),
-        ({"segmentations": [None] * 5}, "has 5 frames, its video 'one' 4"),
-        ({"segmentations": None}, "neither 'segmentations' nor 'bboxes'"),
-        ({"id": "x"}, "row 2, `id`: found .x., allowed is an integer"),
-    ],
-)
-def test_bad_annotations_are_refused(tmp_path: Path, change: dict[str, Any], message: str):
-    content = made.coco_video({"one": TRUTH["one"]})
-    content["annotations"][1] |= change
-    path = made.write_json(tmp_path / "x.json", content)
-    with pytest.raises(SourceError, match=message):
-        open_scenes(path).read["one"]()
+def test_bad_annotations_are_refused(tmp_path: Path):
+    for change in (
+        {"segmentations": [{"size": [4, 6]}]},
+        {"segmentations": [{"size": [4, 10**6], "counts": ""}]},
+        {"segmentations": [{"size": [4, 6], "counts": "\u00e9"}]},
+        {"segmentations": [[[1e9, 1, 2, 2, 3, 3]]]},
+        {"bboxes": [[1, 2, 3]], "segmentations": None},
+        {"bboxes": [[1, 2, 3, 1e300]], "segmentations": None},
+        {"segmentations": [{"size": [4, 6], "counts": "zz"}]},
+        {"segmentations": [{"size": [4, 6], "counts": [3, 4]}]},
+        {"segmentations": [[[1, 1, 2]]]},
+        {"segmentations": [None] * 5},
+        {"segmentations": None},
+        {"id": "x"},
+    ):
+        content = made.coco_video({"one": TRUTH["one"]})
+        content["annotations"][1] |= change
+        path = made.write_json(tmp_path / "x.json", content)
+        with pytest.raises(SourceError, match=r"x\.json.*row 2"):
+            open_scenes(path).read["one"]()
 
 
 @pytest.mark.parametrize("name", ["pipe", "pipe.json", "pipe.xml", "pipe.zip", "pipe.txt"])
@@ -239,7 +224,7 @@ def test_bad_places_are_refused(tmp_path: Path):
     with pytest.raises(SourceError, match="holds no tracks in a known format"):
         open_scenes(tmp_path)
     (tmp_path / "broken.json").write_text("{")
-    with pytest.raises(SourceError, match="its JSON is cut short or damaged"):
+    with pytest.raises(SourceError, match="truncated"):
         open_scenes(tmp_path / "broken.json")
     undecided: Any = "later"
     with pytest.raises(RemindError, match="undecided is 'later'; allowed: collapse, strict"):

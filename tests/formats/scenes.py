@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from remind_jax.formats.rows import boxes_of
 from remind_jax.masks.run_length import encode_label_map
-from remind_jax.metrics.formats.rows import boxes_of
 
 # Columns of a frame that an object covers; object 2 leaves and returns.
 TRUTH = {
@@ -104,8 +104,8 @@ def coco_results(scenes: dict[str, list[str]]) -> list[dict[str, Any]]:
     ]
 
 
-def tao(scenes: dict[str, list[str]], with_masks: bool) -> dict[str, Any]:
-    """TAO JSON: one annotation per object and image."""
+def coco_vid(scenes: dict[str, list[str]], with_masks: bool) -> dict[str, Any]:
+    """CocoVID JSON: one annotation per object and image."""
     videos, images, annotations = [], [], []
     for video_id, (scene, rows) in enumerate(scenes.items(), 1):
         videos.append({"id": video_id, "name": scene, "height": HEIGHT, "width": len(rows[0])})
@@ -125,27 +125,6 @@ def tao(scenes: dict[str, list[str]], with_masks: bool) -> dict[str, Any]:
         "annotations": annotations,
         "categories": categories,
     }
-
-
-def burst(scenes: dict[str, list[str]]) -> dict[str, Any]:
-    """BURST JSON: masks per annotated frame."""
-    sequences = []
-    for scene, rows in scenes.items():
-        masks: list[dict[str, Any]] = [{} for _ in rows]
-        for frame, number, code, _ in rows_of(rows):
-            masks[frame][str(number)] = {"rle": code["counts"], "is_gt": True}
-        sequences.append(
-            {
-                "dataset": "made",
-                "seq_name": scene,
-                "height": HEIGHT,
-                "width": len(rows[0]),
-                "annotated_image_paths": [f"{frame:05d}.jpg" for frame in range(len(rows))],
-                "segmentations": masks,
-                "track_category_ids": {},
-            }
-        )
-    return {"sequences": sequences, "categories": []}
 
 
 def write_json(path: Path, content: Any) -> Path:

@@ -1,0 +1,218 @@
+"""Truth and tracks from CVAT: the XML of video tasks, alone or in the zip that CVAT gives.
+
+Masks, boxes and polygons of tracks are read; other shapes are refused. Between two stated frames
+the earlier shape holds, as for masks in CVAT, and boxes go over to the later one in a straight
+line. Where a shape is `outside`, nothing is there until the next one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+from xml.etree import ElementTree
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from remind_jax import files
+from remind_jax.crops import Crops
+from remind_jax.errors import SourceError
+from remind_jax.files import limits
+from remind_jax.files.records import Count
+from remind_jax.formats.rows import RowCollector, TrackRows
+from remind_jax.frame import Rle, fill_boxes
+from remind_jax.masks.run_length import encode_masks, encode_polygon
+
+NAME_IN_ZIP = "annotations.xml"
+_Pixel = Annotated[int, Meta(ge=0, le=limits.MAX_SIDE_PX)]
+_Side = Annotated[int, Meta(ge=1, le=limits.MAX_SIDE_PX)]
+_Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Frame = Annotated[int, Meta(ge=0, lt=limits.MAX_FRAMES)]
+_Label = Annotated[str, Meta(min_length=1, max_length=limits.MAX_LABEL)]
+_Size = tuple[int, int]  # height and width in pixels
+
+
+class _Shape(msgspec.Struct, frozen=True, kw_only=True):
+    frame: _Frame
+    outside: bool = False
+
+
+class _Box(_Shape, frozen=True, kw_only=True):
+    xtl: _Coordinate
+    ytl: _Coordinate
+    xbr: _Coordinate
+    ybr: _Coordinate
+
+
+class _Mask(_Shape, frozen=True, kw_only=True):
+    left: _Pixel
+    top: _Pixel
+    width: _Pixel
+    height: _Pixel
+    rle: str  # runs in rows of its box: background, mask, background, ...
+
+
+class _Polygon(_Shape, frozen=True, kw_only=True):
+    points: str  # "x,y;x,y;x,y"
+
+
+class _Track(msgspec.Struct, frozen=True):
+    id: Count
+    label: _Label
+
+
+class _FrameSize(msgspec.Struct, frozen=True):
+    height: _Side
+    width: _Side
+
+
+_SHAPES: Mapping[str, type[_Shape]] = {"box": _Box, "mask": _Mask, "polygon": _Polygon}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Sight:
+    """Where a track is in a frame: nowhere, in a box (left, top, right, bottom), or in a mask."""
+
+    frame: int
+    box: tuple[float, float, float, float] | None = None
+    rle: Rle | None = None
+
+
+def looks_like_cvat(path: Path) -> bool:
+    """Whether a file is the XML of CVAT, or a zip that holds it."""
+    if path.suffix.lower() == ".xml":
+        return True
+    if not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return NAME_IN_ZIP in archive.namelist()
+
+
+def read_cvat(path: str | Path) -> TrackRows:
+    """Reads the tracks of a video task as one scene.
+
+    Raises:
+      SourceError: If the file cannot be read, is no such XML, or holds impossible shapes.
+    """
+    path = Path(path)
+    with files.reading(path):
+        root = _parse(path)
+        size = _frame_size(root)
+        stated = msgspec.convert(root.findtext(".//meta//size") or "0", Count, strict=False)
+        tracks = [_read_track(track, size, path) for track in root.iter("track")]
+    if root.find("image") is not None and not tracks:
+        raise SourceError(
+            f"'{path}' is of CVAT for images, which has no identities; export 'CVAT for video'"
+        )
+    sights = [sight for _, found in tracks for sight in found if sight != _Sight(sight.frame)]
+    num_frames = min(limits.MAX_FRAMES, max([stated, *(sight.frame + 1 for sight in sights)]))
+    class_names = sorted({track.label for track, _ in tracks})
+    has_masks = any(sight.rle is not None for sight in sights)
+    if has_masks and size is None:
+        raise SourceError(f"'{path}' has masks and no original_size; add it to its meta")
+    rows = RowCollector()
+    for track, found in tracks:
+        class_id = class_names.index(track.label)
+        for sight in _fill_gaps(found):
+            rle, box = sight.rle, sight.box
+            if sight.frame >= num_frames or (rle, box) == (None, None):
+                continue
+            if has_masks and rle is None:
+                (rle,) = encode_masks(fill_boxes(np.array([box]), size))  # pyright: ignore
+            rows.add(sight.frame, track.id, class_id, rle=rle, box=None if has_masks else box)
+    name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
+    return rows.finish(name, num_frames, class_names=class_names, frame_size=size)
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    if path.suffix.lower() == ".xml":
+        data = files.read_bytes(path, limits.MAX_XML_BYTES)
+    else:
+        with zipfile.ZipFile(path) as archive:
+            if archive.getinfo(NAME_IN_ZIP).file_size > limits.MAX_XML_BYTES:
+                raise ValueError(f"{NAME_IN_ZIP} has over {limits.MAX_XML_BYTES >> 20} MiB")
+            data = archive.read(NAME_IN_ZIP)
+    # CVAT declares no entities; whoever does may make them as long as memory.
+    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise ValueError("entities are declared, which are not read; take the DOCTYPE out")
+    root = ElementTree.fromstring(data)
+    if root.tag != "annotations":
+        raise ValueError(f"no XML of CVAT, its root is '{root.tag[:60]}'")
+    return root
+
+
+def _frame_size(root: ElementTree.Element) -> _Size | None:
+    """Height and width, where they are stated."""
+    element = root.find(".//original_size")
+    if element is None:
+        return None
+    said = {part.tag: part.text or "" for part in element}
+    size = msgspec.convert(said, _FrameSize, strict=False)
+    if size.height * size.width > limits.MAX_PIXELS:
+        raise ValueError(f"frames of {size.width}x{size.height} pixels are larger than is read")
+    return size.height, size.width
+
+
+def _read_track(
+    element: ElementTree.Element, size: _Size | None, path: Path
+) -> tuple[_Track, list[_Sight]]:
+    """A track, and its stated sights by frame."""
+    track = msgspec.convert(element.attrib, _Track, strict=False)
+    sights = []
+    for part in element:
+        if part.tag == "attribute":
+            continue
+        place = f"track {track.id}, {part.tag} of frame {part.get('frame')}"
+        with files.reading(path, place=place):
+            if part.tag not in _SHAPES:
+                raise ValueError(f"allowed are {', '.join(_SHAPES)}")
+            shape: Any = msgspec.convert(part.attrib, _SHAPES[part.tag], strict=False)
+            sights.append(_Sight(shape.frame) if shape.outside else _see(shape, size))
+    return track, sorted(sights, key=lambda sight: sight.frame)
+
+
+def _see(shape: Any, size: _Size | None) -> _Sight:
+    if isinstance(shape, _Box):
+        if shape.xbr < shape.xtl or shape.ybr < shape.ytl:
+            raise ValueError("its right or lower edge comes first")
+        return _Sight(shape.frame, box=(shape.xtl, shape.ytl, shape.xbr, shape.ybr))
+    if size is None:
+        raise ValueError("the file has no original_size; add it to its meta")
+    return _Sight(shape.frame, rle=_encode(shape, size))
+
+
+def _encode(shape: _Mask | _Polygon, size: _Size) -> Rle:
+    if isinstance(shape, _Polygon):
+        points = [point.split(",") for point in shape.points.split(";")]
+        corners = np.array(points, float)
+        if corners.shape[1:] != (2,) or len(corners) < 3 or not (np.abs(corners) <= 1e9).all():
+            raise ValueError("give three or more finite points, 'x,y;x,y;x,y'")
+        return encode_polygon(corners, size)
+    if shape.top + shape.height > size[0] or shape.left + shape.width > size[1]:
+        raise ValueError(f"its box leaves the frame of {size[1]}x{size[0]} pixels")
+    runs = [int(run) for run in shape.rle.split(",")]
+    if min(runs) < 0 or sum(runs) != shape.width * shape.height:
+        raise ValueError(f"its runs do not add up to its box, {shape.width}x{shape.height} pixels")
+    inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(shape.height, shape.width)
+    return encode_masks(Crops(size, ((shape.left, shape.top),), (inside,)))[0]
+
+
+def _fill_gaps(track: list[_Sight]) -> list[_Sight]:
+    """The sights of every frame from the first stated one to the last."""
+    filled = []
+    for sight, following in zip(track, [*track[1:], None], strict=True):
+        filled.append(sight)
+        if following is None or sight == _Sight(sight.frame):
+            continue
+        for frame in range(sight.frame + 1, following.frame):
+            box: Any = sight.box
+            if box is not None and following.box is not None:
+                share = (frame - sight.frame) / (following.frame - sight.frame)
+                moved = (1 - share) * np.array(box) + share * np.array(following.box)
+                box = tuple(moved.tolist())
+            filled.append(dataclasses.replace(sight, frame=frame, box=box))
+    return filled
