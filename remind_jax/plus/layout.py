@@ -22,7 +22,6 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 from remind_jax.plus import thresholds as th
 from remind_jax.plus.evidence import Evidence, OwnEvidence, Shortlist, mix, relation_error
 from remind_jax.plus.observation import Sightings
-from remind_jax.plus.own_movement import mobility
 from remind_jax.plus.plane import squared_length
 from remind_jax.plus.slots import look_up
 from remind_jax.plus.state import NO_RELATION, Objects, Pairs
@@ -59,6 +58,7 @@ def weigh_jointly(
       sightings: Detections.
       objects: Objects.
       pairs: What is known of every two of them.
+      frame: Number of this frame.
       t: Weights.
     """
     width = shortlist.slot.shape[1]
@@ -91,8 +91,6 @@ def weigh_jointly(
     credible = jax.nn.sigmoid(t.layout.witness_slope * (looks + t.layout.witness))
     is_gone = find_gone(anchor, is_anchor, sightings, pairs, t.layout)[shortlist.slot]
     moved = jnp.where(is_gone, t.layout.moved_gone, t.layout.moved)
-    moves = mobility(objects.speed, t.mobility)[shortlist.slot]
-    most = t.layout.most * (1.0 - t.layout.most_mobile * moves)
 
     def ask(weight: Float[Array, "N C"]) -> _Around:
         lies, companions, num_related, num_usable = others.sum(asked, weight)
@@ -101,7 +99,7 @@ def weigh_jointly(
         companions = companions * _share(num_usable, t.layout.covisible_partners)
         companions = t.layout.covisible_weight * companions
         # Whatever lies wrong may have been moved: looks can still show it.
-        given_back = jnp.clip(place + lies, moved, most) - (place + lies)
+        given_back = jnp.clip(place + lies, moved, t.layout.most) - (place + lies)
         return _Around(lies, companions, given_back)
 
     def believe(odds: Float[Array, "N C"], handicap: Array) -> Float[Array, "N C"]:

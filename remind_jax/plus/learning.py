@@ -314,11 +314,13 @@ def learn_cosines(
 
     Args:
       scene: Statistics so far.
+      objects: Objects.
       here: Tracklets of the detections.
       sure: Those whose object is decided.
       choice: Decisions of this frame.
       cosine: Best cosine of each look with each object.
       since_first: Cosine of each look with the first one of its tracklet.
+      share: How much each detection teaches.
       frame: Number of this frame.
       t: Weights.
     """

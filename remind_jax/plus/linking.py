@@ -70,8 +70,10 @@ def score_links(
       tracklets: Tracklets, carried to this frame.
       sightings: Detections.
       cosine: Of their whitened looks.
+      look_odds: Log odds that these are looks of one object, as far as they count.
       frame: Number of this frame.
       t: Weights.
+      mobile: What own movement is.
     """
     gap = (frame - tracklets.last).astype(jnp.float32)
     offset = sightings.center[:, None] - tracklets.center[None]

@@ -42,6 +42,7 @@ def check_motion(
       tracklets: Tracklets where they were in the frame before.
       sightings: Detections.
       cosine: Of the looks of detections and tracklets.
+      look_odds: Log odds that these are looks of one object.
       frame: Number of this frame.
       t: Weights.
     """

@@ -34,8 +34,10 @@ class Linking:
     slack: Real = setting(0.12, "length added to the scale of distances per frame unseen", "length")
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
-    veto: Real = setting(1.0, "of looks that contradict", "factor")
-    missed: Real = setting(1.5, "loss per doubling of the time since it was seen", "log odds")
+    veto: Real = setting(1.0,
+        "of looks that contradict, where the image motion is not believed", "factor")
+    missed: Real = setting(1.5, "loss of what moves, per doubling of the frames since it was seen",
+        "log odds")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")
     least: Real = setting(-2.0, "links score more than this", "log odds")
     smoothing: Whole = setting(4, "the look of a tracklet averages about this many frames",
@@ -191,7 +193,6 @@ class Layout:
     moved: Real = setting(-3.0,
         "log odds of an object that lies where it should not, place included", "log odds")
     most: Real = setting(5.0, "most place and layout together", "log odds")
-    most_mobile: Real = setting(0.0, "less of it for what moves", "share")
     moved_gone: Real = setting(-0.5, "the same if its old place is seen to be empty", "log odds")
     gone_anchors: Whole = setting(3, "decided objects that tell where the old place is", "objects")
     gone_error: Real = setting(1.5, "greatest standard deviation of that, per size of the object",

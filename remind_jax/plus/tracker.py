@@ -122,7 +122,8 @@ def _advance(
     frame, num = state.frame, static.num_detections
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
-    look_odds = look_odds_of(likeness, state.scene, t)
+    # Where the image goes on, so do its objects; over a cut only looks can tell.
+    look_odds = doubt_of(motion, t.motion) * look_odds_of(likeness, state.scene, t)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, frame, t)
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility

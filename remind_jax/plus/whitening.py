@@ -75,12 +75,12 @@ def learn_scatter(
     # Running means forget beyond a number of samples, scatters with each.
     num_looks = jnp.minimum(scene.num_looks + looks, t.mean_samples)
     num_rings = jnp.minimum(scene.num_rings + rings, t.mean_samples)
-    off_mean = of_look[:, None] * (sightings.look - scene.mean)
-    off_ring = of_ring[:, None] * (sightings.ring - scene.ring_mean)
+    off_mean = _weighed(of_look, sightings.look - scene.mean)
+    off_ring = _weighed(of_ring, sightings.ring - scene.ring_mean)
     mean = scene.mean + jnp.sum(off_mean, axis=0) / jnp.maximum(num_looks, _TINY)
     ring_mean = scene.ring_mean + jnp.sum(off_ring, axis=0) / jnp.maximum(num_rings, _TINY)
-    around = jnp.sqrt(of_look)[:, None] * (sightings.look - mean)
-    within = jnp.sqrt(of_step)[:, None] * step
+    around = _weighed(jnp.sqrt(of_look), sightings.look - mean)
+    within = _weighed(jnp.sqrt(of_step), step)
     looks_fade, steps_fade = t.scatter_decay**looks, t.scatter_decay**steps
     place = frame % REFRESH_FRAMES
     is_now = np.arange(REFRESH_FRAMES) == place
@@ -97,6 +97,11 @@ def learn_scatter(
         recent_steps=lax.dynamic_update_index_in_dim(scene.recent_steps, within, place, axis=0),
         steps_fade=jnp.where(is_now & (steps > 0), steps_fade, scene.steps_fade),
     )
+
+
+def _weighed(weight: Float[Array, "N"], values: Float[Array, "N D"]) -> Float[Array, "N D"]:
+    """Values by their weights; those without any may be anything."""
+    return jnp.where(weight[:, None] > 0, weight[:, None] * values, 0.0)
 
 
 def renew_whitening(

@@ -19,6 +19,7 @@ from tests.plus.walls import STATIC
 
 PLACES = np.array([[1.5, 1.5], [3, 1.2], [4.5, 1.6], [2.2, 3], [4, 3.2]], np.float32)
 NUM = len(PLACES)
+FRAME = jnp.int32(200)
 
 
 def weigh(
@@ -69,7 +70,9 @@ def weigh(
     t = dataclasses.replace(t, layout=dataclasses.replace(t.layout, witness=witness)).as_arrays()
     nobody = jnp.full(num, NO_SLOT)
     sightings = seen(anchors=PLACES + np.asarray(moved, np.float32))
-    weighed = weigh_jointly(shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, t)
+    weighed = weigh_jointly(
+        shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, FRAME, t
+    )
     told, summed = np.asarray(weighed.odds)[:NUM, 0], weighed.evidence.total()[:NUM, 0]
     np.testing.assert_allclose(told, summed, rtol=1e-5)  # order of sums
     return told

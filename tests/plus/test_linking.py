@@ -17,10 +17,12 @@ from tests.plus.frames import T, detections, motion, tracklets_of
 ROOM = 8
 
 
-def join(seen, tracklets, frame=1, cosine=None):
+def join(seen, tracklets, frame=1, cosine=None, look_odds=None):
     if cosine is None:
         cosine = jnp.ones((len(seen.valid), len(tracklets.alive)))
-    links = score_links(tracklets, seen, cosine, jnp.int32(frame), T.linking)
+    likely = jnp.zeros_like(cosine) if look_odds is None else look_odds
+    now = jnp.int32(frame)
+    links = score_links(tracklets, seen, cosine, likely, now, T.linking, T.mobility)
     return link(links, seen.class_id, T.linking)
 
 

@@ -16,7 +16,7 @@ def believed(shift, estimate):
     """The shift that is believed where all detections moved by `shift`."""
     tracklets = tracklets_of(detections(PLACES), 0, 3)
     seen = detections(PLACES + np.asarray(shift))
-    found, _ = check_motion(estimate, tracklets, seen, SAME, jnp.int32(1), T)
+    found, _ = check_motion(estimate, tracklets, seen, SAME, SAME, jnp.int32(1), T)
     return np.asarray(found.matrix[:, 2]), float(found.score)
 
 
