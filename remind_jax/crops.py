@@ -6,7 +6,7 @@ What the masks of one frame may be and take is said here, and compared before th
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import cv2
@@ -63,6 +63,9 @@ class Crops:
 
     def __len__(self) -> int:
         return len(self.windows)
+
+    def __iter__(self) -> Iterator[Bool[np.ndarray, "H W"]]:
+        return (self[row] for row in range(len(self)))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         planes = np.zeros(self.shape, bool)
