@@ -88,7 +88,7 @@ def score_links(
         - 1.0
         - t.distance * relative
         + t.look * (cosine - t.look_middle)
-        + jnp.minimum(t.veto * look_odds, 0.0)
+        + jnp.minimum(look_odds, 0.0)
         - t.missed * jnp.log2(jnp.maximum(gap, 1.0)) * moves
         - t.size * log_ratio
     )

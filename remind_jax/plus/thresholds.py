@@ -34,8 +34,8 @@ class Linking:
     slack: Real = setting(0.12, "length added to the scale of distances per frame unseen", "length")
     look: Real = setting(1.5, "gain per cosine", "log odds")
     look_middle: Real = setting(0.4, "cosine that says nothing", "cosine")
-    veto: Real = setting(1.0,
-        "of looks that contradict, where the image motion is not believed", "factor")
+    unlike: Real = setting(1.5,
+        "most loss by looks that contradict, where the image motion is believed", "log odds")
     missed: Real = setting(1.5, "loss of what moves, per doubling of the frames since it was seen",
         "log odds")
     size: Real = setting(0.5, "loss per log ratio of sizes", "log odds")

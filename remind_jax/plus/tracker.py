@@ -122,8 +122,10 @@ def _advance(
     frame, num = state.frame, static.num_detections
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
-    # Where the image goes on, so do its objects; over a cut only looks can tell.
-    look_odds = doubt_of(motion, t.motion) * look_odds_of(likeness, state.scene, t)
+    # Where the image goes on, so do most of its objects; over a cut only looks can tell.
+    unlike = look_odds_of(likeness, state.scene, t)
+    limited = jnp.maximum(unlike, -t.linking.unlike)
+    look_odds = limited + doubt_of(motion, t.motion) * (unlike - limited)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, frame, t)
     objects, pairs = move_map(
         state.objects, state.pairs, motion, sightings.frame_center, frame, t.motion, t.mobility
