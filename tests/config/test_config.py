@@ -89,7 +89,7 @@ def test_values_of_a_configuration_made_in_python_are_chosen_where_they_differ()
 
 
 def test_the_record_of_what_was_chosen_is_no_value():
-    config = load_config({"decision.new": 1.0})
+    config = load_config({"decision.new": 0.8})
     assert "thresholds.decision.new" in config.chosen
     assert config == load_config("default")
     assert "chosen" not in config.to_dict()
