@@ -154,7 +154,7 @@ def _with(path, **changes):
         ({"label.id": np.array(["a", "b"])}, "damaged"),
         ({"label.name": np.array(["a"])}, "damaged"),
         ({"version": np.array([1, 2])}, "damaged"),
-        ({"tracker": np.array([{"a": 1}], object)}, "'tracker' holds Python objects"),
+        ({"tracker": np.array([{"a": 1}], object)}, "'tracker' is damaged"),
     ],
 )
 def test_what_does_not_fit_is_refused(archive, tmp_path, changes, said):
