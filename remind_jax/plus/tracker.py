@@ -123,7 +123,10 @@ def _advance(
     # Where is everything in this frame?
     likeness = compare_looks(state.tracklets, sightings, state.scene)
     # Where the image goes on, so do most of its objects; over a cut only looks can tell.
-    unlike = look_odds_of(likeness, state.scene, t)
+    # How much looks change is learned from links.
+    learned = state.scene.within_weight
+    learned = learned / (learned + t.looks.prior_samples)
+    unlike = learned * look_odds_of(likeness, state.scene, t)
     limited = jnp.maximum(unlike, -t.linking.unlike)
     look_odds = limited + doubt_of(motion, t.motion) * (unlike - limited)
     motion, links = check_motion(motion, state.tracklets, sightings, likeness, look_odds, frame, t)
