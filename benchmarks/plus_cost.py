@@ -48,9 +48,8 @@ def cost() -> Iterator[dict[str, Any]]:
             start = time.perf_counter()
             memory = jax.block_until_ready(step(memory, *frame))
             spent.append(1000 * (time.perf_counter() - start))
-            state = memory.read()
-            assert not int(state.overflow.objects), "more objects than there is room for"
-        known = int(np.sum(state.objects.exists))
+            assert not int(memory.read().overflow.objects), "more objects than there is room for"
+        known = int(np.sum(memory.read().objects.exists))
         settled = spent[len(spent) // 2 :]
         yield {
             "name": f"{detections} detections, {known} objects, D {dim}",
