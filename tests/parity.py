@@ -87,7 +87,7 @@ class Report:
 def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
     """Yields per frame: frame index, ids of the kept detections, the state, and the stages."""
     from remind_jax.compiled.frame_step import FrameInput, FrameStep, pack_thresholds
-    from remind_jax.compiled.packing import Packed
+    from remind_jax.compiled.packing import Bundle, Packed
     from remind_jax.config import Config
     from remind_jax.masks.reduction import reduce_masks
     from remind_jax.method import get_method
@@ -114,7 +114,7 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         return state, trace.stages
 
     told = dataclasses.replace(method, decide=decide)
-    step, state = FrameStep(told, traced=True), init(static)
+    step, memory = FrameStep(told, traced=True), Bundle.of(init(static))
     thresholds = pack_thresholds(config.thresholds, static.scalar)
     for frame, (features, masks, classes) in enumerate(load.load_inputs(name, root)):
         kept = [i for i, label in enumerate(classes) if label.lower() not in ignored]
@@ -133,8 +133,8 @@ def run_sequence(name: str, trace: load.Trace, precision: str, root: Path):
         )
         feats = FrameFeats(features, np.array(masks.shape[1:], np.int32))
         given = FrameInput(feats, Packed.of((reduced, None)), thresholds)
-        state, _, stages = step(state, given, static)
-        yield frame, kept, feats, reduced, state, stages, static, config
+        memory, _, stages = step(memory, given, static)
+        yield frame, kept, feats, reduced, memory.read(), stages, static, config
 
 
 def compare_trace(

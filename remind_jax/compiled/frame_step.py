@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.compiled.packing import Layout, Packed
+from remind_jax.compiled.packing import Bundle, Layout, Packed
 from remind_jax.compiled.programs import (
     Program,
     Recipe,
@@ -74,26 +74,26 @@ class FrameStep:
         self._prepared: dict[Any, _Programs] = {}
 
     def __call__(
-        self, state: Any, frame_input: FrameInput, static: Static
-    ) -> tuple[Any, Packed, Any]:
-        """Steps; the buffers of `state` are used up.
+        self, memory: Bundle, frame_input: FrameInput, static: Static
+    ) -> tuple[Bundle, Packed, Any]:
+        """Steps; the buffers of `memory` are used up.
 
         Returns:
           The memory, `Readout` packed, and the trace of the decisions if asked for, else None.
         """
         leaves, structure = jax.tree.flatten(frame_input)
         programs = self._programs(leaves, structure, static)
-        state_leaves, state_structure = jax.tree.flatten(state)
+        memory_leaves, memory_structure = jax.tree.flatten(memory)
         seen = programs.describe(*leaves)
         placed = jax.tree.leaves(frame_input.thresholds)
-        answer = programs.decide(*state_leaves, *seen, *placed)
-        state_leaves, rest = answer[: len(state_leaves)], answer[len(state_leaves) :]
+        answer = programs.decide(*memory_leaves, *seen, *placed)
+        memory_leaves, rest = answer[: len(memory_leaves)], answer[len(memory_leaves) :]
         types = programs.readout.vector_types
         readout = Packed(dict(zip(types, rest, strict=False)), programs.readout)
         trace = None
         if programs.trace_structure is not None:
             trace = jax.tree.unflatten(programs.trace_structure, rest[len(types) :])
-        return jax.tree.unflatten(state_structure, state_leaves), readout, trace
+        return jax.tree.unflatten(memory_structure, memory_leaves), readout, trace
 
     def prepare(self, frame_input: FrameInput, static: Static) -> None:
         """Makes the programs for inputs of such sizes, in whatever thread this is."""
@@ -149,18 +149,19 @@ class FrameStep:
         static: Static,
     ) -> Program:
         """The program of `run(state, given)`, which takes the memory over, and of its readout."""
-        state_shapes, state_structure = shapes_of(state), jax.tree.structure(state)
+        memory = jax.eval_shape(Bundle.of, state)
+        memory_shapes, memory_structure = shapes_of(memory), jax.tree.structure(memory)
         given_leaves, given_structure = jax.tree.flatten(given)
 
         def on_leaves(*leaves: Any) -> Any:
-            before = jax.tree.unflatten(state_structure, leaves[: len(state_shapes)])
-            given = jax.tree.unflatten(given_structure, leaves[len(state_shapes) :])
+            before = jax.tree.unflatten(memory_structure, leaves[: len(memory_shapes)]).unpack()
+            given = jax.tree.unflatten(given_structure, leaves[len(memory_shapes) :])
             after, trace = run(before, given)
             after = jax.tree.map(
                 lambda new, old: jax.lax.convert_element_type(new, old.dtype), after, before
             )
             return (
-                after,
+                Bundle.of(after),
                 Packed.of(_read_out(self._method, after)),
                 trace if self._is_traced else None,
             )
@@ -169,9 +170,9 @@ class FrameStep:
             Recipe(
                 "decide",
                 on_leaves,
-                (*state_shapes, *shapes_of(given_leaves)),
+                (*memory_shapes, *shapes_of(given_leaves)),
                 (identify(self._method.decide), self._is_traced, static, given_structure),
-                num_donated=len(state_shapes),
+                num_donated=len(memory_shapes),
                 # The structure of a trace is not kept.
                 is_kept=self._is_kept(self._method.decide, static) and not self._is_traced,
             )

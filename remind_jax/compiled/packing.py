@@ -78,6 +78,43 @@ class Packed:
         return jax.tree.unflatten(layout.structure, leaves)
 
 
+SMALL_BYTES = 1 << 16  # from here on to join an array takes longer than to hand it over
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Bundle:
+    """A tree of arrays of which the small ones are packed: a memory between two steps.
+
+    A step reads and writes the memory array by array, and a memory has a hundred small ones.
+    """
+
+    small: Packed  # a list of leaves
+    large: list[AnyArray]
+    structure: Any = dataclasses.field(metadata={"static": True})
+    is_small: tuple[bool, ...] = dataclasses.field(metadata={"static": True})  # of each leaf
+
+    @classmethod
+    def of(cls, tree: Any) -> Bundle:
+        """Packs as `Packed.of` does; large leaves stay where they are."""
+        leaves, structure = jax.tree.flatten(tree)
+        is_small = tuple(leaf.size * leaf.dtype.itemsize < SMALL_BYTES for leaf in leaves)
+        small = [leaf for leaf, one in zip(leaves, is_small, strict=True) if one]
+        large = [leaf for leaf, one in zip(leaves, is_small, strict=True) if not one]
+        return cls(Packed.of(small), large, structure, is_small)
+
+    def unpack(self) -> Any:
+        """The tree that was packed."""
+        small, large = iter(self.small.unpack()), iter(self.large)
+        leaves = [next(small if one else large) for one in self.is_small]
+        return jax.tree.unflatten(self.structure, leaves)
+
+    def read(self) -> Any:
+        """The tree with its small leaves on the host, which outlive the buffers of this one."""
+        vectors = {dtype: np.array(vector) for dtype, vector in self.small.vectors.items()}
+        return dataclasses.replace(self, small=Packed(vectors, self.small.layout)).unpack()
+
+
 def _join(leaves: Sequence[AnyArray]) -> AnyArray:
     """One vector of the values of all leaves."""
     if isinstance(leaves[0], np.ndarray):

@@ -14,7 +14,7 @@ from typing import Any
 import jax
 
 from remind_jax.compiled.frame_step import FrameInput, FrameStep, Readout, pack_thresholds
-from remind_jax.compiled.packing import Packed
+from remind_jax.compiled.packing import Bundle, Packed
 from remind_jax.decision import Decisions
 from remind_jax.errors import ConfigError, SourceError
 from remind_jax.masks.reduction import pad_feats, pad_masks
@@ -56,7 +56,6 @@ class GrowingMemory:
     program is compiled, and the memory to move into is made.
 
     Attributes:
-      state: A pytree of arrays; None before the first frame.
       static: Capacities as grown so far.
       traced: Whether it keeps what decisions were made of.
       trace: What the decisions of the last frame were made of, on the host.
@@ -66,7 +65,8 @@ class GrowingMemory:
     """
 
     def __init__(self, method: Method, static: Static, *, traced: bool) -> None:
-        self.state: Any = None
+        self._state: Any = None  # as it was read or set last; None where it has to be read
+        self._bundle: Bundle | None = None  # as the last step left it
         self.static = static
         self.trace: Any = None
         self.has_grown = self.keeps_reserve = False
@@ -76,6 +76,17 @@ class GrowingMemory:
         self._method = method
         self._num_steps = 0
         self._placed: tuple[Any, Packed | None] = (None, None)  # thresholds on the device
+
+    @property
+    def state(self) -> Any:
+        """A pytree of arrays, of which small ones lie on the host; None before the first frame."""
+        if self._state is None and self._bundle is not None:
+            self._state = self._bundle.read()
+        return self._state
+
+    @state.setter
+    def state(self, state: Any) -> None:
+        self._state, self._bundle = state, None
 
     def forget(self) -> None:
         """Empties it; compiled programs stay."""
@@ -141,10 +152,11 @@ class GrowingMemory:
             self.state = self._method.init(self.static)
         outlines: Outlines | None = None
         while True:
+            self._bundle, self._state = self._bundle or Bundle.of(self._state), None
             frame_input = self._input(frame_feats, prepared, thresholds, self.static)
             # Kept at once: the step takes over the memory of the old state, and Ctrl-C may come
             # while its result is waited for.
-            self.state, packed, trace = self.frame_step(self.state, frame_input, self.static)
+            self._bundle, packed, trace = self.frame_step(self._bundle, frame_input, self.static)
             outlines = outlines or outline(prepared.detections.masks)
             readout: Readout = jax.device_get(packed).unpack()
             if not readout.overflow.objects and not readout.overflow.pending:

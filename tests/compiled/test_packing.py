@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from remind_jax.compiled.packing import Packed
+from remind_jax.compiled.packing import SMALL_BYTES, Bundle, Packed
 
 DTYPES = st.sampled_from([np.bool_, np.int32, np.float32, np.uint8])
 LEAVES = DTYPES.flatmap(lambda d: hnp.arrays(d, hnp.array_shapes(min_dims=0, min_side=0)))
@@ -38,6 +38,25 @@ def test_a_program_unpacks_and_packs():
     np.testing.assert_array_equal(doubled["scores"], 2 * tree["scores"])
     assert doubled["gate"].dtype == np.int32
     assert doubled["gate"] == 2
+
+
+def test_a_bundle_joins_what_is_small():
+    large = np.arange(SMALL_BYTES // 4, dtype=np.float32)
+    tree = {"ids": np.arange(3, dtype=np.int32), "large": large, "seen": np.array([True, False])}
+    bundle = Bundle.of(tree)
+    assert len(jax.tree.leaves(bundle)) == 3
+    assert bundle.large[0] is large
+    assert_same(bundle.unpack(), tree)
+    later = jax.jit(lambda b: Bundle.of(jax.tree.map(lambda leaf: ~leaf, b.unpack()["seen"])))
+    np.testing.assert_array_equal(later(bundle).read(), [False, True])
+
+
+def test_what_was_read_of_a_bundle_outlives_it():
+    step = jax.jit(lambda b: Bundle.of(b.unpack() + 1), donate_argnums=0)
+    before = step(Bundle.of(np.zeros(3, np.float32)))
+    read = before.read()
+    assert step(before).read().tolist() == [2, 2, 2]
+    assert read.tolist() == [1, 1, 1]
 
 
 def test_numbers_take_the_precision_that_jax_has():
