@@ -163,7 +163,7 @@ def test_looks_of_what_moves_may_decide_alone():
     still, moving = weigh(0.0), weigh(0.3)
     assert still.mobile == 0
     assert still.looks == pytest.approx(float(T.looks.best))
-    assert moving.mobile > 0.3
+    assert moving.mobile > 0.9 * float(T.mobility.gain)
     assert moving.looks > still.looks + 1
 
 
