@@ -17,7 +17,7 @@ import numpy as np
 
 from remind_jax.errors import ConfigError, nearest_names
 from remind_jax.observation import AnyFeats, Masks
-from remind_jax.shipped_methods import PAPER_METHOD, find_methods
+from remind_jax.settings.method_names import PAPER_METHOD, find_methods
 from remind_jax.static import NoSwitches, Static
 
 

@@ -77,7 +77,7 @@ class Diff:
     backbone: BackboneName = DEFAULT_BACKBONE  # some thresholds fit it
 
     def execute(self) -> int:
-        """Prints one line per differing key; thresholds that only one tracker has are counted."""
+        """Prints one line per differing key; settings that only one tracker has are counted."""
         first, second = (_load(name, self.backbone) for name in (self.first, self.second))
         shared = set(first.keys) & set(second.keys)
         lines = [
@@ -87,7 +87,7 @@ class Diff:
         ]
         for name, config in ((self.first, first), (self.second, second)):
             if num := len(set(config.keys) - shared):
-                lines.append(f"only in {name}: {num} thresholds of tracker '{config.tracker}'")
+                lines.append(f"only in {name}: {num} settings of tracker '{config.tracker}'")
         print_lines(lines)
         return process.FINE
 

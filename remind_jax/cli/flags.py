@@ -24,7 +24,7 @@ from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, OptionError
 from remind_jax.files import check_name
 from remind_jax.printing.words import listing
-from remind_jax.shipped_methods import find_methods
+from remind_jax.settings.method_names import find_methods
 from remind_jax.sources.live_source import LiveOptions
 from remind_jax.sources.sampling import Sampling
 

@@ -94,7 +94,7 @@ def test_a_sweep_tries_what_a_run_runs_with(command, scene, tmp_path, monkeypatc
 @pytest.mark.parametrize(
     ("config", "key", "values"),
     [
-        ("default", "decision.new", ("1.0", "30.0")),
+        ("default", "linking.least", ("-2.0", "50.0")),
         pytest.param("remind", "matching.match", ("0.75", "1.0"), marks=pytest.mark.slow),
     ],
 )

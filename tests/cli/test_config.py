@@ -87,15 +87,15 @@ def test_diff_across_trackers_compares_what_both_have(command):
     outcome = command("config", "diff", "plus", "ablation_greedy")
     num = {
         name: len(list(flatten(load_config(name).to_dict()["thresholds"])))
+        + len(list(flatten(load_config(name).to_dict()["static"].get("switches", {}))))
         for name in ("plus", "remind")
     }
     assert outcome.stdout.splitlines() == [
         "tracker: 'plus' -> 'remind'",
         "static.num_detections: 32 -> 16",
-        "static.switches.assignment: 'joint' -> 'greedy'",
         "backbone_profile: False -> True",
-        f"only in plus: {num['plus']} thresholds of tracker 'plus'",
-        f"only in ablation_greedy: {num['remind']} thresholds of tracker 'remind'",
+        f"only in plus: {num['plus']} settings of tracker 'plus'",
+        f"only in ablation_greedy: {num['remind']} settings of tracker 'remind'",
     ]
 
 

@@ -77,7 +77,7 @@ def test_growing_in_steps_is_growing_at_once():
     )
     overflow = init(STATIC).overflow
     chex.assert_trees_all_equal(
-        METHOD.enlarge(small, STATIC), change_static(small, overflow=overflow), strict=True
+        METHOD.enlarge(small, STATIC), dataclasses.replace(small, overflow=overflow), strict=True
     )
 
 

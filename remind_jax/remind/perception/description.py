@@ -132,8 +132,8 @@ def _describe_parts(
             continue
         if attention is None:
             raise ConfigError(
-                f"static.part_source is {static.part_source!r}, but the frame comes without "
-                "attention; give it with the features or choose 'kmeans'"
+                f"static.switches.part_source is {static.switches.part_source!r}, but the frame "
+                "comes without attention; give it with the features or choose 'kmeans'"
             )
         found.append(
             find_attention_parts(

@@ -77,7 +77,7 @@ def test_banks_are_as_recorded():
         for ring, slots in enumerate(
             (static.switches.inner_ring_slots, static.switches.outer_ring_slots)
         ):
-            assert np.all(np.max(seen.size[:, :, ring], axis=(0, 2)) <= slots)
+            assert np.all(np.max(seen.size[:, :, ring], axis=(0, 2)) <= np.array(slots))
 
 
 def direction(degrees):

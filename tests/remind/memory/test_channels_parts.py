@@ -71,7 +71,7 @@ def test_banks_are_as_recorded():
         permit = Permit(may_insert, np.where(may_insert, 1.0, 0.2))
         seen = watch(new_banks(static), parts, valid, permit, rules(**changes), static)
         assert_as_recorded("parts", setting, seen, qualities=False)
-        assert np.all(np.max(seen.size, axis=(0, 2, 3)) <= static.switches.part_slots)
+        assert np.all(np.max(seen.size, axis=(0, 2, 3)) <= np.array(static.switches.part_slots))
 
 
 def test_example_of_the_page():

@@ -12,7 +12,7 @@ def find_methods() -> dict[str, str]:
 
     Every module of `remind_jax/baselines/` is a baseline that is called as its file.
     """
-    files = (Path(__file__).parent / "baselines").glob("*.py")
+    files = (Path(__file__).parents[1] / "baselines").glob("*.py")
     modules = sorted(file.stem for file in files if file.stem != "__init__")
     return {
         "plus": "remind_jax.plus.method:METHOD",
