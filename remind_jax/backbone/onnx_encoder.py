@@ -19,8 +19,7 @@ from jaxtyping import Float, UInt8
 
 from remind_jax.backbone.preprocessing import MEAN, STD
 from remind_jax.backbone.registry import Backbone
-from remind_jax.detectors.onnx_file import image_input
-from remind_jax.detectors.onnx_session import OnnxSession, read_model
+from remind_jax.detectors.onnx_model import OnnxModel, image_input
 from remind_jax.errors import ConfigError, WeightsError
 
 # Divisible by all common patches: 7, 8, 14, 16, 28 and 32 pixels.
@@ -93,10 +92,9 @@ def onnx_encoder(
       ConfigError: If several outputs may be meant, or onnxruntime is not installed.
     """
     path, output = _split_target(path, output)
-    file = read_model(path)
-    height, width = image_input(file, "an image encoder").shape[2:]
+    model = OnnxModel(path, num_threads)
+    height, width = image_input(model.signature, "an image encoder").shape[2:]
     fixed_size = None if height is None or width is None else (height, width)
-    session = OnnxSession(file, "onnxruntime", num_threads)
     shift, scale = np.array(mean, np.float32), np.array(std, np.float32)
 
     def run(image: UInt8[np.ndarray, "h w 3"]) -> dict[str, np.ndarray]:
@@ -104,7 +102,7 @@ def onnx_encoder(
         if fixed_size is not None:
             bars = [(0, whole - part) for whole, part in zip(fixed_size, image.shape, strict=False)]
             pixels = np.pad(pixels, [*bars, (0, 0)])
-        return session(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))
+        return model(np.ascontiguousarray(pixels.transpose(2, 0, 1)[None]))
 
     size = fixed_size or _PROBE
     chosen = _find_patches(run(np.full((*size, 3), 127, np.uint8)), size, output, path)

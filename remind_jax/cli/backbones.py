@@ -1,23 +1,17 @@
-"""`remind backbones`: what patch features can come from, and what that costs on this machine."""
+"""`remind backbones`: what patch features can come from."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
-import statistics
-import time
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
-from remind_jax.cli.flags import quiet_defaults
 from remind_jax.printing.terminal import print_lines, print_table
-from remind_jax.session.progress import RunLine
 
-_FRAME = (480, 640)  # that is measured: height, width
-_NUM_MEASURED = 5
 # What needs a word below the list; the other states are "none needed" and "here".
 _NOTES = {
     "on first use": "are fetched, checked and converted when the name is first used",
@@ -39,10 +33,8 @@ class Row:
     num_bytes: int | None = None  # of the converted file
     path: str | None = None  # of the converted file, if it is here
     page: str | None = None  # where a person reads about the weights
-    ms: float | None = None  # per frame of 640x480 pixels on this machine
 
 
-@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Backbones:
     """List what patch features can come from, with license and size.
@@ -51,14 +43,11 @@ class Backbones:
 
     Examples:
       remind backbones
-      remind backbones --measure          speed of all whose weights are here
       remind backbones dinov2-vits14 --json
     """
 
     # only these; all if left out
     names: Annotated[Positional[tuple[str, ...]], arg(metavar="[NAME ...]")] = ()
-    measure: bool = False  # ms per frame of 640x480 pixels of those whose weights are here
-    quiet: bool = False  # say nothing but errors and the list
     json: bool = False  # print the list as JSON
 
     def execute(self) -> int:
@@ -68,20 +57,11 @@ class Backbones:
         for name in self.names:
             check_name(name)
         rows = [describe(name) for name in self.names or _in_order(list_backbones())]
-        if self.measure:
-            rows = [self._measured(row) for row in rows]
         if self.json:
             print(json.dumps([dataclasses.asdict(row) for row in rows], indent=1))
         else:
-            _print(rows, self.measure)
+            _print(rows)
         return process.FINE
-
-    def _measured(self, row: Row) -> Row:
-        if row.weights not in ("here", "none needed"):
-            return row
-        with RunLine(row.name, None, is_shown=not self.quiet) as line:
-            line.note = "measuring"
-            return dataclasses.replace(row, ms=measure_ms(row.name))
 
 
 def describe(name: str) -> Row:
@@ -112,28 +92,6 @@ def describe(name: str) -> Row:
     )
 
 
-def measure_ms(name: str) -> float:
-    """Median time of one frame, compiled and with nothing else at work, in milliseconds.
-
-    Raises:
-      WeightsError: If the weights are damaged.
-    """
-    import numpy as np
-
-    from remind_jax.backbone.registry import get_backbone
-
-    backbone = get_backbone(name)
-    height, width = (side - side % backbone.patch_px for side in _FRAME)
-    image = np.random.default_rng(0).integers(0, 256, (1, height, width, 3), np.uint8)
-    np.asarray(backbone.extract(image))
-    taken_ms = []
-    for _ in range(_NUM_MEASURED):
-        begin = time.perf_counter()
-        np.asarray(backbone.extract(image))
-        taken_ms.append(1000 * (time.perf_counter() - begin))
-    return statistics.median(taken_ms)
-
-
 def _in_order(names: tuple[str, ...]) -> list[str]:
     """The default first, then networks in the order of their table, then what takes a file."""
     from remind_jax.backbone.registry import DEFAULT_BACKBONE
@@ -143,19 +101,12 @@ def _in_order(names: tuple[str, ...]) -> list[str]:
     return [DEFAULT_BACKBONE, *(name for name in VARIANTS if name in names), *rest]
 
 
-def _print(rows: list[Row], has_times: bool) -> None:
-    heads = ("name", "license", "MiB", "patch", "dim", "weights")
-    lines: list[tuple[str, ...]] = [(*heads, "ms") if has_times else heads]
+def _print(rows: list[Row]) -> None:
+    lines = [("name", "license", "MiB", "patch", "dim", "weights")]
     for row in rows:
         mib = "" if row.num_bytes is None else f"{row.num_bytes / 2**20:.0f}"
-        numbers = (mib, *("" if n is None else str(n) for n in (row.patch_px, row.dim)))
-        cells = (row.name, row.license or "", *numbers, row.weights)
-        ms = "" if row.ms is None else f"{row.ms:.0f}"
-        lines.append((*cells, ms) if has_times else cells)
+        patch, dim = ("" if n is None else str(n) for n in (row.patch_px, row.dim))
+        lines.append((row.name, row.license or "", mib, patch, dim, row.weights))
     print_table(lines, is_text=(0, 1, 5))
     states = {row.weights for row in rows}
-    notes = [f"Weights '{state}' {says}." for state, says in _NOTES.items() if state in states]
-    if has_times:
-        height, width = _FRAME
-        notes.append(f"ms: per frame of {width}x{height} pixels, on this machine.")
-    print_lines(notes)
+    print_lines(f"Weights '{state}' {says}." for state, says in _NOTES.items() if state in states)

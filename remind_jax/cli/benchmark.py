@@ -77,12 +77,11 @@ class Benchmark:
         from remind_jax.backbone.opening import open_backbone
         from remind_jax.benchmark.contenders import make_contenders
         from remind_jax.benchmark.running import Setup, run_all
-        from remind_jax.detectors.onnx_file import OnnxFile, refuse_other_formats
+        from remind_jax.detectors import OnnxDetector
 
         contenders = make_contenders([name for names in self.methods for name in names])
         if self.detector is not None:
-            refuse_other_formats(self.detector)
-            OnnxFile.read(self.detector)  # else every run would fail for it
+            OnnxDetector(self.detector)  # else every run would fail for it
         else:
             refuse_flags(self.detection, "is for a detector; give --detector, or leave it out")
         inputs = (self.root, self.detector, self.weights)

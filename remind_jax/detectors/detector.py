@@ -18,8 +18,8 @@ from jaxtyping import UInt8
 
 from remind_jax.crops import Crops
 from remind_jax.detectors import rfdetr_seg, yolo_seg
-from remind_jax.detectors.onnx_file import OnnxFile, image_input, refuse_other_formats
-from remind_jax.detectors.onnx_session import OnnxSession
+from remind_jax.detectors.exports import refuse_other_formats
+from remind_jax.detectors.onnx_model import OnnxModel, Signature, image_input
 from remind_jax.detectors.options import DetectorOptions
 from remind_jax.errors import ConfigError, SourceError, WeightsError
 from remind_jax.frame import Detections
@@ -70,10 +70,8 @@ class OnnxDetector:
         """
         self.options = options or DetectorOptions()
         refuse_other_formats(Path(path))
-        file = OnnxFile.read(path)
-        # The file says what it is before a runtime spends seconds on loading it.
-        self._head = recognize_head(file, self.options)
-        self._session = OnnxSession(file, self.options.engine, self.options.num_threads)
+        self._model = OnnxModel(path, self.options.num_threads)
+        self._head = recognize_head(self._model.signature, self.options)
         self.dropped = DropCounts()
 
     def __call__(self, image: UInt8[np.ndarray, "H W 3"]) -> Detections:
@@ -84,18 +82,17 @@ class OnnxDetector:
           WeightsError: If the network fails on it.
         """
         height, width = _check_image(image)
-        outputs = self._session(self._head.prepare(image))
+        outputs = self._model(self._head.prepare(image))
         detections = self._head.decode(outputs, (height, width))
         detections, drops = refine_detections(detections, self.options)
         self.dropped += drops
         return detections
 
     def describe(self) -> dict[str, Any]:
-        """Kind of network, file, engine, classes and options, fit for JSON."""
+        """Kind of network, file, classes and options, fit for JSON."""
         return {
             "kind": self._head.kind,
-            "file": str(self._session.file.path),
-            "engine": self._session.engine,
+            "file": str(self._model.signature.path),
             "classes": [name for name in self._head.names if name is not None],
             "options": dataclasses.asdict(self.options),
         }
@@ -197,7 +194,7 @@ def as_detector(spec: Any, options: DetectorOptions | None = None) -> Detector |
     )
 
 
-def recognize_head(file: OnnxFile, options: DetectorOptions) -> SegmentationHead:
+def recognize_head(file: Signature, options: DetectorOptions) -> SegmentationHead:
     """Chooses the family of a network by the shapes of its outputs.
 
     Raises:

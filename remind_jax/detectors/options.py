@@ -5,16 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool
 
-from remind_jax.detectors.onnx_file import MOST_INPUT_PX, is_class_name
+from remind_jax.detectors.exports import is_class_name
+from remind_jax.detectors.onnx_model import MAX_INPUT_PX
 from remind_jax.errors import ConfigError, OptionError, nearest_names
 from remind_jax.files.limits import MAX_LABEL
-
-Engine = Literal["auto", "onnxruntime", "cv2.dnn"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +36,6 @@ class DetectorOptions:
     class_names: tuple[str, ...] | None = None  # by index, in the place of the file's own
     input_size_px: int | None = None  # longer side of the input of models that leave it open
     num_threads: int | None = None  # of onnxruntime in one operator; it chooses if left out
-    engine: Engine = "auto"  # what runs the network; auto is onnxruntime where installed
 
     def __post_init__(self):
         for name in ("classes", "ignored_classes", "class_names"):
@@ -47,16 +45,10 @@ class DetectorOptions:
         _require_number("mask_threshold", self.mask_threshold, 0.01, 0.99)
         _require_count("max_detections", self.max_detections, 1, 10_000)
         _require_count("erosion_px", self.erosion_px, 0, 100)
-        _require_count("min_mask_px", self.min_mask_px, 1, MOST_INPUT_PX**2)
-        for name, least, most in (("input_size_px", 32, MOST_INPUT_PX), ("num_threads", 1, 1024)):
+        _require_count("min_mask_px", self.min_mask_px, 1, MAX_INPUT_PX**2)
+        for name, least, most in (("input_size_px", 32, MAX_INPUT_PX), ("num_threads", 1, 1024)):
             if getattr(self, name) is not None:
                 _require_count(name, getattr(self, name), least, most)
-        engines = get_args(Engine)
-        if self.engine not in engines:
-            raise OptionError(
-                f"'engine' is {self.engine!r}; {nearest_names(str(self.engine), engines)}",
-                "engine",
-            )
 
     def admits(self, label: str) -> bool:
         """Whether instances of the class `label` are wanted."""

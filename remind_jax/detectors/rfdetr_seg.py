@@ -31,7 +31,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 from scipy.special import expit, logit
 
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec, read_class_names
+from remind_jax.detectors.exports import read_class_names
+from remind_jax.detectors.onnx_model import Signature, TensorSpec
 from remind_jax.detectors.options import DetectorOptions, find_wanted_classes
 from remind_jax.errors import ConfigError, OptionError, WeightsError
 from remind_jax.frame import Detections
@@ -97,7 +98,9 @@ class RfDetrSeg:
     kind = "rfdetr-seg"
 
     @classmethod
-    def from_file(cls, file: OnnxFile, layout: RfDetrLayout, options: DetectorOptions) -> RfDetrSeg:
+    def from_file(
+        cls, file: Signature, layout: RfDetrLayout, options: DetectorOptions
+    ) -> RfDetrSeg:
         """Reads class names and input size from the file.
 
         Raises:

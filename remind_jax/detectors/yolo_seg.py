@@ -19,20 +19,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.special import logit
 
-from remind_jax.detectors.onnx_file import (
-    MOST_INPUT_PX,
-    OnnxFile,
-    TensorSpec,
-    parse_literal,
-    read_class_names,
-)
+from remind_jax.detectors.exports import parse_literal, read_class_names
+from remind_jax.detectors.onnx_model import MAX_INPUT_PX, Signature, TensorSpec
 from remind_jax.detectors.options import DetectorOptions, find_wanted_classes
 from remind_jax.errors import ConfigError, WeightsError
 from remind_jax.frame import Detections
 from remind_jax.masks.letterbox import Letterbox
 
 KNOWN_SHAPES = "YOLO-seg [1, 4+C+M, A] with [1, M, mh, mw] or [1, N, 6+M] with [1, M, mh, mw]"
-_MOST_SCORE = 1.05  # of quantized networks, which round
+_MAX_SCORE = 1.05  # of quantized networks, which round
 _DEFAULT_INPUT_PX = 640
 _DEFAULT_STRIDE_PX = 32
 
@@ -99,7 +94,7 @@ class YoloSeg:
     kind = "yolo-seg"
 
     @classmethod
-    def from_file(cls, file: OnnxFile, layout: YoloLayout, options: DetectorOptions) -> YoloSeg:
+    def from_file(cls, file: Signature, layout: YoloLayout, options: DetectorOptions) -> YoloSeg:
         """Reads class names, input size and stride from the file.
 
         Raises:
@@ -161,7 +156,7 @@ class YoloSeg:
             candidates, prototypes[0], self.place(frame_size), self.options.mask_threshold
         )
         scores = candidates.scores
-        if len(scores) and scores.max() > _MOST_SCORE:
+        if len(scores) and scores.max() > _MAX_SCORE:
             raise WeightsError(
                 f"the YOLO-seg model answered with a score of {scores.max():g}, and scores are at "
                 "most 1; export it again"
@@ -281,16 +276,16 @@ def decode_masks(
     return masks
 
 
-def _side_in(file: OnnxFile, key: str, default: int) -> int:
+def _side_in(file: Signature, key: str, default: int) -> int:
     """The largest number of pixels that an entry of the metadata names.
 
     Raises:
       WeightsError: If no image can be that large.
     """
     side = max(_literal_ints(file.metadata.get(key, "")), default=default)
-    if side > MOST_INPUT_PX:
+    if side > MAX_INPUT_PX:
         raise WeightsError(
-            f"'{file.path}' says {key} {side}; at most {MOST_INPUT_PX} is accepted, export it again"
+            f"'{file.path}' says {key} {side}; at most {MAX_INPUT_PX} is accepted, export it again"
         )
     return side
 

@@ -22,15 +22,9 @@ class Behavior:
 
     token: str | None = None  # needed to get anything
     is_gated: bool = False
-    admits: bool = True  # gives to the holder of the token
     missing: str = ""  # answers 404 with this error code
-    status: int = 0  # answers that, if set
     cuts_after: int | None = None  # bytes of a body, then the connection is closed
-    num_cuts: int = 10**6  # connections that are cut; later ones are not
-    ignores_ranges: bool = False
-    refuses_ranges: bool = False
     delay_s: float = 0.0  # before every kilobyte or so
-    renamed_from: str = ""  # a repository that is redirected to the real one
 
 
 class LocalHub:
@@ -92,18 +86,11 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         hub.requests.append((self.command, self.path, span, token is not None))
         if self.path.startswith("/cdn/"):
             return self._send_bytes(hub.files[self.path.removeprefix("/cdn/")], span, has_body)
-        if can.status:
-            return self._refuse(can.status)
         if self.path.lstrip("/") in hub.files:
             return self._send_bytes(hub.files[self.path.lstrip("/")], span, has_body)
-        if can.renamed_from and self.path.startswith(f"/{can.renamed_from}/"):
-            rest = self.path.removeprefix(f"/{can.renamed_from}/")
-            return self._redirect(f"/facebook/test/{rest}", {})
         if can.token is not None and token != f"Bearer {can.token}":
             code = {"X-Error-Code": "GatedRepo"} if can.is_gated else {}
             return self._refuse(401, **code)
-        if not can.admits:
-            return self._refuse(403, **{"X-Error-Code": "GatedRepo"})
         repository, _, rest = self.path.strip("/").partition("/resolve/")
         revision, _, name = rest.partition("/")
         key = f"{repository}/{name}"
@@ -119,7 +106,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         return self._redirect(f"{hub.address.replace('127.0.0.1', 'localhost')}/cdn/{key}", headers)
 
     def _redirect(self, place: str, headers: dict[str, str]) -> None:
-        self.send_response(302 if headers else 307)
+        self.send_response(302)
         for name, value in {**headers, "Location": place, "Content-Length": "0"}.items():
             self.send_header(name, value)
         self.end_headers()
@@ -132,10 +119,9 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def _send_bytes(self, content: bytes, span: str, has_body: bool) -> None:
         can = self.owner.behavior
-        found = _RANGE.fullmatch(span) if not can.ignores_ranges else None
+        found = _RANGE.fullmatch(span)
         start = int(found[1]) if found else 0
-        if found and (start >= len(content) or can.refuses_ranges):
-            can.refuses_ranges = False
+        if found and start >= len(content):
             return self._refuse(416)
         body = content[start:]
         self.send_response(206 if found else 200)
@@ -147,9 +133,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.end_headers()
         if not has_body:
             return None
-        cut = can.cuts_after is not None and can.num_cuts > 0
-        if cut:
-            can.num_cuts -= 1
+        if can.cuts_after is not None:
             body = body[: can.cuts_after]
             self.close_connection = True
         try:

@@ -67,8 +67,7 @@ WRONG_KIND = {
     "--stride ٣": "is no whole number",
     "--fps fast": "'fast' is no number",
     "--fps 1_0.5": "'1_0.5' is no number",
-    "--engine onnx": "'cv2.dnn'",
-    "--egnine auto": "--engine",
+    "--confidnce 0.3": "--confidence",
 }
 
 

@@ -69,7 +69,7 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
             "--resamples is -3; give a whole number from 0",
         ),
         (("eval", "notes.txt", "notes.txt", "--num-frames", "0"), 2, "--num-frames is 0; give 1"),
-        (("benchmark", "scene", "--detector", "x.engine"), 1, "a TensorRT engine"),
+        (("benchmark", "scene", "--detector", "x.engine"), 1, "is no ONNX file"),
         (("benchmark", "scene", "--iou", "0.4"), 2, "--iou is for a detector"),
         (("sweep",), 1, "name the scenes to sweep over"),
         (("sweep", "scene", "--set", "decision.new=1,2", "--random", "0"), 2, "--random is 0"),

@@ -84,7 +84,6 @@ def test_a_demo_that_is_asked_to_end_keeps_its_run(course, tmp_path):
         ("eval", "RUN", "RUN", "--quiet"),
         ("export", "RUN", "--overwrite", "--quiet"),
         ("warmup", "320x240", "--quiet"),
-        ("backbones", "patch-statistics", "--measure", "--quiet"),
     ],
     ids=lambda words: words[0],
 )

@@ -24,7 +24,6 @@ from remind_jax.errors import ConfigError, OptionError
         ("classes", "chair", "list of class names"),
         ("ignored_classes", None, "list of class names"),
         ("ignored_classes", [3], "list of class names"),
-        ("engine", "onnxrutime", "'onnxruntime'"),
     ],
 )
 def test_a_bad_value_is_named_with_what_is_allowed(field, value, allowed):

@@ -6,7 +6,7 @@ import pytest
 from scipy.special import logit
 
 from remind_jax.detectors import DetectorOptions
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
+from remind_jax.detectors.onnx_model import Signature, TensorSpec
 from remind_jax.detectors.rfdetr_seg import RfDetrSeg, name_columns, recognize_rfdetr_seg
 from remind_jax.errors import ConfigError, WeightsError
 
@@ -22,7 +22,7 @@ def head_of(options=None, metadata=None, input_shape=(1, 3, 48, 48)) -> RfDetrSe
     layout = recognize_rfdetr_seg(OUTPUTS)
     assert layout is not None
     images = TensorSpec("input", input_shape, "float32")
-    file = OnnxFile(Path("m.onnx"), (images,), tuple(OUTPUTS), metadata or {})
+    file = Signature(Path("m.onnx"), (images,), tuple(OUTPUTS), metadata or {})
     return RfDetrSeg.from_file(file, layout, options or DetectorOptions())
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.special import expit
 
 from remind_jax.detectors import DetectorOptions
-from remind_jax.detectors.onnx_file import OnnxFile, TensorSpec
+from remind_jax.detectors.onnx_model import Signature, TensorSpec
 from remind_jax.detectors.yolo_seg import (
     Candidates,
     YoloLayout,
@@ -29,9 +29,9 @@ def specs(*shapes) -> list[TensorSpec]:
 
 def file_of(
     outputs, metadata=None, input_shape: tuple[int | None, ...] = (1, 3, 96, 128)
-) -> OnnxFile:
+) -> Signature:
     images = TensorSpec("images", input_shape, "float32")
-    return OnnxFile(Path("m.onnx"), (images,), tuple(outputs), metadata or {})
+    return Signature(Path("m.onnx"), (images,), tuple(outputs), metadata or {})
 
 
 def head_of(outputs, options=None, metadata=None, input_shape=(1, 3, 96, 128)) -> YoloSeg:
