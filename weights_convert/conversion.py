@@ -72,14 +72,8 @@ def convert(
     """Converts one network.
 
     Args:
-      source: Official `.pth`, or Hugging Face's safetensors (file, index of shards, or folder).
       out: File to write; appears only when it is complete. `NAME.safetensors` in the folder where
         backbones look for it if None.
-      wishes: What is known or decided about the network.
-      dtype: Type that numbers are stored in.
-      overwrite: Replace an existing file.
-      progress: Called with the number of leaves written, and of all leaves.
-      origin: What the header calls the source; the name of its file if left out.
 
     Raises:
       WeightsError: If the source is not exactly one of the known networks.

@@ -141,10 +141,6 @@ class NamedTensors:
 def name_tensors(tensors: Mapping[str, Any], file: str) -> NamedTensors:
     """Recognizes the layout of a file and names its tensors in our words.
 
-    Args:
-      tensors: `StoredTensor` by key; mappings of them where a checkpoint holds several networks.
-      file: For messages.
-
     Raises:
       WeightsError: If no layout fits, or two keys mean the same tensor.
     """

@@ -31,12 +31,7 @@ class Recipe:
 
 
 def recipes(variant: Variant, tensors: Mapping[str, StoredTensor]) -> list[Recipe]:
-    """How to make all leaves of a variant, in the order of `leaf_shapes`.
-
-    Args:
-      variant: The network.
-      tensors: What there is; decides between fused and separate matrices only.
-    """
+    """How to make all leaves of a variant, in the order of `leaf_shapes`."""
     made = {recipe.leaf: recipe for recipe in _outer_recipes(variant, tensors)}
     for block in range(variant.depth):
         made |= {r.leaf: r for r in _block_recipes(variant, f"blocks.{block}.", tensors)}

@@ -104,10 +104,6 @@ class Check:
 def check_values(weights: str | Path, image: str | Path) -> Check:
     """Runs a converted network on an image and compares its first values.
 
-    Args:
-      weights: Converted file.
-      image: The picture that the published values belong to.
-
     Raises:
       WeightsError: If the weights cannot be read.
       SourceError: If the image cannot be read.

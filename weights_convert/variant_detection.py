@@ -41,12 +41,6 @@ def detect_variant(
 ) -> Variant:
     """The architecture that tensors of these names and shapes belong to.
 
-    Args:
-      named: Tensors in our words.
-      config: Values of Hugging Face's `config.json`; they must agree.
-      wishes: What the caller knows.
-      file: For messages.
-
     Raises:
       WeightsError: If a size is not clear, or the network is not the expected or a published one.
       ConfigError: If the expected variant does not exist.

@@ -83,12 +83,6 @@ def measure_tiles(
     """Measures the tiles of the frame that hold a needed cell; the cells of others are zero.
 
     A cell gets the same values, to the bit, whatever else is needed.
-
-    Args:
-      measure: From the same planes of one tile to its cells.
-      planes: A pytree of `[*C H W]`, each with a margin of its own around the cells.
-      needed: Which cells are asked for.
-      tile: Its rows and columns, in cells.
     """
     height, width = tile
     rows, columns = needed.shape

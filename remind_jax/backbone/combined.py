@@ -23,9 +23,6 @@ def combine(parts: Sequence[Backbone]) -> Backbone:
 
     Features of each part are scaled to unit length first, so that none outweighs the others. It
     cannot be traced, and has no attention.
-
-    Args:
-      parts: One or more.
     """
     patch_px = parts[0].patch_px
 

@@ -45,11 +45,6 @@ def cache_features(backbone: Backbone, folder: str | Path, tally: Tally | None =
 
     It cannot be traced, and attention is not kept.
 
-    Args:
-      backbone: What computes features.
-      folder: Where files are kept; made if needed, shared by all backbones and scenes.
-      tally: Counts what was found and computed.
-
     Raises:
       OutputError: If the folder cannot be made.
     """

@@ -80,12 +80,8 @@ def onnx_encoder(
     frame (backbones.md#fixed-input).
 
     Args:
-      path: The `.onnx` or `.ort` file; `FILE#OUTPUT` also says which output.
       output: Which output holds the patches, or several of one grid with commas between, which are
         put side by side; the only one that may if left out.
-      mean: Subtracted from RGB after scaling to [0, 1]; of ImageNet if left out.
-      std: What is divided by then.
-      num_threads: Threads of onnxruntime; its own choice if left out.
 
     Raises:
       WeightsError: If the file is missing, damaged or no such encoder.
@@ -197,14 +193,7 @@ def _to_frame(
     inside: tuple[int, int],
     patch_px: int,
 ) -> Float[jax.Array, "B Hp Wp D"]:
-    """Features at the patches of a frame, of tokens that see it scaled (backbones.md#fixed-input).
-
-    Args:
-      tokens: Over the whole input; those beyond the frame are left out.
-      size: Height and width of the frame, multiples of the patch.
-      inside: Height and width that it has in the input.
-      patch_px: Side of a patch, of the frame and of the input.
-    """
+    """Features at the patches of a frame, of tokens that see it scaled; backbones.md#fixed-input."""
     rows, columns = (-(-side // patch_px) for side in inside)
     factors = jnp.array([side / scaled for side, scaled in zip(size, inside, strict=True)])
     batch, _, _, dim = tokens.shape
@@ -220,13 +209,7 @@ def _to_frame(
 
 
 def recognize(name: str, shape: tuple[int, ...], size: tuple[int, int]) -> PatchOutput | None:
-    """What an output of this shape is, for one image of this size; None if it holds no patches.
-
-    Args:
-      name: Of the output.
-      shape: Of the output, the image axis included.
-      size: Height and width of the image in pixels.
-    """
+    """What an output of this shape is, for one image of this size; None if it holds no patches."""
     height, width = size
     sides = range(_MIN_PATCH_PX, min(_MAX_PATCH_PX, height, width) + 1)
     fitting = [s for s in sides if height % s == 0 and width % s == 0]

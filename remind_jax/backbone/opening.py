@@ -18,12 +18,6 @@ def open_backbone(
 ) -> Backbone:
     """A backbone by name with its weights, which keeps features if asked to.
 
-    Args:
-      backbone: Registered name, or one that was made already.
-      weights: Converted weight file or folder, for a name that needs one.
-      feature_cache: Folder of features that are kept; none if left out.
-      quiet: Say nothing of weights that are fetched.
-
     Raises:
       ConfigError: If the name is unknown, or weights are given to what takes none.
       WeightsError: If there are no weights, or they do not fit.

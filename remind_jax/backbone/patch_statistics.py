@@ -145,10 +145,7 @@ def describe_patches(
     """Features of patches of one image whose sides are multiples of `PATCH_PX`.
 
     Args:
-      image: RGB.
       wanted: Patches to describe; what else is wanted changes none of them. Others are zero.
-      centering: See `patch_statistics`.
-      tile: Rows and columns of patches that are measured together; all if left out.
     """
     # A patch needs the histograms of its neighbors.
     needed = jax.lax.reduce_window(wanted, False, jax.lax.bitwise_or, (3, 3), (1, 1), "SAME")

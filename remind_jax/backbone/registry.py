@@ -65,7 +65,6 @@ class Backbone:
         frame its masks belong to. Only shapes and types are checked, so this can be traced.
 
         Args:
-          images: RGB, height and width multiples of `patch_px`.
           wanted: Patches that are asked for; all if left out. The features of others may be zero,
             which is faster for some backbones.
 
@@ -86,10 +85,8 @@ class Backbone:
         """`extract`, and how patches of objects attend to each other; features are the same.
 
         Args:
-          images: As for `extract`.
           patches: Raster numbers of patches of objects, -1 in unused slots. Memory grows with
             their number squared, and one program is compiled per number of slots.
-          heads: Heads that attention is averaged over; all if left out.
 
         Raises:
           SourceError: As `extract`.
@@ -224,7 +221,6 @@ def get_backbone(name: str = DEFAULT_BACKBONE, **options: Any) -> Backbone:
       name: A registered name, or `"NAME:TARGET"` for a backbone that reads `TARGET`, usually a
         file; the target becomes the first argument of its factory. Several, joined by pluses, see
         a frame one beside the other (`combined.combine`).
-      **options: Options of this backbone; see its factory.
 
     Raises:
       ConfigError: If there is no such backbone or it does not take such an option.

@@ -237,9 +237,7 @@ class VisionTransformer(nn.Module):
         """Describes normalized images; what does not fill a patch is left out.
 
         Args:
-          images: RGB, normalized (`preprocessing.normalize`).
           objects: Raster numbers of patches whose attention is wanted, `NO_PATCH` in unused slots.
-          heads: Heads that this attention is averaged over; all if left out.
         """
         v = self.variant
         stream, grid = self._embed(images)
@@ -323,15 +321,7 @@ def encode(
     numerics: Numerics | None = None,
     **wanted: Any,
 ) -> Tokens:
-    """Describes normalized images: a pure function of weights and images.
-
-    Args:
-      params: As `vit_weights.load_weights` gives them, or as `arrange_params` does.
-      images: RGB, normalized.
-      variant: The network.
-      numerics: How it is computed; exact and plain if left out.
-      **wanted: `objects` and `heads` of `VisionTransformer`.
-    """
+    """Describes normalized images: a pure function of weights and images."""
     numerics = numerics or Numerics()
     params = arrange_params(params, variant, numerics)
     tokens = VisionTransformer(variant, numerics).apply({"params": params}, images, **wanted)

@@ -163,14 +163,6 @@ def attention_among(
     """Attention of one layer from some patches, averaged over heads.
 
     Only rows of these patches are computed, and never those of all heads at once.
-
-    Args:
-      queries: Of all tokens.
-      keys: Of all tokens.
-      patches: Raster numbers of the patches; `NO_PATCH` leaves a slot empty.
-      num_prefix: Tokens before the patches.
-      heads: Which heads are averaged; all if None.
-      precision: Of the scores.
     """
     if heads is not None:
         queries, keys = queries[:, jnp.array(heads)], keys[:, jnp.array(heads)]

@@ -40,11 +40,7 @@ def vit(
     """A published network.
 
     Args:
-      name: Of the variant.
-      weights: Converted file, or folder with `NAME.safetensors`; looked for, then fetched as
-        `weights_download.obtain_weights` says if left out.
       precision: Of matrix products: `"float32"` is exact, `"bfloat16"` fast on GPUs and TPUs.
-      attention: How attention is computed; see `vit_attention.Method`.
 
     Raises:
       WeightsError: If there are no weights, or they are of another network or damaged.

@@ -58,12 +58,6 @@ def resample_table(
     """Brings a square position table to a patch grid.
 
     As published, the table is taken as it is only where the grid is square and of the same size.
-
-    Args:
-      table: Position of every patch of the training image.
-      rows: Height of the grid in patches.
-      columns: Width of the grid in patches.
-      rule: How positions between samples are found; see `vit_variants.Position`.
     """
     side = table.shape[0]
     if rows == columns == side:

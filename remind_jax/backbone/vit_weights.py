@@ -126,7 +126,6 @@ def look_for_weights(name: str, given: str | Path | None = None) -> tuple[Path |
     """The weights of a named variant, None if there are none, and where they were looked for.
 
     Args:
-      name: Of the variant.
       given: A file, or a folder with `NAME.safetensors`. Left out: the file or folder that the
         environment variable `REMIND_WEIGHTS` names, then the user's cache folder.
     """
@@ -170,10 +169,6 @@ def default_folder() -> Path:
 
 def load_weights(path: str | Path, expected: str | None = None) -> Weights:
     """Reads a converted weight file.
-
-    Args:
-      path: The file.
-      expected: Name of the variant that it must hold; any if left out.
 
     Raises:
       WeightsError: If it is missing, damaged, of another network, or not exactly the leaves of its

@@ -29,10 +29,8 @@ def obtain_weights(name: str, given: str | Path | None = None, *, quiet: bool = 
     """Where the converted weights of a named network are; fetches those that are nowhere yet.
 
     Args:
-      name: Of the variant.
       given: A file or folder, which must hold them; looked for as `vit_weights.look_for_weights`
         says if left out, and fetched if there are none.
-      quiet: Say nothing and show no progress.
 
     Raises:
       WeightsError: If there are none, and they cannot be fetched or are not the published ones.

@@ -44,7 +44,6 @@ def find_scenes(root: str | Path, metadata: str | None = None) -> tuple[Scene, .
     Args:
       root: A DAVIS folder with one or more sequences, a ScanNet++ folder (`data/<scene>`, with
         annotations beside it), one scene, or a folder of any of these.
-      metadata: Name of the metadata file in each scene's folder, where it has several.
 
     Raises:
       SourceError: If there is no scene, or two of one name.

@@ -76,13 +76,7 @@ def render_tours(
     tours: tuple[SceneOptions, ...] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Path:
-    """Renders what is not there yet, in the DAVIS layout, and gives the folder.
-
-    Args:
-      folder: Where to keep the tours; the user's cache folder if left out.
-      tours: Which; the twelve if left out.
-      progress: Told the name of each tour that is rendered.
-    """
+    """Renders what is not there yet, in the DAVIS layout, and gives the folder."""
     tours = benchmark_tours() if tours is None else tours
     base = user_cache_folder() / "tours" if folder is None else Path(folder)
     # Another renderer or other options make other pixels, which belong into another folder.

@@ -84,21 +84,9 @@ def calibrate(
     Runs with this backbone and the configuration `remind` use them from then on.
 
     Args:
-      scenes: One source with images and masks, or a list of them (`open_source`); images are
-        enough if there is a detector.
-      backbone: What features thresholds are wanted for.
-      weights: Converted weight file of the backbone.
-      feature_cache: Folder of features that are kept and reused; none if left out.
-      detector: ONNX segmentation model, or a function from an RGB frame to instances; used instead
-        of the masks of the scenes.
-      detector_options: Thresholds and class lists of the detector.
       identities: Compare returns by the identities of the masks, where all scenes have them; else
         ends of tracklets, which needs no labels.
       out: File to write instead, to be given as a configuration.
-      seed: Of the choice of comparisons.
-      sampling: Which frames are looked at.
-      progress: Told the name of every scene before it is read.
-      **source_options: Further options of `open_source`.
 
     Raises:
       RemindError: If a scene is not accepted, or the scenes do not hold enough to compare.
@@ -184,13 +172,7 @@ def choose_comparisons(
 def estimate_from(
     views: Sequence[tuple[Views, ...]], compared: Sequence[Comparisons], config: Config
 ) -> dict[str, float]:
-    """Thresholds from the views of all scenes with the reference and the other features.
-
-    Args:
-      views: Of each scene with both.
-      compared: Comparisons in each scene.
-      config: Thresholds for the reference features.
-    """
+    """Thresholds from the views of all scenes with the reference and the other features."""
     start = _start(config)
     shares = (start["similarity.inner_share"], start["similarity.outer_share"])
     cosines = [

@@ -127,12 +127,6 @@ def estimate(
 
     Rule: calibration.md#the-map.
 
-    Args:
-      reference: The comparisons with the reference features.
-      features: The same comparisons with the features that thresholds are wanted for.
-      same: Comparisons of an object with itself; there are some, and some others.
-      start: Thresholds for the reference features, dotted.
-
     Returns:
       All thresholds that are cosines, differences of cosines or weights of terms.
     """
@@ -164,13 +158,7 @@ def estimate(
 def estimate_part_merge(
     reference: Float[np.ndarray, "P"], features: Float[np.ndarray, "Q"], start: Mapping[str, float]
 ) -> float:
-    """From which cosine on two parts of an object are one (calibration.md#the-map).
-
-    Args:
-      reference: Cosines between parts of one object in one frame, with the reference features.
-      features: The same with the features that it is wanted for; parts are others there.
-      start: Thresholds for the reference features.
-    """
+    """From which cosine on two parts of an object are one (calibration.md#the-map)."""
     if not (len(reference) and len(features)):
         return start[PART_MERGE]
     quantiles = (np.quantile(cosines, _QUANTILES) for cosines in (reference, features))

@@ -55,13 +55,6 @@ def read_scene(
 ) -> SceneViews:
     """Describes all detections; of a long scene those of every second, fourth, ... frame.
 
-    Args:
-      source: Frames with images, and masks unless there is a detector.
-      config: The paper's tracker; parts are not merged.
-      backbones: What features come from.
-      detector: Finds what is in view instead of the masks of the source.
-      most_bytes: Memory that views may take.
-
     Raises:
       SourceError: If the scene is empty, has no images or no masks.
     """

@@ -68,12 +68,6 @@ def compare_views(
     """Terms of the visual score of each query with a memory, as the tracker has them.
 
     Rules: method.md#channel-scores, method.md#visual-score.
-
-    Args:
-      views: Of one scene with some features.
-      comparisons: Of the same views.
-      ring_shares: Of the inner and the outer ring.
-      part_top: Best parts that are averaged.
     """
     value, present = [np.zeros((0, 3))], [np.zeros((0, 3), bool)]
     for first in range(0, len(comparisons.query), _AT_ONCE):

@@ -183,10 +183,6 @@ def _as_yaml(values: dict[str, Any]) -> str:
 def describe_settings(config: Config, names: Sequence[str]) -> Iterator[str]:
     """A few lines about every setting that is named.
 
-    Args:
-      config: Where the settings and their values are.
-      names: Keys or sections, written as anywhere else (`config/keys.py`).
-
     Raises:
       ConfigError: If one of them is unknown, or may be several.
     """

@@ -107,10 +107,6 @@ def quiet_defaults(flags: type[VerbT]) -> type[VerbT]:
 def refuse_flags(group: Any, reason: str) -> None:
     """Refuses flags that would change nothing.
 
-    Args:
-      group: Flags that belong together, as parsed.
-      reason: The sentence after the flag's name.
-
     Raises:
       UsageError: If one of them has another value than its default.
     """
@@ -264,11 +260,6 @@ def load_config_with(
     name: str, assignments: Assignments = (), tracker: str | None = None
 ) -> Config:
     """A configuration by name or file, with single values changed.
-
-    Args:
-      name: Name of a shipped configuration, or a YAML file.
-      assignments: Changes as `dotted.key=value`, values in YAML.
-      tracker: Name of the method that the changes are for; that of the configuration if left out.
 
     Raises:
       ConfigError: If the configuration, the tracker or a key is unknown, or a value of the wrong

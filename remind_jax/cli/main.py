@@ -89,9 +89,6 @@ VERBS: dict[str, type[Verb]] = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs one command.
 
-    Args:
-      argv: Words after `remind`; those of the process if left out.
-
     Returns:
       The exit code.
     """

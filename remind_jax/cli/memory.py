@@ -189,13 +189,7 @@ def _print_objects(objects: Sequence[RememberedObject]) -> None:
 
 
 def render_memory(objects: Sequence[RememberedObject], title: str, about: str) -> str:
-    """The page as text.
-
-    Args:
-      objects: In the order shown.
-      title: Heading.
-      about: A sentence below it.
-    """
+    """The page as text."""
     template = resources.files("remind_jax.cli").joinpath("memory_page.html")
     slots = {
         "title": _escape(title),

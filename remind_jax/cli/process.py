@@ -56,12 +56,7 @@ def complain(sentence: str) -> None:
 
 
 def report_failure(error: BaseException, chatter: str = "") -> None:
-    """Says what broke in one sentence, and keeps the traceback for a report.
-
-    Args:
-      error: What broke.
-      chatter: What libraries said on their own until then.
-    """
+    """Says what broke in one sentence, and keeps the traceback for a report."""
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     text = "".join(traceback.format_exception(error))
     if chatter:

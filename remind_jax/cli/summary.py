@@ -32,13 +32,7 @@ def summary_facts(result: Result, out: Path) -> dict[str, Any]:
 
 
 def print_summary(result: Result, out: Path, notes: Iterable[str] = ()) -> None:
-    """Prints the same for people on stdout.
-
-    Args:
-      result: The run.
-      out: Its output folder.
-      notes: What the source found worth saying.
-    """
+    """Prints the same for people on stdout."""
     print_lines(on_one_line(line) for line in [*notes, *summary_lines(result, out)])
 
 

@@ -111,10 +111,6 @@ class Config:
     def updated(self, changes: Mapping[str, Any], origin: str = "changes") -> Config:
         """A copy with some values changed, e.g. `{"thresholds": {"matching": {"match": 0.7}}}`.
 
-        Args:
-          changes: Nested values; `thresholds` may be left out, and keys may be dotted.
-          origin: Where they were written, for messages.
-
         Raises:
           ConfigError: For an unknown key or a value of the wrong kind.
         """
@@ -172,10 +168,6 @@ class Config:
         to keys that nobody chose: that are not `chosen` and have their published value. One that
         `remind calibrate` made for these very features comes before the shipped one. Once more
         changes nothing.
-
-        Args:
-          name: Of the backbone.
-          fingerprint: Of the backbone; shipped profiles alone are looked for if left out.
 
         Raises:
           ConfigError: If the configuration is a profile of other features.

@@ -23,12 +23,6 @@ SWITCHES = "static.switches."
 def full_key(name: str, known: Collection[str], tracker: str, origin: str) -> str:
     """The key that a name stands for.
 
-    Args:
-      name: As somebody wrote it.
-      known: All keys of the configuration, in full.
-      tracker: Method that the thresholds among them belong to.
-      origin: Where the name was written, for messages.
-
     Raises:
       ConfigError: If it stands for none of them, or for several.
     """
@@ -57,12 +51,6 @@ def flat_keys(
     changes: Mapping[str, Any], known: Collection[str], tracker: str, origin: str
 ) -> dict[str, Any]:
     """Nested values by full key, each key once.
-
-    Args:
-      changes: Nested or dotted, `thresholds.` written or left out.
-      known: All keys of the configuration, in full.
-      tracker: Method that the thresholds among them belong to.
-      origin: Where the values were written, for messages.
 
     Raises:
       ConfigError: If a key is unknown or given twice, or a section holds a value of its own.

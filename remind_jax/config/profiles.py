@@ -94,14 +94,7 @@ def read_made_for(value: Any, origin: str) -> MadeFor:
 
 
 def write_profile(path: Path, tracker: str, made_for: MadeFor, values: Mapping[str, Any]) -> None:
-    """Writes a profile, whole or not at all.
-
-    Args:
-      path: The file.
-      tracker: Name of the configuration that the profile starts from.
-      made_for: Whose features it fits.
-      values: Thresholds, nested.
-    """
+    """Writes a profile, whole or not at all."""
     import yaml
 
     tree = {"base": tracker, "profile": msgspec.to_builtins(made_for), "thresholds": values}
@@ -112,12 +105,7 @@ def write_profile(path: Path, tracker: str, made_for: MadeFor, values: Mapping[s
 
 
 def read_profile(path: Path, tracker: str) -> dict[str, Any]:
-    """Reads the values of a profile, with `profile` and `thresholds`.
-
-    Args:
-      path: The file.
-      tracker: Name of the configuration that it has to start from.
-    """
+    """Reads the values of a profile, with `profile` and `thresholds`."""
     values = records.read_yaml(path, dict[str, Any], refused=ConfigError)
     if set(values) != {"base", "profile", "thresholds"}:
         raise ConfigError(

@@ -135,11 +135,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 
 def decided_settings(published: Any) -> dict[str, dict[str, Setting]]:
-    """The settings that a key of the original decides alone, by that key and by their own.
-
-    Args:
-      published: The published configuration.
-    """
+    """The settings that a key of the original decides alone, by that key and by their own."""
     decided: dict[str, dict[str, Setting]] = {}
     for path, _, record in walk_settings(published):
         for key in record.own_keys:
@@ -149,10 +145,6 @@ def decided_settings(published: Any) -> dict[str, dict[str, Setting]]:
 
 def translate(settings: Mapping[str, Any], published: Any) -> dict[str, Any]:
     """Turns nested settings of the original into nested settings of this package.
-
-    Args:
-      settings: Nested keys and values as in the original's file.
-      published: The published configuration, which the original has as well.
 
     Raises:
       ConfigError: For a key that the original does not have, or a value that is not supported.
@@ -243,11 +235,7 @@ def _allowed(key: str, value: Any, values: Any) -> Any:
 
 
 def decide(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Turns these keys of the original into settings of this package.
-
-    Args:
-      given: Values by key; keys that are not among `SHIPPED` are not looked at.
-    """
+    """Turns these keys of the original into settings of this package."""
     get = lambda key: given.get(key, SHIPPED[key])  # noqa: E731
     by_threshold = get("dino.patch_selection") == "threshold"
     erosion_px = get("davis.mask_erosion_px") * max(1, get("davis.mask_erosion_iters"))

@@ -136,10 +136,6 @@ def refine_detections(
 ) -> tuple[Detections, DropCounts]:
     """Keeps the wanted instances and erodes their masks; the order stays.
 
-    Args:
-      detections: As they came from the detector.
-      options: `confidence`, the class lists, `erosion_px` and `min_mask_px` are read.
-
     Returns:
       The detections left and the number of wanted ones that were dropped for their masks.
     """

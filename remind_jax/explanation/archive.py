@@ -33,13 +33,7 @@ class TraceArchive(Generic[Record]):
     """Records of a run by frame; those of a file are read when they are first asked for."""
 
     def __init__(self, tracker: str, kind: type[Record], path: Path | None = None) -> None:
-        """Makes an empty archive, or opens a file without reading it yet.
-
-        Args:
-          tracker: Name of the method whose records these are.
-          kind: Their class.
-          path: The file.
-        """
+        """Makes an empty archive, or opens a file without reading it yet."""
         self._tracker, self._kind, self._path = tracker, kind, path
         self._frames: dict[int, Record] = {}
         self._labels: dict[int, str] = {}
@@ -51,13 +45,7 @@ class TraceArchive(Generic[Record]):
         return self._labels
 
     def add(self, frame_index: int, record: Record, labels: Mapping[int, str]) -> None:
-        """Keeps one frame.
-
-        Args:
-          frame_index: Number of the processed frame.
-          record: On the host, without padding.
-          labels: Class names of the objects in memory.
-        """
+        """Keeps one frame."""
         self._frames[frame_index] = record
         self._labels = {**labels, **self._labels}
 
@@ -80,11 +68,7 @@ class TraceArchive(Generic[Record]):
         return sorted(self._frames.items(), key=lambda frame: frame[0])
 
     def renumbered(self, number: Callable[[Iterable[int]], Mapping[int, int]]) -> Self:
-        """The same records with other ids of objects.
-
-        Args:
-          number: Gives the new id of each of some ids.
-        """
+        """The same records with other ids of objects."""
         self._read()
         ids = [
             np.ravel(leaf)

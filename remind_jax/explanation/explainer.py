@@ -27,11 +27,6 @@ class Explainer(abc.ABC, Generic[Record]):
     ) -> None:
         """Takes what a run left behind.
 
-        Args:
-          archive: Its trace.
-          tracks: Its frames.
-          config: Its configuration, nested.
-
         Raises:
           ConfigError: If this version does not know the configuration.
         """
@@ -42,13 +37,7 @@ class Explainer(abc.ABC, Generic[Record]):
     @staticmethod
     @abc.abstractmethod
     def record(num: int, decisions: Decisions, trace: Any) -> Record:
-        """What is kept of a frame.
-
-        Args:
-          num: Its detections; further rows are padding.
-          decisions: Host arrays.
-          trace: What the traced step gave, as host arrays.
-        """
+        """What is kept of a frame."""
 
     @abc.abstractmethod
     def _explain(self, record: Record, tracks: Tracks, row: int) -> Explanation:
@@ -56,10 +45,6 @@ class Explainer(abc.ABC, Generic[Record]):
 
     def explain(self, frame: int, detection: int) -> Explanation:
         """Why a detection became what it became.
-
-        Args:
-          frame: Number of the processed frame (`Tracks.frame_index`).
-          detection: Row of the detection in its frame, from 0.
 
         Raises:
           OutputError: If the run has no such frame or detection, or its trace is damaged.

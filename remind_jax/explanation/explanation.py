@@ -49,11 +49,7 @@ class Explanation(abc.ABC):
         return {"format": self.FORMAT, "version": self.VERSION} | to_jsonable(self)
 
     def to_text(self, width: int | None = None) -> str:
-        """The same as a page of plain text, without a line end at its end.
-
-        Args:
-          width: Characters per line; tables are as wide as they need to be if left out.
-        """
+        """The same as a page of plain text, without a line end at its end."""
         sections = (
             self._headline(width),
             ["why", *number_lines(self.why, width)],

@@ -16,11 +16,8 @@ def refuse_folder(
     """Makes sure that files of an output folder never come among the inputs.
 
     Args:
-      folder: Where is written to; need not be there.
-      inputs: Files and folders that are read; what is no path is passed over.
       is_ours: Whether the folder holds nothing, or what was written by us. Another one is refused
         below a folder that is read: it may be the one of the images.
-      may_hold: Allow a folder above the inputs.
 
     Raises:
       OutputError: If the folder is an input, or holds one.
@@ -46,8 +43,6 @@ def refuse_file(
     """Makes sure that a file that is written replaces nothing that is read.
 
     Args:
-      file: Which is written; need not be there.
-      inputs: Files and folders that are read; what is no path is passed over.
       is_read: Which names of files in such a folder are read; all if left out.
 
     Raises:

@@ -15,10 +15,6 @@ def host_array(values: Any, what: str) -> np.ndarray:
     Libraries are asked by `__array__`, else by DLPack. A tensor of PyTorch that gradients flow
     through is taken without them.
 
-    Args:
-      values: An array of any library, or nested sequences of numbers.
-      what: Their name in a sentence, a plural.
-
     Raises:
       SourceError: If they lie where NumPy cannot read them, or make no array.
     """

@@ -24,8 +24,6 @@ def reading(
     """Turns whatever a library raises on what a user handed over into one sentence.
 
     Args:
-      path: The file.
-      refused: Kind of error.
       place: Where in the file, such as the name of a member.
 
     Raises:

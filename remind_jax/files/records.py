@@ -69,12 +69,6 @@ def read_json(
 ) -> Record:
     """Reads a JSON file.
 
-    Args:
-      path: The file.
-      record: What it holds, bounded.
-      refused: Kind of error.
-      max_bytes: Larger files are not read.
-
     Raises:
       RemindError: Of kind `refused`, if it cannot be read or holds something else.
     """
@@ -117,12 +111,6 @@ def decode_rows(
 ) -> Iterator[Row[Record]]:
     """Entries of a list one by one, so that a bad one spoils no other.
 
-    Args:
-      raws: The list as it was decoded, of type `list[msgspec.Raw]`.
-      record: What each entry is.
-      where: Place of the list, such as a quoted path.
-      refused: Kind of error.
-
     Yields:
       Every entry, bad ones with their error.
     """
@@ -139,12 +127,6 @@ def read_json_lines(
     skip: int = 0,
 ) -> Iterator[Row[Record]]:
     """Reads JSON values of a file line by line; empty lines are left out.
-
-    Args:
-      path: The file.
-      record: What each line holds.
-      refused: Kind of error.
-      skip: Lines at the start that are left out.
 
     Yields:
       Every line, bad ones with their error.
@@ -194,11 +176,6 @@ def read_yaml(
 ) -> Record:
     """Reads a YAML file; an empty one is an empty mapping.
 
-    Args:
-      path: The file.
-      record: What it holds; `dict[str, Any]` for any mapping.
-      refused: Kind of error.
-
     Raises:
       RemindError: Of kind `refused`, if it cannot be read, is no YAML, names a key twice, or holds
         something else.
@@ -220,9 +197,6 @@ def check(
 
     Args:
       value: Of plain kinds: mappings with text as keys, lists, tuples, text, numbers, None.
-      record: What it must be.
-      where: Where it is from, in messages.
-      refused: Kind of error.
 
     Raises:
       RemindError: Of kind `refused`, if it is something else, nested too deep or too large, or a

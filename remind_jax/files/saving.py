@@ -34,10 +34,6 @@ def user_cache_folder() -> Path:
 def writing(path: Path, *also: type[Exception]) -> Iterator[None]:
     """Turns what the system says about a failed write into one sentence that names the file.
 
-    Args:
-      path: The file being written.
-      *also: Kinds of errors of the library that writes, which are no `OSError`.
-
     Raises:
       OutputError: Instead of the error.
     """
@@ -84,8 +80,6 @@ def replacing(path: Path, *also: type[Exception], durably: bool = False) -> Iter
     """A file to write to, which takes the place of another one when the block is left well.
 
     Args:
-      path: The other one.
-      *also: Kinds of errors of the library that writes, which are no `OSError`.
       durably: Wait until it is on the disk, so that a power cut leaves one of the two whole.
 
     Raises:
@@ -119,7 +113,6 @@ def replacing_folder(path: Path, beside: Path) -> Iterator[Path]:
     """A folder to fill, which takes the place of another one when the block is left well.
 
     Args:
-      path: The other one, all of which goes; need not be there.
       beside: A folder of the same disk, which holds the new one until then; need not be there.
 
     Raises:

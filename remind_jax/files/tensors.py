@@ -63,9 +63,6 @@ def read_npz(
     """Reads arrays of an NPZ file; their sizes are compared before any is decompressed.
 
     Args:
-      path: The file.
-      refused: Kind of error.
-      names: Only arrays of these names are read; all if left out.
       max_bytes: Of the arrays together in memory, or `MAX_NPZ_RATIO` times the size of the file.
 
     Raises:

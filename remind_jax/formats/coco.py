@@ -105,7 +105,6 @@ def read_data_set(data: bytes, file: str) -> DataSet:
 
     Args:
       data: Content of the file: a mapping, a list of annotations, or one per line (`.jsonl`).
-      file: Its name for messages.
 
     Raises:
       SourceError: If it is something else.
@@ -162,10 +161,6 @@ def read_categories(data: bytes, file: str) -> dict[int, str]:
 
 def to_rle(segmentation: Segmentation, frame_size: tuple[int, int] | None) -> Rle:
     """A segmentation as compressed run-length code.
-
-    Args:
-      segmentation: It; codes must be sound, see `say_bad`.
-      frame_size: Height and width, which polygons do not tell.
 
     Raises:
       SourceError: If the size is needed and not known.

@@ -78,7 +78,6 @@ def find_mots_png(path: Path, *, needs_labels: bool = True) -> str | None:
     """The folder of pictures of MOTS PNG at a path (`SUBSET/instances`); None if there is none.
 
     Args:
-      path: Folder or zip.
       needs_labels: Whether only a folder with names of classes counts, as others may be anything;
         in a zip all do.
     """

@@ -59,7 +59,6 @@ class LivePage(contextlib.AbstractContextManager):
         """Opens nothing yet.
 
         Args:
-          view: What is shown.
           where: `"HOST:PORT"`; True for the first free one of ten ports, which only this machine
             reaches.
         """
@@ -123,12 +122,7 @@ def parse_where(where: bool | str) -> tuple[str, int]:
 
 
 def is_known_host(header: str | None, bound: str) -> bool:
-    """Whether a `Host` header names this server by an address, or by a name that it has.
-
-    Args:
-      header: The header, None if there is none.
-      bound: The host that the server was told to listen at.
-    """
+    """Whether a `Host` header names this server by an address, or by a name that it has."""
     try:
         name = (urlsplit(f"//{header}").hostname or "") if header else ""
     except ValueError:

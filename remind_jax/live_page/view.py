@@ -73,13 +73,7 @@ class _Object:
 
 
 class LiveView:
-    """The newest frame and the objects so far, for the threads of a page.
-
-    Args:
-      title: Name of the run.
-      source: Where the frames come from, if it is live.
-      clock: Seconds, from any time on.
-    """
+    """The newest frame and the objects so far, for the threads of a page."""
 
     def __init__(
         self,
@@ -100,14 +94,7 @@ class LiveView:
     def show(
         self, frame: Frame, tracks: Tracks, decided: Tracks | None, merges: Sequence[Any] = ()
     ) -> None:
-        """Takes the newest frame.
-
-        Args:
-          frame: With its image, if there is one.
-          tracks: By announced ids.
-          decided: The same by ids of the memory.
-          merges: Objects that turned out to be others, beside those, by ids of the memory.
-        """
+        """Takes the newest frame."""
         age_s = 0.0 if self._source is None else self._source.age_s(frame)
         memory_ids = (tracks if decided is None else decided).object_id.tolist()
         with self._changed:

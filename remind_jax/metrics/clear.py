@@ -169,7 +169,6 @@ def clear_scores(counts: ClearCounts, *, pooled: bool = False) -> dict[str, Any]
     """CLEAR fields under TrackEval's names.
 
     Args:
-      counts: Of one sequence, or summed over many.
       pooled: Whether the counts are a sum. TrackEval gives a single sequence without ground truth
         zero ratios (and `MLR` 1), but applies the formulas to sums, which makes `MOTA` negative.
     """

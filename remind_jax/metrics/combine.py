@@ -92,11 +92,6 @@ def bootstrap_intervals(
 
     Args:
       counts: Leading axis over the units to resample: sequences (`stack_counts`) or objects.
-      score: From counts with a leading axis to named scores, such as `identity_scores`.
-      remainder: Counts without that axis that are added to every draw.
-      level: Probability that the interval is to hold.
-      num_resamples: Draws.
-      seed: Of the draws.
 
     Returns:
       Lower and upper end by name; NaN for a score that is undefined in every draw.

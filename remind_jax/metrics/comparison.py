@@ -153,9 +153,6 @@ class ComparisonTable(Printable):
     def to_html(self, path: str | Path | None = None) -> str:
         """A page that needs nothing else: the table, plots with intervals, the legend.
 
-        Args:
-          path: Where to write it, if anywhere.
-
         Raises:
           OutputError: If matplotlib is not installed or the file cannot be written.
         """

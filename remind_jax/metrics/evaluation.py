@@ -147,14 +147,7 @@ def evaluate_sequence(
     """Scores one sequence.
 
     Args:
-      sequence: Ground truth and predictions.
-      firm: The same with firm answers only, for recovery; `sequence` itself if left out.
-      uncertainty: Counts of undecided answers, where the tracker has them.
-      breakdowns: IDF1 by circumstances, if it was counted.
-      num_repeated: Ids taken back before, because they were given twice in one frame.
       recovery_similarity: Least overlap at which an answer counts for recovery (the paper: 0).
-      min_absence_frames: Processed frames out of view that make a return.
-      by_object: Also keep the counts of every object, for `intervals`.
     """
     answers = collect_answers(sequence if firm is None else firm, recovery_similarity)
     recovery, majority = (

@@ -54,12 +54,8 @@ def score_labels(
 
     Args:
       gt_index: True object of each detection, -1 where it has none.
-      predicted_id: Its id, -1 without one.
       firm_id: What recovery is counted from; `predicted_id` if left out.
       score: Who keeps an id that a frame gives twice: the higher score, then the lower slot.
-      gt_class: Class of each detection, for a tracker that may give one id to two classes.
-      num_objects: Objects.
-      num_labels: Ids that are distinguished.
     """
     firm_id = predicted_id if firm_id is None else firm_id
     score = jnp.zeros(gt_index.shape) if score is None else score

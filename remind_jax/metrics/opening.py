@@ -81,10 +81,7 @@ def open_scenes(
     """Opens truth (`truth` left out) or predictions (`truth` given).
 
     Args:
-      path: File or folder.
-      format: What it is; recognized if left out.
       truth: The truth that predictions belong to: lists of results need its videos and images.
-      like: Format of a text file that has no row to recognize it by.
 
     Raises:
       SourceError: If nothing is there, it is not recognized, or it cannot be read.

@@ -97,8 +97,6 @@ def count_recovery(
     """Counts the returns of every object, in the order of `answers.objects`, and the recovered.
 
     Args:
-      answers: Of all objects.
-      reference: The right label of each object.
       min_absence_frames: After shorter gaps an object does not return, it was there.
     """
     objects, index = number_ids(answers.gt_id)

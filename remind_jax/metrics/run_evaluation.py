@@ -81,14 +81,6 @@ def evaluate_tracks(
     positive. If a frame gives one id to several detections, the best-scored keeps it, the others
     count as missed, and `RepeatedIDs` says how many.
 
-    Args:
-      tracks: The frames of a run, in order; read once.
-      undecided: See the head of this module.
-      by_class: Also scores every class apart (`Evaluation.by_class`).
-      by_object: Also keeps the counts of every object, for intervals over them.
-      min_absence_frames: Processed frames out of view that make a return.
-      name: Shown in messages and tables.
-
     Raises:
       SourceError: If no detection has a true instance, an instance occurs twice in a frame, or
         frames are not in order.
@@ -134,17 +126,7 @@ def evaluate_pair(
     min_absence_frames: int = 1,
     area_share: Float[np.ndarray, "N"] | None = None,
 ) -> tuple[Evaluation, tuple[str, ...]]:
-    """Scores a paired scene; also notes about what was left out.
-
-    Args:
-      paired: Truth and predictions.
-      tracks: Of a run, whose detections `paired` has under their numbers.
-      undecided: See the head of this module.
-      by_class: Also score every class separately.
-      by_object: Keep the counts of every object, for intervals over them.
-      min_absence_frames: Processed frames out of view that make a return.
-      area_share: Share of the frame that each row of truth covers; by the truth if left out.
-    """
+    """Scores a paired scene; also notes about what was left out."""
     firm = None if tracks is None else Labels.create(tracks, "strict")
     chosen = firm if tracks is None or undecided == "strict" else Labels.create(tracks, undecided)
 
@@ -187,10 +169,6 @@ def pair_with_instances(
     tracks: Sequence[Tracks], name: str
 ) -> tuple[PairedScene, Float[np.ndarray, "N"]]:
     """Numbered detections and the instances that they are, and which share of the frame these are.
-
-    Args:
-      tracks: The frames of a run whose detections carry their true instance, in order.
-      name: Shown in messages.
 
     Raises:
       SourceError: If there are no instances, or frames are not in order.

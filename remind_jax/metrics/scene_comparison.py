@@ -53,15 +53,6 @@ def compare(
 ) -> ComparisonTable:
     """Scores several predictions by the same rules.
 
-    Args:
-      truth: Ground truth in any known format.
-      predictions: Files or folders by name, or alone: then they are named after their paths.
-      format: Of the predictions; each is recognized if left out, and may be of another format.
-      truth_format: Of the truth; recognized if left out.
-      options: See `SceneOptions`.
-      num_resamples: Draws of the bootstrap; 0 for no intervals.
-      progress: Called with the name of every prediction and scene.
-
     Raises:
       SourceError: If truth or a prediction cannot be read, or every scene of one fails.
     """

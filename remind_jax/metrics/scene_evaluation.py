@@ -117,14 +117,8 @@ def evaluate(
     """Scores predictions against truth.
 
     Args:
-      truth: Ground truth: a file, a folder of one scene, a folder of scenes.
       prediction: Output of any tracker; scenes are matched by name (one scene with one scene
         whatever their names).
-      format: Of the predictions, and of the truth if that is text too; recognized if left out.
-      truth_format: Of the truth; recognized if left out.
-      name: Of the predictions, for tables; the file's or folder's if left out.
-      options: See `SceneOptions`.
-      progress: Called with the name of every scene before it is scored.
 
     Raises:
       SourceError: If nothing can be read, or every scene failed.

@@ -61,15 +61,9 @@ class TrackingSequence:
         """Builds a sequence from flat tables and checks it as TrackEval does.
 
         Args:
-          num_frames: Length of the sequence, frames without any row included.
           ground_truth: Frame `[G]` and id `[G]` of each row, frames not falling.
           predictions: Frame `[P]` and id `[P]` of each row, frames not falling.
           pairs: Ground-truth row `[K]`, predicted row `[K]`, similarity `[K]` in [0, 1].
-          gt_class: Class index per ground-truth row; all 0 if left out.
-          pred_class: Class index per predicted row; all 0 if left out.
-          class_names: What the class indices mean.
-          name: Shown in messages and tables.
-          first_frame: Number of the first frame in messages.
 
         Raises:
           SourceError: If an id occurs twice in one frame, a frame is outside of the sequence, a
@@ -113,10 +107,7 @@ class TrackingSequence:
         """Builds a sequence from one entry per frame.
 
         Args:
-          gt_ids: Ground-truth ids of each frame.
-          pred_ids: Predicted ids of each frame.
           similarities: Per frame a matrix `[ground truth, predictions]` with values in [0, 1].
-          name: Shown in messages and tables.
 
         Raises:
           SourceError: As `create`, and if a matrix does not fit the ids of its frame.

@@ -89,13 +89,6 @@ def evaluate_visits(
 ) -> VisitsEvaluation:
     """Scores several recordings of one place as one: an id must mean the same in all of them.
 
-    Args:
-      truth: A folder of scenes, one per visit; their order by name is that of time.
-      prediction: Output of a tracker for each, matched by name.
-      format: Of the predictions; recognized if left out.
-      truth_format: Of the truth; recognized if left out.
-      options: How scenes are read; `by_class` and `by_object` are of no effect.
-
     Raises:
       SourceError: If a side cannot be read, or a visit is missing.
     """
@@ -121,11 +114,6 @@ def evaluate_run_visits(
     runs: Mapping[str, Sequence[Tracks]], *, name: str = "visits", undecided: Undecided = "strict"
 ) -> VisitsEvaluation:
     """As `evaluate_visits`, of runs whose detections carry their true instance.
-
-    Args:
-      runs: The frames of each visit by its name, in the order of time.
-      name: Of the whole.
-      undecided: What becomes of undecided detections.
 
     Raises:
       SourceError: If there are fewer than two runs, or one has no true instances.

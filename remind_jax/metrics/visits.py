@@ -44,10 +44,6 @@ class VisitCounts:
 def join_visits(visits: Sequence[TrackingSequence], name: str) -> TrackingSequence:
     """The visits as one sequence, one after another, with an empty frame between two.
 
-    Args:
-      visits: In the order of time, with ids that mean the same in all.
-      name: Of the whole.
-
     Raises:
       SourceError: If there are fewer than two visits.
     """

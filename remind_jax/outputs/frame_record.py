@@ -25,10 +25,6 @@ DETECTIONS_NAME = "detections.jsonl"
 class FrameRecord(contextlib.AbstractContextManager):
     """Writes frames as they are taken.
 
-    Args:
-      target: A folder.
-      overwrite: Allow a folder with files in it.
-
     Raises:
       OutputError: If it cannot be written, or is there and `overwrite` is False.
     """

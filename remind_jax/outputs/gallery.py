@@ -133,13 +133,7 @@ class SightingCollector:
 
 
 def view_quality(image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks, row: int) -> float:
-    """Higher is better; comparable between views of one object in one run.
-
-    Args:
-      image: The frame, RGB, at the size of the tracks; without it only size and border count.
-      tracks: Its detections.
-      row: The one to judge.
-    """
+    """Higher is better; comparable between views of one object in one run."""
     size_px = min(math.sqrt(max(float(tracks.areas[row]), 0.0)), _COMPARED_PX)
     whole = _CUT_OFF if touches_border(tracks, row) else 1.0
     alone = 1.0 - _share_taken(tracks, row)

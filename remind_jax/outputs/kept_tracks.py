@@ -17,9 +17,6 @@ class KeptTracks:
 
     On disk they are in a file without a name, which is gone with the process that wrote it, so that
     nothing but this object ever reads it.
-
-    Args:
-      folder: Keep them on the disk of this folder; in memory if left out.
     """
 
     def __init__(self, folder: Path | None = None) -> None:

@@ -99,11 +99,6 @@ def apply_edits(result: Result, edits: Edits, where: str) -> Result:
 
     The class of an identity is that of most of its detections.
 
-    Args:
-      result: The run that was labeled.
-      edits: What was corrected.
-      where: Name of the file of edits, for messages.
-
     Raises:
       SourceError: If the edits are of another run, name what is not there, or leave an identity
         twice in a frame.

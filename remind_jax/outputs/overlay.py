@@ -69,8 +69,6 @@ def draw(image: Any, tracks: Tracks, trails: Iterable[Tracks] = ()) -> UInt8[np.
     white with their candidates.
 
     Args:
-      image: The frame, RGB uint8 `[H, W, 3]`, which is not changed; None draws on gray.
-      tracks: The answers about it.
       trails: Answers about earlier frames, in their order, whose centers are joined; the last ones
         suffice, as in a `collections.deque(maxlen=30)`.
 
@@ -295,10 +293,6 @@ def find_trails(tracks: Tracks, earlier: Sequence[Tracks]) -> dict[int, list[lis
 
     A way ends where the object was not in the next frame that is given, so that no line leads
     across an absence.
-
-    Args:
-      tracks: The frame that is looked at.
-      earlier: Frames in order; those that are not before it are left out.
 
     Returns:
       By object, the pieces of its way; each is a list of centers, column and row in pixels.

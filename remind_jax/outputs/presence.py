@@ -62,12 +62,7 @@ class ObjectHistory:
 def find_presences(
     run: Iterable[Tracks], min_absence_frames: int = MIN_ABSENCE_FRAMES
 ) -> list[Presence]:
-    """Every identity of a run, by rising id.
-
-    Args:
-      run: The frames, in order.
-      min_absence_frames: Of shorter gaps nothing is said.
-    """
+    """Every identity of a run, by rising id."""
     seen: dict[int, list[int]] = collections.defaultdict(list)
     candidate: dict[int, list[int]] = collections.defaultdict(list)
     labels: dict[int, str] = {}

@@ -57,14 +57,7 @@ _RUN_DATA = re.compile(r'<script type="application/json" id="run-data">(.*?)</sc
 def write_report(
     folder: Path, result: Result, sightings: Sequence[Sighting], video: Path | None
 ) -> None:
-    """Writes `report.html` into the folder of a run.
-
-    Args:
-      folder: Output folder of the run.
-      result: The run.
-      sightings: Crops of the gallery.
-      video: The overlay, in `folder`; embedded unless it is large, None without one.
-    """
+    """Writes `report.html` into the folder of a run."""
     page = render_report(result, sightings, None if video is None else video_address(video))
     files.replace_file(folder / REPORT_NAME, page.encode("utf-8"))
 
@@ -353,11 +346,7 @@ def frame_steps(num_frames: int) -> list[int]:
 
 
 def time_steps(duration_s: float) -> list[float]:
-    """Round seconds and, from one minute on, round minutes; up to the first that leaves one tick.
-
-    Args:
-      duration_s: Of the axis; positive.
-    """
+    """Round seconds and, from a minute on, round minutes; up to the first that leaves one tick."""
     smallest = 10.0 ** math.floor(math.log10(duration_s) - 2)
     seconds = itertools.takewhile(lambda step: step < 50, _round_numbers(min(smallest, 1.0)))
     minutes = (60 * step for step in _round_numbers(1.0))

@@ -159,10 +159,6 @@ class Result(Printable):
     def explain(self, frame: int, detection: int) -> Explanation:
         """Why a detection became what it became; the run must have been made with `trace=True`.
 
-        Args:
-          frame: Number of the processed frame (`Tracks.frame_index`).
-          detection: Row of the detection in its frame, from 0.
-
         Raises:
           OutputError: If the run holds no trace, or no such frame or detection.
         """

@@ -128,11 +128,6 @@ def read_detections(path: Path) -> tuple[RunInfo, tuple[Tracks, ...]]:
 def check_all_there(folder: Path, tracks: Sequence[Tracks], run: RunRecord | None) -> None:
     """Makes sure that no frame is missing from the record of a run that is complete.
 
-    Args:
-      folder: Of the run.
-      tracks: The frames of its `detections.jsonl`.
-      run: Its `run.json`, if there is one.
-
     Raises:
       OutputError: If the record was cut off since.
     """

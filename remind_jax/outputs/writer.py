@@ -82,12 +82,6 @@ class RunWriter:
         """Prepares the folder, before any work is done.
 
         Args:
-          out_dir: Folder to write to; made if it is missing.
-          info: What is known of the run at its start; `finish` may bring a fuller one.
-          overlay: False leaves out the video.
-          overwrite: Allow a folder with files in it; files of an earlier run are removed.
-          resume: Allow a folder with files of a run, which are kept until they are written anew.
-          viewers: Records that get every frame as well, such as `McapRecord`.
           endless: Nobody knows how many frames will come, so memory must not grow with them.
         """
         self.folder = Path(out_dir)
@@ -212,7 +206,6 @@ def render_again(run_dir: str | Path, source: Iterable[Frame] | None = None) -> 
     """Draws overlay and report of a finished or interrupted run anew.
 
     Args:
-      run_dir: Output folder of the run.
       source: The frames that the run was made from, in order, as they are sampled; frames that
         the run does not know are passed over. Without it the overlay stays as it is (drawn on
         gray if there is none), and the crops are taken from the earlier report.
@@ -244,13 +237,7 @@ def _render(folder: Path, result: Result, source: Iterable[Frame] | None) -> Non
 
 
 def add_comparison(run_dir: Path, result: Result, rows: tuple[tuple[str, ...], ...]) -> Result:
-    """Adds a comparison with the truth to the report and `run.json` of a run that is there.
-
-    Args:
-      run_dir: Its folder.
-      result: The run.
-      rows: See `Result.comparison`.
-    """
+    """Adds a comparison with the truth to the report and `run.json` of a run that is there."""
     result = dataclasses.replace(result, comparison=rows)
     _write_report(run_dir, result, report.read_sightings(run_dir / report.REPORT_NAME))
     result.save_run_json(run_dir)

@@ -87,15 +87,7 @@ def lay_out(
     is_text: Sequence[int] = (0,),
     is_markup: bool = True,
 ) -> Iterator[Table]:
-    """Tables for `rich`: one if it fits, else several with the first column in each.
-
-    Args:
-      lines: Cells by row, the heads first.
-      width: Characters per line.
-      title: Above the first.
-      is_text: Columns that are flush left.
-      is_markup: Whether cells are markup of `rich`; else they are shown as they are.
-    """
+    """Tables for `rich`: one if it fits, else several with the first column in each."""
     from rich.markup import escape
     from rich.table import Table
 
@@ -127,13 +119,7 @@ def table_width(widths: Sequence[int]) -> int:
 
 
 def split_columns(widths: Sequence[int], width: int, around_cell: int) -> Iterator[tuple[int, ...]]:
-    """Columns by table: all if they fit, else as many as do, after the first one.
-
-    Args:
-      widths: Characters of each column.
-      width: Characters per line.
-      around_cell: Characters of what separates columns.
-    """
+    """Columns by table: all if they fit, else as many as do, after the first one."""
     columns = (0,)
     for place in range(1, len(widths)):
         if len(columns) > 1 and sum(widths[i] + around_cell for i in (*columns, place)) > width:

@@ -48,10 +48,6 @@ class Archive(tarfile.TarFile):
 def open_archive(path: Path, most_member_bytes: int = _MOST_HEADER_BYTES) -> Archive:
     """Opens an archive, compressed or not.
 
-    Args:
-      path: The file.
-      most_member_bytes: What is read of a member in one go; headers have a limit of their own.
-
     Raises:
       One of `DAMAGED`: If it is no archive, or asks for too much.
     """

@@ -38,12 +38,6 @@ class ItemReader:
     - a `Frame`, whose number, time and name are kept.
 
     An array `[T, H, W, 3]` is a sequence of images. An iterator can be read once only.
-
-    Args:
-      items: The items, in temporal order.
-      name: Name of the sequence.
-      fps: Images per second, for time stamps.
-      class_names: Name per class id, for detections that have only numbers.
     """
 
     kind = "arrays"
@@ -84,12 +78,7 @@ class ItemReader:
 
 
 class ArrayMasks:
-    """Given masks by frame number.
-
-    Args:
-      per_frame: Masks per source frame, in any form that `convert` takes.
-      convert: Makes detections of them and the size of the frame.
-    """
+    """Given masks by frame number."""
 
     def __init__(
         self, per_frame: Sequence[Any], convert: Callable[[Any, tuple[int, int]], Detections]

@@ -71,10 +71,6 @@ class Capture(Protocol):
 def open_capture(address: Address, wait_s: float) -> Capture:
     """Opens a camera or a stream.
 
-    Args:
-      address: Where it is.
-      wait_s: Seconds that opening, and then every picture, may take.
-
     Raises:
       Unreachable: If that fails; it may be tried again.
     """

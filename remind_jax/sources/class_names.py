@@ -122,11 +122,6 @@ def read_metadata(path: Path, sequence: str) -> Metadata:
 def parse_metadata(data: bytes, file: str, sequence: str) -> Metadata:
     """Takes what is known out of the content of a metadata file.
 
-    Args:
-      data: The content, JSON.
-      file: Its name for messages.
-      sequence: Which sequence of a file that holds several (YouTube-VOS).
-
     Raises:
       SourceError: If it is damaged.
     """

@@ -70,12 +70,6 @@ class _FrameRow(msgspec.Struct, frozen=True):
 class CocoMasks:
     """Detections of a sequence from a file.
 
-    Args:
-      data: Content of the file, JSON or JSON lines.
-      file: Its name for messages.
-      reader: The frames that they belong to.
-      categories: Name per category id, where the file has none.
-
     Raises:
       SourceError: If the file is of no known form, belongs to other frames, has unnamed
         categories, or not one good row.

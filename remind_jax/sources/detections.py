@@ -39,7 +39,6 @@ def detections_from(
         - masks `[N, H, W]`, or one mask `[H, W]` of booleans, non-zero inside;
         - an instance map `[H, W]` of whole numbers: 0 is nothing, the rest ascending.
         Where there are boxes and no masks, the filled boxes stand in for them.
-      frame_size: Height and width of the frame in pixels.
       class_names: Name per class id, where the detections bring none; for an instance map, class
         per instance id.
 

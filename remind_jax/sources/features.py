@@ -42,14 +42,6 @@ KNOWN_ARRAYS = ("features", "masks", "ids", "labels", "images", "times_s", "name
 class FeatureReader:
     """Features of one sequence.
 
-    Args:
-      arrays: Arrays by the names of this module.
-      name: Name of the sequence.
-      fps: Frames per second, where there are no `times_s`.
-      file: The file for messages.
-      classes: Class of each instance id in `masks`.
-      unlabelled: What an instance without class is: an error, or left out.
-
     Raises:
       SourceError: If arrays are missing, unknown, of a wrong shape, or disagree in length.
     """
@@ -99,10 +91,6 @@ class FeatureReader:
 
 def load_arrays(path: Path, single: str = "features") -> dict[str, np.ndarray]:
     """Reads a NumPy file without running anything that it may contain (no pickles).
-
-    Args:
-      path: The file.
-      single: What the one array of a `.npy` file is.
 
     Raises:
       SourceError: If it is no NumPy file, or holds more than is meant for memory.

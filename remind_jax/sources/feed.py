@@ -50,8 +50,6 @@ class Feed:
         """Opens the source and starts to read it.
 
         Args:
-          open_source: Opens it; gets the seconds that opening and every picture may take.
-          shown: What it is called in messages.
           reconnect_s: For so long it may be lost; with 0, that is its end and no error.
           wait_s: For so long it may be silent, and opening may take.
 
@@ -84,9 +82,6 @@ class Feed:
 
     def take(self, until: float | None = None) -> Arrival | None:
         """Waits for a picture that was not taken yet; None at the end of the source.
-
-        Args:
-          until: None is returned from this time on, if nothing has come.
 
         Raises:
           SourceError: If the source is lost for too long.

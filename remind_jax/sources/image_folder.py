@@ -22,13 +22,6 @@ OTHER_SUFFIXES = (
 class ImageReader:
     """Pictures of one folder of a tree.
 
-    Args:
-      tree: Where the files are.
-      folder: Folder inside the tree.
-      name: Name of the sequence.
-      fps: Pictures per second of recording, for time stamps.
-      file_names: The pictures in order; all of the folder, naturally sorted, if left out.
-
     Raises:
       SourceError: If there is no picture, or one of `file_names` is missing.
     """

@@ -35,11 +35,6 @@ class LabelMaps:
     """Instance maps of a sequence.
 
     Args:
-      tree: Where the annotation files are.
-      folder: Folder inside the tree.
-      reader: The frames that they belong to.
-      classes: Class of each instance.
-      unlabelled: What an instance without class is: an error, or left out.
       by_position: The number in an annotation's name is the frame's place in the sequence,
         whatever the frame is called (ScanNet++, `frame_000012.png` with `frame_names`).
 
@@ -134,13 +129,7 @@ class LabelMaps:
 def detections_in(
     labels: Integer[np.ndarray, "H W"], classes: ClassNames, ids: Sequence[int] | None = None
 ) -> Detections:
-    """Takes an instance map apart, ascending by id; instances without class are left out.
-
-    Args:
-      labels: The map.
-      classes: Class of each instance.
-      ids: `instance_ids_in(labels)`, if it is known already.
-    """
+    """Takes an instance map apart, ascending by id; instances without class are left out."""
     ids = instance_ids_in(labels) if ids is None else ids
     kept = [i for i in ids if classes[i] is not None]
     masks = masks_of(labels, kept)
@@ -207,11 +196,9 @@ def match_annotations(
     """Says which annotation belongs to which frame number, by the rules of this module.
 
     Args:
-      files: Names of annotation files, in order.
       frame_names: Names of the frames in order; None where annotations are numbered by the
         frame's place (videos): from 0, or from 1 where there is no annotation 0 and the last one
         equals the count of frames.
-      num_frames: How many frames there are, if known.
     """
     numbers = {number: f for f in files if (number := last_number(f)) is not None}
     if frame_names is None:

@@ -91,11 +91,6 @@ def open_maps_at(path: Path, reader: Reader, choice: Choice) -> LabelMaps:
 def refuse_unused(choice: Choice, path: Path | None, masks: Any) -> None:
     """Refuses a choice where a source and its masks leave none.
 
-    Args:
-      choice: What was chosen.
-      path: Where the frames are; None if they are in memory.
-      masks: What was named for them.
-
     Raises:
       OptionError: If something was chosen that would change nothing.
     """

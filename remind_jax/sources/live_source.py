@@ -96,13 +96,6 @@ class SourceStatus:
 class LiveReader:
     """Pictures of a live source, as a `Reader`.
 
-    Args:
-      kind: "camera" or "stream".
-      name: Name of the sequence.
-      shown: What it is called in messages.
-      open_capture: Opens it; gets the seconds that opening and every picture may take.
-      options: How to read it.
-
     Raises:
       SourceError: If it cannot be opened.
     """

@@ -33,10 +33,6 @@ PACKED = (".zip", ".rar", ".7z")
 def check_options(options: Mapping[str, Any], function: Callable[..., Any]) -> None:
     """Refuses options that neither a function nor `open_source` has.
 
-    Args:
-      options: What the function passes on to `open_source`.
-      function: Its options are proposed as well.
-
     Raises:
       ConfigError: If there is such an option.
     """

@@ -27,9 +27,6 @@ def prefetch(
     wait is at most the item in work.
 
     Args:
-      items: What is iterated, in the background.
-      function: Applied to each item, in the background; left out, items pass unchanged.
-      depth: Results that may wait, besides the one in work.
       size_of: Bytes of a result; fewer wait where some would take more than `MOST_WAITING_BYTES`
         together, if all are as large as the last one.
 

@@ -33,10 +33,6 @@ def published_parts(obj: Any, frame_size: tuple[int, int]) -> Parts | None:
 
     A list of one answer is that answer: models answer a list of pictures.
 
-    Args:
-      obj: What a detector gave for one frame.
-      frame_size: Height and width of the frame in pixels.
-
     Raises:
       SourceError: If it holds answers for several pictures, belongs to another picture, or neither
         masks nor boxes.
@@ -169,11 +165,6 @@ def gather(
     plane: Callable[[int], Bool[np.ndarray, "H W"]], num: int, frame_size: tuple[int, int]
 ) -> _Planes:
     """Masks made one after the other.
-
-    Args:
-      plane: Makes the mask of a number.
-      num: Masks.
-      frame_size: Height and width of the frame in pixels.
 
     Raises:
       UnreadableFrame: If they are too many, or take more than is meant for a frame.

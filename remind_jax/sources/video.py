@@ -35,11 +35,6 @@ ESTIMATE_SLACK = 0.02  # share by which a frame count taken from the duration ma
 class VideoReader:
     """One video file.
 
-    Args:
-      open_file: Gives the path of the file, or the open file; called for every pass.
-      name: Name of the sequence.
-      file: The file for messages.
-
     Raises:
       SourceError: If it is no video, or no frame of it can be decoded.
     """

@@ -45,12 +45,6 @@ def bake_light(
 ) -> list[Float[np.ndarray, "h w 2"]]:
     """Light images of all surfaces of all parts, in order.
 
-    Args:
-      parts: Everything in the world.
-      rooms: The rooms; a part is lit by the lamp and the window of its own.
-      part_rooms: Room of each part.
-      texels_m: Side of a light texel for each part's surfaces.
-
     Returns:
       Per surface: irradiance from the lamp and from the window, 1 on a well-lit wall.
     """

@@ -71,11 +71,6 @@ class Places:
         """A free place for an object of a class in a room; gaps shrink as the room fills up.
 
         Args:
-          label: Class of the object.
-          scale: Factor on the class's nominal size.
-          room: Index of the room.
-          rng: Draws the place.
-          start_frame: From when on the object is there.
           away_from: If given, the best of several places far from these is taken.
 
         Raises:

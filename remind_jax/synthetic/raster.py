@@ -107,12 +107,6 @@ def shade(
     """Looks up the color and the lamp and window light of every pixel.
 
     Args:
-      mesh: The faces.
-      projection: From `see_faces`.
-      seen: From `see_faces`.
-      camera: The same camera.
-      images: Colors, one image per surface.
-      lights: Light, one image per surface.
       light_scale: Light texels per color texel along u and v, per surface.
     """
     face = np.maximum(seen, 0)

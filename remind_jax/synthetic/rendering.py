@@ -316,13 +316,8 @@ class Developer:
         """The picture of one frame and the gain that it was taken with.
 
         Args:
-          color: Surface colors as display values (gamma 2).
           light: Light from lamps at full level and from windows, per pixel.
-          lamp_level: Level of the lamps.
-          window_level: Level of the windows.
-          last_gain: Gain of the last frame, which exposure follows; None before the first.
           motion_px: How far the image moves per frame, for the blur.
-          frame: Number of the frame; picks the noise.
         """
         mixed = light @ np.stack([lamp_level * _LAMP_COLOR, window_level * _WINDOW_COLOR])
         small = (slice(None, None, 8), slice(None, None, 8))

@@ -104,9 +104,6 @@ def revolve(
     Args:
       profile_m: Pairs of radius and height. Listed from the top down the outside is visible, from
         the bottom up the inside.
-      image: Wrapped around once, its seam at the back.
-      num_sides: Flat pieces per turn.
-      center_m: x and y of the axis.
     """
     radius, z = np.array(profile_m, float).T
     angle = np.pi / 2 + np.linspace(0, 2 * np.pi, num_sides + 1)

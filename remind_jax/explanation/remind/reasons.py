@@ -27,12 +27,7 @@ _VISIBLE = 0.005  # a change of score that shows in two decimals
 
 
 def give_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str, ...]:
-    """The chain of a decision.
-
-    Args:
-      case: The decision.
-      since: First frame and number of detections of its pending track, if it has one.
-    """
+    """The chain of a decision."""
     if case.reason == Reason.INVALID_INPUT:
         return ("Its mask is empty or has no finite feature, so it was left out.",)
     stages = (
