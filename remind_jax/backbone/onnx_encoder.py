@@ -193,7 +193,7 @@ def _to_frame(
     inside: tuple[int, int],
     patch_px: int,
 ) -> Float[jax.Array, "B Hp Wp D"]:
-    """Features at the patches of a frame, of tokens that see it scaled; backbones.md#fixed-input."""
+    """Features at the patches of a frame that was scaled (backbones.md#fixed-input)."""
     rows, columns = (-(-side // patch_px) for side in inside)
     factors = jnp.array([side / scaled for side, scaled in zip(size, inside, strict=True)])
     batch, _, _, dim = tokens.shape

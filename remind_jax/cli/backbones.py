@@ -10,6 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from remind_jax.cli import process
+from remind_jax.cli.flags import quiet_defaults
 from remind_jax.printing.terminal import print_lines, print_table
 
 # What needs a word below the list; the other states are "none needed" and "here".
@@ -35,6 +36,7 @@ class Row:
     page: str | None = None  # where a person reads about the weights
 
 
+@quiet_defaults
 @dataclasses.dataclass(frozen=True)
 class Backbones:
     """List what patch features can come from, with license and size.

@@ -67,8 +67,7 @@ def _open_again(info: RunInfo) -> Source:
 def _open_moved(info: RunInfo, source: Path) -> Source:
     """The same source and sampling at another place; masks are not needed."""
     from remind_jax.sources import open_source
-    from remind_jax.sources.opening import NO_MASKS
-    from remind_jax.sources.reopening import read_arguments
+    from remind_jax.sources.opening import NO_MASKS, read_arguments
 
     has_path = bool((info.source or {}).get("reopen"))
     earlier = read_arguments(info.source or {}) if has_path else {}

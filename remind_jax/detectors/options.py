@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from remind_jax.detectors.exports import is_class_name
 from remind_jax.detectors.onnx_model import MAX_INPUT_PX
 from remind_jax.errors import ConfigError, OptionError, nearest_names
 from remind_jax.files.limits import MAX_LABEL
+from remind_jax.settings.ranges import check_option
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,15 +40,19 @@ class DetectorOptions:
     def __post_init__(self):
         for name in ("classes", "ignored_classes", "class_names"):
             object.__setattr__(self, name, _names(name, getattr(self, name)))
-        for name in ("confidence", "iou"):
-            _require_number(name, getattr(self, name), 0.0, 1.0)
-        _require_number("mask_threshold", self.mask_threshold, 0.01, 0.99)
-        _require_count("max_detections", self.max_detections, 1, 10_000)
-        _require_count("erosion_px", self.erosion_px, 0, 100)
-        _require_count("min_mask_px", self.min_mask_px, 1, MAX_INPUT_PX**2)
-        for name, least, most in (("input_size_px", 32, MAX_INPUT_PX), ("num_threads", 1, 1024)):
-            if getattr(self, name) is not None:
-                _require_count(name, getattr(self, name), least, most)
+        for name, least, most in (
+            ("confidence", 0.0, 1.0),
+            ("iou", 0.0, 1.0),
+            ("mask_threshold", 0.01, 0.99),
+            ("max_detections", 1, 10_000),
+            ("erosion_px", 0, 100),
+            ("min_mask_px", 1, MAX_INPUT_PX**2),
+            ("input_size_px", 32, MAX_INPUT_PX),
+            ("num_threads", 1, 1024),
+        ):
+            value = getattr(self, name)
+            if value is not None or name not in ("input_size_px", "num_threads"):
+                check_option(name, value, least, most, whole=isinstance(least, int))
 
     def admits(self, label: str) -> bool:
         """Whether instances of the class `label` are wanted."""
@@ -87,23 +91,3 @@ def _names(field: str, value: Any) -> tuple[str, ...] | None:
         "characters, for example ['chair']",
         field,
     )
-
-
-def _require_number(field: str, value: Any, low: float, high: float) -> None:
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not low <= value <= high:
-        shown = f"{value:g}" if is_number else repr(value)
-        raise OptionError(
-            f"'{field}' is {shown}; give a number from {low:g} to {high:g}",
-            field,
-        )
-
-
-def _require_count(field: str, value: Any, least: int, most: int) -> None:
-    is_whole = isinstance(value, int) and not isinstance(value, bool)
-    if not is_whole or not least <= value <= most:
-        allowed = f"from {least} to {most}" if is_whole and value > most else f"of {least} or more"
-        raise OptionError(
-            f"'{field}' is {repr(value)[:40]}; give a whole number {allowed}",
-            field,
-        )

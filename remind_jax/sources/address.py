@@ -13,8 +13,8 @@ from urllib.parse import urlsplit
 from remind_jax.errors import SourceError
 
 SCHEMES = ("rtsp", "rtsps", "http", "https")
-MOST_CAMERA = 63  # number of a camera
-_MOST_LETTERS = 2000  # of an address
+MAX_CAMERA = 63  # number of a camera
+_MAX_LETTERS = 2000  # of an address
 _HIDDEN = "***"
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+)://")
 _DEVICE = re.compile(r"/dev/video\d+")
@@ -84,10 +84,8 @@ def hide_secrets(text: str) -> str:
 
 
 def _camera(number: int) -> CameraAddress:
-    if not 0 <= number <= MOST_CAMERA:
-        raise SourceError(
-            f"camera {number} cannot be; cameras are numbered from 0 to {MOST_CAMERA}"
-        )
+    if not 0 <= number <= MAX_CAMERA:
+        raise SourceError(f"camera {number} cannot be; cameras are numbered from 0 to {MAX_CAMERA}")
     return CameraAddress(number, f"camera-{number}")
 
 
@@ -98,9 +96,9 @@ def _stream(url: str, scheme: str) -> StreamAddress:
             f"'{shown}' is of scheme '{scheme}', which is not read; give an address that begins "
             f"with {', '.join(f'{name}://' for name in SCHEMES)}, the number of a camera, or a file"
         )
-    if len(url) > _MOST_LETTERS or not url.isprintable() or " " in url:
+    if len(url) > _MAX_LETTERS or not url.isprintable() or " " in url:
         raise SourceError(
-            f"'{shown[:80]}' is no address; give at most {_MOST_LETTERS} letters, without spaces"
+            f"'{shown[:80]}' is no address; give at most {_MAX_LETTERS} letters, without spaces"
         )
     try:
         parts = urlsplit(url)

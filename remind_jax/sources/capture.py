@@ -35,7 +35,7 @@ else:
 # What a stream may come in, beside what files do; nothing in it may name a local file.
 _FORMATS = f"{CONTAINERS},mpjpeg,rtsp,rtp,sdp,hls,mpegtsraw"
 _PROTOCOLS = "http,https,tcp,tls,rtsp,rtsps,rtp,srtp,udp,crypto"
-_MOST_DAMAGED = 300  # packets without a picture between two, until a stream counts as unreadable
+_MAX_DAMAGED = 300  # packets without a picture between two, until a stream counts as unreadable
 _SILENT = "sends no pictures"
 
 
@@ -132,7 +132,7 @@ class _Stream:
             except av.error.InvalidDataError:
                 frames = []
             num_damaged = 0 if frames else num_damaged + 1
-            if num_damaged > _MOST_DAMAGED:
+            if num_damaged > _MAX_DAMAGED:
                 raise Lost("sends nothing that can be decoded")
             yield from frames
 
@@ -189,8 +189,8 @@ class _Camera:
     def __init__(self, address: CameraAddress) -> None:
         self._shown = address.shown
         device = address.device
-        if isinstance(device, str):
-            _check_device(Path(device))
+        if isinstance(device, str) and not os.access(device, os.R_OK):
+            raise Unreachable(_say_no_camera(address))
         log: Any = cv2.utils.logging
         before = log.getLogLevel()
         log.setLogLevel(log.LOG_LEVEL_SILENT)  # what it says past Python is said below
@@ -223,31 +223,18 @@ def _content_of_bgr(pixels: np.ndarray) -> Content:
     return Content(cv2.cvtColor(pixels, code))
 
 
-def _check_device(path: Path) -> None:
-    """Looks whether a device is there and may be read.
-
-    Raises:
-      Unreachable: If not.
-    """
-    if not path.exists():
-        raise Unreachable(f"there is no camera '{path}'; {_say_cameras()}")
-    if not os.access(path, os.R_OK):
-        raise Unreachable(
-            f"the camera '{path}' may not be read by this user; allow it, as by joining the group "
-            "'video'"
-        )
-
-
 def _say_no_camera(address: CameraAddress) -> str:
-    if isinstance(address.device, int) and sys.platform == "linux":
-        path = Path(f"/dev/video{address.device}")
-        if path.exists() and not os.access(path, os.R_OK):
+    """Why there is no picture of a camera, as far as the system tells."""
+    is_number = isinstance(address.device, int)
+    if not is_number or sys.platform == "linux":
+        path = Path(f"/dev/video{address.device}" if is_number else str(address.device))
+        if not path.exists():
+            return f"there is no camera '{path}'; {_say_cameras()}"
+        if not os.access(path, os.R_OK):
             return (
                 f"the camera '{path}' may not be read by this user; allow it, as by joining the "
                 "group 'video'"
             )
-        if not path.exists():
-            return f"there is no camera {address.device}; {_say_cameras()}"
     return f"camera '{address.shown}' cannot be opened; does another program use it?"
 
 

@@ -5,26 +5,41 @@ Paths inside a tree are relative, with forward slashes; `""` is the top.
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import io
+import lzma
 import os
 import re
 import tarfile
 import weakref
+import zlib
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
-from typing import IO
+from typing import IO, Any
 
 from remind_jax import files
 from remind_jax.errors import SourceError, first_line
-from remind_jax.sources.archive import DAMAGED, Archive, Excessive, open_archive
+from remind_jax.files.limits import (
+    MAX_FILE_BYTES,
+    MAX_HEADER_BYTES,
+    MAX_TAR_MEMBERS,
+    MAX_UNPACKED_BYTES,
+    MAX_UNPACKED_RATIO,
+)
 from remind_jax.sources.source import UnreadableFrame
 
 TAR_SUFFIXES = (".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
 STREAMED_SUFFIXES = (".mkv", ".mp4", ".mov", ".avi", ".webm", ".m4v", ".bin", ".ply")
 LAYOUT_FOLDERS = ("JPEGImages", "Annotations", "annotations", "dslr", "iphone")  # never a wrapper
-MOST_FILE_BYTES = 1 << 29  # of a file that is read as a whole: images, masks, JSON
-MOST_NAME, MOST_PART = 4096, 1000  # characters of a path in an archive, and between slashes
-MOST_MEMBERS = 2_000_000  # of an archive
-
+_OPENERS = {
+    b"\x1f\x8b": gzip.open,
+    b"BZh": bz2.open,
+    b"\xfd7zXZ": lzma.open,
+    b"\x5d\0\0": lzma.open,
+}
+# What the libraries raise on archives that are no good.
+_DAMAGED = (OSError, EOFError, tarfile.TarError, zlib.error, lzma.LZMAError, ValueError)
 
 # Files of an archive by name, and whether it ends early.
 Listed = tuple[dict[str, tarfile.TarInfo], bool]
@@ -60,7 +75,7 @@ class FolderTree:
           UnreadableFrame: If it cannot be read.
         """
         try:
-            return files.read_bytes(self.path / path, MOST_FILE_BYTES)
+            return files.read_bytes(self.path / path, MAX_FILE_BYTES)
         except OSError as error:
             raise UnreadableFrame(f"cannot be read: {error.strerror or error}") from error
 
@@ -92,13 +107,12 @@ class TarTree:
     """A tar archive, compressed or not; a single folder around everything is looked through.
 
     Raises:
-      SourceError: If the archive cannot be read or a member could reach outside of it or exhaust
-        the machine: absolute paths, `..`, links, devices, sparse or giant files.
+      SourceError: If it cannot be read, or a member lies outside of it, is no file, or too large.
     """
 
     def __init__(self, path: Path, listed: Listed | None = None) -> None:
         self.path = path
-        self._archive: Archive | None = None
+        self._archive: _Archive | None = None
         self._listed = _list_members(path) if listed is None else listed
         self._members, self.is_cut_off = self._listed
         self._folders: dict[str, set[str]] = {"": set()}
@@ -130,7 +144,7 @@ class TarTree:
         try:
             with self.open(path) as file:
                 data = file.read()
-        except DAMAGED as error:
+        except _DAMAGED as error:
             raise UnreadableFrame(
                 f"cannot be read from the archive: {first_line(error)}"
             ) from error
@@ -143,7 +157,7 @@ class TarTree:
     def open(self, path: str) -> IO[bytes]:
         """The file as a stream of bytes."""
         if self._archive is None:
-            self._archive = open_archive(self.path, MOST_FILE_BYTES)  # kept open between frames
+            self._archive = _open_archive(self.path, MAX_FILE_BYTES)  # kept open between frames
             weakref.finalize(self, self._archive.close)
         file = self._archive.extractfile(self._members[path])
         assert file is not None, "only regular files are listed"
@@ -247,74 +261,113 @@ def _list_members(path: Path) -> Listed:
     members: dict[str, tarfile.TarInfo] = {}
     try:
         files.check_regular(path)
-        archive_bytes = path.stat().st_size
-        with open_archive(path) as archive:
-            is_plain = archive.is_plain
+        with _open_archive(path) as archive:
             while (member := _next_member(archive, bool(members))) is not None:
-                danger = _say_danger(member, archive_bytes if is_plain else None)
-                if danger:
+                if danger := _say_danger(member):
                     raise SourceError(
                         f"archive '{path}' is refused: member '{member.name[:200]}' {danger}"
                     )
-                if len(members) >= MOST_MEMBERS:
-                    raise SourceError(f"archive '{path}' has over {MOST_MEMBERS} files; split it")
+                if len(members) >= MAX_TAR_MEMBERS:
+                    raise SourceError(f"archive '{path}' has too many files; split it")
                 if member.isreg():
                     members[str(PurePosixPath(member.name))] = member
             is_cut_off = not _has_end(archive)
-    except SourceError:
-        raise
-    except DAMAGED as error:
+    except _DAMAGED as error:
         raise SourceError(f"archive '{path}' cannot be read: {first_line(error)}") from error
     if not members:
         raise SourceError(f"archive '{path}' holds no files")
     return _strip_top(members), is_cut_off
 
 
-def _next_member(archive: Archive, has_members: bool) -> tarfile.TarInfo | None:
+def _next_member(archive: tarfile.TarFile, has_members: bool) -> tarfile.TarInfo | None:
     try:
         return archive.next()
-    except Excessive:
-        raise
-    except DAMAGED:
-        if has_members:
+    except _DAMAGED as error:
+        if has_members and not isinstance(error, _Excessive):
             return None
         raise
 
 
-def _has_end(archive: Archive) -> bool:
+def _has_end(archive: tarfile.TarFile) -> bool:
     """Whether a block of zeros follows the last member, as it should."""
     assert archive.fileobj is not None
     try:
         archive.fileobj.seek(archive.offset)
         return archive.fileobj.read(tarfile.BLOCKSIZE) == bytes(tarfile.BLOCKSIZE)
-    except DAMAGED:
+    except _DAMAGED:
         return False
 
 
-def _say_danger(member: tarfile.TarInfo, archive_bytes: int | None) -> str | None:
+def _say_danger(member: tarfile.TarInfo) -> str | None:
     """Why a member is not acceptable; None if it is."""
-    name = member.name
-    if not PurePosixPath(name).parts and not member.isdir():
-        return "has no name"
-    if len(name) > MOST_NAME or max(map(len, PurePosixPath(name).parts), default=0) > MOST_PART:
-        return f"has a name of {len(name)} characters; pack with shorter names"
-    if name.startswith("/") or re.match(r"^[A-Za-z]:[\\/]|^\\", name):
-        return "has an absolute path; pack with relative paths"
-    if ".." in re.split(r"[\\/]", name):
-        return "points outside with '..'; pack with plain relative paths"
-    if member.issym() or member.islnk():
-        return f"is a link to '{member.linkname[:200]}'; pack with 'tar -h --hard-dereference'"
-    if member.isdir():
-        return None
-    if not member.isreg():
-        return "is a device or pipe; only files and folders are read"
+    if member.name.startswith(("/", "\\")) or ".." in re.split(r"[\\/]", member.name):
+        return "lies outside of it; pack with plain relative paths"
+    if not (member.isdir() or (member.isreg() and PurePosixPath(member.name).parts)):
+        return "is no file or folder with a name; pack with 'tar -h --hard-dereference'"
     if member.issparse():
         return "is a sparse file; pack without 'tar --sparse'"
-    if archive_bytes is not None and member.size > archive_bytes:
-        return f"claims {member.size} bytes, more than the whole archive has"
-    if member.size > MOST_FILE_BYTES and not name.lower().endswith(STREAMED_SUFFIXES):
-        return f"claims {member.size} bytes; at most {MOST_FILE_BYTES} are accepted"
+    if member.size > MAX_FILE_BYTES and not member.name.lower().endswith(STREAMED_SUFFIXES):
+        return f"claims {member.size} bytes; at most {MAX_FILE_BYTES} are accepted"
     return None
+
+
+class _Excessive(tarfile.TarError):
+    """The archive asks for more memory or time than is meant for it."""
+
+
+class _Archive(tarfile.TarFile):
+    """Closes the file below as well."""
+
+    def close(self) -> None:
+        super().close()
+        if self.fileobj is not None:
+            self.fileobj.close()
+
+
+def _open_archive(path: Path, max_member_bytes: int = MAX_HEADER_BYTES) -> _Archive:
+    """Opens an archive, compressed or not, of which no header or member is read beyond limits.
+
+    Raises:
+      One of `_DAMAGED`: If it is no archive, or asks for too much.
+    """
+    with path.open("rb") as file:
+        start = file.read(6)
+    opener = next((o for magic, o in _OPENERS.items() if start.startswith(magic)), None)
+    max_bytes = max(MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO * path.stat().st_size)
+    unpacked: Any = path.open("rb") if opener is None else opener(path, "rb")
+    limited = _Limited(unpacked, max_bytes)
+    try:
+        archive = _Archive(fileobj=limited)
+    except BaseException:
+        unpacked.close()
+        raise
+    limited.max_read_bytes = max_member_bytes
+    return archive
+
+
+class _Limited(io.RawIOBase):
+    """A stream that refuses to be read in large pieces, or too far."""
+
+    def __init__(self, file: Any, max_bytes: int) -> None:
+        self._file, self._max_bytes = file, max_bytes
+        self.max_read_bytes = MAX_HEADER_BYTES
+
+    def read(self, size: int = -1) -> bytes:
+        if not 0 <= size <= self.max_read_bytes:
+            raise _Excessive(f"a header or member claims {size} bytes")
+        return self._file.read(size)
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        if offset > self._max_bytes:
+            raise _Excessive(f"it unpacks to over {self._max_bytes >> 30} GiB; pack it otherwise")
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
 
 
 def _strip_top(members: dict[str, tarfile.TarInfo]) -> dict[str, tarfile.TarInfo]:

@@ -11,14 +11,13 @@ import contextlib
 import dataclasses
 import datetime
 import functools
-import math
 import time
 from collections.abc import Callable, Generator
-from numbers import Real
 from typing import Any
 
 from remind_jax.errors import OptionError, SourceError
 from remind_jax.frame import Frame, SkippedFrame
+from remind_jax.settings.ranges import check_option
 from remind_jax.sources.address import CameraAddress, read_address
 from remind_jax.sources.capture import Capture, open_capture
 from remind_jax.sources.feed import Arrival, Feed, State
@@ -32,7 +31,7 @@ from remind_jax.sources.source import (
 )
 
 RECONNECT_S = 30.0
-MOST_SECONDS = 1e9
+_MAX_SECONDS = 1e9
 WAIT_S = 10.0  # that a connection or a picture may take
 PASSED_OVER = "a newer one was there when the tracker was ready"
 
@@ -50,8 +49,8 @@ class LiveOptions:
 
     def __post_init__(self) -> None:
         if self.duration is not None:
-            _require_seconds("duration", self.duration, may_be_zero=False)
-        _require_seconds("reconnect", self.reconnect, may_be_zero=True)
+            check_option("duration", self.duration, 1e-3, _MAX_SECONDS, whole=False)
+        check_option("reconnect", self.reconnect, 0, _MAX_SECONDS, whole=False)
 
     def refuse_for_recordings(self, shown: str) -> None:
         """Refuses options that change nothing where a source does not go on by itself.
@@ -66,20 +65,6 @@ class LiveOptions:
                     "out",
                     field.name,
                 )
-
-
-def _require_seconds(name: str, value: Any, *, may_be_zero: bool) -> None:
-    """Makes sure that an option is a number of seconds.
-
-    Raises:
-      OptionError: If it is none.
-    """
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    seconds = float(value) if is_number else math.nan
-    if not (0 < seconds <= MOST_SECONDS or (may_be_zero and seconds == 0)):
-        shown = f"{seconds:g}" if is_number else repr(value)[:40]
-        allowed = "of 0 or more" if may_be_zero else "above 0"
-        raise OptionError(f"'{name}' is {shown}; give a number of seconds {allowed}", name)
 
 
 @dataclasses.dataclass(frozen=True)

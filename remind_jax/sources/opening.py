@@ -10,8 +10,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from remind_jax.errors import ConfigError, OptionError, SourceError, is_text, nearest_names
+from remind_jax.files.records import Text, check
 from remind_jax.formats.coco import read_categories
+from remind_jax.settings.ranges import check_option
 from remind_jax.sources.arrays import ArrayMasks, ItemReader, open_stored_maps
 from remind_jax.sources.coco_masks import CocoMasks
 from remind_jax.sources.detections import ClassNaming, detections_from
@@ -20,14 +24,22 @@ from remind_jax.sources.file_tree import read_bytes
 from remind_jax.sources.label_maps import Unlabelled
 from remind_jax.sources.layouts import Choice, locate, open_maps_at, refuse_unused
 from remind_jax.sources.live_source import RECONNECT_S, LiveOptions, open_live
-from remind_jax.sources.reopening import read_arguments
-from remind_jax.sources.sampling import Sampling, require_rate
+from remind_jax.sources.sampling import MAX_RATE, MIN_RATE, Sampling
 from remind_jax.sources.source import MaskProvider, Reader, SampledSource, Source
 
 DEFAULT_IMAGE_FPS = 30.0
 NO_MASKS = "none"
-MOST_NAME = 1000  # characters
+
+MAX_NAME = 1000  # characters
 PACKED = (".zip", ".rar", ".7z")
+_Value = Text | bool | int | float | None
+
+
+class _Description(msgspec.Struct, frozen=True):
+    """What `Source.describe` says; `open_source` checks its arguments itself."""
+
+    name: Text | None = None
+    reopen: dict[str, _Value | dict[str, _Value]] | None = None
 
 
 def check_options(options: Mapping[str, Any], function: Callable[..., Any]) -> None:
@@ -90,18 +102,18 @@ def open_source(
       ConfigError: If an option is out of range.
     """
     chosen = _check_sampling(sampling)
-    require_rate("image_fps", image_fps)
+    check_option("image_fps", image_fps, MIN_RATE, MAX_RATE, whole=False)
     for option, value in (
         ("sequence", sequence),
         ("images", images),
         ("mask_variant", mask_variant),
         ("name", name),
     ):
-        is_name = isinstance(value, str) and 0 < len(value) <= MOST_NAME and is_text(value)
+        is_name = isinstance(value, str) and 0 < len(value) <= MAX_NAME and is_text(value)
         if value is not None and not is_name:
             shown = repr(value)[:40]
             raise OptionError(
-                f"'{option}' is {shown}; give text of 1 to {MOST_NAME} characters", option
+                f"'{option}' is {shown}; give text of 1 to {MAX_NAME} characters", option
             )
     if unlabelled not in ("error", "skip"):
         raise OptionError(f"'unlabelled' is {unlabelled!r}; give 'error' or 'skip'", "unlabelled")
@@ -149,7 +161,28 @@ def reopen_source(description: Mapping[str, Any]) -> Source:
     Raises:
       SourceError: If the frames came from memory, or are no longer where they were.
     """
-    return open_source(**read_arguments(description))
+    try:
+        return open_source(**read_arguments(description))
+    except ConfigError as error:
+        raise SourceError(f"the description of the source: {error}") from error
+
+
+def read_arguments(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `open_source` for a source that `Source.describe` described, maybe in a file.
+
+    Raises:
+      SourceError: If the frames came from memory, or the description is damaged.
+    """
+    said = check(dict(description), _Description, "the description of the source")
+    if said.reopen is None:
+        raise SourceError(
+            f"source '{said.name}' came from memory and cannot be opened again; give its video or "
+            "images anew"
+        )
+    if not isinstance(said.reopen.get("spec"), str):
+        raise SourceError("the description of the source, `reopen`: `spec` is no path")
+    check_options(said.reopen, open_source)
+    return said.reopen
 
 
 def _read_items(spec: Any, choice: Choice, class_names: ClassNaming | None) -> ItemReader:

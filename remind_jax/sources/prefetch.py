@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 ItemT = TypeVar("ItemT")
 
-MOST_WAITING_BYTES = 1 << 28
+MAX_WAITING_BYTES = 1 << 28
 _END = object()
 
 
@@ -27,7 +27,7 @@ def prefetch(
     wait is at most the item in work.
 
     Args:
-      size_of: Bytes of a result; fewer wait where some would take more than `MOST_WAITING_BYTES`
+      size_of: Bytes of a result; fewer wait where some would take more than `MAX_WAITING_BYTES`
         together, if all are as large as the last one.
 
     Raises:
@@ -56,7 +56,7 @@ def _run_ahead(
     ahead = collections.deque(pool.submit(advance) for _ in range(num_first))
     try:
         while (result := ahead.popleft().result()) is not _END:
-            fits = MOST_WAITING_BYTES // max(1, size_of(result)) if size_of is not None else depth
+            fits = MAX_WAITING_BYTES // max(1, size_of(result)) if size_of is not None else depth
             while len(ahead) <= min(depth, fits):
                 ahead.append(pool.submit(advance))
             yield result

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from remind_jax.crops import require_room
 from remind_jax.errors import SourceError
@@ -24,8 +23,6 @@ from remind_jax.sources.source import say_size
 
 Parts = Mapping[str, Any]  # "masks" or "boxes", "labels" or "class_ids", "scores", "class_names"
 _Planes = Bool[np.ndarray, "N H W"]
-
-_MOST_COORDINATE_PX = 1e5
 
 
 def published_parts(obj: Any, frame_size: tuple[int, int]) -> Parts | None:
@@ -80,8 +77,8 @@ def _parts_of_ultralytics(obj: Any, frame_size: tuple[int, int]) -> Parts:
             f"{say_size(frame_size)} (width x height); give both the same picture"
         )
     boxes, masks = obj.boxes, obj.masks
-    planes, outlines = getattr(masks, "data", None), getattr(masks, "xy", None)
-    if boxes is None and planes is None and outlines is None:
+    planes = getattr(masks, "data", None)
+    if boxes is None and planes is None:
         raise SourceError(
             "the Results hold neither boxes nor masks; give those of a model that detects or "
             "segments"
@@ -92,10 +89,8 @@ def _parts_of_ultralytics(obj: Any, frame_size: tuple[int, int]) -> Parts:
         "class_ids": getattr(boxes, "cls", None),
         "class_names": obj.names or None,
     }
-    if planes is not None:  # outlines are made of these, without holes and small pieces
+    if planes is not None:
         parts["masks"] = _out_of_letterbox(host_array(planes, "masks"), frame_size)
-    elif outlines is not None:
-        parts["masks"] = _fill_outlines(outlines, frame_size)
     return parts
 
 
@@ -113,32 +108,6 @@ def _out_of_letterbox(planes: np.ndarray, frame_size: tuple[int, int]) -> _Plane
         return box.plane_to_frame(planes[row].astype(np.float32)) > 0.5
 
     return gather(plane, len(planes), frame_size)
-
-
-def _fill_outlines(outlines: Sequence[Any], frame_size: tuple[int, int]) -> _Planes:
-    """Masks of outlines: columns and rows of pixels `[P, 2]`, which belong to the mask."""
-
-    def plane(row: int) -> Bool[np.ndarray, "H W"]:
-        corners = _check_outline(outlines[row], row)
-        filled = np.zeros(frame_size, np.uint8)
-        if len(corners):
-            cv2.fillPoly(filled, [np.rint(corners).astype(np.int32)], 1)
-        return filled.view(bool)
-
-    return gather(plane, len(outlines), frame_size)
-
-
-def _check_outline(outline: Any, row: int) -> Float[np.ndarray, "P 2"]:
-    corners = host_array(outline, "outlines")
-    if corners.size == 0:
-        return np.zeros((0, 2))
-    is_sound = corners.ndim == 2 and corners.shape[1] == 2 and corners.dtype.kind in "uif"
-    if not is_sound or not (np.abs(corners) < _MOST_COORDINATE_PX).all():
-        raise SourceError(
-            f"outline {row} is {corners.dtype} {corners.shape}; give finite columns and rows of "
-            "pixels, [P, 2]"
-        )
-    return corners
 
 
 def _parts_of_sam(items: Sequence[Any], frame_size: tuple[int, int]) -> Parts:

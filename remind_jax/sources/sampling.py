@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Iterator
-from numbers import Integral, Real
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from remind_jax.errors import OptionError
+from remind_jax.files.limits import MAX_FRAMES
+from remind_jax.settings.ranges import check_option
 
-LEAST_RATE, MOST_RATE = 1e-6, 1e6  # frames per second
+MIN_RATE, MAX_RATE = 1e-6, 1e6  # frames per second
 RATE_SLACK = 1e-6  # frames; time stamps are rounded to the container's clock
 
 
@@ -47,22 +48,16 @@ class Sampling:
 
     def __post_init__(self) -> None:
         if self.fps is not None:
-            require_rate("fps", self.fps)
-        for name in ("stride", "start", "end", "max_frames"):
-            value = getattr(self, name)
-            is_whole = isinstance(value, Integral) and not isinstance(value, bool)
-            if not is_whole and (value is not None or name in ("stride", "start")):
-                raise OptionError(f"'{name}' is {value!r}; give a whole number", name)
-        if self.stride < 1:
-            raise OptionError(f"'stride' is {self.stride}; give 1 (every frame) or more", "stride")
+            check_option("fps", self.fps, MIN_RATE, MAX_RATE, whole=False)
+        for name, least in (("stride", 1), ("start", 0), ("end", 1), ("max_frames", 1)):
+            if getattr(self, name) is not None or name in ("stride", "start"):
+                check_option(name, getattr(self, name), least, MAX_FRAMES)
         if self.fps is not None and self.stride != 1:
             raise OptionError(
                 f"both 'fps' ({self.fps:g}) and 'stride' ({self.stride}) are given; give one",
                 "fps",
                 "stride",
             )
-        if self.start < 0:
-            raise OptionError(f"'start' is {self.start}; frames are numbered from 0", "start")
         if self.end is not None and self.end <= self.start:
             raise OptionError(
                 f"'end' is {self.end}; it is the frame to stop before and must lie after "
@@ -70,8 +65,6 @@ class Sampling:
                 "start",
                 "end",
             )
-        if self.max_frames is not None and self.max_frames < 1:
-            raise OptionError(f"'max_frames' is {self.max_frames}; give 1 or more", "max_frames")
 
     def select(self, items: Iterable[TimedT]) -> Iterator[TimedT]:
         """Yields the chosen items, in order, and asks for none beyond the last of them."""
@@ -107,16 +100,3 @@ class Sampling:
         if source_fps is None:
             return self.fps
         return min(source_fps / self.stride, self.fps if self.fps is not None else math.inf)
-
-
-def require_rate(name: str, value: Any) -> None:
-    """Makes sure that an option is a number of frames per second that time can be measured by.
-
-    Raises:
-      OptionError: If it is none; it names the option.
-    """
-    rate = float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
-    if rate is None or not LEAST_RATE <= rate <= MOST_RATE:
-        shown = repr(value)[:40] if rate is None else f"{rate:g}"
-        allowed = f"from {LEAST_RATE:g} to {MOST_RATE:g}" if rate and rate > 0 else "above 0"
-        raise OptionError(f"'{name}' is {shown}; give a number {allowed}", name)

@@ -53,13 +53,13 @@ def test_help_lists_every_tracker(help_of):
 
 OUT_OF_RANGE = {
     "--start 10 --end 5": "--end is 5; it is the frame to stop before and must lie after --start",
-    "--fps 0": "--fps is 0; give a number above 0",
+    "--fps 0": "--fps is 0; give a number from 1e-06 to 1000000",
     "--fps 5 --stride 2": "both --fps (5) and --stride (2) are given; give one",
-    "--stride 0": "--stride is 0; give 1 (every frame) or more",
-    "--start -1": "--start is -1; frames are numbered from 0",
-    "--max-frames 0": "--max-frames is 0; give 1 or more",
+    "--stride 0": "--stride is 0; give a whole number from 1 to",
+    "--start -1": "--start is -1; give a whole number from 0",
+    "--max-frames 0": "--max-frames is 0; give a whole number from 1",
     "--confidence 3": "--confidence is 3; give a number from 0 to 1",
-    "--input-size-px 7": "--input-size-px is 7; give a whole number of 32 or more",
+    "--input-size-px 7": "--input-size-px is 7; give a whole number from 32",
 }
 WRONG_KIND = {
     "--stride many": "'many' is no whole number",
@@ -84,7 +84,7 @@ def test_a_value_that_makes_no_sense_is_told_by_its_flag(capfd):
 def test_options_checked_later_are_told_by_their_flag_too(command, scene):
     outcome = command("run", scene[0], "--masks", scene[1], "--image-fps", "0")
     assert outcome.code == process.USAGE
-    assert outcome.stderr == "remind: --image-fps is 0; give a number above 0\n"
+    assert outcome.stderr == "remind: --image-fps is 0; give a number from 1e-06 to 1000000\n"
 
 
 def test_none_is_a_name_like_any_other(capfd):

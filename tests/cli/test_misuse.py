@@ -38,7 +38,7 @@ SCENE = ("run", "scene/images", "--masks", "scene/masks", "--out", "out")
         ((*SCENE, "--config", "notes.txt"), 1, "'notes.txt' is no configuration; give a .yaml or"),
         (("run", "64"), 1, "camera 64 cannot be; cameras are numbered from 0 to 63"),
         ((*SCENE, "--duration", "5"), 2, "--duration is for a camera or a stream"),
-        ((*SCENE, "--duration", "0"), 2, "--duration is 0; give a number of seconds"),
+        ((*SCENE, "--duration", "0"), 2, "--duration is 0; give a number from 0.001"),
         ((*SCENE, "--live", "8642"), 2, "--live is '8642'; give HOST:PORT, as 127.0.0.1:8642"),
         ((*SCENE, "--record", "seen.mp4"), 1, "frames cannot be recorded as '.mp4'; give a fold"),
         ((*SCENE, "--memory", "nowhere"), 1, "cannot read 'nowhere': No such file"),

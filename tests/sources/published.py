@@ -65,11 +65,10 @@ def ultralytics_results(
     frame_size: tuple[int, int],
     boxes: Any,
     planes: Any = None,
-    outlines: Any = None,
     classes: Any = None,
     device: str = "cpu",
 ) -> types.SimpleNamespace:
-    """`Results` of a YOLO: boxes [N, 4], planes over the network's input, outlines in the frame."""
+    """`Results` of a YOLO: boxes [N, 4], planes over the network's input."""
     boxes = np.asarray(boxes, np.float32).reshape(-1, 4)
     classes = np.zeros(len(boxes)) if classes is None else np.asarray(classes)
     found = types.SimpleNamespace(
@@ -80,9 +79,9 @@ def ultralytics_results(
         id=None,
     )
     masks = None
-    if planes is not None or outlines is not None:
-        data = None if planes is None else Tensor(np.asarray(planes), device)
-        masks = types.SimpleNamespace(data=data, xy=outlines, orig_shape=frame_size)
+    if planes is not None:
+        data = Tensor(np.asarray(planes), device)
+        masks = types.SimpleNamespace(data=data, orig_shape=frame_size)
     return types.SimpleNamespace(
         boxes=found,
         masks=masks,

@@ -66,24 +66,6 @@ def test_planes_of_the_frame_are_taken_as_they_are():
     np.testing.assert_array_equal(found.masks, MASKS)
 
 
-def test_outlines_are_filled():
-    outlines = []
-    for mask in MASKS:
-        found, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        outlines.append(found[0].reshape(-1, 2).astype(np.float32))
-    found = detections_from(ultralytics_results(SIZE, BOXES, outlines=outlines), SIZE)
-    np.testing.assert_array_equal(found.masks, MASKS)
-    empty = ultralytics_results(SIZE, BOXES, outlines=[np.zeros((0, 2)), outlines[1]])
-    areas = np.asarray(detections_from(empty, SIZE).masks).sum(axis=(1, 2))
-    assert areas.tolist() == [0, MASKS[1].sum()]
-
-
-def test_outlines_must_be_finite():
-    wrong = ultralytics_results(SIZE, BOXES, outlines=[np.full((3, 2), np.nan), np.zeros((3, 2))])
-    with pytest.raises(SourceError, match=r"outline 0 is float64 .*give finite columns and rows"):
-        detections_from(wrong, SIZE)
-
-
 def test_boxes_of_a_yolo_that_segments_nothing():
     found = detections_from(ultralytics_results(SIZE, BOXES, classes=[0, 1]), SIZE)
     assert found.labels == ("cup", "tv")
