@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     from remind_jax.metrics.visit_evaluation import VisitsEvaluation
     from remind_jax.tracks import Tracks
 
-FormatName = Literal[
-    "mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "mots-png", "run"
-]
-
+FormatName = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "run"]
 
 _MAX_RESAMPLES = 1_000_000
 _MAX_ABSENCE = 1_000_000

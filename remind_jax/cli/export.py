@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OutputError
-from remind_jax.files import refuse_file
+from remind_jax.files import refuse_file, replace_file
 from remind_jax.printing.terminal import print_lines
 
 CVAT_NAME = "cvat.xml"
@@ -35,7 +35,7 @@ class Export:
 
     def execute(self) -> int:
         """Reads the run and writes the file; returns the exit code."""
-        from remind_jax.outputs.labeling import write_cvat
+        from remind_jax.formats.cvat import to_cvat
         from remind_jax.outputs.result import Result
 
         out = self.out or self.run / CVAT_NAME
@@ -44,7 +44,10 @@ class Export:
         if out.name != CVAT_NAME:
             refuse_file(out, [self.run])
         result = Result.load(self.run)
-        write_cvat(result, out)
+        replace_file(
+            out,
+            to_cvat(result.tracks, result.info.name, result.class_names, result.info.frame_size),
+        )
         if not self.quiet:
             print_lines([f"{out}: {len(result.objects())} identities, {len(result)} frames"])
         return process.FINE

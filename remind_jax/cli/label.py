@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 from remind_jax.cli import process
 from remind_jax.cli.flags import quiet_defaults
 from remind_jax.errors import OptionError, OutputError
-from remind_jax.files import refuse_file, refuse_folder, remove_unfinished
+from remind_jax.files import refuse_file, refuse_folder, remove_unfinished, replace_file
 from remind_jax.printing.terminal import print_lines
 
 
@@ -69,8 +69,9 @@ class Label:
         return process.FINE
 
     def _write_truth(self, edits_file: Path, out: Path) -> int:
+        from remind_jax.formats.cvat import to_cvat
+        from remind_jax.formats.instance_maps import write_instance_maps
         from remind_jax.outputs.label_edits import apply_edits, read_edits
-        from remind_jax.outputs.labeling import write_cvat, write_instance_maps
         from remind_jax.outputs.result import Result
 
         is_folder = out.suffix.lower() != ".xml"
@@ -82,9 +83,10 @@ class Label:
         edits = read_edits(edits_file)
         truth = apply_edits(Result.load(self.run), edits, str(edits_file))
         if is_folder:
-            write_instance_maps(truth, out)
+            write_instance_maps(truth.tracks, truth.info.name, out)
         else:
-            write_cvat(truth, out)
+            info = truth.info
+            replace_file(out, to_cvat(truth.tracks, info.name, truth.class_names, info.frame_size))
         if not self.quiet:
             num = len(truth.objects())
             print_lines([f"{out}: {num} identities, {len(truth)} frames, {len(edits.edits)} edits"])

@@ -17,6 +17,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Literal
 
+import numpy as np
+
 from remind_jax.errors import SourceError
 from remind_jax.files.records import decode_rows
 from remind_jax.formats.coco import (
@@ -29,8 +31,10 @@ from remind_jax.formats.coco import (
     say_bad,
     to_rle,
 )
+from remind_jax.formats.firm import firm_rows
 from remind_jax.formats.rows import UNKNOWN_CLASS, RowCollector, TrackRows
 from remind_jax.frame import Rle
+from remind_jax.tracks import Tracks
 
 CocoFormat = Literal["coco-video", "coco-vid"]
 
@@ -218,3 +222,56 @@ def _to_rle(shape: Any, size: tuple[int, int] | None, where: str) -> Rle:
 def _frame_number(image: ImageRecord) -> tuple[int, str]:
     number = image.frame_id if image.frame_index is None else image.frame_index
     return number or 0, image.file_name or ""
+
+
+def coco_video(
+    tracks: Sequence[Tracks], class_names: Sequence[str], name: str, fps: float
+) -> dict[str, Any]:
+    """A run in the layout of YouTube-VIS annotations: per identity one mask or null per frame.
+
+    `score` of an annotation is its mean confidence.
+    """
+    numbers = {label: number for number, label in enumerate(class_names, start=1)}
+    height, width = tracks[0].frame_size if tracks else (0, 0)
+    annotations: dict[int, dict[str, Any]] = {}
+    scores: dict[int, list[float]] = {}
+    for position, frame in enumerate(tracks):
+        for row in firm_rows(frame):
+            object_id = int(frame.object_id[row])
+            if object_id not in annotations:
+                annotations[object_id] = _empty_annotation(object_id, len(tracks)) | {
+                    "category_id": numbers[frame.labels[row]],
+                    "height": height,
+                    "width": width,
+                }
+            left, top, right, bottom = (float(side) for side in frame.boxes[row])
+            rle = frame.rles[row]
+            annotation = annotations[object_id]
+            annotation["segmentations"][position] = {
+                "size": list(rle["size"]),
+                "counts": rle["counts"].decode("ascii"),
+            }
+            annotation["bboxes"][position] = [left, top, right - left, bottom - top]
+            annotation["areas"][position] = int(frame.areas[row])
+            scores.setdefault(object_id, []).append(float(frame.confidence[row]))
+    video = {"id": 1, "name": name, "height": height, "width": width, "length": len(tracks)}
+    return {
+        "info": {"description": name, "fps": fps},
+        "videos": [video | {"file_names": [frame.name for frame in tracks]}],
+        "categories": [{"id": number, "name": label} for label, number in numbers.items()],
+        "annotations": [
+            annotations[object_id] | {"score": float(np.mean(scores[object_id]))}
+            for object_id in sorted(annotations)
+        ],
+    }
+
+
+def _empty_annotation(object_id: int, num_frames: int) -> dict[str, Any]:
+    return {
+        "id": object_id + 1,
+        "video_id": 1,
+        "iscrowd": 0,
+        "segmentations": [None] * num_frames,
+        "bboxes": [None] * num_frames,
+        "areas": [None] * num_frames,
+    }

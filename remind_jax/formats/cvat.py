@@ -1,15 +1,16 @@
-"""Truth and tracks from CVAT: the XML of video tasks, alone or in the zip that CVAT gives.
+"""Tracks of CVAT: the XML of video tasks, alone or in the zip that CVAT gives.
 
-Masks, boxes and polygons of tracks are read; other shapes are refused. Between two stated frames
-the earlier shape holds, as for masks in CVAT, and boxes go over to the later one in a straight
-line. Where a shape is `outside`, nothing is there until the next one.
+Masks, boxes and polygons are read; other shapes are refused. Between two stated frames the earlier
+shape holds, as for masks in CVAT, and boxes go over to the later one in a straight line. Where a
+shape is `outside`, nothing is there until the next one.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree
@@ -23,9 +24,12 @@ from remind_jax.crops import Crops
 from remind_jax.errors import SourceError
 from remind_jax.files import limits
 from remind_jax.files.records import Count
+from remind_jax.formats.firm import firm_rows
 from remind_jax.formats.rows import RowCollector, TrackRows
 from remind_jax.frame import Rle, fill_boxes
-from remind_jax.masks.run_length import encode_masks, encode_polygon
+from remind_jax.masks.run_length import decode_mask, encode_masks, encode_polygon, mask_box
+from remind_jax.printing.terminal import printable
+from remind_jax.tracks import Tracks
 
 NAME_IN_ZIP = "annotations.xml"
 _Pixel = Annotated[int, Meta(ge=0, le=limits.MAX_SIDE_PX)]
@@ -48,7 +52,7 @@ class _Box(_Shape, frozen=True, kw_only=True):
     ybr: _Coordinate
 
 
-class _Mask(_Shape, frozen=True, kw_only=True):
+class _Mask(_Shape, frozen=True, kw_only=True):  # read and written
     left: _Pixel
     top: _Pixel
     width: _Pixel
@@ -216,3 +220,71 @@ def _fill_gaps(track: list[_Sight]) -> list[_Sight]:
                 box = tuple(moved.tolist())
             filled.append(dataclasses.replace(sight, frame=frame, box=box))
     return filled
+
+
+def to_cvat(
+    run: Sequence[Tracks], name: str, class_names: Sequence[str], frame_size: tuple[int, int]
+) -> bytes:
+    """CVAT for video 1.1: one track per firm identity, its mask in every processed frame.
+
+    In between, a mask holds. Where an identity is out of view, its last mask is marked `outside`.
+    """
+    root = ElementTree.Element("annotations")
+    _add(root, "version", "1.1")
+    task = _add(_add(root, "meta"), "task")
+    numbers = [tracks.source_index for tracks in run]
+    _add(task, "name", printable(name))
+    _add(task, "size", max(numbers, default=-1) + 1)
+    _add(task, "mode", "interpolation")
+    labels = _add(task, "labels")
+    for label in class_names:
+        _add(_add(labels, "label"), "name", printable(label))
+    size = _add(task, "original_size")
+    height, width = run[0].frame_size if run else frame_size
+    _add(size, "width", width)
+    _add(size, "height", height)
+    for object_id, sights in _sights(run).items():
+        first, row = sights[0]
+        label = printable(run[first].labels[row])
+        track = ElementTree.SubElement(
+            root, "track", id=str(object_id), label=label, source="automatic"
+        )
+        for (index, row), (following, _) in pairwise([*sights, (len(run), 0)]):
+            shape = _mask_shape(run[index], row, numbers[index])
+            _add_shape(track, shape)
+            if following > index + 1:
+                _add_shape(
+                    track, msgspec.structs.replace(shape, frame=numbers[index + 1], outside=True)
+                )
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
+def _sights(run: Sequence[Tracks]) -> dict[int, list[tuple[int, int]]]:
+    """Frame and row of every sight of each identity, by rising id."""
+    sights: dict[int, list[tuple[int, int]]] = {}
+    for index, tracks in enumerate(run):
+        for row in firm_rows(tracks):
+            if tracks.areas[row]:
+                sights.setdefault(int(tracks.object_id[row]), []).append((index, int(row)))
+    return dict(sorted(sights.items()))
+
+
+def _mask_shape(tracks: Tracks, row: int, frame: int) -> _Mask:
+    left, top, width, height = mask_box(tracks.rles[row])
+    part = decode_mask(tracks.rles[row])[top : top + height, left : left + width].ravel()
+    changes = np.flatnonzero(np.diff(part, prepend=0))
+    runs = ", ".join(map(str, np.diff(changes, prepend=0, append=part.size)))
+    return _Mask(frame=frame, left=left, top=top, width=width, height=height, rle=runs)
+
+
+def _add_shape(track: ElementTree.Element, shape: _Mask) -> None:
+    said = msgspec.structs.asdict(shape) | {"occluded": 0, "keyframe": 1, "z_order": 0}
+    text = {name: str(int(v) if isinstance(v, bool) else v) for name, v in said.items()}
+    ElementTree.SubElement(track, "mask", text)
+
+
+def _add(parent: ElementTree.Element, name: str, text: Any = None) -> ElementTree.Element:
+    element = ElementTree.SubElement(parent, name)
+    element.text = None if text is None else str(text)
+    return element

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import configparser
 import dataclasses
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -18,9 +19,11 @@ from jaxtyping import Float, Int
 from remind_jax import files
 from remind_jax.errors import SourceError
 from remind_jax.files.limits import MAX_FRAMES, MAX_SIDE_PX, MAX_TEXT_BYTES
+from remind_jax.formats.firm import firm_rows, masks_without_overlap
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows, boxes_of, size_of
 from remind_jax.frame import Rle
 from remind_jax.masks.run_length import find_malformed, mask_areas, union_area
+from remind_jax.tracks import Tracks
 
 FileFormat = Literal["mot", "mots", "kitti-mots"]
 
@@ -304,3 +307,40 @@ def _read_numbers(path: str | Path) -> Float[np.ndarray, "N columns"]:
             f"numbers as frame and id, sides of 0 or more, and finite numbers up to {_MAX_NUMBER:g}"
         )
     return table
+
+
+def mot_lines(tracks: Iterable[Tracks]) -> list[str]:
+    """MOTChallenge results: `frame,id,left,top,width,height,confidence,-1,-1,-1`.
+
+    Ids and frames (position in the run) start at 1. Class and visibility are -1, as the challenge
+    asks of results; classes are in `tracks.csv`.
+    """
+    lines = []
+    for number, frame in enumerate(tracks, start=1):
+        for row in firm_rows(frame):
+            left, top, right, bottom = frame.boxes[row]
+            lines.append(
+                f"{number},{frame.object_id[row] + 1},{left:.2f},{top:.2f},{right - left:.2f},"
+                f"{bottom - top:.2f},{frame.confidence[row]:.4f},-1,-1,-1"
+            )
+    return lines
+
+
+def mots_lines(tracks: Iterable[Tracks], class_names: Sequence[str]) -> list[str]:
+    """MOTS results: `frame id class height width rle`, class = place in `class_names` + 1.
+
+    Masks of a frame may not overlap in this format: shared pixels go to the higher confidence.
+    """
+    numbers = {name: number for number, name in enumerate(class_names, start=1)}
+    lines = []
+    for number, frame in enumerate(tracks, start=1):
+        rows = firm_rows(frame)
+        height, width = frame.frame_size
+        for row, rle in zip(rows, masks_without_overlap(frame, rows), strict=True):
+            if rle is None:
+                continue
+            lines.append(
+                f"{number} {frame.object_id[row] + 1} {numbers[frame.labels[row]]} "
+                f"{height} {width} {rle['counts'].decode('ascii')}"
+            )
+    return lines

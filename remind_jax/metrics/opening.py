@@ -8,7 +8,6 @@
 | `coco-video` | COCO-video / YouTube-VIS JSON, truth or list of results |
 | `coco-vid` | CocoVID JSON, truth or list of results |
 | `cvat` | XML of CVAT for video, or the zip that holds it |
-| `mots-png` | MOTS PNG: a zip or folder with `instances/*.png` of 16 bits |
 | `run` | output folder of `remind run`, or a folder of such folders |
 """
 
@@ -35,12 +34,7 @@ from remind_jax.formats.coco_tracks import (
     recognize_coco,
 )
 from remind_jax.formats.cvat import NAME_IN_ZIP, looks_like_cvat, read_cvat
-from remind_jax.formats.instance_maps import (
-    find_map_scenes,
-    find_mots_png,
-    read_instance_maps,
-    read_mots_png,
-)
+from remind_jax.formats.instance_maps import find_map_scenes, read_instance_maps
 from remind_jax.formats.mot import FileFormat, read_text_rows, recognize_format
 from remind_jax.formats.rows import UNKNOWN_CLASS, TrackRows
 from remind_jax.metrics.run_folder import holds_run, read_run_rows
@@ -48,9 +42,7 @@ from remind_jax.sources.class_names import UNNAMED, ClassNames, parse_metadata
 from remind_jax.sources.davis import metadata_files
 from remind_jax.sources.label_maps import require_classes
 
-Format = Literal[
-    "mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "mots-png", "run"
-]
+Format = Literal["mot", "mots", "kitti-mots", "davis", "coco-video", "coco-vid", "cvat", "run"]
 FORMATS: tuple[str, ...] = get_args(Format)
 TEXT_FORMATS: tuple[FileFormat, ...] = ("mot", "mots", "kitti-mots")
 
@@ -91,10 +83,6 @@ def open_scenes(
         raise SourceError(f"{path} cannot be read: No such file or directory")
     with files.reading(path):
         files.check_regular(path)
-    if format == "mots-png" or (format is None and find_mots_png(path) is not None):
-        return SceneSet(
-            path, "mots-png", {path.stem: functools.partial(read_mots_png, path)}, {path.stem: path}
-        )
     if path.is_dir():
         with files.reading(path):
             return _open_folder(path, format, is_truth=truth is None)
@@ -102,10 +90,7 @@ def open_scenes(
         name = path.parent.name if path.name == NAME_IN_ZIP else path.stem
         return SceneSet(path, "cvat", {name: functools.partial(read_cvat, path)}, {name: path})
     if format is None and zipfile.is_zipfile(path):
-        raise SourceError(
-            f"'{path}' is a zip that holds neither '{NAME_IN_ZIP}' of CVAT nor MOTS PNG "
-            "('instances/*.png'); pack one of these, or unpack it"
-        )
+        raise SourceError(f"'{path}' is a zip that holds no '{NAME_IN_ZIP}' of CVAT; unpack it")
     if path.suffix.lower() == ".json" or format in get_args(CocoFormat):
         return _open_json(path, format, truth)
     if format in ("davis", "run"):

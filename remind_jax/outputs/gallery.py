@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from remind_jax.formats.firm import firm_rows
 from remind_jax.masks.run_length import cut_masks
 from remind_jax.outputs.drawing import (
     NO_IMAGE_GRAY,
@@ -16,7 +17,6 @@ from remind_jax.outputs.drawing import (
     identity_color,
 )
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
-from remind_jax.outputs.tables import firm_rows
 from remind_jax.tracks import Tracks
 
 CROP_PX = 144

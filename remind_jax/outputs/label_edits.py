@@ -24,9 +24,9 @@ from remind_jax import files
 from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError
 from remind_jax.files.records import Count, Text, read_json
+from remind_jax.formats.firm import firm_rows
 from remind_jax.outputs import overlay, report
 from remind_jax.outputs.result import Result
-from remind_jax.outputs.tables import firm_rows
 from remind_jax.outputs.writer import OVERLAY_NAME
 from remind_jax.tracks import Tracks
 

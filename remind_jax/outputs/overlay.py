@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import av
 import cv2
 import numpy as np
 from av.error import FFmpegError
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from remind_jax.crops import nearest_places
 from remind_jax.decision import NO_ID, Outcome
@@ -43,9 +42,6 @@ MAX_PIXELS = 4096 * 2304
 _KEY_FRAME_EVERY_S = 1.0
 
 
-_SUBPIXEL_BITS = 4
-
-
 @dataclasses.dataclass(frozen=True)
 class _Rectangle:
     left: int
@@ -62,25 +58,19 @@ class _Rectangle:
         )
 
 
-def draw(image: Any, tracks: Tracks, trails: Iterable[Tracks] = ()) -> UInt8[np.ndarray, "H W 3"]:
-    """A picture of a frame with masks, outlines, names, and the ways that objects came.
+def draw(image: Any, tracks: Tracks) -> UInt8[np.ndarray, "H W 3"]:
+    """A picture of a frame with masks, outlines and names.
 
     Identities have their own color, the same in every frame and output; undecided detections are
     white with their candidates.
 
-    Args:
-      trails: Answers about earlier frames, in their order, whose centers are joined; the last ones
-        suffice, as in a `collections.deque(maxlen=30)`.
-
     Raises:
       SourceError: If the image is none or has another size than the frame, or tracks are none.
     """
-    earlier = tuple(trails) if isinstance(trails, Iterable) else (trails,)
-    for one in (tracks, *earlier):
-        if not isinstance(one, Tracks):
-            raise SourceError(
-                f"tracks are of type {type(one).__name__}; give what 'Tracker.update' returned"
-            )
+    if not isinstance(tracks, Tracks):
+        raise SourceError(
+            f"tracks are of type {type(tracks).__name__}; give what 'Tracker.update' returned"
+        )
     if image is not None:
         image = frame_of(image, 0).image
         if image.shape[:2] != tracks.frame_size:
@@ -88,11 +78,11 @@ def draw(image: Any, tracks: Tracks, trails: Iterable[Tracks] = ()) -> UInt8[np.
                 f"the image is {image.shape[1]}x{image.shape[0]}, its tracks are of a frame of "
                 f"{tracks.frame_size[1]}x{tracks.frame_size[0]} (width x height); give the frame"
             )
-    return draw_overlay(image, tracks, earlier)
+    return draw_overlay(image, tracks)
 
 
 def draw_overlay(
-    image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks, trails: Sequence[Tracks] = ()
+    image: UInt8[np.ndarray, "H W 3"] | None, tracks: Tracks
 ) -> UInt8[np.ndarray, "H W 3"]:
     """The frame with masks, outlines and labels; RGB, gray where there is no image.
 
@@ -109,7 +99,6 @@ def draw_overlay(
     for row in largest_first:
         color, thin = detection_color(tracks, row), _is_discarded(tracks, row)
         _draw_mask(canvas, tracks.rles[row], color, thin)
-    draw_trails(canvas, tracks, trails)
     placed: list[_Rectangle] = []
     for row in largest_first[::-1]:
         if not _is_discarded(tracks, row):
@@ -286,52 +275,3 @@ class OverlayVideo(contextlib.AbstractContextManager):
 
     def __exit__(self, *raised: object) -> None:
         self.close()
-
-
-def find_trails(tracks: Tracks, earlier: Sequence[Tracks]) -> dict[int, list[list[np.ndarray]]]:
-    """Centers of the objects in view through earlier frames, oldest first.
-
-    A way ends where the object was not in the next frame that is given, so that no line leads
-    across an absence.
-
-    Returns:
-      By object, the pieces of its way; each is a list of centers, column and row in pixels.
-    """
-    before = [one for one in earlier if one.frame_index < tracks.frame_index]
-    pieces: dict[int, list[list[np.ndarray]]] = {i: [] for i in _centers(tracks)}
-    last_seen: dict[int, int] = {}
-    for number, one in enumerate([*before, tracks]):
-        for object_id, center in _centers(one).items():
-            if object_id not in pieces:
-                continue
-            if last_seen.get(object_id) != number - 1:
-                pieces[object_id].append([])
-            pieces[object_id][-1].append(center)
-            last_seen[object_id] = number
-    return pieces
-
-
-def draw_trails(
-    canvas: UInt8[np.ndarray, "H W 3"], tracks: Tracks, earlier: Sequence[Tracks]
-) -> None:
-    """Draws the ways of the objects in view onto a picture, in place."""
-    line_px = max(2, round(canvas.shape[0] / 320))
-    for object_id, pieces in find_trails(tracks, earlier).items():
-        lines = [_fixed_point(piece) for piece in pieces if len(piece) > 1]
-        for color, width in (((16, 18, 22), line_px + 2), (identity_color(object_id), line_px)):
-            cv2.polylines(canvas, lines, False, color, width, cv2.LINE_AA, _SUBPIXEL_BITS)
-
-
-def _centers(tracks: Tracks) -> dict[int, Float[np.ndarray, "2"]]:
-    """Center of the box of every identity in a frame."""
-    centers = (tracks.boxes[:, :2] + tracks.boxes[:, 2:]) / 2
-    return {
-        int(object_id): center
-        for object_id, center in zip(tracks.object_id, centers, strict=True)
-        if object_id != NO_ID
-    }
-
-
-def _fixed_point(centers: Sequence[np.ndarray]) -> np.ndarray:
-    """Pixels in the units of OpenCV, whose pixel centers are whole numbers."""
-    return np.rint((np.array(centers) - 0.5) * (1 << _SUBPIXEL_BITS)).astype(np.int32)

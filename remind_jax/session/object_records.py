@@ -20,8 +20,8 @@ from remind_jax.decision import NO_ID, Outcome, Reason
 from remind_jax.errors import SourceError, on_one_line
 from remind_jax.files.limits import MAX_LABEL
 from remind_jax.files.records import Count, Label, Positive, Small
+from remind_jax.formats.firm import firm_rows
 from remind_jax.outputs.presence import MIN_ABSENCE_FRAMES
-from remind_jax.outputs.tables import firm_rows
 from remind_jax.session.announcement import rename_candidates
 from remind_jax.session.object_pictures import (
     MAX_FILE_BYTES,

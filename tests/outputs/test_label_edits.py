@@ -9,8 +9,8 @@ import pytest
 
 from remind_jax.decision import NO_ID
 from remind_jax.errors import OutputError, SourceError
+from remind_jax.formats.instance_maps import write_instance_maps
 from remind_jax.metrics import evaluate
-from remind_jax.outputs import labeling
 from remind_jax.outputs.label_edits import (
     Assign,
     Edits,
@@ -20,8 +20,8 @@ from remind_jax.outputs.label_edits import (
     first_labels,
     read_edits,
 )
-from remind_jax.outputs.labeling import write_instance_maps
 from remind_jax.outputs.result import Result
+from tests.formats.test_cvat_of_runs import write_cvat
 from tests.outputs.fake_run import make_info, make_run, make_tracks
 
 
@@ -136,9 +136,9 @@ def test_the_truth_scores_the_labeled_run_with_100(result, tmp_path, format):
     labeled = apply_edits(result, made(result, *SOME), "e")
     truth = tmp_path / ("truth" if format == "davis" else "cvat.xml")
     if format == "davis":
-        write_instance_maps(labeled, truth)
+        write_instance_maps(labeled.tracks, labeled.info.name, truth)
     else:
-        labeling.write_cvat(labeled, truth)
+        write_cvat(labeled, truth)
     labeled.save(tmp_path / "run")
     scores = evaluate(truth, tmp_path / "run").scores()
     names = ("IDF1", "HOTA", "AssA", "Recovery", "HardRecovery")
@@ -152,15 +152,15 @@ def test_instance_maps_of_16_bits_where_8_do_not_suffice(tmp_path):
     masks[0, :2, :2], masks[1, 4:6, 4:6] = True, True
     tracks = make_tracks(0, masks, [{"object_id": 3}, {"object_id": 300}])
     run = Result((tracks,), make_info(size=(8, 8)))
-    write_instance_maps(run, tmp_path / "truth")
+    write_instance_maps(run.tracks, run.info.name, tmp_path / "truth")
     run.save(tmp_path / "run")
     assert evaluate(tmp_path / "truth", tmp_path / "run").scores()["IDF1"] == 1
 
 
 def test_maps_of_something_else_are_left_alone(result, tmp_path):
-    write_instance_maps(result, tmp_path)
+    write_instance_maps(result.tracks, result.info.name, tmp_path)
     (maps,) = (tmp_path / "Annotations").iterdir()
-    write_instance_maps(result, tmp_path)
+    write_instance_maps(result.tracks, result.info.name, tmp_path)
     (maps / "mine.png").write_bytes(b"")
     with pytest.raises(OutputError, match=r"holds 'mine.png', which is no map of this run"):
-        write_instance_maps(result, tmp_path)
+        write_instance_maps(result.tracks, result.info.name, tmp_path)

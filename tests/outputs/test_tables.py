@@ -5,6 +5,9 @@ import pytest
 from hotcoco import mask as coco_mask
 
 from remind_jax.decision import Outcome
+from remind_jax.formats.coco_tracks import coco_video
+from remind_jax.formats.firm import firm_rows
+from remind_jax.formats.mot import mot_lines, mots_lines
 from remind_jax.outputs import tables
 from tests.outputs.fake_run import make_run, make_tracks
 
@@ -46,7 +49,7 @@ def test_mot_counts_from_one_and_leaves_out_undecided():
         {"object_id": 0, "confidence": 0.75},
         {"object_id": -1, "outcome": Outcome.AMBIGUOUS, "candidates": [(0, 0.8), (1, 0.7)]},
     ]
-    lines = tables.mot_lines([make_tracks(0, squares((2, 3), (9, 9)), rows)])
+    lines = mot_lines([make_tracks(0, squares((2, 3), (9, 9)), rows)])
     assert lines == ["1,1,2.00,3.00,4.00,4.00,0.7500,-1,-1,-1"]
 
 
@@ -58,7 +61,7 @@ def test_an_identity_given_twice_stays_with_the_better_supported():
         {"object_id": 5, "score": 0.8},
     ]
     tracks = make_tracks(0, squares((0, 0), (5, 0), (10, 0), (15, 0)), rows)
-    assert tables.firm_rows(tracks).tolist() == [1, 2]
+    assert firm_rows(tracks).tolist() == [1, 2]
 
 
 def test_mots_masks_do_not_overlap():
@@ -68,9 +71,7 @@ def test_mots_masks_do_not_overlap():
         {"object_id": 1, "confidence": 0.9, "label": "book"},
         {"object_id": 2, "confidence": 0.5},
     ]
-    lines = [
-        line.split() for line in tables.mots_lines([make_tracks(0, masks, rows)], ("cup", "book"))
-    ]
+    lines = [line.split() for line in mots_lines([make_tracks(0, masks, rows)], ("cup", "book"))]
     assert [line[:5] for line in lines] == [
         ["1", "1", "1", "16", "20"],
         ["1", "2", "2", "16", "20"],
@@ -85,13 +86,13 @@ def test_mots_masks_do_not_overlap():
 def test_mots_leaves_out_a_mask_hidden_by_others():
     masks = squares((2, 2), (2, 2))
     rows = [{"object_id": 0, "confidence": 0.9}, {"object_id": 1, "confidence": 0.5}]
-    lines = tables.mots_lines([make_tracks(0, masks, rows)], ("cup",))
+    lines = mots_lines([make_tracks(0, masks, rows)], ("cup",))
     assert [line.split()[1] for line in lines] == ["1"]
 
 
 def test_coco_video_has_one_entry_per_frame():
     _, result = make_run(num_frames=30)
-    content = tables.coco_video(result.tracks, result.class_names, "tour", 10.0)
+    content = coco_video(result.tracks, result.class_names, "tour", 10.0)
     (video,) = content["videos"]
     assert video["length"] == len(video["file_names"]) == 30
     assert [annotation["id"] for annotation in content["annotations"]] == [1, 2, 3, 4, 5, 6]

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from remind_jax.formats.cvat import to_cvat
+from remind_jax.formats.firm import firm_rows
 from remind_jax.metrics import evaluate
 from remind_jax.metrics.opening import open_scenes
-from remind_jax.outputs import labeling, tables
 from remind_jax.outputs.result import Result
 from tests.outputs.fake_run import make_info, make_run
 
@@ -15,13 +16,18 @@ def result() -> Result:
     return make_run()[1]
 
 
+def write_cvat(result, path):
+    info = result.info
+    path.write_bytes(to_cvat(result.tracks, info.name, result.class_names, info.frame_size))
+
+
 def read(path):
     (scene,) = open_scenes(path).read.values()
     return scene()
 
 
 def test_cvat_gives_the_run_back(result, tmp_path):
-    labeling.write_cvat(result, tmp_path / "cvat.xml")
+    write_cvat(result, tmp_path / "cvat.xml")
     rows = read(tmp_path / "cvat.xml")
     assert rows.num_frames == result.tracks[-1].source_index + 1
     rows = rows.select(np.isin(rows.frame, [tracks.source_index for tracks in result.tracks]))
@@ -33,8 +39,7 @@ def test_cvat_gives_the_run_back(result, tmp_path):
             tracks.labels[row],
         )
         for tracks in result.tracks
-        for row in tables.firm_rows(tracks)
-        for counts in [tracks.rles[row]["counts"]]
+        for row in firm_rows(tracks)
     ]
     assert rows.rles is not None
     got = zip(rows.frame, rows.track_id, (rle["counts"] for rle in rows.rles), strict=True)
@@ -44,7 +49,7 @@ def test_cvat_gives_the_run_back(result, tmp_path):
 
 def test_a_run_is_perfect_by_its_own_labels(result, tmp_path):
     truth = tmp_path / "cvat.xml"
-    labeling.write_cvat(result, truth)
+    write_cvat(result, truth)
     result.save(tmp_path / "run")
     scores = evaluate(truth, tmp_path / "run")
     assert scores.scores()["IDF1"] == pytest.approx(1.0)  # both count the same rows
@@ -52,5 +57,5 @@ def test_a_run_is_perfect_by_its_own_labels(result, tmp_path):
 
 def test_a_run_of_nothing_can_be_exported(tmp_path):
     empty = Result((), make_info())
-    labeling.write_cvat(empty, tmp_path / "cvat.xml")
+    write_cvat(empty, tmp_path / "cvat.xml")
     assert (tmp_path / "cvat.xml").stat().st_size > 0
