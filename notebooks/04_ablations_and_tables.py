@@ -174,7 +174,7 @@ Markdown("\n".join(lines))
 # remind benchmark DAVIS_ROOT                          # all contenders, true masks
 # remind benchmark DAVIS_ROOT --detector yolo.onnx     # masks of a detector
 # remind benchmark DAVIS_ROOT --methods default remind bank --scenes kitchen
-# remind eval DAVIS_ROOT ours sam masa --table comparison.html   # results of other programs
+# remind eval DAVIS_ROOT ours sam masa --table comparison.md   # results of other programs
 # ```
 #
 # Results on twelve rendered tours are in [Benchmark](../docs/benchmark.md).

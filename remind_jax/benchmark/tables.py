@@ -199,11 +199,11 @@ def list_failures(runs: Sequence[Scored]) -> list[str]:
 
 
 def save_tables(tables: Mapping[str, ComparisonTable], folder: Path) -> list[Path]:
-    """Writes every table as Markdown, CSV, LaTeX and text, and as a page where matplotlib is."""
+    """Writes every table as Markdown, CSV, LaTeX and text."""
     make_folder(folder)
     written = []
     for name, table in tables.items():
-        for suffix in FORMATS + ((".html",) if _can_plot() else ()):
+        for suffix in FORMATS:
             path = folder / f"{name}{suffix}"
             table.save(path)
             written.append(path)
@@ -233,9 +233,3 @@ def _cross(
 
 def _axis(run: Scored) -> str:
     return run.record.scene.rpartition("-")[0]
-
-
-def _can_plot() -> bool:
-    import importlib.util
-
-    return importlib.util.find_spec("matplotlib") is not None

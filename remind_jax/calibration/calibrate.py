@@ -12,7 +12,7 @@ import numpy as np
 from remind_jax import __version__
 from remind_jax.backbone.opening import open_backbone
 from remind_jax.backbone.registry import DEFAULT_BACKBONE, Backbone
-from remind_jax.calibration.comparisons import Comparisons, compare_ends, compare_returns
+from remind_jax.calibration.comparisons import Comparisons, compare_ends
 from remind_jax.calibration.estimate import PART_MERGE, Evidence, estimate, estimate_part_merge
 from remind_jax.calibration.reading import SceneViews, read_scene
 from remind_jax.calibration.views import Views, compare_views
@@ -20,10 +20,10 @@ from remind_jax.config import Config, load_config
 from remind_jax.config.dotted_keys import flatten_fields, nest
 from remind_jax.config.profiles import MadeFor, place_profile, write_profile
 from remind_jax.detectors import DetectorOptions, as_detector
-from remind_jax.errors import ConfigError, OptionError, SourceError
+from remind_jax.errors import ConfigError, SourceError
 from remind_jax.files import as_path
 from remind_jax.method import PAPER_METHOD
-from remind_jax.settings.ranges import check_function, check_option, check_switch
+from remind_jax.settings.ranges import check_function, check_option
 from remind_jax.sources import Sampling, Source, open_source
 from remind_jax.sources.opening import check_options
 
@@ -31,7 +31,7 @@ CONFIG = "remind"  # what a profile starts from, and whose thresholds fit the re
 LEAST = 30  # comparisons of each kind
 ENOUGH_ALIKE = 200  # comparisons within a class, from which on no others are needed
 MAX_SEED = 2**31 - 1
-RETURNS, ENDS = "returns", "ends of tracklets"
+ENDS = "ends of tracklets"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +72,6 @@ def calibrate(
     feature_cache: str | Path | None = None,
     detector: Any = None,
     detector_options: DetectorOptions | None = None,
-    identities: bool = False,
     out: str | Path | None = None,
     seed: int = 0,
     sampling: Sampling | Mapping[str, Any] | None = None,
@@ -84,8 +83,6 @@ def calibrate(
     Runs with this backbone and the configuration `remind` use them from then on.
 
     Args:
-      identities: Compare returns by the identities of the masks, where all scenes have them; else
-        ends of tracklets, which needs no labels.
       out: File to write instead, to be given as a configuration.
 
     Raises:
@@ -93,13 +90,9 @@ def calibrate(
     """
     check_options(source_options, calibrate)
     check_option("seed", seed, 0, MAX_SEED)
-    check_switch("identities", identities)
     check_function("progress", progress)
     if out is not None:
         _as_profile_path(out)
-    if detector is not None and identities:
-        reason = "'identities' are those of masks; leave out 'detector'"
-        raise OptionError(reason, "identities", "detector")
     finder = as_detector(detector, detector_options)
     opened = open_backbone(backbone, weights=weights, feature_cache=feature_cache)
     reference = open_backbone(DEFAULT_BACKBONE, feature_cache=feature_cache)
@@ -112,13 +105,13 @@ def calibrate(
         if progress is not None:
             progress(source.name)
         seen.append(read_scene(source, config, (reference, opened), finder))
-    compared, evidence = choose_comparisons(seen, seed, identities)
+    compared = choose_comparisons(seen, seed)
     same = np.concatenate([one.same for one in compared])
     made_for = MadeFor(
         backbone=opened.name,
         fingerprint=opened.fingerprint,
         scenes=[source.name for source in sources],
-        evidence=evidence,
+        evidence=ENDS,
         same=int(same.sum()),
         other=int((~same).sum()),
         seed=seed,
@@ -141,23 +134,13 @@ def start_for(backbone: Backbone) -> Config:
     return config.updated({"thresholds": {"similarity": {"background_weight": published}}})
 
 
-def choose_comparisons(
-    scenes: Sequence[SceneViews], seed: int, identities: bool
-) -> tuple[list[Comparisons], str]:
-    """Comparisons in each scene, and what they are: returns where enough are known, or ends.
+def choose_comparisons(scenes: Sequence[SceneViews], seed: int) -> list[Comparisons]:
+    """Comparisons in each scene; without those across classes if enough are left.
 
     Raises:
       SourceError: If there are too few of either kind.
     """
-    known = [scene.instances for scene in scenes if scene.instances is not None]
-    if identities and len(known) == len(scenes):
-        chosen = [compare_returns(one, np.random.default_rng(seed)) for one in known]
-        if min(_count(chosen)) >= LEAST:
-            return _alike(chosen), RETURNS
-        tracks = known
-    else:
-        tracks = [scene.tracklets for scene in scenes]
-    chosen = [compare_ends(one, np.random.default_rng(seed)) for one in tracks]
+    chosen = [compare_ends(scene.tracklets, np.random.default_rng(seed)) for scene in scenes]
     same, other = _count(chosen)
     if min(same, other) < LEAST:
         names = ", ".join(f"'{scene.name}'" for scene in scenes)
@@ -166,7 +149,8 @@ def choose_comparisons(
             f"objects seen together, and {LEAST} of each are needed; give longer scenes, with "
             "several objects in view"
         )
-    return _alike(chosen), ENDS
+    within = [pairs.only(pairs.same_class) for pairs in chosen]  # the tracker makes no others
+    return within if _count(within)[1] >= ENOUGH_ALIKE else chosen
 
 
 def estimate_from(
@@ -214,12 +198,6 @@ def _start(config: Config) -> dict[str, float]:
 def _count(chosen: Sequence[Comparisons]) -> tuple[int, int]:
     same = sum(int(pairs.same.sum()) for pairs in chosen)
     return same, sum(len(pairs.same) for pairs in chosen) - same
-
-
-def _alike(chosen: list[Comparisons]) -> list[Comparisons]:
-    """Without comparisons across classes, which the tracker never makes, if enough are left."""
-    within = [pairs.only(pairs.same_class) for pairs in chosen]
-    return within if _count(within)[1] >= ENOUGH_ALIKE else chosen
 
 
 def _as_list(scenes: Any) -> list[Any]:

@@ -6,8 +6,7 @@ a detection with the prototypes of an object.
 Without labels, the first third of a tracklet stands for what is remembered and its last third for
 what comes back, and the reverse: the two are as far apart as one can be sure of. Tracklets that
 share a frame are different objects, so the first third of one is also compared with the last third
-of the other. With labels, an object that was out of view for `ABSENCE` frames is compared with all
-that was seen of it before, and of others.
+of the other.
 
 Letters: `V` views, `S` comparisons, `M` views of a memory.
 """
@@ -15,7 +14,6 @@ Letters: `V` views, `S` comparisons, `M` views of a memory.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -23,11 +21,10 @@ from jaxtyping import Bool, Int
 
 NONE = -1
 VIEWS = 8  # of a memory
-QUERIES = 6  # of a tracklet or a visit
+QUERIES = 6  # of a tracklet
 OTHERS = 6  # memories of other objects of the same class that a query is compared with, and of any
 TRACKS = 400  # of a scene that take part
 SHORTEST = 6  # views of a tracklet that takes part
-ABSENCE = 30  # frames out of view that end a visit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,26 +80,6 @@ def compare_ends(seen: Sightings, rng: np.random.Generator) -> Comparisons:
         for queries, memories in ((last, first), (first, last)):
             for query in _spread(queries[track], QUERIES // 2):
                 rows += _rows(seen, int(query), track, others, memories.__getitem__, rng)
-    return Comparisons.of(rows)
-
-
-def compare_returns(seen: Sightings, rng: np.random.Generator) -> Comparisons:
-    """Objects that come back with what was seen before (calibration.md#with-labels)."""
-    views = {
-        track: np.flatnonzero(seen.track == track)
-        for track in np.unique(seen.track[seen.track != NONE])
-    }
-    rows = []
-    for track in _choose(list(views), TRACKS, rng):
-        at = views[track]
-        frames = seen.frame[at]
-        starts = np.flatnonzero(np.diff(frames) > ABSENCE) + 1
-        for start, end in itertools.pairwise([*starts, len(at)]):
-            now = frames[start]
-            before = lambda one, now=now: views[one][seen.frame[views[one]] < now]  # noqa: E731
-            others = [one for one in views if one != track and len(before(one))]
-            for query in _spread(at[start:end], QUERIES):
-                rows += _rows(seen, int(query), track, others, before, rng)
     return Comparisons.of(rows)
 
 

@@ -20,7 +20,7 @@ from remind_jax.calibration.views import Views
 from remind_jax.config import Config
 from remind_jax.detectors.detector import Detector
 from remind_jax.errors import SourceError
-from remind_jax.frame import NO_INSTANCE, Frame
+from remind_jax.frame import Frame
 from remind_jax.masks.reduction import pad_masks
 from remind_jax.method import Method, get_method
 from remind_jax.observation import Descriptors, FrameFeats, Masks
@@ -43,7 +43,6 @@ class SceneViews:
     name: str
     views: tuple[Views, ...]  # with each backbone
     tracklets: Sightings
-    instances: Sightings | None  # by the identities of the masks, if there are any
 
 
 def read_scene(
@@ -94,7 +93,6 @@ class _Boxes:
     box: np.ndarray
     valid: np.ndarray
     class_id: np.ndarray
-    instance: np.ndarray
 
     @classmethod
     def of(cls, prepared: Prepared) -> _Boxes:
@@ -104,7 +102,6 @@ class _Boxes:
             np.array(masks.box[:num]),
             np.array(masks.valid[:num]),
             np.array(masks.class_id[:num]),
-            np.array(prepared.detections.instance_ids, np.int64),
         )
 
 
@@ -154,11 +151,11 @@ def _collect(name: str, kept: dict[int, list[Views]], frames: list[_Boxes]) -> S
     """Puts the views of all frames one after the other, and says which object each shows."""
     shape = (len(frames), max(len(frame.valid) for frame in frames))
     boxes, valid = np.zeros((*shape, 4)), np.zeros(shape, bool)
-    classes, instances = np.zeros(shape, np.int32), np.full(shape, NO_INSTANCE, np.int64)
+    classes = np.zeros(shape, np.int32)
     for number, frame in enumerate(frames):
         slots = slice(len(frame.valid))
         boxes[number, slots], valid[number, slots] = frame.box, frame.valid
-        classes[number, slots], instances[number, slots] = frame.class_id, frame.instance
+        classes[number, slots] = frame.class_id
     at = tuple(
         np.concatenate(part)
         for part in zip(
@@ -170,18 +167,11 @@ def _collect(name: str, kept: dict[int, list[Views]], frames: list[_Boxes]) -> S
         )
     )
     index = np.array([frame.index for frame in frames], np.int32)
-
-    def sightings(track: Int[np.ndarray, "T N"]) -> Sightings:
-        return Sightings(index[at[0]], np.where(valid, track, NONE)[at], classes[at])
-
-    is_known = valid & (instances != NO_INSTANCE)
-    found = np.unique(instances[is_known])
-    numbered = np.where(is_known, np.searchsorted(found, instances), NONE)
+    track = np.where(valid, link_boxes(boxes, valid, classes), NONE)
     return SceneViews(
         name=name,
         views=tuple(Views.join(of_one) for of_one in zip(*kept.values(), strict=True)),
-        tracklets=sightings(link_boxes(boxes, valid, classes)),
-        instances=sightings(numbered) if len(found) else None,
+        tracklets=Sightings(index[at[0]], track[at], classes[at]),
     )
 
 

@@ -39,7 +39,7 @@ class Calibrate:
     Examples:
       remind calibrate rooms/ --backbone dinov2-vits14
       remind calibrate rooms.mp4 --detector m.onnx --backbone dinov2-vits14
-      remind calibrate a/ b/ --backbone onnx:encoder.onnx --identities
+      remind calibrate a/ b/ --backbone onnx:encoder.onnx
       remind calibrate rooms/ --backbone dinov2-vits14 --out dinov2.yaml
     """
 
@@ -51,8 +51,6 @@ class Calibrate:
     feature_cache: Path | None = None  # keep features there and reuse them; see 'remind features'
     masks: Path | None = None  # of the scene, if there is one only and its layout holds none
     detector: Path | None = None  # ONNX segmentation export, instead of masks
-    # compare objects that return, by what the masks say; else ends of tracklets, without labels
-    identities: bool = False
     out: Path | None = None  # YAML file to write; where runs look for it if left out
     seed: int = 0  # of the choice of what is compared
     quiet: bool = False  # say nothing but errors
@@ -84,7 +82,6 @@ class Calibrate:
                 feature_cache=self.feature_cache,
                 detector=self.detector,
                 detector_options=None if self.detector is None else self.detection,
-                identities=self.identities,
                 out=self.out,
                 seed=self.seed,
                 sampling=self.sampling,

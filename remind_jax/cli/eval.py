@@ -44,7 +44,7 @@ class Eval:
       remind eval gt.txt pred.txt --format mots --json scores.json
       remind eval runs/rooms                      a run made with ground-truth masks
       remind eval DAVIS_ROOT runs/rooms --protocol paper
-      remind eval DAVIS_ROOT runs/ours runs/theirs --table comparison.html
+      remind eval DAVIS_ROOT runs/ours runs/theirs --table comparison.md
       remind eval VISITS runs/visits --visits     several visits, one memory
       remind eval runs/visits --visits            the same, of runs with the truth
     """
@@ -71,7 +71,7 @@ class Eval:
     # also score every class apart (in --json), where both sides name classes
     by_class: bool = False
     json: Path | None = None  # also write every field to this file
-    # also write the table: .md, .csv, .tex, .html (with plots), .txt
+    # also write the table: .md, .csv, .tex, .txt
     table: Annotated[UseAppendAction[tuple[tuple[Path, ...], ...]], arg(metavar="FILE ...")] = ()
     resamples: int = 1000  # draws of the bootstrap intervals in tables; 0 for none
     quiet: bool = False  # print no table

@@ -6,7 +6,7 @@ brought into a `TrackingSequence`; `pool_evaluations` joins sequences.
 
 from remind_jax.metrics.columns import Column
 from remind_jax.metrics.combine import average_classes, bootstrap_intervals, stack_counts
-from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
+from remind_jax.metrics.comparison import ComparisonTable, Row
 from remind_jax.metrics.evaluation import Evaluation, evaluate_sequence, pool_evaluations
 from remind_jax.metrics.recovery import Answers, count_recovery, find_reference
 from remind_jax.metrics.run_evaluation import evaluate_tracks
@@ -21,7 +21,6 @@ from remind_jax.metrics.sequence import TrackingSequence
 
 __all__ = [
     "Answers",
-    "Chart",
     "Column",
     "ComparisonTable",
     "Evaluation",

@@ -1,4 +1,4 @@
-"""What a table of scores is made of: columns, rows and charts.
+"""What a table of scores is made of: columns and rows.
 
 A column says how a number is written, which way is better and what it means.
 """
@@ -117,17 +117,6 @@ class Row:
     def format(self, column: Column) -> tuple[str, str]:
         """The score of a column and its interval as they are shown; empty without an interval."""
         return format_cell(column, self.score(column), self.intervals.get(column.name))
-
-
-@dataclasses.dataclass(frozen=True)
-class Chart:
-    """A score by bins, one line per method (breakdowns); drawn on the page only."""
-
-    title: str
-    bins: Sequence[str]
-    series: Mapping[str, Sequence[float]]  # method: a score per bin; NaN where undefined
-    supports: Sequence[int] = ()  # observations per bin
-    column: str | Column = "IDF1"  # how the scores are written
 
 
 def is_best(rows: Sequence[Row], row: Row, column: Column) -> bool:

@@ -1,4 +1,4 @@
-"""Many methods, one table: for the terminal, Markdown, CSV, LaTeX and a page of its own.
+"""Many methods, one table: for the terminal, Markdown, CSV and LaTeX.
 
 A table is plain data, whoever filled it: `remind eval` with several predictions, the benchmark, a
 sweep. Cells show a score and, where there is one, its interval; the best of a column is marked.
@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING
 
 from remind_jax.errors import OutputError
 from remind_jax.files.csv_cells import write_row
-from remind_jax.metrics.columns import Chart, Column, Row, column_of, is_best
-from remind_jax.metrics.comparison_page import render_page
+from remind_jax.metrics.columns import Column, Row, column_of, is_best
 from remind_jax.printing.small_table import Printable, SmallTable
 from remind_jax.printing.terminal import (
     lay_out,
@@ -49,7 +48,6 @@ class ComparisonTable(Printable):
     columns: Sequence[str | Column]  # names of `columns.COLUMNS`, or columns of one's own
     legend: Sequence[str] = ()  # sentences under the table: protocol, deviations, intervals
     title: str = ""
-    charts: Sequence[Chart] = ()
 
     def _summarize(self) -> SmallTable:
         columns = self.resolved_columns
@@ -150,21 +148,8 @@ class ComparisonTable(Printable):
             ]
         )
 
-    def to_html(self, path: str | Path | None = None) -> str:
-        """A page that needs nothing else: the table, plots with intervals, the legend.
-
-        Raises:
-          OutputError: If matplotlib is not installed or the file cannot be written.
-        """
-        page = render_page(
-            self.title, self.resolved_columns, self.rows, legend=self.legend, charts=self.charts
-        )
-        if path is not None:
-            _write(Path(path), page)
-        return page
-
     def save(self, path: str | Path) -> None:
-        """Writes the table in the format of the name's ending: .md, .csv, .tex, .html or .txt.
+        """Writes the table in the format of the name's ending: .md, .csv, .tex or .txt.
 
         Raises:
           OutputError: If the ending is another one or the file cannot be written.
@@ -174,13 +159,12 @@ class ComparisonTable(Printable):
             ".md": self.to_markdown,
             ".csv": self.to_csv,
             ".tex": self.to_latex,
-            ".html": self.to_html,
             ".txt": self.to_text,
         }.get(path.suffix.lower())
         if render is None:
             raise OutputError(
-                f"'{path}' ends in '{path.suffix}'; a table can be written as .md, .csv, .tex, "
-                ".html or .txt"
+                f"'{path}' ends in '{path.suffix}'; a table can be written as .md, .csv, .tex "
+                "or .txt"
             )
         _write(path, render())
 

@@ -1,15 +1,14 @@
-"""Several predictions of the same truth in one table, with intervals and breakdowns."""
+"""Several predictions of the same truth in one table, with intervals."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from remind_jax.errors import RemindError, SourceError
 from remind_jax.files import as_path
-from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
+from remind_jax.metrics.comparison import ComparisonTable, Row
 from remind_jax.metrics.opening import Format
 from remind_jax.metrics.scene_evaluation import (
     SceneOptions,
@@ -33,12 +32,6 @@ COLUMNS = (
     "GT_IDs",
 )
 UNCERTAIN_COLUMNS = ("FirmShare", "FirmAccuracy", "AmbiguousShare", "CandidateHitRate")
-
-_CHARTS = {
-    "distractors": "IDF1 by visible objects of the same class",
-    "size": "IDF1 by share of the frame",
-    "visible": "IDF1 by visible objects",
-}
 
 
 def compare(
@@ -90,9 +83,7 @@ def table_of(
     if columns is None:
         has_soft = any(row.scores.get("FirmShare", 1.0) < 1 for row in rows)
         columns = COLUMNS + (UNCERTAIN_COLUMNS if has_soft else ())
-    return ComparisonTable(
-        rows, columns, _legend(evaluations, rows), title, _draw_breakdowns(evaluations)
-    )
+    return ComparisonTable(rows, columns, _legend(evaluations, rows), title)
 
 
 def _row(evaluation: SetEvaluation, num_resamples: int) -> Row:
@@ -112,20 +103,6 @@ def _legend(evaluations: Sequence[SetEvaluation], rows: Sequence[Row]) -> tuple[
         shared = len(evaluations) > 1 and notes.count(note) == len(evaluations)
         sentences.append(f"{'All' if shared else names}: {note}.")
     return tuple(sentences)
-
-
-def _draw_breakdowns(evaluations: Sequence[SetEvaluation]) -> tuple[Chart, ...]:
-    pooled = {evaluation.name: evaluation.pooled.breakdowns for evaluation in evaluations}
-    charts = []
-    for key, title in _CHARTS.items():
-        found = {name: breakdowns[key] for name, breakdowns in pooled.items() if key in breakdowns}
-        if not found:
-            continue
-        first = next(iter(found.values()))
-        series = {name: breakdown.idf1.tolist() for name, breakdown in found.items()}
-        if any(not math.isnan(value) for values in series.values() for value in values):
-            charts.append(Chart(title, first.bins, series, first.observations.tolist()))
-    return tuple(charts)
 
 
 def name_predictions(

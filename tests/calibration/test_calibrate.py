@@ -8,11 +8,10 @@ import pytest
 
 import remind_jax as rj
 from remind_jax.backbone.registry import Backbone, get_backbone
-from remind_jax.calibration.calibrate import ENDS, RETURNS, choose_comparisons, start_for
-from remind_jax.calibration.comparisons import Sightings
-from remind_jax.calibration.reading import SceneViews, read_scene
+from remind_jax.calibration.calibrate import ENDS, start_for
+from remind_jax.calibration.reading import read_scene
 from remind_jax.config import load_config, profiles
-from remind_jax.errors import ConfigError, OptionError, SourceError
+from remind_jax.errors import ConfigError, SourceError
 from remind_jax.frame import Detections, Frame
 
 SIZE, PATCH = 96, 16
@@ -110,8 +109,6 @@ def test_a_detector_takes_the_place_of_masks(found, tmp_path):
     nothing = np.zeros((0, SIZE, SIZE), bool)
     with pytest.raises(SourceError, match="give scenes where it finds some"):
         rj.calibrate([bare], backbone=COLORS, detector=lambda image: nothing)
-    with pytest.raises(OptionError, match="'identities' are those of masks"):
-        rj.calibrate([bare], detector=lambda image: nothing, identities=True)
 
 
 def test_other_features_start_with_the_published_weight_of_the_background():
@@ -149,19 +146,6 @@ def test_scenes_that_say_nothing_are_refused():
             for one in frames(2)]  # fmt: skip
     with pytest.raises(SourceError, match="has no images"):
         rj.calibrate([bare], backbone=COLORS)
-
-
-def test_returns_are_compared_if_asked_for_and_enough_are_known():
-    track = np.repeat(np.arange(12), 16)
-    frame = np.tile([*range(8), *range(60, 68)], 12)
-    by_frame = np.argsort(frame, kind="stable")
-    known = Sightings(frame[by_frame], track[by_frame], np.zeros(len(track), int))
-    scene = SceneViews("a", (), known, known)
-    returns, told = choose_comparisons([scene], 0, identities=True)
-    assert (told, returns[0].same.sum()) == (RETURNS, 12 * 6)
-    assert choose_comparisons([scene], 0, identities=False)[1] == ENDS
-    once = dataclasses.replace(scene, instances=dataclasses.replace(known, frame=by_frame * 0))
-    assert choose_comparisons([once], 0, identities=True)[1] == ENDS
 
 
 def test_long_scenes_are_thinned_out_but_linked_frame_by_frame():

@@ -10,7 +10,6 @@ from remind_jax.calibration.comparisons import (
     VIEWS,
     Sightings,
     compare_ends,
-    compare_returns,
 )
 
 
@@ -41,22 +40,6 @@ def test_ends_of_a_tracklet_are_compared_and_what_shares_a_frame_is_another_obje
         else:
             met.add((track, *set(tracks)))
     assert met == {(0, 1), (1, 0)}  # nobody knows whether the third is one of them
-
-
-def test_returns_are_compared_with_the_past_only():
-    seen = sightings([(0, 0, range(10)), (1, 0, range(5, 15)), (0, 0, range(60, 66)),
-                      (2, 0, range(60, 70))])  # fmt: skip
-    found = compare_returns(seen, np.random.default_rng(0))
-    assert found.same.sum() == 6
-    for frame, track, frames, tracks, same in pairs(seen, found):
-        assert (track, frame >= 60) == (0, True)
-        assert (frames < 60).all()
-        assert set(tracks) == {0 if same else 1}
-
-
-def test_a_short_absence_is_no_return():
-    seen = sightings([(0, 0, range(10)), (0, 0, range(39, 50))])
-    assert len(compare_returns(seen, np.random.default_rng(0)).query) == 0
 
 
 @settings(deadline=None, max_examples=25)

@@ -15,7 +15,6 @@ from remind_jax.cli.main import main
         (["nowhere", "--out", "profile.txt"], "profile.txt"),
         (["nowhere", "--detector", "none.onnx"], "none.onnx"),
         (["nowhere", "--confidence", "0.5"], "--confidence is for a detector"),
-        (["nowhere", "--detector", "none.onnx", "--identities"], "leave out --detector"),
     ],
 )
 def test_what_cannot_be_done_is_said_at_once(words, said, capsys):

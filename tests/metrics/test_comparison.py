@@ -9,7 +9,7 @@ import pytest
 
 from remind_jax.errors import OutputError
 from remind_jax.metrics.columns import Column
-from remind_jax.metrics.comparison import Chart, ComparisonTable, Row
+from remind_jax.metrics.comparison import ComparisonTable, Row
 
 TABLE = ComparisonTable(
     rows=[
@@ -19,7 +19,6 @@ TABLE = ComparisonTable(
     columns=["IDF1", "IDSW", "Recovery", Column("own", "ms", "lower", "Time.", "t & $x$")],
     legend=["Scores in percent"],
     title="Rooms <1>",
-    charts=[Chart("by size", ["tiny", "huge"], {"[peer]": [0.4, math.nan]}, [1200, 3])],
 )
 
 
@@ -59,24 +58,13 @@ def test_latex_escapes_and_closes():
     assert latex.count(r"\begin{") == latex.count(r"\end{") == 2
 
 
-def test_page_is_complete_and_loads_nothing(tmp_path: Path):
-    path = tmp_path / "page.html"
-    page = TABLE.to_html(path)
-    assert path.read_text(encoding="utf-8") == page
-    assert "Rooms &lt;1&gt;" in page
-    assert page.count("<svg") == 3  # IDF1, IDSW and the chart; no row has a Recovery
-    assert "src=" not in page
-    assert "<link" not in page
-    assert TABLE.to_html() == page
-
-
 def test_nothing_is_best_without_a_rival():
     assert "**" not in ComparisonTable([Row("a", {"IDF1": 1.0})], ["IDF1"]).to_markdown()
     tied = ComparisonTable([Row("a", {"IDF1": 1.0}), Row("b", {"IDF1": 1.0})], ["IDF1"])
     assert tied.to_markdown().count("**1") == 2
 
 
-@pytest.mark.parametrize("ending", [".md", ".csv", ".tex", ".html", ".txt"])
+@pytest.mark.parametrize("ending", [".md", ".csv", ".tex", ".txt"])
 def test_saved_by_ending(tmp_path: Path, ending: str):
     path = tmp_path / f"table{ending}"
     TABLE.save(path)
