@@ -21,7 +21,7 @@ from weights_convert.pickled_tensors import PickledTensor, read_pickled
 
 INDEX_SUFFIX = ".safetensors.index.json"
 PICKLED_SUFFIXES = (".pth", ".pt", ".bin", ".ckpt")
-_MOST_JSON_BYTES = 16 << 20  # of an index or a configuration
+_MAX_JSON_BYTES = 16 << 20  # of an index or a configuration
 
 
 class _Index(msgspec.Struct):
@@ -129,7 +129,7 @@ def _read(file: Any, name: str, path: Path) -> np.ndarray:
 
 
 def _open_shards(index: Path) -> WeightSource:
-    listed = read_json(index, _Index, refused=WeightsError, max_bytes=_MOST_JSON_BYTES).weight_map
+    listed = read_json(index, _Index, refused=WeightsError, max_bytes=_MAX_JSON_BYTES).weight_map
     if not listed:
         raise WeightsError(f"'{index}' lists no tensors; it needs a 'weight_map'")
     tensors: dict[str, StoredTensor] = {}
@@ -148,7 +148,7 @@ def _config_beside(path: Path) -> Mapping[str, Any]:
     config = path.with_name("config.json")
     if not config.is_file():
         return {}
-    return read_json(config, dict[str, Any], refused=WeightsError, max_bytes=_MOST_JSON_BYTES)
+    return read_json(config, dict[str, Any], refused=WeightsError, max_bytes=_MAX_JSON_BYTES)
 
 
 def _as_stored(values: Mapping[str, Any]) -> dict[str, Any]:

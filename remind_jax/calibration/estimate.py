@@ -87,7 +87,7 @@ COSINES = ("duplicate", "stable_duplicate", "merge", "stable_merge", "novel")
 COSINE_DIFFERENCES = ("update_margin", "stable_margin")
 
 _QUANTILES = np.linspace(0.05, 0.95, 19)
-_LEAST_SPREAD = 1e-6  # of cosines that say anything
+_MIN_SPREAD = 1e-6  # of cosines that say anything
 _SHARE_LEAST = 1e-3  # of a score that a share is taken of
 
 
@@ -137,7 +137,7 @@ def estimate(
         for k, seen in enumerate(both)
     ]
     # A term that spreads half as much has twice the weight, so that it decides as much as before.
-    moved = weights / np.array([max(line.scale, _LEAST_SPREAD) for line in lines])
+    moved = weights / np.array([max(line.scale, _MIN_SPREAD) for line in lines])
     moved *= weights.sum() / moved.sum()
     any_term = reference.present.any(axis=1) & features.present.any(axis=1)
     scores = [e.score(w)[any_term] for e, w in ((reference, weights), (features, moved))]
@@ -186,7 +186,7 @@ def fit_line(reference: Float[np.ndarray, "Q"], features: Float[np.ndarray, "Q"]
     Quantiles that do not spread say nothing; then everything stays where it is.
     """
     spread = float(np.std(reference)), float(np.std(features))
-    if min(spread) < _LEAST_SPREAD:
+    if min(spread) < _MIN_SPREAD:
         return Line(1.0, 0.0)
     scale = spread[1] / spread[0]
     return Line(scale, float(np.mean(features) - scale * np.mean(reference)))

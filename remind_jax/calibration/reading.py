@@ -32,8 +32,7 @@ from remind_jax.static import Static
 MAX_BYTES = 256 << 20  # of the views of a scene
 _SLOTS = 8  # detection slots grow by so many
 
-
-LEAST_OVERLAP = 0.3  # of the boxes in two successive frames
+MIN_OVERLAP = 0.3  # of the boxes in two successive frames
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,7 +182,7 @@ def link_boxes(
     """Numbers tracklets; -1 where there is no detection.
 
     A detection goes on with the one of the frame before that overlaps it most, if that overlaps no
-    other more, by `LEAST_OVERLAP` of the union at least, and is of its class.
+    other more, by `MIN_OVERLAP` of the union at least, and is of its class.
     """
     found = np.full(valid.shape, NONE, np.int32)
     number = 0
@@ -195,7 +194,7 @@ def link_boxes(
             for slot in np.flatnonzero(valid[t]):
                 before = int(overlap[:, slot].argmax()) if len(overlap) else 0
                 best = overlap[before, slot]
-                if best >= LEAST_OVERLAP and overlap[before].argmax() == slot:
+                if best >= MIN_OVERLAP and overlap[before].argmax() == slot:
                     found[t, slot] = found[t - 1, before]
         fresh = valid[t] & (found[t] == NONE)
         found[t, fresh] = number + np.arange(int(fresh.sum()))

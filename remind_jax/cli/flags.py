@@ -59,7 +59,6 @@ _WORDS: dict[Any, tuple[str, str]] = {
 }
 _NOTHING = ("None", "False", "")  # defaults that the help of a flag says in words, if at all
 
-
 _MAX_CHARACTERS = 10_000  # of one value
 # Both `--set a=1 b=2` and `--set a=1 --set b=2`.
 Assignments = Annotated[

@@ -35,7 +35,6 @@ _CHANGES = {
     "forget": "forget ID ... (with their looks and pictures)",
 }
 
-
 _SLOT = re.compile(r"\{\{(\w+)\}\}")
 
 

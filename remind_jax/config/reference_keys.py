@@ -95,7 +95,6 @@ _RADII = tuple(
     f"thresholds.perception.ring_{edge}" for edge in ("border", "inner", "outer", "limit")
 )
 
-
 # Every key that is read here, with the value that the original ships.
 SHIPPED: dict[str, Any] = {
     "dino.patch_selection": "any",

@@ -31,7 +31,6 @@ SegmentationHead = yolo_seg.YoloSeg | rfdetr_seg.RfDetrSeg
 # Another's masks are taken as they are unless the caller asks for more.
 _AS_GIVEN = DetectorOptions(confidence=0.0, erosion_px=0)
 
-
 # How many instances were dropped for their masks, by reason:
 #   empty    the detector's mask had no pixel
 #   eroded   erosion left nothing

@@ -119,28 +119,6 @@ def decode_rows(
         yield _decode(decode, raw, f"{where}, row {number}: ", number, refused)
 
 
-def read_json_lines(
-    path: str | Path,
-    record: type[Record],
-    *,
-    refused: Family = SourceError,
-    skip: int = 0,
-) -> Iterator[Row[Record]]:
-    """Reads JSON values of a file line by line; empty lines are left out.
-
-    Yields:
-      Every line, bad ones with their error.
-
-    Raises:
-      RemindError: Of kind `refused`, if the file cannot be read, or a line or their number is
-        beyond all measure.
-    """
-    decode = _decoder(record).decode
-    for number, line in read_lines(path, refused=refused):
-        if number > skip:
-            yield _decode(decode, line, f"'{path}', row {number}: ", number, refused)
-
-
 def read_lines(path: str | Path, *, refused: Family = SourceError) -> Iterator[tuple[int, bytes]]:
     """Number and bytes of every line that is not empty, read one at a time.
 

@@ -30,7 +30,6 @@ _SCORES: dict[type, Callable[[Any], Any]] = {
     UncertaintyCounts: uncertainty_scores,
 }
 
-
 # Counts with a leading axis over units, and those that belong to no unit, if there are any.
 Family = tuple[Any, Any]
 

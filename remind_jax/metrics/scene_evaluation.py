@@ -37,7 +37,7 @@ from remind_jax.metrics.scene_stream import SceneScores, SceneStream, open_strea
 from remind_jax.printing.small_table import SmallTable
 from remind_jax.tracks import Tracks
 
-_LEAST_MATCHED = 0.05  # of the detections of the side that has fewer
+_MIN_MATCHED = 0.05  # of the detections of the side that has fewer
 
 
 @dataclasses.dataclass(frozen=True)
@@ -212,7 +212,7 @@ def _doubt_truth(evaluation: Evaluation) -> list[str]:
     count, fewer = min(
         (int(sizes.predicted_rows), "predictions"), (int(sizes.gt_rows), "true detections")
     )
-    if matched >= _LEAST_MATCHED * count:
+    if matched >= _MIN_MATCHED * count:
         return []
     return [
         f"only {matched} of {count} {fewer} have a counterpart that overlaps by half or more: see "

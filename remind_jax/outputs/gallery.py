@@ -37,7 +37,7 @@ _SHAPES_KEPT = np.array([30, 30, 5])
 # Sharpness is compared at one size, about that at which views are shown; more pixels show no more.
 _COMPARED_PX = 112
 # Of a picture without any contrast, in gray levels: the size decides alone.
-_LEAST_CONTRAST = 0.1
+_MIN_CONTRAST = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,17 +169,17 @@ def touches_border(tracks: Tracks, row: int) -> bool:
 def _contrast(image: UInt8[np.ndarray, "H W 3"] | None, box: np.ndarray) -> float:
     """Deviation of the Laplacian in the box, in gray levels: small where it is blurred."""
     if image is None:
-        return _LEAST_CONTRAST
+        return _MIN_CONTRAST
     left, top, right, bottom = (max(0, round(float(side))) for side in box)
     region = image[top:bottom, left:right]
     if not region.size:
-        return _LEAST_CONTRAST
+        return _MIN_CONTRAST
     gray = cv2.cvtColor(np.ascontiguousarray(region), cv2.COLOR_RGB2GRAY)
     scale = _COMPARED_PX / max(gray.shape)
     size = tuple(max(1, round(scale * side)) for side in gray.shape[::-1])
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     compared = cv2.resize(gray, size, interpolation=method)
-    return max(float(cv2.Laplacian(compared, cv2.CV_32F).std()), _LEAST_CONTRAST)
+    return max(float(cv2.Laplacian(compared, cv2.CV_32F).std()), _MIN_CONTRAST)
 
 
 def crop_detection(

@@ -34,7 +34,6 @@ MAX_EDITS = 1_000_000
 
 Labels = list[Int[np.ndarray, "_"]]  # identity of each detection of each frame, NO_ID for none
 
-
 LABEL_PAGE_NAME = "label.html"
 _SCRIPTS = (report.SCRIPT_NAME, "label_page.js")
 

@@ -39,7 +39,6 @@ else:
 FrameNumber = Annotated[int, Meta(ge=0, lt=MAX_FRAMES)]
 Milliseconds = Annotated[float, Meta(ge=0.0, le=1e12)]
 
-
 # Keys of a detection, and the fields of `Tracks` that they are.
 _CODES = {"outcome": Outcome, "reason": Reason, "status": Status}
 _INTEGERS = {

@@ -33,7 +33,6 @@ RUN_NAME = "run.json"
 FORMAT = "remind-jax detections"
 VERSION = 1
 
-
 _CHECKED_AT_ONCE = 256  # frames; checking takes some 100 bytes for a character of a mask
 _RESTORE = "run the tracker again or restore the file"
 _LIST_OF_NUMBERS = re.compile(r"\[\s+((?:-?[\d.eE+-]+,?\s+)+)\]")

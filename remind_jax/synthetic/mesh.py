@@ -16,7 +16,6 @@ from remind_jax.synthetic.surfaces import Surface
 
 _FLAT_TOLERANCE_M = 1e-7
 
-
 NUM_LEVELS = 4
 _GUTTER_PX = 2
 

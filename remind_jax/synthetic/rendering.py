@@ -35,7 +35,6 @@ _FURNITURE_TEXEL_M = 0.03
 _OBJECT_TEXEL_M = 0.02
 _OUT_OF_SIGHT_M = (0.0, 0.0, -1000.0)
 
-
 _DEPTHS_M = (1.1, 2.7)  # from the camera
 _HEIGHTS_M = (0.5, 1.9)
 _MARGIN_RAD = np.radians(8.0)  # beyond the sides of the field of view

@@ -13,7 +13,7 @@ MODULE = re.compile(r"`((?:remind_jax|weights_convert)/[\w/]+\.py)`")
 
 # Functions and methods that read what somebody else wrote.
 READING = {
-    *("read_bytes", "read_text", "read_json", "read_json_lines", "read_lines", "read_yaml"),
+    *("read_bytes", "read_text", "read_json", "read_lines", "read_yaml"),
     *("decode_json", "decode_rows", "read_npz", "read_safetensors_header", "safe_open"),
     *("load_file", "loads", "load", "loadtxt", "fromfile", "memmap", "imread", "InferenceSession"),
     *("open_tar", "ZipFile", "check"),

@@ -18,7 +18,6 @@ from remind_jax.files.records import (
     decode_json,
     decode_rows,
     read_json,
-    read_json_lines,
     read_yaml,
 )
 
@@ -80,18 +79,6 @@ def test_a_bad_row_spoils_no_other():
     assert str(rows[1].error).startswith("'x', row 2: ")
     with pytest.raises(SourceError, match="row 3"):
         rows[2].get()
-
-
-def test_lines_are_read_one_by_one(tmp_path):
-    lines = (
-        *(b'\xef\xbb\xbf{"number": 0}', b"", b'{"number": NaN}', b"x"),
-        *(b'{"label": "\xff"}', b'{"number": 1'),
-    )
-    (tmp_path / "a.jsonl").write_bytes(b"\n".join(lines))
-    rows = list(read_json_lines(tmp_path / "a.jsonl", Part))
-    assert [row.number for row in rows] == [1, 3, 4, 5, 6]
-    assert rows[0].get() == Part(0)
-    assert all(row.error is not None for row in rows[1:])
 
 
 def test_yaml_is_plain_and_small(tmp_path):
