@@ -1,7 +1,4 @@
-"""`convert`: a published weight file becomes one that `remind_jax.backbone` reads.
-
-Tensors are read, turned and written one by one, so a large network needs little memory.
-"""
+"""`convert`: a published weight file becomes ours, tensor by tensor, in little memory."""
 
 from __future__ import annotations
 

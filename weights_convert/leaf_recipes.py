@@ -1,8 +1,4 @@
-"""How every leaf of our weight files is made from published tensors.
-
-Linear weights are published as `[out, in]`, convolutions as `[out, in, y, x]`
-(backbones.md#weight-files).
-"""
+"""How every leaf of our weight files is made from published tensors (backbones.md#weight-files)."""
 
 from __future__ import annotations
 

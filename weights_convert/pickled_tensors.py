@@ -1,9 +1,6 @@
-"""Reads `.pth` files: pickles that name tensors, which lie beside them in a zip archive.
+"""Reads `.pth` files, whose pickles may name only what a dictionary of tensors needs.
 
-A pickle can name any function and have it called. Here it may name only what a dictionary of
-tensors needs, and gets inert stand-ins for that (the way of the documentation of `pickle`,
-"Restricting Globals"), so neither PyTorch nor trust in the file is needed. Files older than
-PyTorch 1.6 are no archives; these are left to `torch.load(weights_only=True)`.
+Files older than PyTorch 1.6 are left to `torch.load(weights_only=True)`.
 """
 
 from __future__ import annotations

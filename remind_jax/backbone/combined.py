@@ -1,7 +1,6 @@
 """Several backbones as one: features of each patch side by side (backbones.md#joined).
 
-Letters as in `registry`. The first decides the patches. The others see the frame scaled so that as
-many of their patches fit into it, which are then the same pieces of the scene.
+Letters as in `registry`. The first decides the patches, the others see the frame scaled to them.
 """
 
 from __future__ import annotations

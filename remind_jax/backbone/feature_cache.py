@@ -1,9 +1,6 @@
-"""Patch features on disk, so that a scene is looked at once and tracked often.
+"""Patch features on disk: one file per image, named by a hash of image, backbone and fingerprint.
 
-One file per image, named by a hash of the image as the backbone gets it (its size included), the
-backbone's name and its fingerprint (weights and precision): whatever changes features changes the
-name. A digest of name and content follows the array, so that a damaged or a swapped file is found
-and made anew. Files appear complete or not at all, so an interruption costs the image in work.
+A digest of name and content follows the array, so that a damaged file is found and made anew.
 """
 
 from __future__ import annotations

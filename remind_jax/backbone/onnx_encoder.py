@@ -1,8 +1,4 @@
-"""Any exported image encoder as a backbone: `onnx:PATH`, run by onnxruntime on the CPU.
-
-Shapes say what is what: the encoder is run once on a picture that is twice as wide as high,
-and an output counts if it is a grid of patches, or a sequence of tokens that ends in one.
-"""
+"""Any exported image encoder as a backbone: `onnx:PATH`; the shapes of a probe say what is what."""
 
 from __future__ import annotations
 

@@ -37,15 +37,14 @@ class PublishedWeights:
 
 
 def _on_hub(
-    repository: str,
-    revision: str,
-    sha256: str,
-    num_bytes: int | None = None,
-    is_gated: bool = False,
+    repository: str, revision: str, sha256: str, num_bytes: int | None = None
 ) -> PublishedWeights:
-    return PublishedWeights(
-        _HUB_FILE, f"facebook/{repository}", revision, None, sha256, num_bytes, is_gated
-    )
+    return PublishedWeights(_HUB_FILE, f"facebook/{repository}", revision, None, sha256, num_bytes)
+
+
+def _on_request(repository: str, revision: str, sha256: str, num_bytes: int) -> PublishedWeights:
+    on_hub = _on_hub(repository, revision, sha256, num_bytes)
+    return dataclasses.replace(on_hub, is_gated=True)
 
 
 def _from_authors(path: str, sha256: str | None, num_bytes: int | None = None) -> PublishedWeights:
@@ -58,21 +57,21 @@ def _from_authors(path: str, sha256: str | None, num_bytes: int | None = None) -
 # By name of variant. Not here: DINOv3 L+ (no file is known) and 7B (six shards, 26 GB).
 # fmt: off
 PUBLISHED: dict[str, PublishedWeights] = {
-    "dinov3-vits16": _on_hub(
+    "dinov3-vits16": _on_request(
         "dinov3-vits16-pretrain-lvd1689m", "114c1379950215c8b35dfcd4e90a5c251dde0d32",
-        "4610ad75edef83e75afdebf162d148dc628045ea6cbb83d67d4708c709c4f91d", 86_406_384, is_gated=True),
-    "dinov3-vits16plus": _on_hub(
+        "4610ad75edef83e75afdebf162d148dc628045ea6cbb83d67d4708c709c4f91d", 86_406_384),
+    "dinov3-vits16plus": _on_request(
         "dinov3-vits16plus-pretrain-lvd1689m", "c93d816fc9e567563bc068f01475bec89cc634a6",
-        "208146e499dace99e4c9376ddb8a26f77d64c31c46c4dc4b86ff8bc63b0235e2", 114_794_096, is_gated=True),
-    "dinov3-vitb16": _on_hub(
+        "208146e499dace99e4c9376ddb8a26f77d64c31c46c4dc4b86ff8bc63b0235e2", 114_794_096),
+    "dinov3-vitb16": _on_request(
         "dinov3-vitb16-pretrain-lvd1689m", "5931719e67bbdb9737e363e781fb0c67687896bc",
-        "9a21ac3df0c63839d62612dda6f454d816c25611cc7a52966ed5a5a94921dc8b", 342_662_192, is_gated=True),
-    "dinov3-vitl16": _on_hub(
+        "9a21ac3df0c63839d62612dda6f454d816c25611cc7a52966ed5a5a94921dc8b", 342_662_192),
+    "dinov3-vitl16": _on_request(
         "dinov3-vitl16-pretrain-lvd1689m", "ea8dc2863c51be0a264bab82070e3e8836b02d51",
-        "dcb2e45127cccbf1601e5f42fef165eea275c8e5213197e8dcf3f48822718179", 1_212_559_808, is_gated=True),
-    "dinov3-vith16plus": _on_hub(
+        "dcb2e45127cccbf1601e5f42fef165eea275c8e5213197e8dcf3f48822718179", 1_212_559_808),
+    "dinov3-vith16plus": _on_request(
         "dinov3-vith16plus-pretrain-lvd1689m", "c807c9eeea853df70aec4069e6f56b28ddc82acc",
-        "3e1d4d18b9bfa9f28fad8e9de6a783f1313532d3460efa4cd0b12521d81d1a4d", 3_362_432_800, is_gated=True),
+        "3e1d4d18b9bfa9f28fad8e9de6a783f1313532d3460efa4cd0b12521d81d1a4d", 3_362_432_800),
     "dinov2-vits14": _on_hub(
         "dinov2-small", "ed25f3a31f01632728cabb09d1542f84ab7b0056",
         "ae1e99fcefd534ed978cdeb8326f08030c96e28b7a81ffcbc98a857c84d14be1", 88_249_960),

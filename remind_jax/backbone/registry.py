@@ -1,4 +1,4 @@
-"""Backbones by name: what turns frames into patch features, found without importing any of them.
+"""Backbones by name, found without importing any of them.
 
 Letters: `B` images, `H W` their size in pixels, `Hp Wp` the patch grid, `D` feature dimension.
 """

@@ -1,8 +1,4 @@
-"""How a vision transformer knows where a patch is: rotary tables and resampled position tables.
-
-Grids are known while tracing, so coordinates and resampling matrices are NumPy constants; what
-belongs to the weights (periods, tables) is applied in the graph.
-"""
+"""How a vision transformer knows where a patch is: rotary tables and resampled position tables."""
 
 from __future__ import annotations
 

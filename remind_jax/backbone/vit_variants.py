@@ -1,7 +1,4 @@
-"""The vision transformers that are known by name: DINOv3, DINOv2 and DINO v1.
-
-Sources: the published code of the three repositories, as facts (backbones.md#vit-variants).
-"""
+"""Vision transformers that are known by name: DINOv3, DINOv2, DINO (backbones.md#vit-variants)."""
 
 from __future__ import annotations
 

@@ -1,9 +1,6 @@
-"""Weight files of vision transformers: what they hold, where they lie, how they are read.
+"""Weight files of vision transformers: one safetensors file per network, matrices as `[in, out]`.
 
-One safetensors file per network, written by `remind convert`. Matrices are stored as `[in, out]`;
-the header says which network it is, where it comes from and under which license, and holds the
-sha256 of all tensor bytes. Reading needs only NumPy and refuses a file with any leaf missing, left
-over or of another shape.
+A file with any leaf missing, left over or of another shape is refused.
 """
 
 from __future__ import annotations

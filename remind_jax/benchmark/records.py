@@ -1,11 +1,4 @@
-"""What is kept of each run: who tracked which scene, how it went, how long it took.
-
-One folder per contender and scene, complete as soon as `record.json` is there:
-
-    <out>/<regime>/<contender>/<scene>/record.json        this module
-                                       detections.jsonl   identities, as `remind run` writes them
-                                       run.json
-"""
+"""A run that is kept, complete as soon as `<regime>/<contender>/<scene>/record.json` is there."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""Twelve rendered tours, four questions at three levels of difficulty each.
+"""Twelve rendered tours, four questions at three levels of difficulty each, for evaluation only.
 
-Generated, never stored with the project: rendered once into the user's cache folder and found there
-again. They are for evaluation only. Nothing may be tuned on them, nor on any tour of a seed from
-100 on; development has the seeds below.
+Nothing may be tuned on them, nor on any tour of a seed from 100 on.
 """
 
 from __future__ import annotations

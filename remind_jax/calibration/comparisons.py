@@ -1,12 +1,4 @@
-"""What is compared with what: views of an object with earlier ones of it, and of others.
-
-A comparison is one view (the query) with up to `VIEWS` others (the memory), as the tracker compares
-a detection with the prototypes of an object.
-
-Without labels, the first third of a tracklet stands for what is remembered and its last third for
-what comes back, and the reverse: the two are as far apart as one can be sure of. Tracklets that
-share a frame are different objects, so the first third of one is also compared with the last third
-of the other.
+"""What is compared with what (calibration.md#without-labels).
 
 Letters: `V` views, `S` comparisons, `M` views of a memory.
 """

@@ -1,9 +1,4 @@
-"""Thresholds for other features, from how the same comparisons come out with both (calibration.md).
-
-The method compares cosines with numbers that were chosen for reference features. The cosines of
-other features lie elsewhere and spread more or less. Both are seen on the same comparisons, some of
-an object with itself, some of two objects, which count as one half each. A number is moved along
-the line on which the quantiles of one lie over those of the other.
+"""Thresholds for other features, from the same comparisons with both (calibration.md#the-map).
 
 Letters: `S` comparisons, `T` terms of the visual score: object, background, parts.
 """

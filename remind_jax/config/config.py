@@ -1,9 +1,4 @@
-"""`Config`: static structure, thresholds and input options, read from strict YAML.
-
-A file holds any part of the tree `input`, `static`, `thresholds`; what it leaves out keeps the
-published value. `base: NAME` starts from another configuration or file, `tracker: NAME` chooses
-the method whose thresholds these are. How keys may be written: `config/keys.py`.
-"""
+"""`Config`: static structure, thresholds and input options, read from strict YAML."""
 
 from __future__ import annotations
 

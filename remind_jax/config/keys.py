@@ -1,9 +1,4 @@
-"""Names of settings: which dotted key somebody means, in files, values, `--set` and sweeps.
-
-A threshold may be named in full (`thresholds.matching.match`), without `thresholds.`
-(`matching.match`), or by its last part alone where only one threshold ends so. A switch of a method
-may be named without `switches.` (`static.part_top`). All other keys are named in full.
-"""
+"""Names of settings: which dotted key somebody means, in files, values, `--set` and sweeps."""
 
 from __future__ import annotations
 

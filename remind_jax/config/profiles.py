@@ -1,9 +1,4 @@
-"""Profiles: thresholds that `remind calibrate` made for one backbone, kept where runs find them.
-
-A profile is a configuration file that also says whose features it fits. One in the user's cache
-folder is used by every configuration that follows the backbone (`backbone_profile`); any other is
-used by name, as a configuration.
-"""
+"""Profiles: thresholds that `remind calibrate` made for one backbone, kept where runs find them."""
 
 from __future__ import annotations
 

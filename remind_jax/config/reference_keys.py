@@ -1,9 +1,4 @@
-"""Settings of the original implementation, read as settings of this package.
-
-Which of its keys decides a setting stands in the record of the setting (`settings/record.py`);
-those that several keys decide together are computed in `config/reference_keys.py`. Every key of
-the original's default configuration is in a record or in one of the two tables here.
-"""
+"""Settings of the original implementation, read as settings of this package."""
 
 from __future__ import annotations
 

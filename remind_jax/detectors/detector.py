@@ -1,7 +1,6 @@
 """What finds instances in a frame: an ONNX segmentation export, or any callable.
 
-Wanted instances go on with eroded masks. The original stops where erosion leaves a mask empty; here
-such masks are dropped and counted (method.md#detector-masks).
+Masks that erosion leaves empty are dropped and counted (method.md#detector-masks).
 """
 
 from __future__ import annotations

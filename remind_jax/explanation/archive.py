@@ -1,9 +1,7 @@
 """What every decision of a run was made of: records by frame, in memory and in `trace.npz`.
 
-A record is what the explainer of a method keeps of a frame: nested dataclasses of arrays. In the
-file a column is named by the dotted path of its leaf and holds the rows of all frames one after
-another; `shape.PATH` has the shape that the leaf has in each frame, to which trailing dimensions
-were padded. `frame.index` numbers the frames and `frame.detections` counts their detections.
+A column is named by the dotted path of its leaf and holds the rows of all frames one after another;
+`shape.PATH` has the shape of the leaf in each frame.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Why one detection became what it became, as far as this is the same for every method.
-
-Keys of the JSON are the field names; absent values are null, codes are words.
-"""
+"""Why one detection became what it became, as far as this is the same for every method."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""Rows of CSV files, such that no spreadsheet takes text for a formula.
-
-A cell that begins with one of `=`, `+`, `-`, `@`, a tab or a line break is calculated by programs
-that open the file, and may read other files or ask the network. Such text gets an apostrophe in
-front, as does text that begins with an apostrophe, so that taking one off gives back what was
-written. Numbers stay as they are, as text too.
-"""
+"""Rows of CSV files, in which no spreadsheet takes text for a formula: an apostrophe is before it."""
 
 from __future__ import annotations
 

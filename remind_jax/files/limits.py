@@ -1,7 +1,4 @@
-"""How large what enters may be: one table, compared before memory is taken.
-
-Detections of a frame have theirs in `static`, settings beside their values.
-"""
+"""How large what enters may be, compared before memory is taken; of detections in `static`."""
 
 # Text
 MAX_LABEL = 200  # characters of a class name

@@ -1,8 +1,6 @@
 """Structured text that enters: decoded into typed, bounded records, or refused in one sentence.
 
-A record is a `msgspec.Struct` whose fields say what is allowed: use the bounded kinds below, since
-a bare `int`, `str` or `list` has no bounds. Whatever is read is of limited size; numbers are finite
-and integers have 64 bits. What is wrong is said by `msgspec`, behind the name of the file.
+Use the bounded kinds below: a bare `int`, `str` or `list` has no bounds.
 """
 
 from __future__ import annotations

@@ -1,4 +1,1 @@
-"""Files of the field, one module each: pictures, COCO, MOT and MOTS, instance maps, CVAT.
-
-`rows.TrackRows` is what a file of tracks says, whatever its format.
-"""
+"""Files of the field: pictures, COCO, MOT and MOTS, instance maps, CVAT."""

@@ -1,7 +1,4 @@
-"""COCO JSON: results, data sets and videos, with masks as run-length codes or polygons.
-
-Rows are checked one by one, so that a bad one spoils no other where that is wanted.
-"""
+"""COCO JSON: results, data sets and videos, whose rows are checked one by one."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""Tracks in COCO JSON, scene by scene.
-
-* `coco-video`: one annotation per track, one mask or box or null per frame (YouTube-VIS too).
-  Predictions may be the list of results that YouTube-VIS asks for (`video_id`, `category_id`,
-  `segmentations`), in which every entry is a track of its own.
-* `coco-vid`: one annotation per object and image, with `track_id` or `instance_id` (CocoVID);
-  predictions may be a list of results.
+"""Tracks in COCO JSON: `coco-video` (YouTube-VIS), one row per track; `coco-vid`, one per image.
 
 Frames of a video are its `file_names` or `length`, else its images in the order of `frame_index` or
 `frame_id`. Lists of results name videos, images and categories by number only: those of the truth.

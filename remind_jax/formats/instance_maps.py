@@ -1,7 +1,6 @@
-"""Folders of instance maps, one PNG per frame: DAVIS, and masks of VOS trackers.
+"""Folders of instance maps, one PNG per frame: a pixel holds the id of its instance, 0 is nothing.
 
-A pixel holds the id of its instance, 0 is background. In 8-bit truth 255 is void: nothing is known
-there, so these pixels are cut out of predictions before anything is measured.
+In 8-bit truth 255 is void: cut out of predictions before anything is measured.
 """
 
 from __future__ import annotations

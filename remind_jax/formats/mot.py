@@ -1,9 +1,4 @@
-"""MOTChallenge text (boxes), MOTS and KITTI-MOTS text (masks), and TrackEval's rules for them.
-
-MOTChallenge row: `frame,id,left,top,width,height,flag or score,class,visibility`; MOTS row:
-`frame id class height width rle`. Class numbers mean something only between files of one format,
-which `fit_texts` brings together.
-"""
+"""MOTChallenge text (boxes), MOTS and KITTI-MOTS text (masks), and TrackEval's rules for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One side of an evaluation: who is where, as a file or folder says it, whatever its format.
+"""Who is where, as a file or folder says it, whatever its format.
 
 Letters: `N` rows, `T` frames, `M` regions to be ignored.
 """

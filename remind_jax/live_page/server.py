@@ -1,9 +1,6 @@
 """The live page at a local address: the standard library's server, bounded in every way.
 
-Requests are answered by at most `MAX_CLIENTS` threads, each for `TIMEOUT_S` seconds at most, so
-that clients that are slow, or many, cost the tracker nothing but the drawing of one picture per
-frame. Names in the `Host` header are checked, so that no page of another site can read this one by
-a name that it makes lead here.
+Names in the `Host` header are checked, so that no page of another site can read this one.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""What the live page shows: the newest frame, who is in view, who is remembered, and since when.
-
-The tracker's thread only hands over references (`show`); drawing and packing is done by the threads
-of the page, once per frame however many look at it, and not at all if nobody does. Memory is
-bounded: so many objects, so many spans of each.
-"""
+"""What the live page shows; its threads draw and pack it, once per frame."""
 
 from __future__ import annotations
 

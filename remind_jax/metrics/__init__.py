@@ -1,8 +1,4 @@
-"""Evaluation: HOTA, Identity, CLEAR, recovery.
-
-`evaluate_tracks` scores a run, `evaluate_files` any tracker's output, `evaluate_sequence` anything
-brought into a `TrackingSequence`; `pool_evaluations` joins sequences.
-"""
+"""Evaluation: HOTA, Identity, CLEAR, recovery; `evaluate_tracks` scores a run, `evaluate` files."""
 
 from remind_jax.metrics.columns import Column
 from remind_jax.metrics.combine import average_classes, bootstrap_intervals, stack_counts

@@ -1,8 +1,4 @@
-"""IDF1 by circumstances: the paper's bins of distractors, size and crowd, and classes.
-
-The reference (which label is whose) stays that of the whole scene; a bin takes the observations
-that fall into it. Predictions that match no object belong to no bin. Rule:
-evaluation.md#breakdowns.
+"""IDF1 by circumstances, whose reference is that of the whole scene (evaluation.md#breakdowns).
 
 Letters: `N` observations (a visible object in a frame), `B` bins.
 """

@@ -1,8 +1,4 @@
-"""CLEAR MOT: detection errors and identity switches with a matching that prefers continuity.
-
-Bernardin and Stiefelhagen, "Evaluating Multiple Object Tracking Performance: The CLEAR MOT
-Metrics", 2008; evaluation.md#clear. Values equal TrackEval's.
-"""
+"""CLEAR MOT, as Bernardin and Stiefelhagen 2008 (evaluation.md#clear); values equal TrackEval's."""
 
 from __future__ import annotations
 

@@ -1,11 +1,6 @@
 """One id for each detection of a frame, where a tracker may say "one of these".
 
-`collapse_frame` settles all undecided detections together; `collapse_published` does as the
-original evaluator does before it counts. Rule: evaluation.md#paper-collapse. One deviation: an
-ambiguous detection whose candidates are all taken stays without an id; the original's solver may
-then hand it any free id, out of its set.
-
-Letters: `N` detections, `C` candidates.
+Rule: evaluation.md#paper-collapse. Letters: `N` detections, `C` candidates.
 """
 
 from __future__ import annotations

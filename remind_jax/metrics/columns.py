@@ -1,7 +1,4 @@
-"""What a table of scores is made of: columns and rows.
-
-A column says how a number is written, which way is better and what it means.
-"""
+"""What a table of scores is made of: columns, which say how a number is written, and rows."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """From the counts of many sequences, objects or classes to one number and its uncertainty.
 
-Pooling adds counts and then applies the formulas, as TrackEval does over sequences and for its
-"detection averaged" classes. Counts are dataclasses of arrays; a leading axis runs over the units
-(sequences, objects) that are pooled or resampled.
+Counts are dataclasses of arrays; a leading axis runs over the units that are added or resampled.
 """
 
 from __future__ import annotations

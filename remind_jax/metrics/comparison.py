@@ -1,11 +1,4 @@
-"""Many methods, one table: for the terminal, Markdown, CSV and LaTeX.
-
-A table is plain data, whoever filled it: `remind eval` with several predictions, the benchmark, a
-sweep. Cells show a score and, where there is one, its interval; the best of a column is marked.
-
-    table = ComparisonTable([Row("published", {"IDF1": 0.9}), Row("IoU", {"IDF1": 0.5})], ["IDF1"])
-    print(table.to_markdown())
-"""
+"""Many methods, one table: for the terminal, Markdown, CSV and LaTeX."""
 
 from __future__ import annotations
 

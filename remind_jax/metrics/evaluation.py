@@ -1,8 +1,6 @@
 """All counts of a sequence, of several pooled, and the scores that follow from them.
 
-Main numbers are the standard ones, equal to TrackEval's, with the id that an object got at birth.
-Recovery is always counted from firm answers: a set of candidates recovers nothing, and no collapse
-can change that (evaluation.md#recovery).
+Recovery is counted from firm answers alone (evaluation.md#recovery).
 """
 
 from __future__ import annotations

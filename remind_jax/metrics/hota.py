@@ -1,8 +1,4 @@
-"""HOTA: detection and association accuracy over 19 localization thresholds.
-
-Luiten et al., "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking", IJCV 2021;
-evaluation.md#hota. Values equal TrackEval's.
-"""
+"""HOTA over 19 thresholds, as Luiten et al. 2021 (evaluation.md#hota); values equal TrackEval's."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""IDF1, IDP, IDR: how much of the sequence carries the one right identity.
-
-Ristani et al., "Performance Measures and a Data Set for Multi-Target, Multi-Camera Tracking",
-ECCVW 2016; evaluation.md#identity-scores. Values equal TrackEval's.
-"""
+"""IDF1, IDP, IDR, as Ristani et al. 2016 (evaluation.md#identity-scores); equal to TrackEval's."""
 
 from __future__ import annotations
 

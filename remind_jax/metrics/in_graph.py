@@ -1,14 +1,7 @@
-"""IDF1, HOTA's AssA and recovery inside a JAX program, for sweeps over thousands of settings.
+"""IDF1, HOTA's AssA and recovery inside a JAX program: equal to `evaluate_sequence`.
 
-Shapes are fixed: `T` frames, `N` slots per frame, `O` objects, `L` labels. True objects are
-numbered `0 ... O - 1`, labels are the tracker's ids `0 ... L - 1`, and -1 marks a slot that is
-empty (padding, or a detection without an id). Ids from `L` on are false positives and raise
-`overflow`. `num_objects` and `num_labels` are static.
-
-    score = functools.partial(score_labels, num_objects=O, num_labels=L)
-    scores = jax.vmap(score, in_axes=(None, 0))(gt_index, predicted_id)  # [settings, T, N] ids
-
-Values equal those of `evaluation.evaluate_sequence` to single precision, ties included.
+Shapes are fixed: `T` frames, `N` slots per frame, `O` objects, `L` labels, both numbered from 0; -1
+marks an empty slot. Ids from `L` on are false positives and raise `overflow`.
 """
 
 from __future__ import annotations

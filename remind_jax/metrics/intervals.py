@@ -1,8 +1,4 @@
-"""How sure a score is: bootstrap intervals over scenes, or over the objects of a single scene.
-
-Over objects, what belongs to an object (its matches, misses, switches, wrongly named detections) is
-drawn with it; false positives on no object are the same in every draw.
-"""
+"""How sure a score is: bootstrap intervals over scenes, or over the objects of a single scene."""
 
 from __future__ import annotations
 

@@ -1,9 +1,6 @@
-"""Brings truth and predictions of one scene together, whatever formats they came in.
+"""Brings truth and predictions of one scene together: frames, overlaps, classes.
 
-Frames are aligned by the names of their images where both sides have names (stems, else the
-numbers in them), else by their place in the source. Overlap is that of masks where both sides have
-masks, else of boxes (of the masks' boxes where one side has masks). Classes are compared by name
-where both sides name all rows and share a class; otherwise every pair may match.
+Classes are compared where both sides name all rows and share one; else every pair may match.
 """
 
 from __future__ import annotations

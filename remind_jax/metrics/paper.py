@@ -1,8 +1,4 @@
-"""The paper's protocol: the original evaluator's definitions, where a published number rests on it.
-
-They are not the standard ones of the same names. `paper_scores` says in which ways, for the two
-paths of the original: one for REMIND, one for every other tracker. Numbers of the two do not
-compare. Rules: evaluation.md#paper-protocol.
+"""The paper's protocol: the original evaluator's definitions (evaluation.md#paper-protocol).
 
 Letters: `N` detections, `G` observations (a visible object in a frame).
 """

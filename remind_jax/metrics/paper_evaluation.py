@@ -1,8 +1,4 @@
-"""Scores predictions by the paper's protocol, in any known format, scene by scene.
-
-Runs of remind are scored twice: by the formulas that the original has for REMIND, and by those that
-it has for every other tracker, which are the ones to compare with.
-"""
+"""Scores predictions by the paper's protocol, runs of remind by both of its formulas."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""Recovery: does an object get its identity back when it returns to view?
-
-An object's visible frames, counted in processed frames, are cut into intervals; every interval but
-the first is an opportunity. It is *recovered* if some frame of it carries the object's reference
-label, *hard recovered* if its first frame does. Rule: evaluation.md#recovery.
-"""
+"""Recovery: does an object get its identity back when it returns? evaluation.md#recovery."""
 
 from __future__ import annotations
 

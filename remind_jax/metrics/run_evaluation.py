@@ -1,12 +1,6 @@
-"""Scores a scene whose truth and predictions are paired, with the decisions of a run if it has any.
+"""Scores a paired scene, with the decisions of a run if it has any (evaluation.md#uncertainty).
 
-What becomes of undecided detections of a run (`undecided`):
-
-* `strict`: they carry no id, so their objects count as missed in that frame. The default: it is
-  what a user of the firm ids gets.
-* `collapse`: each frame's soft decisions are settled in one assignment before scoring, as in the
-  paper, but never outside of a candidate set (`collapse.collapse_frame`).
-
+Undecided detections are `strict`, without an id, or settled together in a frame: `collapse`.
 Letters: `D` detections of a run, `N` observations.
 """
 

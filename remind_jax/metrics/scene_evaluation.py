@@ -1,8 +1,4 @@
-"""Scores predictions of any tracker against truth, in any of the known formats, scene by scene.
-
-A scene at a time is in memory; of each only its counts are kept. A scene that cannot be scored is
-reported as failed and counted, and takes no part in the scores.
-"""
+"""Scores predictions of any tracker against truth, in any of the known formats, scene by scene."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Goes through the scenes of truth and predictions, one at a time.
-
-A scene that cannot be scored, or has no prediction, is kept with the reason; it is never dropped.
-"""
+"""Goes through the scenes of truth and predictions; one that fails is kept with the reason."""
 
 from __future__ import annotations
 

@@ -1,9 +1,5 @@
 """The one data type that every metric takes: who is where in a sequence, and what overlaps what.
 
-A `TrackingSequence` is three flat tables: ground-truth rows, predicted rows, and the pairs of rows
-of one frame that overlap. Pairs that are not listed have similarity 0. Metrics are then sums over
-segments of these tables, in NumPy as in JAX.
-
 Letters: `G` ground-truth rows, `P` predicted rows, `K` overlapping pairs, `T` frames.
 """
 

@@ -1,7 +1,4 @@
-"""Undecided answers: how many there are and how good they are.
-
-A tracker that may say "one of these" needs its sets judged: does the set hold the truth?
-Rule: evaluation.md#uncertainty.
+"""Undecided answers: how many, and does the set hold the truth? Rule: evaluation.md#uncertainty.
 
 Letters: `N` observations (a visible object in a frame), `C` candidates.
 """

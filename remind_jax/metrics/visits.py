@@ -1,12 +1,4 @@
-"""Several recordings of one place with one memory: does an identity hold from visit to visit?
-
-Ids mean the same in all visits, of the truth and of the tracker. An object *returns* in a visit
-if an earlier one saw it. It is *recognized* if it is called by its id from the earlier visits
-more often than by any other, *at once* if its first sight of the visit already is. A *false
-recognition* is an object, returning or new, that is mostly called by an id that belongs to
-another object of the earlier visits. Which id belongs to whom: the one-to-one reference
-(evaluation.md#recovery) over all earlier visits. Rule: evaluation.md#visits.
-"""
+"""Several recordings of one place with one memory: does an identity hold? evaluation.md#visits."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What all pictures of a run share: colors of identities, text, and images of one size.
-
-Text is set in OpenCV 5's outline font where it is there, else in the stroke font of OpenCV 4.
-"""
+"""What all pictures of a run share: colors of identities, text, and images of one size."""
 
 from __future__ import annotations
 

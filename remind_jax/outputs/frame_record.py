@@ -1,9 +1,4 @@
-"""A live run recorded: the frames that the tracker took, and their detections, without loss.
-
-What is recorded is a source like any other, so that the run can be repeated:
-`remind run seen/ --masks seen/detections.jsonl`. The folder gets one PNG per frame, and detections
-as lines of JSON. Every frame is on disk when `add` returns.
-"""
+"""A live run recorded without loss, as a folder that is a source like any other."""
 
 from __future__ import annotations
 

@@ -1,10 +1,6 @@
-"""What a person corrected in a run: the page for it, a small file of edits, and what they leave.
+"""What a person corrected in a run: the page for it, the file of edits, and what they leave.
 
-`label.html` is the report with `label_page.js`: edits are shown at once, kept by the browser, and
-saved as the file that is read here: evaluation.md#labeling.
-
-Every detection is labeled by one identity or none; at first by the one that the run gave it firmly.
-Edits are applied in their order: evaluation.md#edits. How they come about: evaluation.md#labeling.
+Rules: evaluation.md#labeling, evaluation.md#edits.
 """
 
 from __future__ import annotations

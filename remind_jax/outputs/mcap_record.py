@@ -1,13 +1,4 @@
-"""A run for Foxglove: an MCAP file of its standard messages.
-
-| topic | schema | what it holds |
-| --- | --- | --- |
-| `/camera/image` | `foxglove.CompressedImage` | the frame |
-| `/remind/annotations` | `foxglove.ImageAnnotations` | outlines and names, colored by identity |
-| `/remind/tracks` | `remind.Tracks` (JSON) | a line of `detections.jsonl`, without masks |
-
-Times are those of the source, from 1970 on, as a source has no date.
-"""
+"""A run for Foxglove: an MCAP file of its standard messages, times of the source from 1970 on."""
 
 from __future__ import annotations
 

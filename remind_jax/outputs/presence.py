@@ -1,7 +1,4 @@
-"""When each identity was seen, gone and back, and when it was in doubt.
-
-Positions count the processed frames of a run 0, 1, 2, ...
-"""
+"""When each identity was seen, gone and back, and in doubt; positions count frames from 0."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """`report.html`: one page that shows a run and needs nothing else, neither files nor network.
 
-The page is `report_template.html` with `report_page.js` and the run as JSON inside it. All text
-of the run reaches the page as JSON and is set as text, never as HTML. With a trace, a click on a
-detection opens a panel that explains it.
+All text of the run reaches the page as JSON and is set as text, never as HTML.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""A finished (or interrupted) run: identities of every frame, and what they say together.
-
-Letters: `T` processed frames.
-"""
+"""A finished (or interrupted) run: identities of every frame, and what they say together."""
 
 from __future__ import annotations
 

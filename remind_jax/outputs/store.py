@@ -1,8 +1,6 @@
 """`detections.jsonl` and `run.json`: the complete record of a run, from which all else is drawn.
 
-`detections.jsonl` starts with a header line (the description of the run) and has one line per
-processed frame. It is written line by line, so that a run that is killed keeps all frames but
-the one being written; a last line cut off in the middle is left out when it is read.
+Written line by line; a last line cut off in the middle is left out when it is read.
 """
 
 from __future__ import annotations

@@ -1,13 +1,4 @@
-"""What `print` and notebooks show of a large thing: a headline, facts, a few rows.
-
-A class derives from `Printable`, says what it is in `_summarize`, and, if it is a dataclass, leaves
-`repr` to it:
-
-    @dataclasses.dataclass(frozen=True, repr=False)
-    class Scores(Printable):
-        def _summarize(self) -> SmallTable:
-            return SmallTable("a run", heads=("score", "value"), rows=[("IDF1", "88.7 %")])
-"""
+"""What `print` and notebooks show of a large thing: a headline, facts, a few rows."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""What gives the pictures of a live source, one after the other: cameras and streams.
-
-Streams are read by FFmpeg (PyAV), which tells why one cannot be reached and ends a silent one;
-cameras at this machine by OpenCV, which knows those of every system.
-"""
+"""Pictures of a live source, one after the other: streams by FFmpeg (PyAV), cameras by OpenCV."""
 
 from __future__ import annotations
 

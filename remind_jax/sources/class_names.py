@@ -1,11 +1,6 @@
-"""Metadata of a sequence: which class an annotated instance has, and which frames there are.
+"""Metadata of a sequence: class of each annotated instance, and which frames there are.
 
-Recognized, in this order: `id_to_class` (id to class), `id_to_label` (id to a label such as
-`chair_3`, whose number is cut off), YouTube-VOS `meta.json` (`videos/<sequence>/objects`),
-ScanNet++ `segments_anno.json` (`segGroups`), or a plain object of ids and labels. An id mapped to
-null is left out of the sequence on purpose; `default_class` serves all ids that are not listed.
-`frame_names` lists the image files in order; in annotations `frame_000012.png` the number is then
-the place in this list.
+The forms are in file_formats.md; an id mapped to null is left out on purpose.
 """
 
 from __future__ import annotations

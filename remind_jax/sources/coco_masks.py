@@ -1,17 +1,4 @@
-"""Detections in files, as COCO run-length codes.
-
-Recognized:
-    a COCO results list: [{"image_id", "category_id", "segmentation", "score"}, ...]
-    a COCO data set: {"images": [...], "annotations": [...], "categories": [...]}
-    a COCO video (YouTube-VIS): annotations with "segmentations", one per frame, null where unseen
-    frames: [{"frame": 12, "detections": [...]}, ...], also one per line (.jsonl); "name" of the
-        image file may stand in for the number
-A detection has "segmentation" (run-length code, or polygons) or else "bbox" (left, top, width,
-height), which is filled; "score"; "label", or "category_id" and categories to name it by.
-
-An image of a COCO file belongs to the frame with the stem of its `file_name`; without that, to the
-frame whose name has its `image_id` as number; in a video, to the frame of that number. The entries
-of "segmentations" belong to the frames at the same place, or to the `file_names` of their video.
+"""Detections in files as COCO run-length codes; which frame a row belongs to: file_formats.md.
 
 Rows that are damaged are left out, counted and told in `notes`.
 """

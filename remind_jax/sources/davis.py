@@ -1,10 +1,4 @@
-"""The DAVIS layout: `JPEGImages/<sequence>` beside `Annotations/<sequence>`, and its metadata.
-
-A sequence may lie one folder deeper (`JPEGImages/480p/bear`), as in the data set itself, or
-directly in `JPEGImages`. Metadata is looked for as `metadata.json` (beside the two folders or in
-the annotation folder), `meta<sequence>.json` as the original tracker names it, and `meta.json`
-(YouTube-VOS).
-"""
+"""The DAVIS layout: `JPEGImages/<sequence>` beside `Annotations/<sequence>`, and its metadata."""
 
 from __future__ import annotations
 

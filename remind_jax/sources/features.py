@@ -1,13 +1,4 @@
-"""Sequences of precomputed patch features, `.npz` or `.npy`.
-
-`.npy`: `[T, Hp, Wp, D]`, memory-mapped. `.npz`, by name:
-    features  float [T, Hp, Wp, D]      required
-    masks     whole numbers [T, H, W]   instance maps, 0 for nothing
-    ids, labels   [K], [K]              class name of each instance id in `masks`
-    images    uint8 [T, H, W, 3]        RGB, only for pictures of the result
-    times_s   float [T]                 time stamps
-    names     text [T]                  names of frames
-"""
+"""Sequences of precomputed patch features: `.npy` `[T, Hp, Wp, D]`, or `.npz` by `KNOWN_ARRAYS`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A live source read in a thread of its own: who is slower than it gets the newest picture.
-
-Times are seconds of `time.monotonic`.
-"""
+"""A live source read in a thread of its own; times are seconds of `time.monotonic`."""
 
 from __future__ import annotations
 

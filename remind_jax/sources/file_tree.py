@@ -1,7 +1,4 @@
-"""Files below a folder or inside a tar, read in place: nothing is ever unpacked to disk.
-
-Paths inside a tree are relative, with forward slashes; `""` is the top.
-"""
+"""Files below a folder or inside a tar, read in place; `""` is the top."""
 
 from __future__ import annotations
 

@@ -1,9 +1,6 @@
 """Given masks, one instance map per frame (DAVIS, ScanNet++, any folder of PNGs).
 
-An annotation belongs to the frame of the same stem (`00012.jpg` and `00012.png`, also
-`DSC1.JPG.png`); where no stems agree, of the same number (`frame_000012.png`); where no numbers
-agree either and there are as many annotations as frames, of the same place in order. A frame
-without annotation has no detections.
+An annotation belongs to the frame of its stem, else of its number, else of its place.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
-"""Sources that go on by themselves: cameras and streams.
+"""Cameras and streams: who takes frames slower than they come gets the newest, the rest is counted.
 
-They are read in a thread of their own (`feed`). Whoever takes frames slower than they come gets the
-newest each time; those passed over are counted, and their numbers are missing among
-`Frame.source_index`. `Frame.time_s` is the time of arrival, from the first frame on.
+`Frame.time_s` is the time of arrival, from the first frame on.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""What detectors and libraries give, known by its attributes, so that none of them is imported.
-
-Known are `Results` of Ultralytics (YOLO, SAM, RT-DETR and what else that package runs),
-`supervision.Detections` (RF-DETR gives these), and the lists of automatic masks of SAM and SAM 2.
-"""
+"""What detectors and libraries give, known by its attributes, so that none of them is imported."""
 
 from __future__ import annotations
 

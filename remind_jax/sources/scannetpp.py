@@ -1,18 +1,4 @@
-"""ScanNet++ scenes, as folders or as tars of the same content.
-
-Images, the first that is there (or the one named by `images=`):
-    dslr/resized_images/*.JPG, dslr/resized_undistorted_images/*.JPG, iphone/rgb/*.jpg,
-    iphone/rgb.mkv, iphone/rgb.mp4, rgb/*, images/*
-Instance maps, one PNG per frame:
-    annotations/<variant>/frame_%06d.png with meta_<variant>.json (`frame_names`, `id_to_label`):
-        the number is the place in `frame_names`, else in the sorted images;
-    obj_ids/*.png, instances/*.png, masks/*.png: named after the image, or numbered like it.
-        (The data set's own tool writes `obj_ids` as PyTorch pickles; store them as 16-bit PNG.)
-Labels for the latter: metadata.json, else scans/segments_anno.json.
-
-Images and annotations may be kept apart, `<root>/data/<scene>[.tar]` and
-`<root>/annotations/<scene>[.tar]` (or `2Dmasks`): giving the first finds the second.
-"""
+"""ScanNet++ scenes, as folders or tars; images and annotations may lie apart (file_formats.md)."""
 
 from __future__ import annotations
 

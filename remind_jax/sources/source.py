@@ -1,7 +1,6 @@
 """The one shape of input: an iterable of frames that says what it could not read.
 
-A *reader* knows one kind of storage and hands out entries in order, each still undecoded; a *mask
-provider* knows the detections of each entry. `SampledSource` puts them together.
+A *reader* hands out entries, still undecoded; a *mask provider* knows the detections of each.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Procedural rooms, objects and camera paths with ground truth, seeded.
-
-Look-alikes on tables and shelves, a camera that leaves, lamps that go down, a return minutes later
-from another side: `render_sequence(demo_options())` gives it as frames with exact masks.
-"""
+"""Procedural rooms, objects and camera paths with ground truth, seeded."""
 
 from remind_jax.synthetic.davis import write_davis as write_davis
 from remind_jax.synthetic.detector_noise import DetectorNoise as DetectorNoise

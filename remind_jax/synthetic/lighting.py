@@ -1,8 +1,6 @@
-"""Light that falls on every surface, computed once per arrangement of the world.
+"""Light on every surface, once per arrangement of the world: all is matt and stands still.
 
-Everything is matt and stands still, so light does not depend on the viewer: it is kept as small
-images over the surfaces with two channels, what a lamp at full level gives and what a window
-gives. A frame mixes the two by the levels of that moment.
+Two channels: what a lamp at full level gives and what a window gives.
 """
 
 from __future__ import annotations

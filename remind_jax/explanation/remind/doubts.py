@@ -1,7 +1,4 @@
-"""What kept a detection undecided, and what settled it: look-alikes, layout, doubtful new objects.
-
-Rules: docs/method.md.
-"""
+"""What kept a detection undecided, and what settled it. Rules: method.md."""
 
 from __future__ import annotations
 

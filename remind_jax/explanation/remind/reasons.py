@@ -1,8 +1,4 @@
-"""Why a detection became what it became: a short chain of sentences with numbers and thresholds.
-
-One function per stage, in the order of the tracker; each says nothing where its stage did nothing.
-Rules: docs/method.md.
-"""
+"""Why a detection became what it became: one function per stage, in the order of the tracker."""
 
 from __future__ import annotations
 
