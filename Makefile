@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: help demo test test-slow docs-check first-command test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
+.PHONY: help demo test test-heavy test-slow docs-check first-command test-matrix fuzz kills soak lint types bench figures notebooks docs dist clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -11,8 +11,11 @@ help:  ## list the targets
 demo: $(VENV)/.core  ## render a tour, track it and compare with the truth (a minute)
 	$(BIN)/remind demo
 
-test: $(VENV)/.dev  ## all tests but the slow ones
-	$(BIN)/python -m pytest -m "not slow and not prose" -n 2 --dist loadfile
+test: $(VENV)/.dev  ## all tests but the heavy and the slow ones
+	$(BIN)/python -m pytest -m "not heavy and not slow and not prose" -n 2 --dist loadfile
+
+test-heavy: $(VENV)/.dev  ## those that compile much, wait, or need a browser or processes
+	$(BIN)/python -m pytest -m "heavy and not slow" -n 2 --dist loadfile
 
 test-slow: $(VENV)/.dev  ## the slow tests, and properties with ten times as many examples
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -m "slow or hypothesis"

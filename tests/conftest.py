@@ -5,8 +5,11 @@ broadcasts `[N, C]` with `[C]` as NumPy does in nearly every module; casts would
 Solvers and the metrics in the graph are strict about ranks.
 """
 
+import atexit
+import gc
 import importlib.metadata
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -36,14 +39,26 @@ if not jax.config.values["jax_compilation_cache_dir"]:
     cache = Path(tempfile.gettempdir()) / "remind-jax-test-programs"
     jax.config.update("jax_compilation_cache_dir", str(cache))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
-# Nothing goes to the cache folder of who runs the tests.
-os.environ[kept.VARIABLE] = kept.OFF
+# Nothing goes to the cache folder of who runs the tests; the workers of pytest-xdist, which inherit
+# the environment, share what they compile.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    steps = tempfile.mkdtemp(prefix="remind-jax-test-steps-")
+    atexit.register(shutil.rmtree, steps, ignore_errors=True)
+    os.environ[kept.VARIABLE] = steps
 os.environ[profiles.VARIABLE] = os.devnull  # nor does a profile of theirs change a test
 MOST_MAPS = 32_000
+# A trace makes millions of small objects that live until it ends.
+gc.set_threshold(100_000, 50, 100)
 # Drawn examples of a property; `make test-slow` draws ten times as many.
 settings.register_profile("quick", max_examples=20, deadline=None)
 settings.register_profile("thorough", max_examples=200, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
+
+
+def pytest_collection_finish():
+    """What was imported is never looked at again by the garbage collector."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

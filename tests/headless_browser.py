@@ -17,6 +17,7 @@ CHROMEDRIVER = shutil.which("chromedriver")
 
 needs_browser = [
     pytest.mark.browser,
+    pytest.mark.heavy,
     pytest.mark.skipif(
         not (CHROMIUM and CHROMEDRIVER), reason="chromium or chromedriver is not installed"
     ),

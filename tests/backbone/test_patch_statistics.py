@@ -41,20 +41,18 @@ def describe_tiles(image: np.ndarray) -> np.ndarray:
     return tiles / np.linalg.norm(tiles, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize(("height", "width"), [(16, 16), (48, 192)])
-def test_every_patch_gets_finite_float32_features(height, width):
-    backbone = get_backbone()
-    images = np.random.default_rng(0).integers(0, 256, (2, height, width, 3), np.uint8)
-    features = backbone.extract(images)
-    assert features.shape == (2, height // PATCH_PX, width // PATCH_PX, backbone.dim)
-    assert features.dtype == np.float32
-    assert np.isfinite(features).all()
-
-
-@pytest.mark.parametrize("level", [0, 255])
-def test_flat_frames_are_finite(level):
-    features = get_backbone().extract(np.full((1, 192, 256, 3), level, np.uint8))
-    assert np.isfinite(features).all()
+def test_every_patch_gets_finite_float32_features():
+    """Of the smallest frame, of noise, and of a frame of one color."""
+    backbone, draw = get_backbone(), np.random.default_rng(0)
+    sizes = ((2, 16, 16), (1, 192, 256))
+    images = [draw.integers(0, 256, (*size, 3), np.uint8) for size in sizes]
+    images += [np.full((1, 192, 256, 3), level, np.uint8) for level in (0, 255)]
+    for shown in images:
+        num, height, width, _ = shown.shape
+        features = backbone.extract(shown)
+        assert features.shape == (num, height // PATCH_PX, width // PATCH_PX, backbone.dim)
+        assert features.dtype == np.float32
+        assert np.isfinite(features).all()
 
 
 def test_frame_smaller_than_a_patch_is_refused():
@@ -157,8 +155,8 @@ def wanted_patches(draw, rows: int, columns: int) -> np.ndarray:
 
 
 # Whole tiles, and tiles that reach beyond the frame.
-@pytest.mark.parametrize(("rows", "columns"), [(6, 16), (7, 11), (2, 3)])
-@settings(deadline=None, max_examples=25)
+@pytest.mark.parametrize(("rows", "columns"), [(7, 11), (2, 3)])
+@settings(deadline=None, max_examples=15)
 @given(st.data())
 def test_wanted_patches_get_the_bits_that_they_get_among_all(rows, columns, data):
     wanted = data.draw(wanted_patches(rows, columns))

@@ -1,6 +1,7 @@
 """From scenes to a profile that runs find, in bounded memory, or a sentence why not."""
 
 import dataclasses
+import json
 
 import jax.numpy as jnp
 import numpy as np
@@ -72,12 +73,19 @@ def test_a_profile_is_found_by_runs_with_these_features_only(found, folder):
     assert mine.thresholds.appearance == used.thresholds.appearance
 
 
-def test_a_run_uses_it_and_says_so(found, folder):
+def test_a_run_uses_it_and_says_so(found, folder, tmp_path, monkeypatch):
+    """The step of the method is not needed for that."""
+
+    def stop(self, prepared):
+        raise SourceError("enough")
+
     found.save()
-    result = rj.run(list(frames(4)), config="remind", backbone=COLORS)
-    assert result.info.config["profile"] == found.made_for.name
-    told = result.info.config["thresholds"]["matching"]["match"]
-    assert told == found.thresholds["matching.match"]
+    monkeypatch.setattr(rj.Tracker, "advance", stop)
+    with pytest.raises(SourceError, match="enough"):
+        rj.run(list(frames(2)), config="remind", backbone=COLORS, out=tmp_path / "run")
+    told = json.loads((tmp_path / "run" / "run.json").read_text())["info"]["config"]
+    assert told["profile"] == found.made_for.name
+    assert told["thresholds"]["matching"]["match"] == found.thresholds["matching.match"]
 
 
 def test_the_same_scenes_give_the_same_profile(found, tmp_path):

@@ -39,11 +39,12 @@ def traced_by_default(command, scene, kept):
     return trace_once(command, scene, kept.with_name("default"), "default")
 
 
-def test_a_traced_run_keeps_its_trace(traced):
-    written = {path.name for path in traced.iterdir()}
+def test_a_traced_run_keeps_its_trace(traced_by_default):
+    written = {path.name for path in traced_by_default.iterdir()}
     assert written == {*FILE_NAMES, "memory.safetensors", "trace.npz"} - {"overlay.mp4"}
 
 
+@pytest.mark.heavy
 def test_a_decision_is_explained(command, traced):
     outcome = command("explain", traced, "--frame", 3, "--detection", 0)
     assert (outcome.code, outcome.stderr) == (0, "")
@@ -55,12 +56,14 @@ def test_a_decision_is_explained(command, traced):
     assert f"{tracks.candidate_score[0, 0]:.2f}" in outcome.stdout
 
 
+@pytest.mark.heavy
 def test_the_first_frame_is_new(command, traced):
     outcome = command("explain", traced, "--frame", 0, "--detection", 2)
     assert "1. No book is known yet" in outcome.stdout
     assert "A new object: book 2." in outcome.stdout
 
 
+@pytest.mark.heavy
 def test_machines_read_the_same(command, traced):
     outcome = command("explain", traced, "--frame", 3, "--detection", 1, "--json")
     content = json.loads(outcome.stdout)
@@ -84,36 +87,30 @@ def test_a_decision_of_the_default_is_explained(command, traced_by_default):
     assert (content["name"], content["outcome"], content["age"]) == (name, "match", 4)
 
 
-def test_without_a_detection_the_frame_is_listed(command, traced):
-    outcome = command("explain", traced, "--frame", 3)
+def test_without_a_detection_the_frame_is_listed(command, traced_by_default):
+    outcome = command("explain", traced_by_default, "--frame", 3)
     assert [line.split()[0] for line in outcome.stdout.splitlines()[2:]] == ["0", "1", "2"]
-    listed = json.loads(command("explain", traced, "--frame", 3, "--json").stdout)
+    listed = json.loads(command("explain", traced_by_default, "--frame", 3, "--json").stdout)
     assert len(listed["detections"]) == 3
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
+def test_what_is_not_there_is_named(command, traced_by_default, tmp_path):
+    for words, message in (
         (("--frame", 4), "the run has no frame 4; it has frames 0 to 3"),
         (("--frame", 4, "--detection", 0), "the run has no frame 4; it has frames 0 to 3"),
         (("--frame", 3, "--detection", 3), "frame 3 has no detection 3; it has detections 0 to 2"),
-    ],
-)
-def test_what_is_not_there_is_named(command, traced, words, message):
-    outcome = command("explain", traced, *words)
-    assert (outcome.code, outcome.stdout) == (1, "")
-    assert outcome.stderr == f"remind: {message}\n"
-
-
-def test_a_run_without_trace_says_what_to_do(command, traced, tmp_path):
+    ):
+        outcome = command("explain", traced_by_default, *words)
+        assert (outcome.code, outcome.stdout) == (1, "")
+        assert outcome.stderr == f"remind: {message}\n"
     bare = tmp_path / "bare"
-    shutil.copytree(traced, bare, ignore=shutil.ignore_patterns("trace.npz"))
+    shutil.copytree(traced_by_default, bare, ignore=shutil.ignore_patterns("trace.npz"))
     outcome = command("explain", "bare", "--frame", 0, "--detection", 0)
     assert outcome.code == 1
     assert outcome.stderr == "remind: 'bare' holds no trace; run again with --trace\n"
 
 
-@pytest.mark.parametrize("config", ["default", "remind"])
+@pytest.mark.parametrize("config", ["default", pytest.param("remind", marks=pytest.mark.heavy)])
 def test_objects_are_called_as_they_were_announced(command, tmp_path, config):
     """The vase of the first frame is seen once; without waiting it would be object 0."""
     images, masks = scenes.write_scene(tmp_path / "scene", seen={0: (4,)})

@@ -64,10 +64,7 @@ def test_a_report_keeps_what_they_said(tmp_path):
     assert "libpng error: bad adaptive filter value" in kept.read_text()
 
 
-VERBS = {
-    "help": ("--help",),
-    "scores": ("eval", "gt.txt", "gt.txt"),
-}
+SCORES = ("eval", "gt.txt", "gt.txt")
 
 
 @pytest.fixture
@@ -77,11 +74,10 @@ def scored(tmp_path):
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
-@pytest.mark.parametrize("words", VERBS.values(), ids=VERBS)
-def test_full_standard_output_is_told_in_one_sentence(words, scored):
+def test_full_standard_output_is_told_in_one_sentence(scored):
     with FULL.open("w") as full:
         finished = subprocess.run(
-            [*REMIND, *words],
+            [*REMIND, *SCORES],
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,
@@ -96,10 +92,9 @@ def test_full_standard_output_is_told_in_one_sentence(words, scored):
     assert finished.returncode == exit_codes.ERROR
 
 
-@pytest.mark.parametrize("words", VERBS.values(), ids=VERBS)
-def test_a_reader_that_goes_away_is_no_error(words, scored):
+def test_a_reader_that_goes_away_is_no_error(scored):
     with subprocess.Popen(
-        [*REMIND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=QUIET, cwd=scored
+        [*REMIND, *SCORES], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=QUIET, cwd=scored
     ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -109,7 +104,7 @@ def test_a_reader_that_goes_away_is_no_error(words, scored):
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="the system has no /dev/full")
-@pytest.mark.parametrize("words", [("view", "none"), ("config", "show", "none"), ("none",)])
+@pytest.mark.parametrize("words", [("view", "none"), ("none",)])
 def test_full_standard_error_changes_no_exit_code(words, tmp_path):
     with FULL.open("w") as full:
         finished = subprocess.run(
@@ -124,7 +119,7 @@ def test_full_standard_error_changes_no_exit_code(words, tmp_path):
     assert (finished.returncode, finished.stdout) == (expected, b"")
 
 
-@pytest.mark.parametrize("redirection", [">&-", "2>&-", ">&- 2>&-"])
+@pytest.mark.parametrize("redirection", [">&-", ">&- 2>&-"])
 def test_closed_streams_are_no_defect(redirection, scored):
     command = f"{sys.executable} -m remind_jax.cli.main eval gt.txt gt.txt {redirection}"
     finished = subprocess.run(

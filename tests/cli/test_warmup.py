@@ -23,7 +23,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def words(size: str) -> tuple[str, ...]:
-    return "warmup", size, "--objects", "0", "--set", *scenes.STATIC
+    return "warmup", size, "--tracker", "bank", "--objects", "0", "--set", *scenes.STATIC
 
 
 def test_what_was_warmed_up_is_loaded_later(command, folder):
@@ -36,14 +36,14 @@ def test_what_was_warmed_up_is_loaded_later(command, folder):
     assert len(made) == 3  # features, description, decision
 
     clear_programs()
-    tracker = Tracker(load_config_with("default", (scenes.STATIC,)))
+    tracker = Tracker(load_config_with("default", (scenes.STATIC,), tracker="bank"))
     tracker.update(*scenes.picture(0))
     assert sorted(folder.iterdir()) == made
 
 
 def test_it_says_for_how_many_and_prepares_the_way_there(command, folder):
     size = f"{scenes.WIDTH_PX}x{scenes.HEIGHT_PX}"
-    done = command(*words(size), "--tracker", "bank", "--detections", "6")
+    done = command(*words(size), "--detections", "6")
     assert "for up to 8 detections in a frame and 6 objects" in done.stdout
     made = sorted(folder.iterdir())
 
@@ -57,11 +57,11 @@ def test_it_says_for_how_many_and_prepares_the_way_there(command, folder):
     assert sorted(folder.iterdir()) == made
 
 
-@pytest.mark.parametrize("size", ["640", "640x", "0x480", "640x480px"])
-def test_a_size_that_is_none_is_refused(command, size):
-    done = command("warmup", size)
-    assert done.code == 1
-    assert f"'{size}' is no frame size; write WIDTHxHEIGHT" in done.stderr
+def test_a_size_that_is_none_is_refused(command):
+    for size in ("640", "640x", "0x480", "640x480px"):
+        done = command("warmup", size)
+        assert done.code == 1
+        assert f"'{size}' is no frame size; write WIDTHxHEIGHT" in done.stderr
 
 
 def test_nothing_is_kept_if_so_wished(command, monkeypatch):

@@ -30,6 +30,7 @@ def test_killed_commands_go_on(course, kind):
     assert case.failures == []
 
 
+@pytest.mark.heavy
 def test_a_killed_run_goes_on(course):
     """The cheapest kind; three kills."""
     case = course.try_kind("run of the bank", NUM_KILLS, random.Random(2))
@@ -43,6 +44,7 @@ def test_commands_that_are_asked_to_end_go_on(course, kind):
     assert case.failures == []
 
 
+@pytest.mark.heavy
 def test_a_run_that_is_asked_to_end_ends_well(course):
     """Half-way: what was done is finished, and is gone on with."""
     kind, (expected, _) = KINDS["run of the bank"], course._expect("run of the bank")
@@ -109,6 +111,7 @@ def test_verbs_without_results_to_keep_end_at_once(course, words, tmp_path):
         assert len(Result.load(run)) == len(Result.load(expected))
 
 
+@pytest.mark.heavy
 def test_a_difference_is_seen(course, tmp_path):
     one, _ = course._expect("run of the bank")
     other = Path(shutil.copytree(one, tmp_path / "other"))

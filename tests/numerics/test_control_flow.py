@@ -13,6 +13,9 @@ def _choose(pred, x, y):
     return branch(pred, lambda: {"value": jnp.sin(x) + y}, lambda: {"value": x})
 
 
+_choose_nested = jax.jit(jax.vmap(jax.vmap(_choose, (0, 0, None)), (0, 0, None)))
+
+
 def _double(times, x):
     """Doubles x so many times; done states stay as they are."""
 
@@ -23,16 +26,14 @@ def _double(times, x):
     return repeat(lambda state: state[0] < times, turn, (jnp.int32(0), x))[1]
 
 
-@given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=1, max_size=4))
+@given(st.lists(st.lists(st.booleans(), min_size=3, max_size=3), min_size=3, max_size=3))
 def test_branch_in_batches_equals_a_loop(preds):
     pred = np.array(preds)
     x = np.arange(pred.size, dtype=np.float32).reshape(pred.shape)
-    nested = jax.vmap(jax.vmap(_choose, (0, 0, None)), (0, 0, None))
-    for run in (nested, jax.jit(nested)):
-        # sin is vectorized differently in a batch: one unit in the last place
-        np.testing.assert_allclose(
-            run(pred, x, 3.0)["value"], np.where(pred, np.sin(x) + 3.0, x), rtol=3e-7
-        )
+    # sin is vectorized differently in a batch: one unit in the last place
+    np.testing.assert_allclose(
+        _choose_nested(pred, x, 3.0)["value"], np.where(pred, np.sin(x) + 3.0, x), rtol=3e-7
+    )
 
 
 def test_branch_on_a_shared_predicate():
@@ -42,12 +43,15 @@ def test_branch_on_a_shared_predicate():
         np.testing.assert_array_equal(got, _choose(jnp.bool_(pred), x, 1.0)["value"])
 
 
-@given(st.lists(st.integers(0, 5), min_size=1, max_size=5))
+_double_all = jax.jit(jax.vmap(_double, (0, None)))
+_double_nested = jax.jit(jax.vmap(jax.vmap(_double, (0, None)), (None, 0)))
+
+
+@given(st.lists(st.integers(0, 5), min_size=4, max_size=4))
 def test_repeat_in_batches_equals_a_loop(times):
     times = np.array(times, np.int32)
-    got = jax.jit(jax.vmap(_double, (0, None)))(times, 1.5)
-    np.testing.assert_array_equal(got, 1.5 * 2.0**times)
-    nested = jax.vmap(jax.vmap(_double, (0, None)), (None, 0))(times, jnp.array([1.0, 3.0]))
+    np.testing.assert_array_equal(_double_all(times, 1.5), 1.5 * 2.0**times)
+    nested = _double_nested(times, np.float32([1.0, 3.0]))
     np.testing.assert_array_equal(nested, np.outer([1.0, 3.0], 2.0**times))
 
 
@@ -84,17 +88,21 @@ def test_inside_a_scan():
     np.testing.assert_array_equal(jax.vmap(run)(jnp.arange(3.0)), [run(x) for x in range(3)])
 
 
-@given(st.lists(st.integers(0, 5), min_size=1, max_size=5))
-def test_numbered_turns_in_batches_equal_a_loop(stops):
-    def fill(stop):
-        write = lambda number, row: jax.lax.dynamic_update_slice(row, number[None], (number,))  # noqa: E731
-        return count_up(stop, write, jnp.full(6, -1, jnp.int32), first=1)
+def _fill(stop):
+    write = lambda number, row: jax.lax.dynamic_update_slice(row, number[None], (number,))  # noqa: E731
+    return count_up(stop, write, jnp.full(6, -1, jnp.int32), first=1)
 
-    got = jax.jit(jax.vmap(fill))(jnp.array(stops, jnp.int32))
-    for stop, row in zip(stops, got, strict=True):
+
+_fill_one, _fill_all = jax.jit(_fill), jax.jit(jax.vmap(_fill))
+
+
+@given(st.lists(st.integers(0, 5), min_size=4, max_size=4))
+def test_numbered_turns_in_batches_equal_a_loop(stops):
+    stops = np.array(stops, np.int32)
+    for stop, row in zip(stops, _fill_all(stops), strict=True):
         expected = np.where((np.arange(6) >= 1) & (np.arange(6) < stop), np.arange(6), -1)
         np.testing.assert_array_equal(row, expected)
-        np.testing.assert_array_equal(fill(jnp.int32(stop)), expected)
+        np.testing.assert_array_equal(_fill_one(stop), expected)
 
 
 def test_the_number_of_a_turn_is_that_of_the_whole_batch():
