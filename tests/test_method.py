@@ -150,10 +150,13 @@ def test_wrong_names_are_refused(counter):
     assert list_methods()[0] == load_config().tracker == "plus"
 
 
-HEAVY = pytest.mark.slow
-
-
-@pytest.fixture(params=["bank", "plus", pytest.param("remind", marks=HEAVY)])
+@pytest.fixture(
+    params=[
+        "bank",
+        pytest.param("plus", marks=pytest.mark.heavy),
+        pytest.param("remind", marks=pytest.mark.slow),
+    ]
+)
 def counted(request, monkeypatch):
     """A method with something around each half of its step, and how often that was called."""
     monkeypatch.setattr(methods, "_methods", dict(methods._methods))

@@ -31,14 +31,14 @@ pytestmark = pytest.mark.usefixtures("unchecked_shapes")
 
 @functools.cache
 def tracker():
-    live = rj.Tracker("remind")
+    live = rj.Tracker()
     live.update(IMAGE, MASKS)
     return live
 
 
 @functools.cache
 def result():
-    return rj.run(np.stack([IMAGE] * 3), masks=MAPS, progress=False, config="remind")
+    return rj.run(np.stack([IMAGE] * 3), masks=MAPS, progress=False)
 
 
 def given(frame, detections=MASKS):
@@ -304,18 +304,23 @@ CALLS = {
 }
 
 
-@pytest.mark.parametrize("name", CALLS)
-def test_a_bad_call_is_refused_in_one_sentence(name):
-    with pytest.raises(RemindError) as refused:
-        CALLS[name]()
-    said = str(refused.value)
-    assert said
-    assert "\n" not in said
-    assert len(said) < 700
+def test_a_bad_call_is_refused_in_one_sentence():
+    wrong = []
+    for name, call in CALLS.items():
+        try:
+            call()
+            wrong.append(f"{name}: goes through")
+        except RemindError as error:
+            said = str(error)
+            if not said or "\n" in said or len(said) >= 700:
+                wrong.append(f"{name}: {said}")
+        except Exception as error:
+            wrong.append(f"{name}: {error!r}")
+    assert not wrong
 
 
 def test_a_tracker_that_refused_goes_on():
-    live = rj.Tracker("remind")
+    live = rj.Tracker()
     first = live.update(IMAGE, create(MASKS, ["a", "b"]))
     with pytest.raises(RemindError):
         live.update(IMAGE, np.full((1, HEIGHT_PX, WIDTH_PX), NAN))
@@ -327,8 +332,8 @@ def test_a_tracker_that_refused_goes_on():
 
 
 @pytest.mark.parametrize("part", ["prepare", "advance"])
-def test_a_second_thread_is_refused_and_nothing_is_damaged(part, monkeypatch):
-    live, alone = rj.Tracker("remind"), rj.Tracker("remind")
+def test_a_second_thread_is_refused_and_nothing_is_damaged(part):
+    live, alone = rj.Tracker(), rj.Tracker()
     seen = create(MASKS, ["a", "b"])
     live.update(IMAGE, seen)
     alone.update(IMAGE, seen)

@@ -26,13 +26,13 @@ Command = Callable[..., Outcome]
 
 @pytest.fixture
 def command(capfd, monkeypatch, tmp_path) -> Command:
-    """Runs `remind ...` in an empty folder; `remind run` with the static shape of all tests."""
+    """Runs `remind ...` in an empty folder; `static` are capacities that others do not share."""
     monkeypatch.chdir(tmp_path)
 
-    def run(*words: object, static: tuple[str, ...] = scenes.STATIC) -> Outcome:
+    def run(*words: object, static: tuple[str, ...] = ()) -> Outcome:
         capfd.readouterr()
         argv = [str(word) for word in words]
-        code = main([*argv, "--set", *static] if argv[0] == "run" else argv)
+        code = main([*argv, "--set", *static] if static and argv[0] == "run" else argv)
         return Outcome(code, *capfd.readouterr())
 
     return run

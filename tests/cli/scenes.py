@@ -19,9 +19,6 @@ CLASSES = {1: "cup", 2: "cup", 3: "book", 4: "vase"}
 _PLACES = {1: (8, 8), 2: (8, 136), 3: (104, 8), 4: (104, 136)}  # top, left in the first frame
 FIRST_THREE = (1, 2, 3)
 
-# One static shape for all tests, so that they share one compiled program.
-STATIC = ("static.num_detections=4", "static.num_objects=6", "static.num_pending=4")
-
 
 def picture(index: int, ids: tuple[int, ...] = FIRST_THREE) -> tuple[np.ndarray, np.ndarray]:
     """RGB image and instance map of a frame: textured squares that drift to the right."""

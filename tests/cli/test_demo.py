@@ -11,7 +11,6 @@ import pytest
 import remind_jax.synthetic
 from remind_jax.outputs.result import Result
 from remind_jax.synthetic import SceneOptions, demo_options
-from tests.cli import scenes
 
 
 @pytest.fixture
@@ -27,7 +26,7 @@ def short_tour(monkeypatch):
 
 @pytest.mark.usefixtures("short_tour")
 def test_demo_prints_what_was_recovered(command):
-    words = ("demo", "--out", "tour", "--set", *scenes.STATIC)
+    words = ("demo", "--out", "tour")
     outcome = command(*words)
     assert (outcome.code, outcome.stderr) == (0, "")
     assert "demo: 4 frames" in outcome.stdout
@@ -49,7 +48,7 @@ def test_demo_prints_what_was_recovered(command):
 @pytest.mark.parametrize("words", [("--config", "bank.yaml"), ("--tracker", "bank")])
 def test_demo_of_another_configuration(command, tmp_path, words):
     (tmp_path / "bank.yaml").write_text("base: default\ntracker: bank\n")
-    assert command("demo", "--out", "tour", "--quiet", *words, "--set", *scenes.STATIC).code == 0
+    assert command("demo", "--out", "tour", "--quiet", *words).code == 0
     assert Result.load("tour").info.config["tracker"] == "bank"
 
 

@@ -22,8 +22,11 @@ def folder(tmp_path, monkeypatch):
     clear_programs()
 
 
+SMALL = ("static.num_detections=4", "static.num_objects=6", "static.num_pending=4")
+
+
 def words(size: str) -> tuple[str, ...]:
-    return "warmup", size, "--tracker", "bank", "--objects", "0", "--set", *scenes.STATIC
+    return "warmup", size, "--tracker", "bank", "--objects", "0", "--set", *SMALL
 
 
 def test_what_was_warmed_up_is_loaded_later(command, folder):
@@ -36,7 +39,7 @@ def test_what_was_warmed_up_is_loaded_later(command, folder):
     assert len(made) == 3  # features, description, decision
 
     clear_programs()
-    tracker = Tracker(load_config_with("default", (scenes.STATIC,), tracker="bank"))
+    tracker = Tracker(load_config_with("default", (SMALL,), tracker="bank"))
     tracker.update(*scenes.picture(0))
     assert sorted(folder.iterdir()) == made
 
@@ -48,7 +51,7 @@ def test_it_says_for_how_many_and_prepares_the_way_there(command, folder):
     made = sorted(folder.iterdir())
 
     clear_programs()
-    tracker = Tracker(load_config_with("default", (scenes.STATIC,), tracker="bank"))
+    tracker = Tracker(load_config_with("default", (SMALL,), tracker="bank"))
     image, labels = scenes.picture(0)
     tracker.update(image, labels)
     tracker.update(image, np.stack([labels == 1] * 6))

@@ -18,7 +18,12 @@ from tests.cli import scenes
 from tests.statics import make_static
 
 TINY = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
-METHODS = ("plus", "running-mean", pytest.param("remind", marks=pytest.mark.slow))
+HEAVY = pytest.mark.heavy
+METHODS = (
+    pytest.param("plus", marks=HEAVY),
+    "running-mean",
+    pytest.param("remind", marks=pytest.mark.slow),
+)
 
 
 def follow(tracker: Tracker, num: int = 3) -> list:
@@ -76,7 +81,7 @@ def _input_of(tracker: Tracker, index: int) -> FrameInput:
 
 
 def test_another_frame_size_compiles_the_description_only(compiled):
-    tracker = make("plus")
+    tracker = make("bank")
     follow(tracker)
     assert compiled == ["describe", "decide"]
     image, labels = scenes.picture(3)
@@ -88,7 +93,7 @@ def test_another_frame_size_compiles_the_description_only(compiled):
 
 
 def test_more_objects_compile_the_decision_only(compiled):
-    tracker = make("plus")
+    tracker = make("bank")
     image, labels = scenes.picture(0, (1, 2))
     tracker.update(image, labels)
     tracker._memory.make_room(num_objects=7)
@@ -100,7 +105,7 @@ def test_more_objects_compile_the_decision_only(compiled):
 
 @pytest.mark.parametrize("name", ["plus", pytest.param("remind", marks=pytest.mark.slow)])
 def test_a_trace_changes_no_decision(name):
-    plain, traced = make(name), make(name, trace=True)
+    plain, traced = Tracker(tracker=name), Tracker(tracker=name, trace=True)
     for one, other in zip(follow(plain), follow(traced), strict=True):
         np.testing.assert_array_equal(one.object_id, other.object_id)
     assert traced.trace is not None
@@ -115,7 +120,7 @@ def test_a_method_that_calls_the_host_is_not_kept():
 
 
 def test_the_readout_is_packed_in_the_order_of_the_layout():
-    tracker = make("plus")
+    tracker = Tracker()
     follow(tracker, 1)
     (programs,) = tracker._memory.frame_step._prepared.values()
     shapes = Packed.of(jax.device_get(tracker.state.decisions)).layout.shapes

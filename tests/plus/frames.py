@@ -20,46 +20,34 @@ T = PlusThresholds().as_arrays()
 
 def detections(centers, looks=None, **fields) -> Sightings:
     """Squares of size 1 around the centers, all of class 0."""
-    center = jnp.asarray(centers, jnp.float32)
+    center = np.asarray(centers, np.float32)
     num = len(center)
     values = Sightings(
-        look=jnp.eye(num, DIM) if looks is None else jnp.asarray(looks, jnp.float32),
-        ring=jnp.zeros((num, DIM)),
-        has_ring=jnp.zeros(num, bool),
-        box=jnp.concatenate([center - 0.5, center + 0.5], axis=1),
+        look=np.eye(num, DIM, dtype=np.float32) if looks is None else np.asarray(looks, np.float32),
+        ring=np.zeros((num, DIM), np.float32),
+        has_ring=np.zeros(num, bool),
+        box=np.concatenate([center - 0.5, center + 0.5], axis=1),
         center=center,
-        size=jnp.ones(num),
-        patches=jnp.full(num, 4.0),
-        class_id=jnp.zeros(num, jnp.int32),
-        touches=jnp.zeros(num, bool),
-        valid=jnp.ones(num, bool),
-        frame_center=jnp.array([3.2, 2.4]),
-        num_bad_patches=jnp.int32(0),
-    )
+        size=np.ones(num, np.float32),
+        patches=np.full(num, 4.0, np.float32),
+        class_id=np.zeros(num, np.int32),
+        touches=np.zeros(num, bool),
+        valid=np.ones(num, bool),
+        frame_center=np.array([3.2, 2.4], np.float32),
+        num_bad_patches=np.int32(0),
+    )  # pyright: ignore[reportArgumentType]
     return dataclasses.replace(values, **fields)
 
 
 def tracklets_of(seen: Sightings, frame: int, room: int, **fields) -> Tracklets:
     """Tracklets that these detections of that frame began, in a table with that much room."""
     num = len(seen.valid)
-
-    def put(empty, values):
-        return empty.at[:num].set(values)
-
-    empty = jax.tree.map(jnp.asarray, no_tracklets(room, DIM))
-    begun = dataclasses.replace(
-        empty,
-        alive=put(empty.alive, seen.valid),
-        box=put(empty.box, seen.box),
-        center=put(empty.center, seen.center),
-        size=put(empty.size, seen.size),
-        class_id=put(empty.class_id, seen.class_id),
-        last=put(empty.last, jnp.full(num, frame)),
-        age=put(empty.age, jnp.ones(num, jnp.int32)),
-        look=put(empty.look, seen.look),
-        first_look=put(empty.first_look, seen.look),
-        id=put(empty.id, jnp.arange(num)),
-    )
+    begun = jax.tree.map(np.array, no_tracklets(room, DIM))
+    begun.alive[:num] = seen.valid
+    for name in ("box", "center", "size", "class_id", "look"):
+        getattr(begun, name)[:num] = getattr(seen, name)
+    begun.first_look[:num] = seen.look
+    begun.last[:num], begun.age[:num], begun.id[:num] = frame, 1, np.arange(num)
     return dataclasses.replace(begun, **fields)
 
 
@@ -75,17 +63,8 @@ def empty_state() -> PlusState:
 
 def objects_of(looks, **fields) -> Objects:
     """Objects of class 0, each with one kept look, compared as it is."""
-    empty = jax.tree.map(jnp.asarray, init(STATIC).objects)
-    looks = jnp.asarray(looks, jnp.float32)
-    num = len(looks)
-    ids = jnp.where(jnp.arange(STATIC.num_objects) < num, jnp.arange(STATIC.num_objects), -1)
-    known = dataclasses.replace(
-        empty,
-        id=ids,
-        class_id=jnp.where(ids >= 0, 0, -1),
-        seen=jnp.where(ids >= 0, 10, 0),
-        bank=empty.bank.at[:num, 0].set(looks),
-        white_bank=empty.white_bank.at[:num, 0].set(looks),
-        bank_count=empty.bank_count.at[:num, 0].set(1),
-    )
-    return dataclasses.replace(known, **fields)
+    known, num = jax.tree.map(np.array, init(STATIC).objects), len(looks)
+    known.id[:num], known.class_id[:num], known.seen[:num] = np.arange(num), 0, 10
+    known.bank[:num, 0] = known.white_bank[:num, 0] = looks
+    known.bank_count[:num, 0] = 1
+    return dataclasses.replace(jax.tree.map(jnp.asarray, known), **fields)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import pytest
 
@@ -16,6 +16,7 @@ from remind_jax.plus.verdicts import no_verdicts
 from tests.plus.frames import STATIC, T, detections, tracklets_of
 
 KNOWN, OTHER, OWN = 2, 3, 7
+_report = jax.jit(report, static_argnums=6)
 
 
 def report_one(
@@ -24,11 +25,15 @@ def report_one(
     """One detection whose candidates are `KNOWN` and `OTHER`; the other slots are empty."""
 
     def first(blank, value):
-        return jnp.asarray(blank).at[0].set(value)
+        filled = np.array(blank)
+        filled[0] = value
+        return filled
 
     verdicts = no_verdicts(STATIC.num_detections)
-    options = jnp.full((3, NUM_CANDIDATES), NO_ID).at[0, :2].set(jnp.array([KNOWN, OTHER]))
-    beliefs = jnp.zeros((3, NUM_CANDIDATES)).at[0, : len(belief)].set(jnp.array(belief))
+    options = np.full((3, NUM_CANDIDATES), NO_ID, np.int32)
+    options[0, :2] = KNOWN, OTHER
+    beliefs = np.zeros((3, NUM_CANDIDATES), np.float32)
+    beliefs[0, : len(belief)] = belief
     of_answer = {KNOWN: belief[0], OTHER: belief[1], OWN: 1 - sum(belief)}[answer]
     verdicts = dataclasses.replace(
         verdicts,
@@ -38,17 +43,17 @@ def report_one(
         probability=first(verdicts.probability, of_answer),
         option_id=options,
     )
-    seen = detections([[1, 1], [2, 2], [3, 3]], size=jnp.full(3, size))
+    seen = detections([[1, 1], [2, 2], [3, 3]], size=np.full(3, size, np.float32))
     here = tracklets_of(
         seen,
         0,
         3,
-        named=jnp.array([named, False, False]),
-        slot=jnp.full(3, NO_SLOT),
+        named=np.array([named, False, False]),
+        slot=np.full(3, NO_SLOT, np.int32),
     )
-    present = jnp.array([True, False, False])
-    moving = first(jnp.zeros(3), moves)
-    return report(verdicts, beliefs, moving, here, present, seen, STATIC, T)
+    present = np.array([True, False, False])
+    moving = first(np.zeros(3, np.float32), moves)
+    return _report(verdicts, beliefs, moving, here, present, seen, STATIC, T)
 
 
 def test_a_probable_answer_is_firm_before_it_is_decided():

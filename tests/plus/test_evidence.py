@@ -4,32 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.evidence import (
-    Rows,
-    admit,
-    best_cosine,
-    calibrate,
-    find_ended,
-    find_rows,
-    mix,
-    shortlist,
-)
+from remind_jax.plus import evidence
+from remind_jax.plus.evidence import Rows, best_cosine, mix, shortlist
 from remind_jax.plus.static import MISSED_FRAMES
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 
 LOOKS = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
 YOUNG = Rows(young=jnp.ones(3, bool), late=jnp.zeros(3, bool))
 NOBODY = jnp.zeros(4, bool)
+admit, calibrate = jax.jit(evidence.admit), jax.jit(evidence.calibrate)
 
 
 def candidates(objects, seen, held=NOBODY, waiting=NOBODY):
+    return _candidates(tracklets_of(seen, 0, 3), objects, seen, held, waiting)
+
+
+@jax.jit
+def _candidates(here, objects, seen, held, waiting):
     state = empty_state()
-    here = tracklets_of(seen, 0, 3)
     admitted = admit(here, YOUNG, held, objects, state.pairs, T.decision)
     cosine = best_cosine(seen.look, objects)
     return shortlist(here, seen, admitted, waiting, cosine, objects, state.pairs, state.scene, T)
@@ -92,25 +89,23 @@ def test_rows_are_open_until_decided_and_late_for_some_frames():
         fresh=fresh,
         age=jnp.array([1, int(T.decision.late_frames), int(T.decision.late_frames) + 1]),
     )
-    rows = find_rows(here, jnp.ones(3, bool), T.decision)
+    rows = evidence.find_rows(here, jnp.ones(3, bool), T.decision)
     assert rows.young.tolist() == [True, False, False]
     assert rows.late.tolist() == [False, True, False]
 
 
-@pytest.mark.parametrize(
-    ("age", "leans_new", "gap", "ends"),
-    [
+def test_what_ends_undecided_as_new_is_remembered():
+    for age, leans_new, gap, ends in (
         (2, True, MISSED_FRAMES, True),
         (1, True, MISSED_FRAMES, False),  # too brief
         (2, False, MISSED_FRAMES, False),  # taken for a known object
         (2, True, MISSED_FRAMES - 1, False),  # may resume
-    ],
-)
-def test_what_ends_undecided_as_new_is_remembered(age, leans_new, gap, ends):
-    tracklets = tracklets_of(
-        detections([[1, 1]] * 3), 0, 3, age=jnp.full(3, age), leans_new=jnp.full(3, leans_new)
-    )
-    assert bool(find_ended(tracklets, jnp.int32(gap), T.decision).all()) == ends
+    ):
+        tracklets = tracklets_of(
+            detections([[1, 1]] * 3), 0, 3, age=np.full(3, age), leans_new=np.full(3, leans_new)
+        )
+        found = evidence.find_ended(tracklets, jnp.int32(gap), T.decision)
+        assert bool(found.all()) == ends, (age, leans_new, gap)
 
 
 def test_calibration_starts_with_what_is_assumed_and_follows_what_is_seen():

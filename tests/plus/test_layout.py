@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -22,31 +23,21 @@ NUM = len(PLACES)
 FRAME = jnp.int32(200)
 
 
-def weigh(
-    looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0), rare: bool = False
-) -> np.ndarray:
-    """Log odds that each of five detections is the object that lay there.
+T = PlusThresholds().as_arrays()
+EMPTY = jax.tree.map(np.array, init(STATIC))
 
-    Args:
-      looks: Log odds of looks of each.
-      witness: Threshold.
-      moved: Where all of them lie now, from where the objects lay.
-      rare: Three times as many other objects are of another class, instead of the same one.
-    """
-    state = init(STATIC)
-    objects = dataclasses.replace(
-        state.objects,
-        seen=state.objects.seen.at[:NUM].set(20),
-        id=state.objects.id.at[:NUM].set(1),
-    )
-    five = np.s_[:NUM, :NUM]
-    offset = (PLACES[None] - PLACES[:, None]) / SIZE
-    pairs = dataclasses.replace(
-        state.pairs,
-        relation=state.pairs.relation.at[five].set(offset),
-        spread=state.pairs.spread.at[five].set(0.1),
-        covisible=state.pairs.covisible.at[five].set(20),
-    )
+
+def weigh_anew(looks, witness, moved, rare):
+    """Log odds of five detections in two ways, see `weigh`."""
+    five, rest = np.s_[:NUM, :NUM], np.s_[NUM : 4 * NUM]
+    objects, pairs = jax.tree.map(np.copy, (EMPTY.objects, EMPTY.pairs))
+    objects.seen[:NUM] = 20
+    # Others that are never in view, and of another class if these are of a rare one.
+    objects.id[: 4 * NUM] = 1
+    pairs.relation[five] = (PLACES[None] - PLACES[:, None]) / SIZE
+    pairs.spread[five], pairs.covisible[five] = 0.1, 20
+    objects, pairs = jax.tree.map(jnp.asarray, (objects, pairs))
+    objects = dataclasses.replace(objects, class_id=objects.class_id.at[rest].set(rare))
     num = STATIC.num_detections
     row = jnp.arange(num)[:, None]
     first = (jnp.arange(NUM_CANDIDATES)[None] == 0) & (row < NUM)
@@ -59,23 +50,35 @@ def weigh(
         cosine=nothing,
         evidence=dataclasses.replace(own, looks=nothing + looks),
     )
-    # Others that are never in view, and of another class if these are of a rare one.
-    rest = np.s_[NUM : 4 * NUM]
-    objects = dataclasses.replace(
-        objects,
-        id=objects.id.at[rest].set(1),
-        class_id=objects.class_id.at[rest].set(int(rare)),
-    )
-    t = PlusThresholds()
-    t = dataclasses.replace(t, layout=dataclasses.replace(t.layout, witness=witness)).as_arrays()
+    t = dataclasses.replace(T, layout=dataclasses.replace(T.layout, witness=witness))
     nobody = jnp.full(num, NO_SLOT)
-    sightings = seen(anchors=PLACES + np.asarray(moved, np.float32))
+    sightings = seen(anchors=PLACES)
+    sightings = dataclasses.replace(
+        sightings, center=sightings.center + moved * sightings.valid[:, None]
+    )
     weighed = weigh_jointly(
         shortlist, nobody, nobody != NO_SLOT, sightings, objects, pairs, FRAME, t
     )
-    told, summed = np.asarray(weighed.odds)[:NUM, 0], weighed.evidence.total()[:NUM, 0]
+    return weighed.odds[:NUM, 0], weighed.evidence.total()[:NUM, 0]
+
+
+_weigh = jax.jit(weigh_anew)
+
+
+def weigh(
+    looks: float, witness: float, moved: tuple[float, float] = (0.0, 0.0), rare: bool = False
+) -> np.ndarray:
+    """Log odds that each of five detections is the object that lay there.
+
+    Args:
+      looks: Log odds of looks of each.
+      witness: Threshold.
+      moved: Where all of them lie now, from where the objects lay.
+      rare: Three times as many other objects are of another class, instead of the same one.
+    """
+    told, summed = _weigh(looks, witness, np.array(moved, np.float32), rare)
     np.testing.assert_allclose(told, summed, rtol=1e-5)  # order of sums
-    return told
+    return np.asarray(told)
 
 
 def test_an_arrangement_is_recognized_by_its_members_together():
@@ -97,10 +100,13 @@ def test_members_of_a_rare_class_are_believed_although_they_look_little_alike():
 
 
 def test_in_a_crowd_the_nearest_are_asked(monkeypatch):
+    def ask(num: int) -> np.ndarray:
+        monkeypatch.setattr(layout, "NUM_WITNESSES", num)
+        still = np.zeros(2, np.float32)
+        return np.asarray(jax.jit(lambda *given: weigh_anew(*given))(0.5, 0.5, still, False)[0])
+
     everyone = weigh(looks=0.5, witness=0.5)
-    monkeypatch.setattr(layout, "NUM_WITNESSES", NUM - 1)
-    np.testing.assert_allclose(weigh(looks=0.5, witness=0.5), everyone, rtol=1e-5)
-    monkeypatch.setattr(layout, "NUM_WITNESSES", 1)
-    fewer = weigh(looks=0.5, witness=0.5)
+    np.testing.assert_allclose(ask(NUM - 1), everyone, rtol=1e-5)
+    fewer = ask(1)
     assert np.all(fewer < everyone - 1), "one neighbor says less than four"
     assert np.all(fewer > 0.5), "but it is heard"

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.learning import (
-    KeptLooks,
-    absorb,
-    create_objects,
-    keep_looks,
-    learn_relations,
-)
+from remind_jax.plus import learning
+from remind_jax.plus.learning import KeptLooks
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import UNRELATED
 from tests.plus.frames import STATIC, T, detections, empty_state, objects_of, tracklets_of
 
 X, Y = np.eye(3, dtype=np.float32)[:2]
+absorb, create_objects = jax.jit(learning.absorb), jax.jit(learning.create_objects)
+keep_looks, learn_relations = jax.jit(learning.keep_looks), jax.jit(learning.learn_relations)
 SURE = jnp.array([True, True, False])
 EVERYONE = jnp.array([0, 1, 2, NO_ROW])  # detection of each object
 

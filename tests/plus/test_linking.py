@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.linking import advance_tracklets, carry, link, score_links
+from remind_jax.plus import linking
 from remind_jax.plus.observation import Motion
 from remind_jax.plus.static import MISSED_FRAMES
 from tests.plus.frames import T, detections, motion, tracklets_of
 
 ROOM = 8
+carry, advance_tracklets = jax.jit(linking.carry), jax.jit(linking.advance_tracklets)
 
 
-def join(seen, tracklets, frame=1, cosine=None, look_odds=None):
-    if cosine is None:
-        cosine = jnp.ones((len(seen.valid), len(tracklets.alive)))
-    likely = jnp.zeros_like(cosine) if look_odds is None else look_odds
-    now = jnp.int32(frame)
-    links = score_links(tracklets, seen, cosine, likely, now, T.linking, T.mobility)
-    return link(links, seen.class_id, T.linking)
+@jax.jit
+def join(seen, tracklets, cosine=np.ones((3, ROOM), np.float32)):  # noqa: B008
+    links = linking.score_links(
+        tracklets, seen, cosine, jnp.zeros_like(cosine), jnp.int32(1), T.linking, T.mobility
+    )
+    return linking.link(links, seen.class_id, T.linking)
 
 
 def test_detections_go_on_with_the_tracklets_where_they_lie():

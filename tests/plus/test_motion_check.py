@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from remind_jax.plus.motion_check import check_motion, imply_motion
+from remind_jax.plus import motion_check
 from tests.plus.frames import T, detections, motion, tracklets_of
 
 PLACES = np.array([[1.0, 1.0], [3.0, 1.5], [1.5, 3.5]])
 SAME = jnp.eye(3)
+check_motion, imply_motion = jax.jit(motion_check.check_motion), jax.jit(motion_check.imply_motion)
 
 
 def believed(shift, estimate):

@@ -10,17 +10,23 @@ import numpy as np
 import pytest
 
 from remind_jax.numerics.absent import NO_SLOT
-from remind_jax.plus.evidence import shortlist
-from remind_jax.plus.learning import learn_relations
-from remind_jax.plus.linking import advance_tracklets
-from remind_jax.plus.own_movement import expect_step, first_speed, learn_speeds, mobility, speed_of
-from remind_jax.plus.scene_map import move_map
+from remind_jax.plus import evidence, learning, linking, own_movement, scene_map
+from remind_jax.plus.own_movement import first_speed, mobility, speed_of
 from remind_jax.plus.slots import NO_ROW
 from remind_jax.plus.state import NO_RELATION
 from tests.plus.frames import T, detections, empty_state, objects_of, tracklets_of
 from tests.plus.test_scene_map import motion
 
 ROOM = 9
+advance_tracklets, expect_step = (
+    jax.jit(linking.advance_tracklets),
+    jax.jit(own_movement.expect_step),
+)
+learn_speeds, learn_relations = (
+    jax.jit(own_movement.learn_speeds),
+    jax.jit(learning.learn_relations),
+)
+move_map, shortlist = jax.jit(scene_map.move_map), jax.jit(evidence.shortlist)
 START = np.array([[1.0, 1.0], [3.0, 1.0], [5.0, 1.0]])
 WALK = np.array([0.3, 0.0])
 STILL = motion((0.0, 0.0), 1.0)

@@ -10,13 +10,13 @@ import numpy as np
 
 from remind_jax.plus import scene_map
 from remind_jax.plus.observation import Motion
-from remind_jax.plus.scene_map import correct_map, move_map
 from remind_jax.plus.state import init
 from remind_jax.plus.thresholds import PlusThresholds
 from tests.plus.walls import STATIC, pan
 
 T = PlusThresholds().as_arrays()
 CENTER = jnp.array([3.2, 2.4])
+move_map, correct_map = jax.jit(scene_map.move_map), jax.jit(scene_map.correct_map)
 
 
 def memory(position: np.ndarray, covariance: np.ndarray):
@@ -113,7 +113,8 @@ def test_detections_in_blocks_correct_the_map_as_one_after_the_other(monkeypatch
     sightings = dataclasses.replace(sightings, center=center)
 
     def correct():
-        return correct_map(objects, pairs, slot, sure, sure, sightings, T.place)
+        given = lambda *leaves: scene_map.correct_map(*leaves)  # noqa: E731  (traced anew)
+        return jax.jit(given)(objects, pairs, slot, sure, sure, sightings, T.place)
 
     at_once = correct()
     monkeypatch.setattr(scene_map, "BLOCK", 4)

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import jax.numpy as jnp
+import jax
 import numpy as np
 
+from remind_jax.plus import vacancy
 from remind_jax.plus.observation import Sightings
 from remind_jax.plus.state import Pairs, init
 from remind_jax.plus.thresholds import PlusThresholds
-from remind_jax.plus.vacancy import find_gone
 from tests.plus.walls import STATIC
 
 ANCHORS = np.array([[2, 2], [4, 2], [3, 3.5]], np.float32)  # objects 0 to 2, where they are seen
 PLACE = np.array([3, 2.3], np.float32)  # of object 3, which is not seen
 SIZE = 0.5
+find_gone = jax.jit(vacancy.find_gone)
 
 
 def learned_pairs() -> Pairs:
     """Relations between objects 0 to 3, exactly as they lie."""
     where = np.concatenate([ANCHORS, PLACE[None]])
     offset = (where[None] - where[:, None]) / SIZE
-    pairs = init(STATIC).pairs
-    four = np.s_[:4, :4]
-    return dataclasses.replace(
-        pairs,
-        relation=pairs.relation.at[four].set(offset),
-        spread=pairs.spread.at[four].set(0.1),
-    )
+    pairs = jax.tree.map(np.array, init(STATIC).pairs)
+    pairs.relation[:4, :4], pairs.spread[:4, :4] = offset, 0.1
+    return pairs
 
 
 def seen(*more: tuple[float, float], anchors: np.ndarray = ANCHORS) -> Sightings:
@@ -51,9 +46,9 @@ def is_gone(sightings: Sightings, decided: tuple[int, ...] = (0, 1, 2)) -> bool:
     """Whether object 3 is told to be gone; the others never are, each stands at its place."""
     anchor = np.zeros(STATIC.num_detections, np.int32)
     anchor[: len(decided)] = decided
-    is_anchor = jnp.arange(len(anchor)) < len(decided)
+    is_anchor = np.arange(len(anchor)) < len(decided)
     layout = PlusThresholds().as_arrays().layout
-    gone = find_gone(jnp.asarray(anchor), is_anchor, sightings, learned_pairs(), layout)
+    gone = find_gone(anchor, is_anchor, sightings, learned_pairs(), layout)
     assert not np.any(gone[:3])
     assert not np.any(gone[4:]), "nothing is known of the place of these"
     return bool(gone[3])

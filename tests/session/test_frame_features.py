@@ -20,6 +20,7 @@ from remind_jax.session.live import Tracker
 
 PATCH_PX, HEIGHT, WIDTH = 8, 96, 128
 GARBAGE = 77.0
+ROOM = {"static": {"num_detections": 4, "num_objects": 16, "num_pending": 4}}
 METHODS = [name for name in list_methods() if get_method(name).needs.patch_reach is not None]
 
 
@@ -62,12 +63,13 @@ def frames(num: int):
         yield image, masks
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(m, marks=[pytest.mark.heavy] if m == "plus" else []) for m in METHODS]
+)
 def test_no_method_reads_features_beyond_its_reach(name):
     whole, part = Recorder(), Recorder()
-    static = {"num_detections": 4, "num_objects": 8, "num_pending": 4}
-    one = Tracker({"static": static}, whole.whole, tracker=name)
-    other = Tracker({"static": static}, part.in_part, tracker=name)
+    one = Tracker(ROOM, whole.whole, tracker=name)
+    other = Tracker(ROOM, part.in_part, tracker=name)
     for image, masks in frames(6):
         one.update(image, masks)
         other.update(image, masks)
@@ -81,7 +83,9 @@ def test_plus_asks_for_objects_and_what_is_around_them():
     tracker = Tracker(backbone=recorder.in_part)
     mask = np.zeros((1, HEIGHT, WIDTH), bool)
     mask[0, 40, 63:65] = True  # one pixel of each of two patches
-    tracker.update(np.zeros((HEIGHT, WIDTH, 3), np.uint8), mask)
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    frame = Frame(0, 0, 0.0, "one", image, Detections.create(mask, ["box"]))
+    tracker.describe(tracker.prepare(frame))
     expected = np.zeros((1, HEIGHT // PATCH_PX, WIDTH // PATCH_PX), bool)
     expected[0, 3:8, 5:11] = True
     np.testing.assert_array_equal(recorder.wanted[0], expected)
@@ -102,14 +106,17 @@ def test_a_method_that_reads_all_gets_all():
 
 
 def closeup_tracker(name: str = "plus", backbone: Backbone | None = None, **options) -> Tracker:
-    config = {"tracker": name, "input": {"closeups": "always", **options}}
+    config = {"tracker": name, "input": {"closeups": "always", **options}, **ROOM}
     return Tracker(config, backbone or Recorder().whole)
 
 
 CLOSEUP_METHODS = [name for name in list_methods() if get_method(name).needs.reads_closeups]
 
 
-@pytest.mark.parametrize("name", CLOSEUP_METHODS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(m, marks=[pytest.mark.heavy] if m == "plus" else []) for m in CLOSEUP_METHODS],
+)
 def test_what_a_method_asks_for_in_closeups_is_all_that_it_reads(name):
     whole, part = Recorder(), Recorder()
     one, other = closeup_tracker(name, whole.whole), closeup_tracker(name, part.in_part)

@@ -30,15 +30,23 @@ def squares(index: int) -> tuple[np.ndarray, np.ndarray]:
     return image, labels
 
 
+def things(index: int) -> tuple[np.ndarray, Detections]:
+    """The same, each thing of a class of its own."""
+    image, labels = squares(index)
+    numbers = sorted({*labels.flat} - {0})
+    return image, Detections.create([labels == n for n in numbers], [f"{n}" for n in numbers])
+
+
+@pytest.mark.parametrize("name", ["bank", pytest.param("plus", marks=pytest.mark.heavy)])
 def test_growth_ahead_and_growth_at_need_and_room_from_the_start_decide_the_same(
-    looks_ahead, monkeypatch
+    looks_ahead, monkeypatch, name
 ):
     def follow(num_objects: int) -> tuple[Tracker, list]:
         static = {"num_detections": 4, "num_objects": num_objects, "num_pending": 4}
-        tracker = Tracker({"tracker": "plus", "static": static})
+        tracker = Tracker({"tracker": name, "static": static})
         answers = []
         for index in range(28):
-            answers.append(tracker.update(*squares(index)))
+            answers.append(tracker.update(*things(index)))
             tracker._memory.ahead.finish()
         return tracker, answers
 
@@ -105,10 +113,7 @@ def test_a_frame_that_grows_finds_its_room_made(looks_ahead, monkeypatch):
     def follow(tracker: Tracker) -> list[list[int]]:
         ids = []
         for index in range(12):
-            image, labels = squares(index)
-            numbers = sorted({*labels.flat} - {0})  # of things, each of a class of its own
-            masks = Detections.create([labels == n for n in numbers], [f"{n}" for n in numbers])
-            ids.append(tracker.update(image, masks).object_id.tolist())
+            ids.append(tracker.update(*things(index)).object_id.tolist())
             tracker._memory.ahead.finish()
         return ids
 
@@ -125,7 +130,7 @@ def test_a_frame_that_grows_finds_its_room_made(looks_ahead, monkeypatch):
 
 def test_a_start_below_what_the_first_frame_needs_begins_with_that():
     static = {"num_detections": 1, "num_objects": 1, "num_pending": 4}
-    tracker = Tracker({"tracker": "plus", "static": static})
+    tracker = Tracker({"tracker": "bank", "static": static})
     for image, labels in frames(2):
         tracker.update(image, labels)
     assert (tracker.static.num_detections, tracker.static.num_objects) == (4, 8)

@@ -21,8 +21,7 @@ from tests.cli import scenes
 from tests.sources import cameras
 from tests.sources.cameras import Camera
 
-STATIC = {name.partition(".")[2]: value for name, value in (s.split("=") for s in scenes.STATIC)}
-CONFIG = {"static": {name: int(value) for name, value in STATIC.items()}}
+CONFIG = {}
 OPTIONS = {"config": CONFIG, "announce_after": 1, "overlay": False, "progress": False}
 
 

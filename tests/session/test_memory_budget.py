@@ -18,6 +18,7 @@ from tests.session.test_live import frames
 SMALL = {"num_detections": 1, "num_objects": 4, "num_pending": 4}
 
 
+@pytest.mark.heavy
 def test_a_frame_that_does_not_fit_is_refused_before_compilation_and_the_next_one_goes_on(
     monkeypatch,
 ):

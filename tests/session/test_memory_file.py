@@ -291,8 +291,7 @@ def test_vectors_that_are_not_of_unit_length_are_refused(path):
 @pytest.mark.parametrize("name", [name for name in list_methods() if name != "remind"])
 def test_memories_of_every_method_are_checked(tmp_path, name):
     """What a run leaves is read; ids that are there twice, and numbers that are none, are not."""
-    static = {"num_detections": 4, "num_objects": 6, "num_pending": 4}
-    path, tracker = tmp_path / "memory", Tracker({"static": static}, tracker=name)
+    path, tracker = tmp_path / "memory", Tracker(tracker=name)
     for index in range(3):
         tracker.update(*scenes.picture(index))
     tracker.save(path)

@@ -148,7 +148,10 @@ def test_merges_are_kept_in_files(tracker, tmp_path):
     assert [one.num_frames for one in other.objects()] == [FRAMES] * 3
 
 
-@pytest.mark.parametrize("method", list_methods())
+@pytest.mark.parametrize(
+    "method",
+    [pytest.param(m, marks=[pytest.mark.heavy] if m == "remind" else []) for m in list_methods()],
+)
 def test_what_is_forgotten_is_new_when_seen_again(method):
     tracker = Tracker(tracker=method)
     for index in range(FRAMES):

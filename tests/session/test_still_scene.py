@@ -16,7 +16,6 @@ from remind_jax.session.live import Tracker
 
 HEIGHT_PX, WIDTH_PX, PATCH_PX = 64, 96, 16
 NUM_FRAMES = 6
-ROOM = {"static": {"num_detections": 8, "num_objects": 16, "num_pending": 8}}
 FEW = settings(
     max_examples=20,
     deadline=None,
@@ -29,7 +28,7 @@ FEW = settings(
 
 @functools.cache
 def tracker_of(name: str) -> Tracker:
-    return Tracker(ROOM, tracker=name)
+    return Tracker(tracker=name)
 
 
 @st.composite
@@ -93,7 +92,9 @@ def patches_of(mask: np.ndarray) -> bytes:
     return blocks.any(axis=(1, 3)).tobytes()
 
 
-@pytest.mark.parametrize("name", ["plus", "remind", "bank", "running-mean", "iou"])
+@pytest.mark.parametrize(
+    "name", ["plus", pytest.param("remind", marks=pytest.mark.heavy), "bank", "running-mean", "iou"]
+)
 @FEW
 @given(image=st.one_of(textures, flat), masks=several_masks, same_class=st.booleans())
 def test_no_mask_gets_a_second_identity(name, image, masks, same_class):
@@ -115,6 +116,7 @@ def test_momentum_keeps_an_object_that_has_no_like(image, mask):
     assert set(watch("momentum", image, mask[None], ["thing"]).ravel()) == {0}
 
 
+@pytest.mark.heavy
 @FEW
 @given(
     image=textures,
@@ -127,11 +129,12 @@ def test_published_keeps_an_object_that_is_large_enough(image, top, left, bottom
     """Smaller ones may found no prototype, as in the original."""
     mask = np.zeros((1, HEIGHT_PX, WIDTH_PX), bool)
     mask[0, top:bottom, left:right] = True
-    tracker, seen = Tracker({"base": "published", **ROOM}), Detections.create(mask, ["thing"])
+    tracker, seen = Tracker("published"), Detections.create(mask, ["thing"])
     found = [int(tracker.update(image, seen).object_id[0]) for _ in range(3)]
     assert found == [0, 0, 0]
 
 
+@pytest.mark.heavy
 def test_a_small_mask_between_patches_is_one_object():
     """The case that founded an object in every frame."""
     image = np.random.default_rng(0).integers(0, 255, (HEIGHT_PX, WIDTH_PX, 3), np.uint8)
@@ -139,5 +142,5 @@ def test_a_small_mask_between_patches_is_one_object():
     mask[0, 30:60, 50:90] = True
     assert set(watch("remind", image, mask, ["thing"]).ravel()) == {0}
     seen = Detections.create(mask, ["thing"])
-    published = Tracker({"base": "published", **ROOM})
+    published = Tracker("published")
     assert [int(published.update(image, seen).object_id[0]) for _ in range(3)] == [0, 1, 2]
