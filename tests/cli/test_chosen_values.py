@@ -94,7 +94,8 @@ def test_a_sweep_tries_what_a_run_runs_with(command, scene, tmp_path, monkeypatc
 @pytest.mark.parametrize(
     ("config", "key", "values"),
     [
-        ("default", "linking.least", ("-2.0", "50.0")),
+        ("bank", "match", ("0.5", "0.999")),
+        pytest.param("default", "linking.least", ("-2.0", "50.0"), marks=pytest.mark.heavy),
         pytest.param("remind", "matching.match", ("0.75", "1.0"), marks=pytest.mark.slow),
     ],
 )

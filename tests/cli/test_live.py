@@ -80,7 +80,7 @@ def test_a_signal_ends_a_run_that_waits_for_its_source(
 def test_a_signal_before_the_first_frame(command, live, monkeypatch):
     def wait(self, until=None):
         threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM)).start()
-        for _ in range(600):  # the run hears the signal between two of these
+        for _ in range(20):  # the run hears the signal between two of these
             time.sleep(0.1)
 
     monkeypatch.setattr(Feed, "take", wait)
@@ -130,6 +130,6 @@ def test_a_display_is_found_by_the_environment(monkeypatch):
 
 
 def test_what_follows_live_is_an_address(command):
-    outcome = command("run", "--live", "0", static=())
+    outcome = command("run", "--live", "0", "--no-overlay")
     assert outcome.code == 2
     assert "SOURCE" in outcome.stderr

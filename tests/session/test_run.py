@@ -143,7 +143,7 @@ def test_live_tracker_decides_the_same(whole):
 def test_going_on_from_a_memory_file_is_going_on(whole, tmp_path):
     first = rj.run(PICTURES[:3], config=CONFIG, out=tmp_path / "first", overlay=False)
     rest = rj.run(PICTURES[3:], memory=tmp_path / "first" / MEMORY_NAME)
-    assert rest.info.config["static"] == first.info.config["static"]
+    assert rest.info.config["static"] == {**first.info.config["static"], "feature_dim": 177}
     for ours, theirs in zip((*first.tracks, *rest.tracks), whole.tracks, strict=True):
         np.testing.assert_array_equal(ours.object_id, theirs.object_id)
         np.testing.assert_array_equal(ours.outcome, theirs.outcome)
