@@ -94,12 +94,13 @@ def test_a_sweep_tries_what_a_run_runs_with(command, scene, tmp_path, monkeypatc
 @pytest.mark.parametrize(
     ("config", "key", "values"),
     [
-        ("bank", "match", ("0.5", "0.999")),
+        ("iou.yaml", "min_iou", ("0.1", "0.99")),
         pytest.param("default", "linking.least", ("-2.0", "50.0"), marks=pytest.mark.heavy),
         pytest.param("remind", "matching.match", ("0.75", "1.0"), marks=pytest.mark.slow),
     ],
 )
 def test_a_row_is_the_run_with_these_values(command, visits, tmp_path, config, key, values):
+    (tmp_path / "iou.yaml").write_text("tracker: iou\n")
     words = (visits[0], "--masks", visits[1], "--config", config)
     sweep = ("sweep", *words, "--set", f"{key}={','.join(values)}", "-o", "swept", "--quiet")
     assert command(*sweep).code == 0
