@@ -132,10 +132,10 @@ undecided = replace(
 Markdown(undecided.to_markdown())
 
 # %% [markdown]
-# The same tables can be saved for a paper or as a page:
+# The same tables can be saved for a paper:
 
 # %%
-for ending in ("tex", "csv", "html"):
+for ending in ("tex", "csv", "md"):
     table.save(work / f"comparison.{ending}")
 print((work / "comparison.tex").read_text()[:420], "...")
 

@@ -1,19 +1,8 @@
 """Instance masks from ONNX segmentation exports or any callable."""
 
-from remind_jax.detectors.detector import (
-    CallableDetector,
-    Detector,
-    DropCounts,
-    OnnxDetector,
-    as_detector,
-)
-from remind_jax.detectors.options import DetectorOptions
-
-__all__ = [
-    "CallableDetector",
-    "Detector",
-    "DetectorOptions",
-    "DropCounts",
-    "OnnxDetector",
-    "as_detector",
-]
+from remind_jax.detectors.detector import CallableDetector as CallableDetector
+from remind_jax.detectors.detector import Detector as Detector
+from remind_jax.detectors.detector import DropCounts as DropCounts
+from remind_jax.detectors.detector import OnnxDetector as OnnxDetector
+from remind_jax.detectors.detector import as_detector as as_detector
+from remind_jax.detectors.options import DetectorOptions as DetectorOptions

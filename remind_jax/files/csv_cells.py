@@ -1,4 +1,4 @@
-"""Rows of CSV files, in which no spreadsheet takes text for a formula: an apostrophe is before it."""
+"""Rows of CSV files, in which no spreadsheet takes text for a formula."""
 
 from __future__ import annotations
 

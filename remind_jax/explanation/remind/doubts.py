@@ -75,34 +75,6 @@ def _explain_closeness(case: Case, reason: Reason, options: list[tuple[int, floa
     return f"common evidence does not part them: {names}, {near}"
 
 
-def explain_firmness(case: Case) -> Iterator[str]:
-    """Why a match with rivals was not left open (method.md#ambiguity)."""
-    own, t = case.stage("guarded_id"), case.thresholds.ambiguous
-    was_open = any(case.passes("undecided", turn) for turn in range(case.num_passes))
-    rivals = [i for i in case.candidate_ids() if i != own and case.candidate(i, "plausible")]
-    if case.outcome != Outcome.MATCH or was_open or not rivals or not t.enabled:
-        return
-    common = {i: case.candidate(i, "comparable_score") for i in (own, *rivals)}
-    best, second, *_ = sorted(common, key=lambda i: common[i], reverse=True)
-    near = [
-        i
-        for i in common
-        if common[i] >= t.min_candidate
-        and _is_close(common[best], common[i], t.gap, t.relative_gap, t.gap_slack)
-    ]
-    limits = f"{threshold(t.gap)} or {percent(t.relative_gap)}"
-    if len(near) < 2 and common[best] >= t.min_top:
-        behind = number(common[best] - common[second])
-        yield (
-            f"on common evidence {case.name(second)} is {behind} behind {case.name(best)}, more "
-            f"than {limits}: nothing is left open"
-        )
-    elif all(case.holder(i) is not None for i in near if i != own):
-        yield "other detections hold all that comes close to it, so nothing is left open"
-    else:
-        yield f"the rivals that are free do not come close enough ({limits}) to leave it open"
-
-
 def _is_close(top: float, other: float, gap: float, relative: float, slack: float) -> bool:
     lack = abs(top - other)
     return lack <= gap + slack or lack / max(abs(top), abs(other), 1e-12) <= relative + slack
@@ -186,7 +158,6 @@ def explain_layout(case: Case, turn: int) -> Iterator[str]:
         yield f"{group} allow no joint assignment"
     else:
         yield _explain_solution(case, turn, status, group)
-        yield from _explain_anchors(case, turn)
 
 
 def _explain_solution(case: Case, turn: int, status: GroupStatus, group: str) -> str:
@@ -214,29 +185,6 @@ def _explain_solution(case: Case, turn: int, status: GroupStatus, group: str) ->
     return f"{favors} for this one, but not clearly: {why}"
 
 
-def _explain_anchors(case: Case, turn: int) -> Iterator[str]:
-    """How far the anchors are from the members of the group, and used to be from the objects."""
-    passes, root = case.record.detections.passes, case.passes("root", turn)
-    members = np.flatnonzero(passes.root[:, turn] == root)
-    others = [int(row) for row in members if row != case.row]
-    remembered, episodes = case.passes("remembered", turn), case.passes("num_remembered", turn)
-    options = case.passes("option_id", turn)
-    for place, anchor in enumerate(case.passes("anchor_id", turn)):
-        usual = [
-            f"{number(remembered[k, place])} from {case.name(int(i))}"
-            for k, i in enumerate(options)
-            if i != NO_ID and episodes[k, place] > 0
-        ]
-        if anchor == NO_ID or not usual:
-            continue
-        now = [
-            f"{number(float(passes.distance[row, turn, place]))} from detection {row}"
-            for row in others
-        ]
-        here = f"{number(float(passes.distance[case.row, turn, place]))} object sizes from here"
-        yield f"{case.name(int(anchor))} is {listing([here, *now])}; it used to be {listing(usual)}"
-
-
 def explain_birth(case: Case) -> Iterator[str]:
     """Why a detection without an object is new, or only provisionally so (16)."""
     if case.outcome == Outcome.NEW and case.trace("num_candidates"):
@@ -252,7 +200,10 @@ def _explain_new(case: Case) -> str:
     if not t.enabled:
         return "births are not questioned (provisional tracks are switched off)"
     if not case.trace("num_backed"):
-        return f"no known object is supported: context backs none, and {_explain_miss(case)}"
+        return (
+            "no known object is supported: context backs none, and no look misses the threshold "
+            f"{threshold(case.thresholds.matching.match)} by little enough"
+        )
     backed, score = case.trace("backed_id"), case.trace("backed_score")
     if score < t.min_top:
         return (
@@ -263,29 +214,6 @@ def _explain_new(case: Case) -> str:
         f"context backs {case.name(backed)} ({number(score)}), but it is neither the best on "
         "common evidence nor close enough to others to leave it open"
     )
-
-
-def _explain_miss(case: Case) -> str:
-    """Why the best look is no near miss of the match threshold (method.md#near-miss)."""
-    t, match = case.thresholds.provisional, case.thresholds.matching.match
-    looks = [
-        case.candidate(i, "visual_score")
-        for i in case.candidate_ids()
-        if case.candidate(i, "plausible")
-    ]
-    top, second = ([*looks, 0.0, 0.0])[:2]
-    lack = match - top
-    if not t.visual_fallback:
-        return "near misses do not count"
-    if lack < 0:
-        return f"its best look ({number(top)}) is no near miss of the threshold {threshold(match)}"
-    if lack > t.visual_margin:
-        return f"its best look misses the threshold by {compare(lack, '>', t.visual_margin)}"
-    if top < t.visual_min_score:
-        return f"its best look is {compare(top, '<', t.visual_min_score)}"
-    if top - second < t.visual_min_gap:
-        return f"its best look leads by only {compare(top - second, '<', t.visual_min_gap)}"
-    return "its best look is not alone"
 
 
 def _explain_provisional(case: Case) -> str:

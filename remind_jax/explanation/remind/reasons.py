@@ -11,7 +11,6 @@ from remind_jax.explanation.remind.case import Case
 from remind_jax.explanation.remind.doubts import (
     explain_birth,
     explain_doubt,
-    explain_firmness,
     explain_layout,
 )
 from remind_jax.printing.words import change, compare, listing, number, plural, sentence, threshold
@@ -42,7 +41,6 @@ def give_reasons(case: Case, since: tuple[int, int] | None = None) -> tuple[str,
         if turn < case.num_passes:
             sentences += explain_layout(case, turn)
         before = reason
-    sentences += explain_firmness(case)
     sentences += explain_birth(case)
     sentences += _explain_double(case)
     return tuple(
@@ -250,7 +248,7 @@ def _explain_unassigned(case: Case) -> str:
         if holder is not None:
             return (
                 f"the {case.assignment} assignment gives {case.name(i)} to detection {holder} and "
-                f"leaves this one without an object{_explain_trade(case, i, holder)}"
+                f"leaves this one without an object"
             )
     for i in opened:
         final = case.candidate(i, "final_score")
@@ -262,29 +260,6 @@ def _explain_unassigned(case: Case) -> str:
             )
     best = case.candidate_ids()[0]
     return f"no candidate is open for assignment: {case.name(best)} {_explain_closed(case, best)}"
-
-
-def _explain_trade(case: Case, object_id: int, holder: int) -> str:
-    """The two sums behind a lost object, where no third detection was involved.
-
-    Rule: method.md#dummy-columns.
-    """
-    mine, theirs = (
-        case.candidate(object_id, "assignment_score", row) for row in (case.row, holder)
-    )
-    if mine is None or theirs is None:
-        return ""
-    if case.assignment == "greedy":
-        return f", as the better score goes first: {number(theirs)} there, {number(mine)} here"
-    dummies = case.record.detections.dummy
-    so, else_ = theirs + float(dummies[case.row]), mine + float(dummies[holder])
-    if so < else_:
-        return ", for the highest sum of all"
-    return (
-        f", for the highest sum: {number(theirs)} there and {number(float(dummies[case.row]))} "
-        f"for none here, against {number(mine)} here and {number(float(dummies[holder]))} for none "
-        "there"
-    )
 
 
 def _explain_closed(case: Case, object_id: int) -> str:
