@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal
+from typing import Annotated, Literal
+
+from msgspec import Meta
 
 from remind_jax.errors import ConfigError, nearest_names
+from remind_jax.files.records import Label
+
+_Size = Annotated[int, Meta(ge=1, le=1 << 18)]
+_Count = Annotated[int, Meta(ge=0, le=10_000)]
 
 Family = Literal["dinov3", "dinov2", "dino"]
 Mlp = Literal["gelu", "swiglu"]
@@ -22,22 +28,22 @@ ROTARY_BASE = 100.0
 
 @dataclasses.dataclass(frozen=True)
 class Variant:
-    """All that is fixed about one transformer besides its weights."""
+    """All that is fixed about one transformer besides its weights; also in headers of files."""
 
-    name: str
+    name: Label
     family: Family
-    width: int  # D, features per token
-    depth: int  # L, blocks
-    heads: int
-    patch_px: int
-    hidden: int  # width inside the MLP; of each of the two halves with SwiGLU
+    width: _Size  # D, features per token
+    depth: Annotated[int, Meta(ge=1, le=1_000)]  # L, blocks
+    heads: _Size
+    patch_px: Annotated[int, Meta(ge=1, le=1_024)]
+    hidden: _Size  # width inside the MLP; of each of the two halves with SwiGLU
     mlp: Mlp = "gelu"
-    registers: int = 0
+    registers: _Count = 0
     qkv_bias: QkvBias = "all"
     position: Position = "rotary"
-    table_side: int = 0  # M, the position table has M x M patches; 0: no table
+    table_side: _Count = 0  # M, the position table has M x M patches; 0: no table
     layer_scale: bool = True
-    norm_eps: float = 1e-6
+    norm_eps: Annotated[float, Meta(gt=0.0, le=1.0)] = 1e-6
     cls_norm: bool = False  # cls and registers have a final norm of their own
 
     @property

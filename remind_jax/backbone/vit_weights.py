@@ -10,28 +10,16 @@ import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import ml_dtypes
-import msgspec
 import numpy as np
-from msgspec import Meta
 from safetensors import SafetensorError, safe_open
 
-from remind_jax.backbone.vit_variants import (
-    CUSTOM,
-    TERMS,
-    VARIANTS,
-    Family,
-    Mlp,
-    Position,
-    QkvBias,
-    Variant,
-    name_of,
-)
+from remind_jax.backbone.vit_variants import CUSTOM, TERMS, VARIANTS, Variant, name_of
 from remind_jax.errors import RemindError, WeightsError, first_line
 from remind_jax.files import say_no_file, user_cache_folder
-from remind_jax.files.records import Label, decode_json
+from remind_jax.files.records import decode_json
 from remind_jax.files.tensors import read_safetensors_header
 
 FORMAT = "remind-jax vision transformer"
@@ -52,29 +40,6 @@ class Weights:
     variant: Variant
     params: dict[str, Any]  # tree of arrays for `vit.VisionTransformer`, host memory
     sha256: str  # of the tensor bytes; names the weights wherever features are kept
-
-
-_Size = Annotated[int, Meta(ge=1, le=1 << 18)]
-
-
-class _VariantRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A `Variant` in a header; every field is there."""
-
-    name: Label
-    family: Family
-    width: _Size
-    depth: Annotated[int, Meta(ge=1, le=1_000)]
-    heads: _Size
-    patch_px: Annotated[int, Meta(ge=1, le=1_024)]
-    hidden: _Size
-    mlp: Mlp
-    registers: Annotated[int, Meta(ge=0, le=10_000)]
-    qkv_bias: QkvBias
-    position: Position
-    table_side: Annotated[int, Meta(ge=0, le=10_000)]
-    layer_scale: bool
-    norm_eps: Annotated[float, Meta(gt=0.0, le=1.0)]
-    cls_norm: bool
 
 
 def leaf_shapes(variant: Variant) -> dict[str, tuple[int, ...]]:
@@ -234,8 +199,7 @@ def _parse_variant(text: str) -> Variant:
     Raises:
       RemindError: If it is none, or its numbers contradict each other.
     """
-    record = decode_json(text.encode(), _VariantRecord, "`architecture`", refused=WeightsError)
-    variant = Variant(**msgspec.structs.asdict(record))
+    variant = decode_json(text.encode(), Variant, "`architecture`", refused=WeightsError)
     variant.check()
     return variant
 

@@ -7,8 +7,6 @@ import json
 from pathlib import Path
 from typing import Literal
 
-import msgspec
-
 from remind_jax.errors import RemindError
 from remind_jax.files import make_folder, replace_file
 from remind_jax.files.records import Count, Label, Text, read_json
@@ -21,34 +19,18 @@ Status = Literal["done", "failed"]
 class Record:
     """How one contender fared on one scene."""
 
-    contender: str
-    scene: str
-    regime: str
-    fingerprint: str  # of all that decides about the result: configuration, features, input
-    status: Status
-    error: str = ""  # why it failed
-    num_kills: int = 0  # processes that ended during this run
-    num_frames: int = 0
-    # Milliseconds per frame, mean and 95th percentile, as columns of the tables name them. `step`:
-    # the tracker alone; `frame`: detector, features, masks and step; `compiling`: with the frames
-    # that compiled, which the others leave out.
-    times_ms: dict[str, float] = dataclasses.field(default_factory=dict)
-    peak_rss_mib: float | None = None
-    device_mib: float | None = None
-
-
-class _StoredRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A `Record` in a file."""
-
     contender: Text
     scene: Text
     regime: Text
-    fingerprint: Text
+    fingerprint: Text  # of all that decides about the result: configuration, features, input
     status: Status
-    error: str = ""
-    num_kills: Count = 0
+    error: str = ""  # why it failed
+    num_kills: Count = 0  # processes that ended during this run
     num_frames: Count = 0
-    times_ms: dict[Label, float] = {}
+    # Milliseconds per frame, mean and 95th percentile, as columns of the tables name them. `step`:
+    # the tracker alone; `frame`: detector, features, masks and step; `compiling`: with the frames
+    # that compiled, which the others leave out.
+    times_ms: dict[Label, float] = dataclasses.field(default_factory=dict)
     peak_rss_mib: float | None = None
     device_mib: float | None = None
 
@@ -68,6 +50,6 @@ def write_record(folder: Path, record: Record) -> None:
 def read_record(folder: Path) -> Record | None:
     """Reads a record; None if there is none, or none of this version."""
     try:
-        return Record(**msgspec.structs.asdict(read_json(folder / RECORD_NAME, _StoredRecord)))
+        return read_json(folder / RECORD_NAME, Record)
     except RemindError:
         return None

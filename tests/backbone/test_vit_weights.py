@@ -95,7 +95,6 @@ def describe(**values):
         (describe(heads="two"), "header of .* is damaged"),
         (describe(heads=3), "header of .* is damaged"),
         (describe(family="clip"), "header of .* is damaged"),
-        (describe(surprise=1), "header of .* is damaged"),
         (describe(depth=1 << 20), "header of .* is damaged.*depth"),
         (describe(norm_eps=float("nan")), "header of .* is damaged"),
         (describe(width=2.0), "header of .* is damaged.*width"),
