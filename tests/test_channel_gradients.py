@@ -12,6 +12,7 @@ from remind_jax.outputs.result import Result
 from remind_jax.outputs.run_records import RunInfo
 
 THRESHOLDS = Config().thresholds
+_loss = jax.jit(surrogate_loss)
 
 
 def made_up(number=400, telling=1, seed=0):
@@ -42,11 +43,10 @@ def test_the_channel_that_tells_gets_the_weight(telling):
 def test_slope_is_that_of_the_loss():
     candidates = made_up(50)
     weights, match = jnp.array([0.5, 0.3, 0.2]), jnp.float32(0.7)
-    slope = jax.grad(lambda w: surrogate_loss(candidates, w, match, 0.05))(weights)
+    slope = jax.jit(jax.grad(lambda w: surrogate_loss(candidates, w, match, 0.05)))(weights)
     for term in range(3):
         ends = [
-            surrogate_loss(candidates, weights.at[term].add(step), match, 0.05)
-            for step in (-1e-2, 1e-2)
+            _loss(candidates, weights.at[term].add(step), match, 0.05) for step in (-1e-2, 1e-2)
         ]
         # central differences in single precision
         step = float(ends[1] - ends[0]) / 2e-2
@@ -65,9 +65,7 @@ def test_a_weight_of_zero_stays_there_and_a_missing_term_does_not_count():
         without.value.at[..., 2].set(0.123), without.factor, without.shown, without.right
     )
     weights, match = jnp.array([0.5, 0.3, 0.2]), jnp.float32(0.7)
-    assert surrogate_loss(without, weights, match, 0.05) == surrogate_loss(
-        changed, weights, match, 0.05
-    )
+    assert _loss(without, weights, match, 0.05) == _loss(changed, weights, match, 0.05)
     zero = Config().updated({"thresholds": {"similarity": {"parts_weight": 0.0}}}).thresholds
     assert "similarity.parts_weight" not in fit_weights(candidates, zero, num_steps=5).setting
 

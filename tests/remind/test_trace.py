@@ -12,6 +12,7 @@ from remind_jax.numerics.absent import NO_ID
 from remind_jax.remind.state import init
 from tests import tiny_world as world
 
+pytestmark = pytest.mark.heavy
 NUM_FRAMES = 24
 
 

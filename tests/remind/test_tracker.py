@@ -17,6 +17,7 @@ import pytest
 from remind_jax.compiled.frame_step import settle_types
 from remind_jax.decision import Decisions, Outcome, Reason
 from remind_jax.numerics.absent import NO_ID
+from remind_jax.remind.memory.pending import Kind
 from remind_jax.remind.method import METHOD
 from remind_jax.remind.stages import Stages
 from remind_jax.remind.state import TrackerState, init
@@ -130,11 +131,13 @@ def sweep(frames, states) -> TrackerState:
     )
 
 
+@pytest.mark.heavy
 def test_capacities_scan_and_vmap_change_nothing(states, sweep):
     for t, state in enumerate(states[:NUM_SWEPT]):
         assert_same_state(METHOD.enlarge(state, LARGER), row(sweep, 0, t))
 
 
+@pytest.mark.heavy
 def test_scenes_and_thresholds_of_a_sweep_are_those_of_a_loop(sweep):
     loop = world.run(OTHER_FRAMES, thresholds=OTHER_THRESHOLDS)
     for t, state in enumerate(loop):
@@ -276,6 +279,7 @@ def test_an_unused_slot_among_used_ones_is_empty(states):
     assert after.decisions.object_id[3] == NO_ID
 
 
+@pytest.mark.heavy
 def test_overflow_is_flagged_and_changes_nothing_else(states, sweep):
     """Strangers fill the memory; grown, it takes the same frame."""
     before = states[-1]
@@ -293,6 +297,50 @@ def test_overflow_is_flagged_and_changes_nothing_else(states, sweep):
     # Seen again, the strangers are known.
     last = world.decided(row(sweep, 2, NUM_SWEPT - 1))
     assert (last["outcome"] != Outcome.NEW).all()
+
+
+MANY = 100  # more than any id or class of the world
+
+
+def fill_pending(state: TrackerState) -> TrackerState:
+    """Strangers of another class in all free slots of undecided tracks."""
+    tracks = state.pending
+    free = tracks.kind == Kind.FREE
+    numbers = MANY + np.arange(len(free), dtype=np.int32)
+    filled = tracks.replaced(
+        kind=np.where(free, np.int32(Kind.AMBIGUOUS), tracks.kind),
+        id=np.where(free, numbers, tracks.id),
+        class_id=np.where(free, np.int32(MANY), tracks.class_id),
+    )
+    return dataclasses.replace(state, pending=filled)
+
+
+def count_tracks(state: TrackerState) -> int:
+    return int((np.asarray(state.pending.kind) != Kind.FREE).sum())
+
+
+def test_undecided_tracks_alone_overflow_and_change_nothing_else(frames, states):
+    opens = [
+        at
+        for at in range(1, len(frames))
+        if count_tracks(states[at]) > count_tracks(states[at - 1])
+        and (states[at].decisions.outcome != Outcome.NEW).all()
+    ]
+    assert opens
+    at = opens[-1]
+    before = fill_pending(states[at - 1])
+    (after,) = world.run([frames[at]], state=before)
+    added = count_tracks(states[at]) - count_tracks(states[at - 1])
+    assert after.overflow.pending == world.STATIC.num_pending + added
+    assert after.overflow.objects == 0
+    assert_same(dataclasses.replace(after, overflow=before.overflow), before, close=0)
+
+    # With room for them the tracks move as a whole, and the strangers with them.
+    grown = METHOD.enlarge(
+        before, change_static(world.STATIC, num_pending=2 * len(before.pending.id))
+    )
+    assert count_tracks(grown) == world.STATIC.num_pending
+    np.testing.assert_array_equal(grown.pending.id[: world.STATIC.num_pending], before.pending.id)
 
 
 @pytest.mark.slow

@@ -102,6 +102,7 @@ def test_rows_are_the_scores_of_single_runs_whatever_the_capacities(scenes, alon
     assert len({row.scores["IDF1"] for rows in result.rows for row in rows}) > len(SETTINGS)
 
 
+@pytest.mark.heavy
 def test_a_baseline_is_swept_as_it_runs(scenes):
     settings = [{"min_iou": value} for value in (0.1, 0.9)]
     found = sweep(scenes[:1], settings, config={"tracker": "iou"})

@@ -42,6 +42,7 @@ def firm_ids(outcome, object_id):
     return np.stack([outcome, np.where(np.isin(outcome, FIRM), object_id, -1)])
 
 
+@pytest.mark.heavy
 def test_answers_equal_single_runs():
     scene = load_scene(open_source(SCENES[0]), CONFIG, get_backbone("patch-statistics"))
     frames = list(zip(scene.feats, (pad_masks(m, world.BOXES) for m in scene.masks), strict=True))
@@ -88,6 +89,7 @@ def test_batches_and_their_order_change_nothing(swept):
     np.testing.assert_array_equal(again.table()[::-1], swept.table())
 
 
+@pytest.mark.heavy
 def test_nothing_is_done_twice(tmp_path, monkeypatch):
     first = sweep(SCENES[:1], SETTINGS[:3], config=CONFIG, batch=4, out=tmp_path)
     calls = []
@@ -138,6 +140,7 @@ def test_rows_in_a_pipe_are_not_waited_for(tmp_path):
         Records(tmp_path)
 
 
+@pytest.mark.heavy
 def test_interruption_keeps_what_is_done(tmp_path):
     def stop(progress):
         raise KeyboardInterrupt

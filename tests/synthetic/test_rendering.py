@@ -110,6 +110,7 @@ def test_looks_decide_appearance_of_lookalikes():
     assert vases[0].look != vases[1].look
 
 
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     "changes",
     [

@@ -210,6 +210,34 @@ def test_objects_without_episodes_make_sets_of_score_zero():
     assert_silent(found.influence)
 
 
+def test_sets_below_the_least_score_are_left_out():
+    assert np.sum(read_on(example()).hypotheses.score > 0) == 4
+    assert np.sum(read_on(example(), sets={"min_set_score": 0.409}).hypotheses.valid) == 2
+
+
+def test_fewer_slots_than_detections_of_a_class():
+    """Detections beyond the slots still say that the class has more of them than objects."""
+    stored, scene = np.arange(SLOTS) < 2, example()
+    scene = dataclasses.replace(
+        scene,
+        count=np.where(stored[:, None] & stored, scene.count, 0),
+        episodes=np.where(stored, scene.episodes, 0),
+        anchors=scene.anchors & stored,
+        object_class=np.where(stored, 0, -1).astype(np.int32),
+        det_class=np.where(np.arange(NUM) < 3, 0, -1).astype(np.int32),
+    )
+    few = {
+        name: getattr(scene, name)[:2]
+        for name in ("count", "edge_time", "edge_order", "episodes", "object_class", "anchors")
+    }
+    few |= {name: few[name][:, :2] for name in ("count", "edge_time", "edge_order")}
+    tight = read_on(dataclasses.replace(scene, **few, score=scene.score[:, :2])).hypotheses
+    roomy = read_on(scene).hypotheses
+    assert roomy.valid.sum() > 1
+    for name in ("valid", "score", "size", "detections"):
+        np.testing.assert_array_equal(getattr(tight, name), getattr(roomy, name), name)
+
+
 def test_switched_off_nothing_is_said():
     scene = list_scenes()[0]
     found = read_on(scene, influence={"enabled": False})

@@ -3,39 +3,35 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.remind.disambiguation.anchors import (
-    Group,
-    Voters,
-    choose_anchors,
-    find_voters,
-    rate_anchors,
-)
+from remind_jax.remind.disambiguation import anchors as rules
+from remind_jax.remind.disambiguation.anchors import Group, Voters
 from remind_jax.remind.disambiguation.distance_evidence import KnownDistances, PairOrders
 from tests.statics import make_static
 
 from .scenes import known_pairs, relations_of, thresholds
 
 pytestmark = pytest.mark.usefixtures("x64")
+rate_anchors = jax.jit(rules.rate_anchors)
+choose_anchors = jax.jit(rules.choose_anchors, static_argnums=3)
+find_voters = jax.jit(rules.find_voters, static_argnums=6)
 
 
 def pair_group(slots=(0, 1)):
     """Detections 0 and 1, each of which may be either object."""
     return Group(
-        detection=jnp.array([0, 1]),
-        is_detection=jnp.array([True, True]),
-        candidate=jnp.array(slots),
-        is_candidate=jnp.array([True, True]),
-        slot=jnp.array(slots),
-        stored=jnp.array([True, True]),
-        allowed=jnp.ones((2, 2), bool),
-    )
+        detection=np.array([0, 1]),
+        is_detection=np.array([True, True]),
+        candidate=np.array(slots),
+        is_candidate=np.array([True, True]),
+        slot=np.array(slots),
+        stored=np.array([True, True]),
+        allowed=np.ones((2, 2), bool),
+    )  # pyright: ignore[reportArgumentType]
 
 
 def voters(slots, factor=1.0):
     num = len(slots)
-    return Voters(
-        jnp.ones(num, bool), jnp.array(slots), jnp.arange(num), jnp.full(num, factor, jnp.float64)
-    )
+    return Voters(np.ones(num, bool), np.array(slots), np.arange(num), np.full(num, factor))  # pyright: ignore[reportArgumentType]
 
 
 def test_usefulness_of_the_lamp_of_the_page():

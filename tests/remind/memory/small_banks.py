@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from remind_jax.remind.memory.prototypes import Bank, Edit, change, empty_bank, entry, new_entry
 
@@ -13,9 +14,10 @@ YES, NO = jnp.bool_(True), jnp.bool_(False)
 
 
 def unit(degrees):
-    return jnp.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], jnp.float32)
+    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], np.float32)
 
 
+@jax.jit
 def append(bank, value, when=True):
     return change(bank, edit_of(bank), value, jnp.bool_(when))
 
@@ -41,21 +43,27 @@ def with_records(bank: Bank, **columns) -> Bank:
     }  # fmt: skip
     for name, column in columns.items():
         leaf, place = places[name]
-        old = jnp.asarray(leaves[leaf])
-        leaves[leaf] = old.at[..., place].set(jnp.asarray(column, old.dtype))
+        if isinstance(column, jax.Array) or isinstance(leaves[leaf], Tracer):
+            leaves[leaf] = jnp.asarray(leaves[leaf]).at[..., place].set(column)
+            continue
+        leaves[leaf] = np.array(leaves[leaf])
+        leaves[leaf][..., place] = column
     return dataclasses.replace(bank, **leaves)
 
 
 def bank_of(*vectors, last_seen=None, slots=4):
     """A bank with prototypes of one hit and quality 0.5."""
-    vectors = [jnp.asarray(v, jnp.float32) for v in vectors]
+    vectors = [np.asarray(v, np.float32) for v in vectors]
     dim = vectors[0].shape[0] if vectors else 2
-    bank = jax.device_put(empty_bank((), slots, dim, jnp.dtype("float32")))
+    bank = empty_bank((), slots, dim, jnp.dtype("float32"))
     for index, vector in enumerate(vectors):
         now = jnp.int32(index if last_seen is None else last_seen[index])
-        bank = append(bank, new_entry(vector, jnp.float32(0.5), now))
-    return bank
+        bank = append(bank, _entry(vector, np.float32(0.5), now))
+    return jax.tree.map(jnp.asarray, bank)
+
+
+_entry = jax.jit(new_entry)
 
 
 def vectors_of(bank):
-    return np.asarray(bank.embedding[: int(bank.size)])
+    return np.asarray(bank.embedding)[: int(bank.size)]

@@ -26,7 +26,7 @@ def test_only_full_banks_that_take_something_make_room():
         cap=1,
         promote_hits=5,
     )
-    shown = observe_whole(
+    shown = jax.jit(observe_whole)(
         banks,
         jnp.broadcast_to(unit(90), (1, 4, 2)),
         jnp.array([[True, True, True, False]]),

@@ -1,11 +1,14 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from remind_jax.remind.memory.bank_room import make_room, merge_entries, weakest
-from remind_jax.remind.memory.prototypes import change, closest_pair, new_entry
+from remind_jax.remind.memory import bank_room, prototypes
 from tests.remind.memory.small_banks import NO, NOW, YES, bank_of, unit, vectors_of, with_records
 
+make_room, merge_entries = jax.jit(bank_room.make_room), jax.jit(bank_room.merge_entries)
+weakest, closest_pair = jax.jit(bank_room.weakest), jax.jit(prototypes.closest_pair)
+change, new_entry = jax.jit(prototypes.change), jax.jit(prototypes.new_entry)
 # method.md#bank-room.
 CROWDED = ([1, 0, 0], [0.9, 0.43589, 0], [0, 0, 1])
 

@@ -1,22 +1,22 @@
 import dataclasses
 
 import chex
+import jax
 import jax.numpy as jnp
 import pytest
 
-from remind_jax.remind.memory.objects import (
-    Lifecycle,
-    create_objects,
-    mark_missed,
-    mark_seen,
-)
-from remind_jax.remind.state import init, remove_objects
+from remind_jax.remind import state as memory
+from remind_jax.remind.memory import objects as rows
+from remind_jax.remind.memory.objects import Lifecycle
+from remind_jax.remind.state import init
 from remind_jax.remind.thresholds import Thresholds
 from remind_jax.remind.thresholds.memory import Lifecycle as Rules
 from tests.remind.memory.small_banks import with_records
 from tests.statics import make_static
 
 STATIC = make_static(num_objects=4, num_detections=3, num_pending=2, feature_dim=2)
+create_objects, mark_seen = jax.jit(rows.create_objects), jax.jit(rows.mark_seen)
+mark_missed, remove_objects = jax.jit(rows.mark_missed), jax.jit(memory.remove_objects)
 
 
 def rules(**changes):
@@ -148,12 +148,12 @@ def test_no_limit_is_zero():
 def test_removal_closes_gaps_and_takes_the_banks_along():
     state = init(STATIC)
     objects, _ = born(5, 6, 7)
-    rows = jnp.arange(state.wholes.size.shape[2])
+    row = jnp.arange(state.wholes.size.shape[2])
 
     def number(banks):
         """Every row of every bank holds one prototype that says its row."""
-        size = jnp.broadcast_to(jnp.int32(rows < 3), banks.size.shape)
-        return with_records(dataclasses.replace(banks, size=size), hits=rows[:, None])
+        size = jnp.broadcast_to(jnp.int32(row < 3), banks.size.shape)
+        return with_records(dataclasses.replace(banks, size=size), hits=row[:, None])
 
     state = dataclasses.replace(
         state,

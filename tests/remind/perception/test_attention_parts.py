@@ -66,6 +66,7 @@ def reached(monkeypatch):
     return taken
 
 
+@pytest.mark.heavy
 def test_the_step_gets_the_attention_between_object_patches(backbone, frame, reached):
     eyes, asked = backbone
     image, masks = frame
