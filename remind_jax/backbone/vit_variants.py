@@ -145,11 +145,7 @@ VARIANTS: dict[str, Variant] = {variant.name: variant for variant in _TABLE}
 
 
 def get_variant(name: str) -> Variant:
-    """The variant called `name`.
-
-    Raises:
-      ConfigError: If there is none of this name.
-    """
+    """The variant called `name`. Raises ConfigError if there is none of this name."""
     if name not in VARIANTS:
         raise ConfigError(
             f"there is no vision transformer '{name}'; {nearest_names(name, VARIANTS)}"

@@ -56,11 +56,7 @@ class OnnxModel:
         self.signature = Signature(path, inputs, outputs, metadata)
 
     def __call__(self, tensor: Float[np.ndarray, "1 3 H W"]) -> dict[str, np.ndarray]:
-        """Runs the model once.
-
-        Raises:
-          WeightsError: If the model fails on an input of this shape.
-        """
+        """Runs the model once. Raises WeightsError if the model fails on an input of this shape."""
         spec = self.signature.inputs[0]
         names = [output.name for output in self.signature.outputs]
         dtype = np.float16 if spec.dtype == "float16" else np.float32

@@ -91,11 +91,7 @@ class TraceArchive(Generic[Record]):
         return other
 
     def take_in(self, path: Path) -> None:
-        """Adds the frames of a file.
-
-        Raises:
-          OutputError: If it is damaged, or of another method.
-        """
+        """Adds the frames of a file. Raises OutputError if it is damaged, or of another method."""
         self._read()
         other = type(self)(self._tracker, self._kind, path)
         self._labels = {**other.labels, **self._labels}

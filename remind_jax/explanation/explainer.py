@@ -96,11 +96,7 @@ def open_archive(run_dir: Path, tracker: str) -> TraceArchive | None:
 
 
 def find_frame(tracks: Sequence[Tracks], frame: int) -> Tracks:
-    """The frame of that number.
-
-    Raises:
-      OutputError: If the run has no such frame.
-    """
+    """The frame of that number. Raises OutputError if the run has no such frame."""
     for candidate in tracks:
         if candidate.frame_index == frame:
             return candidate

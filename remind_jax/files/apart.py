@@ -60,11 +60,7 @@ def _paths(values: Iterable[Any]) -> list[Path]:
 
 
 def _resolve(path: Path) -> Path:
-    """Where a path leads to, links followed.
-
-    Raises:
-      OutputError: If it leads nowhere.
-    """
+    """Where a path leads to, links followed. Raises OutputError if it leads nowhere."""
     try:
         return path.expanduser().resolve()
     except (OSError, RuntimeError, ValueError) as error:

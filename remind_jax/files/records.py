@@ -48,11 +48,7 @@ class Row(Generic[Record]):
     error: RemindError | None = None
 
     def get(self) -> Record:
-        """The record.
-
-        Raises:
-          RemindError: If it is none.
-        """
+        """The record. Raises RemindError if it is none."""
         if self.error is not None:
             raise self.error
         return self.record  # pyright: ignore[reportReturnType]

@@ -99,11 +99,7 @@ class LivePage(contextlib.AbstractContextManager):
 
 
 def parse_where(where: bool | str) -> tuple[str, int]:
-    """Host and port of a page.
-
-    Raises:
-      OptionError: If it is no HOST:PORT.
-    """
+    """Host and port of a page. Raises OptionError if it is no HOST:PORT."""
     if where is True:
         return DEFAULT_HOST, DEFAULT_PORT
     host, _, port = str(where).rpartition(":")

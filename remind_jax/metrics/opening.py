@@ -226,10 +226,6 @@ def _open_json(path: Path, format: Format | None, truth: SceneSet | None) -> Sce
 
 
 def is_blank(path: Path) -> bool:
-    """Whether a text file holds nothing.
-
-    Raises:
-      SourceError: If it cannot be read.
-    """
+    """Whether a text file holds nothing. Raises SourceError if it cannot be read."""
     with files.reading(path):
         return not files.read_bytes(path).strip()

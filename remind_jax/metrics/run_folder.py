@@ -33,11 +33,7 @@ def holds_run(folder: Path) -> bool:
 
 
 def read_tracks(folder: Path) -> Sequence[Tracks]:
-    """The frames of a run.
-
-    Raises:
-      OutputError: If it is none, damaged, or frames are missing.
-    """
+    """The frames of a run. Raises OutputError if it is none, damaged, or frames are missing."""
     from remind_jax.outputs import store
 
     tracks = store.read_detections(folder / RUN_FILE)[1]

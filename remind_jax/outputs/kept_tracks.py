@@ -33,11 +33,7 @@ class KeptTracks:
         return self._num
 
     def append(self, tracks: Tracks) -> None:
-        """Adds a frame.
-
-        Raises:
-          OutputError: If the disk is full.
-        """
+        """Adds a frame. Raises OutputError if the disk is full."""
         self._num += 1
         if self._file is None or self._folder is None:
             self._frames.append(tracks)

@@ -65,11 +65,7 @@ class Capture(Protocol):
 
 
 def open_capture(address: Address, wait_s: float) -> Capture:
-    """Opens a camera or a stream.
-
-    Raises:
-      Unreachable: If that fails; it may be tried again.
-    """
+    """Opens a camera or a stream. Raises Unreachable if that fails; it may be tried again."""
     if isinstance(address, CameraAddress):
         return _Camera(address)
     return _Stream(address, wait_s)

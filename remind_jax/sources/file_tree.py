@@ -66,11 +66,7 @@ class FolderTree:
             return False
 
     def read(self, path: str) -> bytes:
-        """The whole file.
-
-        Raises:
-          UnreadableFrame: If it cannot be read.
-        """
+        """The whole file. Raises UnreadableFrame if it cannot be read."""
         try:
             return files.read_bytes(self.path / path, MAX_FILE_BYTES)
         except OSError as error:
@@ -133,11 +129,7 @@ class TarTree:
         return path in self._members
 
     def read(self, path: str) -> bytes:
-        """The whole file.
-
-        Raises:
-          UnreadableFrame: If it cannot be read.
-        """
+        """The whole file. Raises UnreadableFrame if it cannot be read."""
         try:
             with self.open(path) as file:
                 data = file.read()
@@ -173,11 +165,7 @@ FileTree = FolderTree | TarTree
 
 
 def open_tree(path: Path) -> FileTree:
-    """A folder or a tar, by what is there.
-
-    Raises:
-      SourceError: If it is neither.
-    """
+    """A folder or a tar, by what is there. Raises SourceError if it is neither."""
     if path.is_dir():
         return FolderTree(path)
     if is_tar_name(path.name):
@@ -189,11 +177,7 @@ def open_tree(path: Path) -> FileTree:
 
 
 def read_bytes(path: Path) -> bytes:
-    """A whole file on disk.
-
-    Raises:
-      SourceError: If it cannot be read.
-    """
+    """A whole file on disk. Raises SourceError if it cannot be read."""
     try:
         return files.read_bytes(path)
     except OSError as error:

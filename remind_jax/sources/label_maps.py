@@ -225,11 +225,7 @@ def _stem(name: str) -> str:
 
 
 def instance_ids_in(labels: Integer[np.ndarray, "..."]) -> list[int]:
-    """The numbers above 0, ascending.
-
-    Raises:
-      UnreadableFrame: If there are negative ones.
-    """
+    """The numbers above 0, ascending. Raises UnreadableFrame if there are negative ones."""
     if labels.dtype == bool or (labels.dtype.kind == "u" and labels.dtype.itemsize <= 2):
         # Counting takes a tenth of the time of sorting the pixels.
         pixels = labels.reshape(-1)
